@@ -1,4 +1,4 @@
-//! What can go wrong, and with which exit code the tool says so.
+//! Errors of the tool and their exit codes.
 
 use meshless_gi::internals::scene::ReadError;
 use meshless_gi::{AssetError, SceneError};
@@ -6,21 +6,21 @@ use std::path::Path;
 
 /// Exit code for input that is not valid.
 const INPUT: u8 = 1;
-/// Exit code for wrong usage, clap's own.
+/// Exit code for wrong usage, the same as clap's.
 pub const USAGE: u8 = 2;
-/// Exit code for what could not be read or written.
+/// Exit code for a file or stream that could not be read or written.
 const IO: u8 = 3;
 
-/// Why the tool stops. Every text says what and where.
+/// Error that ends the tool. Each message names the object and the problem.
 #[derive(Debug, thiserror::Error)]
 pub enum ToolError {
     /// The input is not valid.
     #[error("{0}")]
     Input(String),
-    /// The options make no sense.
+    /// The options are invalid or contradict each other.
     #[error("{0}\n\nFor more information, try '--help'.")]
     Usage(String),
-    /// Something could not be read or written.
+    /// A file or stream could not be read or written.
     #[error("{0}")]
     Io(String),
 }
@@ -34,11 +34,11 @@ impl ToolError {
         }
     }
 
-    pub fn read(path: &Path, why: &dyn std::fmt::Display) -> Self {
-        Self::Io(format!("{}: cannot be read: {why}", path.display()))
+    pub fn read(path: &Path, error: &dyn std::fmt::Display) -> Self {
+        Self::Io(format!("{}: cannot be read: {error}", path.display()))
     }
 
-    /// A file that was not read.
+    /// Returns the error of a file that was not read.
     pub fn reading(path: &Path, error: &ReadError) -> Self {
         let text = format!("{}: {error}", path.display());
         match error {
@@ -47,31 +47,31 @@ impl ToolError {
         }
     }
 
-    pub fn write(path: &Path, why: &dyn std::fmt::Display) -> Self {
-        Self::Io(format!("{}: cannot be written: {why}", path.display()))
+    pub fn write(path: &Path, error: &dyn std::fmt::Display) -> Self {
+        Self::Io(format!("{}: cannot be written: {error}", path.display()))
     }
 
-    /// `path` is at fault.
-    pub fn input(path: &Path, why: &dyn std::fmt::Display) -> Self {
-        Self::Input(format!("{}: {why}", path.display()))
+    /// Returns the error of an invalid input file.
+    pub fn input(path: &Path, error: &dyn std::fmt::Display) -> Self {
+        Self::Input(format!("{}: {error}", path.display()))
     }
 
-    /// An asset of this path. Its own text names the path only where reading or writing failed.
-    pub fn asset(path: &Path, why: &AssetError) -> Self {
-        if why.is_content() {
-            Self::input(path, why)
+    /// Returns the error of a bake. `AssetError` names the path itself if reading or writing failed.
+    pub fn asset(path: &Path, error: &AssetError) -> Self {
+        if error.is_content() {
+            Self::input(path, error)
         } else {
-            Self::Io(why.to_string())
+            Self::Io(error.to_string())
         }
     }
 }
 
 impl From<SceneError> for ToolError {
-    fn from(why: SceneError) -> Self {
-        if why.is_io() {
-            Self::Io(why.to_string())
+    fn from(error: SceneError) -> Self {
+        if error.is_io() {
+            Self::Io(error.to_string())
         } else {
-            Self::Input(why.to_string())
+            Self::Input(error.to_string())
         }
     }
 }

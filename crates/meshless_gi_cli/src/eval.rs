@@ -1,7 +1,7 @@
-//! `eval`: direct and indirect irradiance of a bake at given points, by the way that a frame takes.
+//! `eval`: direct and indirect irradiance of a bake at given points, computed as a frame does.
 
 use super::error::ToolError;
-use super::points::{self, COLUMNS, Place};
+use super::points::{self, COLUMNS, ShadingPoint};
 use super::{input, output, progress};
 use glam::Vec3;
 use meshless_gi::internals::asset::{check_writable, write_file};
@@ -11,26 +11,27 @@ use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Reflections that are simulated one by one; `all` takes no more steps than these.
+/// Maximum number of simulated reflections. `all` takes at most this number of steps.
 const MAX_BOUNCES: u32 = FrameSettings::MAX_SWEEPS + 1;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The bake.
+    /// Bake to evaluate.
     bake: PathBuf,
-    /// Lights, and the geometry files that were baked.
+    /// Scene description: lights, and the geometry files of the bake.
     #[arg(long, value_name = "SCENE.json")]
     scene: PathBuf,
-    /// Points: a header, and at least the columns px,py,pz,nx,ny,nz.
+    /// Points: a CSV file with a header and at least the columns px,py,pz,nx,ny,nz.
     #[arg(long, value_name = "POINTS.csv")]
     points: PathBuf,
-    /// Where the irradiances go, in the order of the points; W/m² on the side of the normal.
+    /// Path of the CSV file to write: irradiances in the order of the points, in W/m², on the side
+    /// of the normal.
     #[arg(short, long, value_name = "OUT.csv")]
     output: PathBuf,
-    /// Diffuse reflections that count, 1 or more, or `all`; left out: as many as the bake asks for.
+    /// Number of diffuse reflections, or `all`. Default: the number in the recipe of the bake.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]
     bounces: Option<Bounces>,
-    /// Tier of the operator, from 1 (the fewest links) on, see `inspect`; left out: all links.
+    /// Tier of the operator, from 1 (fewest links); `inspect` lists them. Default: all links.
     #[arg(long, value_name = "N")]
     tier: Option<u32>,
 }
@@ -40,7 +41,7 @@ pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
         ("all", _) => Ok(Bounces::All),
         (_, Ok(count @ 1..=MAX_BOUNCES)) => Ok(Bounces::Count(count)),
         _ => Err(format!(
-            "a number from 1 to {MAX_BOUNCES}, or `all`, is needed"
+            "expected a number from 1 to {MAX_BOUNCES}, or `all`"
         )),
     }
 }
@@ -51,46 +52,42 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     if let Some(tier) = args.tier
         && !(1..=tiers).contains(&tier)
     {
-        let why = match tiers {
-            1 => format!("has no tier {tier}: there is one, number 1"),
-            _ => format!("has no tier {tier}: there are {tiers}, 1 to {tiers}"),
-        };
-        return Err(ToolError::input(&args.bake, &why));
+        let problem = format!("has no tier {tier}; choose one of the tiers 1 to {tiers}");
+        return Err(ToolError::input(&args.bake, &problem));
     }
     let mut budget = input::budget();
     let description = SceneDescription::read_within(&args.scene, &mut budget)?;
-    let places = points::read(&args.points)?;
-    check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
+    let points = points::read(&args.points)?;
+    check_writable(&args.output).map_err(|error| ToolError::write(&args.output, &error))?;
     let varies = |light: &Light| matches!(light, Light::Sky { radiance } if !radiance.is_uniform());
     if baked.sky.is_none() && description.lights.iter().any(varies) {
         return Err(ToolError::Input(
-            "the bake knows a uniform sky only: bake with `--sky harmonics` for one that varies"
-                .into(),
+            "the sky varies, but the bake has a uniform sky; bake with `--sky harmonics`".into(),
         ));
     }
     let meshes = geometry(&baked, &description, &mut budget)?;
 
-    let step = progress::Step::new(format!("{} points", output::count(places.len() as u64)));
+    let step = progress::Step::new(format!("{} points", output::count(points.len() as u64)));
     let bounces = args.bounces.unwrap_or(Bounces::Count(baked.info.bounces));
     let tier = args.tier.unwrap_or(tiers);
     let evaluator = Evaluator::with_tier(&baked, &meshes, &description.lights, bounces, tier);
-    let values: Vec<Evaluated> = places
+    let values: Vec<Evaluated> = points
         .par_iter()
         .enumerate()
-        .map(|(i, place)| evaluator.at(place.position, place.normal, i as u64))
+        .map(|(i, point)| evaluator.at(point.position, point.normal, i as u64))
         .collect();
     drop(step);
-    write_file(&args.output, table(&places, &values).as_bytes())
-        .map_err(|why| ToolError::write(&args.output, &why))
+    write_file(&args.output, table(&points, &values).as_bytes())
+        .map_err(|error| ToolError::write(&args.output, &error))
 }
 
-/// Where the bake was seen from, meters: what points without normals face.
+/// Returns the viewpoints of the bake, in meters. Points without normals face them.
 pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
     (baked.info.viewpoints.iter()).map(|&v| v.into()).collect()
 }
 
-/// The geometry, for what emissive surfaces and the sky send directly. Where there are neither, it
-/// may be missing.
+/// Reads the geometry, which direct light of emissive surfaces and of the sky needs. Missing files are
+/// accepted if there is neither.
 pub fn geometry(
     baked: &BakedScene,
     description: &SceneDescription,
@@ -105,22 +102,22 @@ pub fn geometry(
     let mut meshes = Vec::new();
     for path in &description.geometry {
         match load_geometry_within(path, &viewpoints, budget) {
-            Ok(level) => meshes.push(level.mesh),
-            Err(why) if why.is_io() && !needed => {
-                output::note(&format!("{why}; nothing in the bake needs it"));
+            Ok(loaded) => meshes.push(loaded.mesh),
+            Err(error) if error.is_io() && !needed => {
+                output::note(&format!("{error}; skipped, the bake does not need it"));
             }
-            Err(why) => return Err(why.into()),
+            Err(error) => return Err(error.into()),
         }
     }
     if needed && meshes.is_empty() {
         return Err(ToolError::Input(
-            "the scene names no geometry: without it the direct light of the sky and of emissive surfaces is not known".into(),
+            "the scene description names no geometry; add it for direct light of the sky and of emissive surfaces".into(),
         ));
     }
     let triangles: u64 = meshes.iter().map(|m| m.len() as u64).sum();
     if !meshes.is_empty() && triangles != baked.info.triangles {
         output::note(&format!(
-            "the scene has {} triangles, the bake was made from {}: it may be of another level",
+            "the scene has {} triangles, the bake was made from {}; it may belong to another scene",
             output::count(triangles),
             output::count(baked.info.triangles)
         ));
@@ -128,14 +125,14 @@ pub fn geometry(
     Ok(meshes)
 }
 
-fn table(places: &[Place], values: &[Evaluated]) -> String {
+fn table(points: &[ShadingPoint], values: &[Evaluated]) -> String {
     let mut out = COLUMNS.join(",");
     out += ",direct_r,direct_g,direct_b,indirect_r,indirect_g,indirect_b,covered\n";
-    for (place, value) in places.iter().zip(values) {
+    for (point, value) in points.iter().zip(values) {
         let (d, i) = (value.direct, value.indirect.unwrap_or_default());
         let covered = u8::from(value.indirect.is_some());
-        out += &place.text.join(",");
-        // Writing to a text cannot fail.
+        out += &point.text.join(",");
+        // Writing to a string cannot fail.
         let _ = writeln!(
             out,
             ",{},{},{},{},{},{},{covered}",

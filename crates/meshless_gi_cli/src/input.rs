@@ -1,4 +1,4 @@
-//! Bounds on what the tool reads (`--max-input`).
+//! Reading of files within `--max-input`.
 
 use super::error::ToolError;
 use meshless_gi::internals::scene::{InputBudget, read_file};
@@ -9,14 +9,14 @@ use std::sync::OnceLock;
 /// Value of `--max-input`, bytes.
 static MAX_INPUT: OnceLock<u64> = OnceLock::new();
 
-/// Sets the limit of all reads of this process. The first call counts.
+/// Sets the limit of all reads of this process. Later calls have no effect.
 pub fn set_limit(bytes: Option<u64>) {
     if let Some(bytes) = bytes {
         MAX_INPUT.get_or_init(|| bytes);
     }
 }
 
-/// Returns the budget of one scene: a file and those that it names.
+/// Returns the input budget of one scene: a file and all files that it names.
 pub fn budget() -> InputBudget {
     MAX_INPUT
         .get()
@@ -25,7 +25,7 @@ pub fn budget() -> InputBudget {
         .unwrap_or_default()
 }
 
-/// Returns the limits of a bake, on its file and on its memory.
+/// Returns the limits of a bake, on disk and in memory.
 pub fn limits() -> Limits {
     let max_bytes = MAX_INPUT.get().copied();
     max_bytes.map_or_else(Limits::default, |max_bytes| Limits { max_bytes })
@@ -33,10 +33,10 @@ pub fn limits() -> Limits {
 
 /// Reads a bake.
 pub fn bake(path: &Path) -> Result<BakedScene, ToolError> {
-    BakedScene::read(path, &limits()).map_err(|why| ToolError::asset(path, &why))
+    BakedScene::read(path, &limits()).map_err(|error| ToolError::asset(path, &error))
 }
 
-/// Reads a text.
+/// Reads a file.
 pub fn bytes(path: &Path) -> Result<Vec<u8>, ToolError> {
     let limit = MAX_INPUT.get().copied().unwrap_or(InputBudget::DEFAULT);
     read_file(path, limit).map_err(|error| ToolError::reading(path, &error))
@@ -50,7 +50,7 @@ pub fn size(text: &str) -> Result<u64, String> {
     let number: Option<u64> = text[..text.len() - name.len()].trim_end().parse().ok();
     number
         .and_then(|n| n.checked_mul(1 << shift))
-        .ok_or_else(|| "a number of bytes is needed, as in 500MiB or 8GiB".into())
+        .ok_or_else(|| "expected a number of bytes, such as 500MiB or 8GiB".into())
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! `inspect`: what is in a bake, as a table or as JSON.
+//! `inspect`: prints the content of a bake as a table or as JSON.
 
 use super::error::ToolError;
 use super::input;
@@ -10,21 +10,20 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The bake.
+    /// Bake to inspect.
     bake: PathBuf,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
-    let failed = |why: AssetError| ToolError::asset(&args.bake, &why);
     let scene = input::bake(&args.bake)?;
     let stats = scene
         .validate()
-        .map_err(|wrong| failed(AssetError::Invalid(wrong)))?;
+        .map_err(|problems| ToolError::asset(&args.bake, &AssetError::Invalid(problems)))?;
     let size = std::fs::metadata(&args.bake)
-        .map_err(|why| ToolError::read(&args.bake, &why))?
+        .map_err(|error| ToolError::read(&args.bake, &error))?
         .len();
     output::print(&if args.json {
         format!("{:#}\n", as_json(&scene, &stats, size))
@@ -41,14 +40,14 @@ fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Val
         "levels": scene.levels(),
         "sender_levels": scene.sender_levels,
         "points": scene.points.len(),
-        "places_per_sender": scene.places.per_sender,
+        "samples_per_sender": scene.places.per_sender,
         "sender_form": format!("{:?}", scene.operator.form),
         "display_radius": scene.display.radius,
         "tiers": tiers(scene),
     })
 }
 
-/// One entry a tier, the one with the fewest links first.
+/// Returns one entry per tier, fewest links first.
 fn tiers(scene: &BakedScene) -> serde_json::Value {
     (scene.info.tiers.iter().zip(1..))
         .map(|(tier, number)| {
@@ -65,9 +64,9 @@ fn tiers(scene: &BakedScene) -> serde_json::Value {
         .collect()
 }
 
-/// A tier's links as a share of all.
+/// Returns the links of a tier as a fraction of all links.
 fn share(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
-    // The octree has no links; it is all of what is above them.
+    // The octree has no links. Its tier lies above those of the links.
     match number > scene.link_tiers() {
         true => 1.0,
         false => tier.links as f64 / scene.operator.links.len().max(1) as f64,
@@ -75,9 +74,20 @@ fn share(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
 }
 
 fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> String {
-    let info: &BakeInfo = &scene.info;
-    let place = |p: [f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
     let mut table = Table::default();
+    add_source(&mut table, path, scene, stats, size);
+    add_operator(&mut table, scene, stats);
+    add_optional_data(&mut table, scene, stats);
+    add_display(&mut table, scene, stats);
+    add_errors(&mut table, &scene.info);
+    add_tiers(&mut table, scene);
+    table.text()
+}
+
+/// Adds the file, its origin and the points.
+fn add_source(table: &mut Table, path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) {
+    let info = &scene.info;
+    let position = |p: [f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
     table
         .row(
             "file",
@@ -90,18 +100,27 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
         .row("triangles", output::count(info.triangles))
         .row(
             "box",
-            format!("{} to {} m", place(info.bounds[0]), place(info.bounds[1])),
+            format!(
+                "{} to {} m",
+                position(info.bounds[0]),
+                position(info.bounds[1])
+            ),
         )
         .row(
             "viewpoints",
             match info.viewpoints.as_slice() {
                 [] => "none".into(),
-                [one] => place(*one),
-                [one, ..] => format!("{}, the first {}", info.viewpoints.len(), place(*one)),
+                [one] => position(*one),
+                [one, ..] => format!("{}, the first is {}", info.viewpoints.len(), position(*one)),
             },
         )
         .row("rays", output::count(info.rays))
-        .row("points", output::sum(&stats.points_per_level))
+        .row("points", output::sum(&stats.points_per_level));
+}
+
+/// Adds senders, links, octree and bounces.
+fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
+    table
         .row(
             "senders",
             format!(
@@ -115,7 +134,7 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
         .row(
             "links",
             format!(
-                "{}, at most {} a row, as {}",
+                "{}, at most {} per row, as {}",
                 output::count(stats.links),
                 output::count(stats.longest_row),
                 format!("{:?}", scene.operator.form).to_lowercase()
@@ -138,7 +157,7 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             match &scene.fmm {
                 None => "none".into(),
                 Some(octree) => format!(
-                    "order {}, {} places in {} nodes, {} entries, {}",
+                    "order {}, {} samples in {} nodes, {} entries, {}",
                     octree.order,
                     output::count(stats.fmm_places),
                     output::count(stats.fmm_nodes),
@@ -157,14 +176,23 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
         .row(
             "bounces",
             match stats.bounce_links {
-                0 => format!("{}, in the frame", info.bounces),
-                links => format!("{}, baked: {} links", info.bounces, output::count(links)),
+                0 => format!("{}, in the frame", scene.info.bounces),
+                links => format!(
+                    "{}, baked: {} links",
+                    scene.info.bounces,
+                    output::count(links)
+                ),
             },
-        )
+        );
+}
+
+/// Adds the data that a recipe asks for: probes, sky, materials, occluders and visibility.
+fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
+    table
         .row(
-            "free space",
+            "probes",
             match &scene.probes {
-                None => "none: what moves takes what its place on the level gets".into(),
+                None => "none: dynamic objects get the light of nearby surfaces".into(),
                 Some(probes) => format!(
                     "{} probes, {} links, {} clip planes, {}",
                     output::count(stats.probes),
@@ -178,15 +206,15 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             "sky",
             match stats.sky_terms {
                 0 => "uniform".into(),
-                terms => format!("may vary: {terms} terms"),
+                terms => format!("varying, {terms} terms"),
             },
         )
         .row(
             "materials",
             match stats.materials {
-                0 => "as baked".into(),
+                0 => "static".into(),
                 count => format!(
-                    "{count} may change, {} shares of senders",
+                    "{count} dynamic, {} shares of senders",
                     output::count(stats.material_shares)
                 ),
             },
@@ -196,7 +224,7 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             match &scene.occluders {
                 None => "none".into(),
                 Some(o) => format!(
-                    "{}, {} parts of links pass them, {}",
+                    "{}, {} link terms pass them, {}",
                     o.names.join(", "),
                     output::count(stats.passages),
                     output::bytes(o.bytes())
@@ -206,7 +234,7 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
         .row(
             "visibility",
             match &scene.visibility {
-                None => "none: lights cast no soft shadows".into(),
+                None => "none: no soft shadows".into(),
                 Some(v) => format!(
                     "{} × {} directions, {} clusters, {} coefficients ({:.0} %), {}",
                     v.grid.columns,
@@ -217,11 +245,16 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
                     output::bytes(stats.visibility_bytes)
                 ),
             },
-        )
+        );
+}
+
+/// Adds the display's grid and the BVH of the shadow rays.
+fn add_display(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
+    table
         .row(
             "display",
             format!(
-                "radius {} m, {} clip planes, {} cells, at most {} points a cell",
+                "radius {} m, {} clip planes, {} cells, at most {} points per cell",
                 scene.display.radius,
                 output::count(stats.planes),
                 output::count(stats.grid_cells),
@@ -231,12 +264,17 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
         .row(
             "shadow rays",
             format!(
-                "{} triangles in {} nodes, {} deep",
+                "{} triangles in {} nodes, depth {}",
                 output::count(stats.bvh_triangles),
                 output::count(stats.bvh_nodes),
                 stats.bvh_depth
             ),
-        )
+        );
+}
+
+/// Adds the estimated error and the energy checks.
+fn add_errors(table: &mut Table, info: &BakeInfo) {
+    table
         .row(
             "estimated error",
             output::error(
@@ -246,15 +284,15 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
         )
         .row(
             "link error",
-            format!("{:.3} % of a row's largest", 100.0 * info.link_error),
+            format!("{:.3} % of a row's largest link", 100.0 * info.link_error),
         )
         .row("uncovered", format!("{:.3} %", 100.0 * info.uncovered))
         .row("largest row sum", format!("{:.3}", info.largest_row_sum))
         .row("gain", output::gain(&info.energy))
         .row(
-            "rows off one",
+            "row sum error",
             format!(
-                "{:.1e} at most, {:.1e} rms",
+                "at most {:.1e}, RMS {:.1e}",
                 info.energy.row_deviation, info.energy.row_deviation_rms
             ),
         )
@@ -262,7 +300,11 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             "not reciprocal",
             format!("{:.1} %", 100.0 * info.energy.reciprocity),
         );
-    for (tier, number) in info.tiers.iter().zip(1..) {
+}
+
+/// Adds one row per tier.
+fn add_tiers(table: &mut Table, scene: &BakedScene) {
+    for (tier, number) in scene.info.tiers.iter().zip(1..) {
         table.row(
             if number == 1 { "tiers" } else { "" },
             format!(
@@ -278,5 +320,4 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             ),
         );
     }
-    table.text()
 }

@@ -1,12 +1,15 @@
-//! The tool: bakes levels, reports what accuracy costs, evaluates, exports, inspects and validates
-//! bakes, and shows what it is about without a file and without a GPU.
+//! Command-line tool `meshless_gi`: bakes scenes, and evaluates, exports, inspects and validates
+//! bakes. Needs no GPU.
 //!
-//! Exit codes: 0 done; 1 the input is not valid (what and where is on standard error); 2 wrong
-//! usage; 3 could not read or write. Standard output carries results only; work that takes longer
-//! shows its progress on standard error where that is a terminal.
+//! Exit codes: 0 done, 1 the input is not valid (standard error names the file and the error), 2
+//! wrong usage, 3 could not read or write. Results go to standard output. Progress goes to standard
+//! error if that is a terminal.
 
+mod animation;
 mod bake;
+mod bake_options;
 mod demo;
+mod demo_frame;
 mod error;
 mod eval;
 mod export;
@@ -17,8 +20,10 @@ mod output;
 mod picture;
 mod points;
 mod progress;
+mod ray_baseline;
 mod report;
 mod scatter;
+mod source;
 mod validate;
 
 use clap::{Parser, Subcommand};
@@ -27,7 +32,7 @@ use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
-/// Bakes indirect light and looks into bakes.
+/// Bakes indirect light, and evaluates and inspects bakes.
 #[derive(Parser)]
 #[command(
     name = "meshless_gi",
@@ -37,42 +42,43 @@ use std::process::ExitCode;
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Largest input, a file and all files that it names [8GiB; 4GiB for a bake, in memory too].
+    /// Maximum size of an input: a scene with all files that it names, or a bake on disk and in
+    /// memory. Default 8GiB for scenes, 4GiB for bakes.
     #[arg(long, global = true, value_name = "BYTES", allow_hyphen_values = true, value_parser = input::size)]
     max_input: Option<u64>,
 }
 
 #[derive(Subcommand)]
 enum Command {
-    /// Bake a level: triangles (.glb, .gltf), points (.ply), or a recipe (.gi.ron) that names one.
+    /// Bake a scene: triangles (.glb, .gltf), points (.ply), or a recipe (.gi.ron) that names one.
     Bake(bake::Args),
-    /// Direct and indirect irradiance at given points, by the way that a frame takes.
+    /// Compute direct and indirect irradiance at given points, as a frame does.
     Eval(eval::Args),
-    /// Light for fixed lights in a file that Bevy reads without this crate.
+    /// Write the light of fixed lights as an irradiance volume that Bevy reads without the plugin.
     Export(export::Args),
-    /// The light at every point of a bake or of a cloud, as a point cloud with the light as color.
+    /// Write the light at every point of a bake or of a point cloud as a colored point cloud.
     Illuminate(illuminate::Args),
-    /// Bake the built-in Cornell box and show it with and without indirect light, beside the
-    /// reference. Needs no file and no GPU.
+    /// Bake the built-in Cornell box and draw it with direct light, with indirect light and by the
+    /// reference integrator. Needs no file and no GPU.
     Demo(demo::Args),
-    /// What accuracy costs in time: bakes a level by many recipes and says what to choose.
+    /// Measure error against time and bytes: bake a scene by many recipes and recommend one.
     Report(report::Args),
-    /// Points spread evenly over a level, as a point cloud (.ply).
+    /// Scatter points evenly over a scene and write them as a point cloud (.ply).
     Scatter(scatter::Args),
-    /// What is in a bake.
+    /// Print the content of a bake.
     Inspect(inspect::Args),
-    /// Whether a bake is whole: exit code 0, or 1 with the list of what is wrong.
+    /// Check a bake, and whether it is up to date. Exit code 0, or 1 with a list of problems.
     Validate(validate::Args),
 }
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(why) => {
-            // Help and the version come this way too. Whoever closed the pipe does not want to read
-            // them.
-            let _ = why.print();
-            return ExitCode::from(if why.use_stderr() { error::USAGE } else { 0 });
+        Err(message) => {
+            // Help and version arrive here too. A closed pipe is no error.
+            let _ = message.print();
+            let usage = message.use_stderr();
+            return ExitCode::from(if usage { error::USAGE } else { 0 });
         }
     };
     input::set_limit(cli.max_input);
@@ -87,13 +93,13 @@ fn main() -> ExitCode {
         Command::Scatter(args) => scatter::run(&args),
         Command::Validate(args) => validate::run(&args),
     };
-    let failed = match catch_unwind(AssertUnwindSafe(run)) {
+    let error = match catch_unwind(AssertUnwindSafe(run)) {
         Ok(Ok(())) => return ExitCode::SUCCESS,
-        Ok(Err(failed)) => failed,
-        // The panic has told its place already.
-        Err(_) => ToolError::Input("this is a defect of meshless_gi; please report it".into()),
+        Ok(Err(error)) => error,
+        // The panic's message is on standard error already.
+        Err(_) => ToolError::Input("defect of meshless_gi; please report it".into()),
     };
-    // Without a standard error there is nobody to tell.
-    let _ = writeln!(std::io::stderr(), "error: {failed}");
-    ExitCode::from(failed.code())
+    // Standard error may be closed.
+    let _ = writeln!(std::io::stderr(), "error: {error}");
+    ExitCode::from(error.code())
 }

@@ -1,27 +1,38 @@
-//! Standard output, for results, and standard error, for remarks. Neither panics where nobody
-//! reads.
+//! Results on standard output, notes on standard error, and formats of numbers. A closed stream
+//! causes no panic.
 
 use super::error::ToolError;
 use meshless_gi::EnergyInfo;
+use meshless_gi::internals::asset::write_file;
+use serde::Serialize;
 use std::io::{self, Write};
+use std::path::Path;
 
-/// Prints a result as a whole. Who closes the pipe early has read enough: that is no error.
+/// Prints a result. A pipe that was closed early is no error.
 pub fn print(text: &str) -> Result<(), ToolError> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(why) if why.kind() != io::ErrorKind::BrokenPipe => {
-            Err(ToolError::Io(format!("standard output: {why}")))
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(ToolError::Io(format!("standard output: {error}")))
         }
         _ => Ok(()),
     }
 }
 
-/// A remark that is no result.
+/// Writes `value` to a JSON file.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), ToolError> {
+    let mut text =
+        serde_json::to_vec_pretty(value).map_err(|error| ToolError::write(path, &error))?;
+    text.push(b'\n');
+    write_file(path, &text).map_err(|error| ToolError::write(path, &error))
+}
+
+/// Prints a note to standard error.
 pub fn note(text: &str) {
     let _ = writeln!(io::stderr(), "note: {text}");
 }
 
-/// Names and values, the values one below the other.
+/// Table of names and values in two aligned columns.
 #[derive(Default)]
 pub struct Table(Vec<(&'static str, String)>);
 
@@ -40,7 +51,7 @@ impl Table {
     }
 }
 
-/// 1234567 as "1 234 567".
+/// Formats 1234567 as "1 234 567".
 pub fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
@@ -53,7 +64,7 @@ pub fn count(n: u64) -> String {
     out
 }
 
-/// A size for people.
+/// Formats a number of bytes.
 pub fn bytes(n: u64) -> String {
     if n < 10_000 {
         format!("{} B", count(n))
@@ -64,12 +75,12 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// "4.20 % ± 0.30 %".
+/// Formats an error and its interval as "4.20 % ± 0.30 %".
 pub fn error(nrmse: f64, interval: f64) -> String {
     format!("{:.2} % ± {:.2} %", 100.0 * nrmse, 100.0 * interval)
 }
 
-/// "at most 0.6123 (0.5971 found)", and what had to be done for it.
+/// Formats a gain as "at most 0.6123 (0.5971 found)" and appends the albedo correction.
 pub fn gain(energy: &EnergyInfo) -> String {
     let mut text = match energy.estimated {
         true => format!("{:.4} found, not bounded", energy.gain_found),
@@ -88,7 +99,7 @@ pub fn gain(energy: &EnergyInfo) -> String {
     text
 }
 
-/// "30 = 2 + 8 + 20".
+/// Formats a sum as "30 = 2 + 8 + 20".
 pub fn sum(parts: &[u64]) -> String {
     let all: Vec<_> = parts.iter().map(|&n| count(n)).collect();
     format!("{} = {}", count(parts.iter().sum()), all.join(" + "))

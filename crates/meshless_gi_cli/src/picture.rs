@@ -1,4 +1,4 @@
-//! Pictures of the demo: what a camera sees, and how light becomes pixels.
+//! Pictures of the demo: camera samples, tone mapping and PNG files.
 
 use glam::{Vec2, Vec3};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
@@ -7,7 +7,7 @@ use meshless_gi_lab::accuracy::{Camera, Image};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// Where the samples of a pixel lie, in parts of it: no two in a row or a column, for smooth edges.
+/// Positions of a pixel's samples, in units of its edge. No two share a row or a column.
 const PATTERN: [[f32; 2]; 4] = [
     [0.375, 0.125],
     [0.875, 0.375],
@@ -16,60 +16,59 @@ const PATTERN: [[f32; 2]; 4] = [
 ];
 /// Pixels between the pictures of a grid.
 const GAP: u32 = 6;
-/// Luminance, relative to white before tone mapping, that becomes white.
+/// Luminance that tone mapping maps to white, relative to the exposed mean.
 const WHITE: f32 = 4.0;
 
-/// What one sample of a pixel sees.
+/// Surface point at one sample of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Meters.
+    /// Position in meters.
     pub position: Vec3,
-    /// Unit.
+    /// Unit normal.
     pub normal: Vec3,
     albedo: Vec3,
 }
 
-/// What the camera sees: every sample of every pixel.
+/// Surface points of all samples of a picture.
 pub struct View {
     size: u32,
-    /// Those of each pixel, row by row; none where there is nothing.
+    /// Samples of each pixel, row by row. `None` if a sample hits nothing.
     samples: Vec<Option<Sample>>,
 }
 
 impl View {
-    /// A square picture of `size` pixels.
+    /// Casts the camera rays of a square picture with an edge of `size` pixels.
     pub fn new(geometry: &dyn Geometry, camera: &Camera, size: u32) -> Self {
         let samples = (0..size * size * PATTERN.len() as u32)
             .into_par_iter()
             .map(|i| {
-                let (pixel, place) = (i / PATTERN.len() as u32, i as usize % PATTERN.len());
+                let (pixel, sample) = (i / PATTERN.len() as u32, i as usize % PATTERN.len());
                 let corner = Vec2::new((pixel % size) as f32, (pixel / size) as f32);
-                let at = (corner + Vec2::from_array(PATTERN[place])) / size as f32;
-                let ray = camera.ray(at, 1.0);
-                let seen = geometry.surface(&ray, &geometry.cast(&ray)?);
+                let uv = (corner + Vec2::from_array(PATTERN[sample])) / size as f32;
+                let ray = camera.ray(uv, 1.0);
+                let surface = geometry.surface(&ray, &geometry.cast(&ray)?);
                 Some(Sample {
-                    position: seen.position,
-                    normal: seen.normal,
-                    albedo: seen.albedo,
+                    position: surface.position,
+                    normal: surface.normal,
+                    albedo: surface.albedo,
                 })
             })
             .collect();
         Self { size, samples }
     }
 
-    /// The samples that see something.
+    /// Iterates over the samples that hit a surface.
     pub fn samples(&self) -> impl Iterator<Item = &Sample> {
         self.samples.iter().flatten()
     }
 
-    /// A value for each of them, in parallel.
+    /// Evaluates `value` at each of [`Self::samples`] in parallel.
     pub fn evaluate(&self, value: impl Fn(&Sample) -> Vec3 + Sync + Send) -> Vec<Vec3> {
         let all: Vec<&Sample> = self.samples().collect();
         all.into_par_iter().map(value).collect()
     }
 
-    /// The picture of irradiances, one for each of [`Self::samples`]: radiance, averaged over each
-    /// pixel.
+    /// Converts irradiances at [`Self::samples`] to a picture of the mean radiance of each pixel.
     pub fn develop(&self, irradiance: &[Vec3]) -> Image {
         let mut next = irradiance.iter();
         let mut light = |sample: &Option<Sample>| match sample {
@@ -93,15 +92,15 @@ fn luminance(c: Vec3) -> f32 {
     c.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// The exposure that takes the picture's mean luminance to a middle gray.
+/// Returns the exposure that maps the picture's mean luminance to middle gray.
 pub fn exposure(picture: &Image) -> f32 {
     let mean: f32 =
         picture.pixels.iter().map(|c| luminance(*c)).sum::<f32>() / picture.pixels.len() as f32;
     if mean > 0.0 { 0.25 / mean } else { 1.0 }
 }
 
-/// Light to 8-bit sRGB: exposure, then [Reinhard's curve](https://doi.org/10.1145/566654.566575) on
-/// the luminance, which keeps the hue.
+/// Converts radiance to 8-bit sRGB: exposure, then [Reinhard's curve](https://doi.org/10.1145/566654.566575) on
+/// the luminance. The hue is kept.
 pub fn tone_map(picture: &Image, exposure: f32) -> Vec<[u8; 3]> {
     let mut mapped = picture.clone();
     for c in &mut mapped.pixels {
@@ -116,7 +115,8 @@ pub fn tone_map(picture: &Image, exposure: f32) -> Vec<[u8; 3]> {
         .collect()
 }
 
-/// Rows of three square pictures of `size` pixels, with gaps; also says how many pixels a side has.
+/// Arranges rows of three square pictures of `size` pixels with gaps. Returns the edge of the grid in
+/// pixels and its pixels.
 pub fn grid(rows: &[[Vec<[u8; 3]>; 3]], size: u32) -> (u32, Vec<[u8; 3]>) {
     let side = 3 * size + 2 * GAP;
     let mut out = vec![[255; 3]; (side * side) as usize];
@@ -132,7 +132,7 @@ pub fn grid(rows: &[[Vec<[u8; 3]>; 3]], size: u32) -> (u32, Vec<[u8; 3]>) {
     (side, out)
 }
 
-/// A PNG file's bytes.
+/// Encodes a PNG file.
 pub fn png(width: u32, height: u32, pixels: &[[u8; 3]]) -> image::ImageResult<Vec<u8>> {
     let mut out = Vec::new();
     PngEncoder::new(&mut out).write_image(

@@ -1,45 +1,46 @@
-//! POINTS.csv: places with normals, found by the names of their columns.
+//! Reader of POINTS.csv: positions and normals, in columns found by name.
 
 use super::error::ToolError;
 use super::input;
 use glam::Vec3;
 use std::path::Path;
 
-/// The columns that a file must have.
+/// Required columns.
 pub const COLUMNS: [&str; 6] = ["px", "py", "pz", "nx", "ny", "nz"];
 
-/// A place and a normal.
+/// Position and normal of one row.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Place {
-    /// As they stand in the file.
+pub struct ShadingPoint {
+    /// The six cells as they are in the file.
     pub text: [String; 6],
-    /// Meters.
+    /// Position in meters.
     pub position: Vec3,
-    /// Of unit length.
+    /// Unit normal.
     pub normal: Vec3,
 }
 
-/// Reads the places of a file.
-pub fn read(path: &Path) -> Result<Vec<Place>, ToolError> {
-    let text = String::from_utf8(input::bytes(path)?).map_err(|why| {
-        let line = 1 + why.as_bytes()[..why.utf8_error().valid_up_to()]
+/// Reads the points of a file.
+pub fn read(path: &Path) -> Result<Vec<ShadingPoint>, ToolError> {
+    let text = String::from_utf8(input::bytes(path)?).map_err(|error| {
+        let line = 1 + error.as_bytes()[..error.utf8_error().valid_up_to()]
             .iter()
             .filter(|b| **b == b'\n')
             .count();
-        ToolError::input(path, &format!("line {line} is not text"))
+        ToolError::input(path, &format!("line {line} is not UTF-8 text"))
     })?;
-    parse(&text).map_err(|why| ToolError::input(path, &why))
+    parse(&text).map_err(|error| ToolError::input(path, &error))
 }
 
-/// Columns in any order, others between them, blanks around numbers, empty lines.
-fn parse(text: &str) -> Result<Vec<Place>, String> {
+/// Parses a CSV text. Accepts columns in any order, further columns, blanks around numbers and
+/// empty lines.
+fn parse(text: &str) -> Result<Vec<ShadingPoint>, String> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = (1..)
         .zip(text.lines())
         .filter(|(_, line)| !line.trim().is_empty());
     let (number, header) = lines
         .next()
-        .ok_or("the file is empty: a header with px,py,pz,nx,ny,nz is needed")?;
+        .ok_or("the file is empty; add a header with px,py,pz,nx,ny,nz")?;
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let mut at = [0; 6];
     for (at, column) in at.iter_mut().zip(COLUMNS) {
@@ -52,11 +53,13 @@ fn parse(text: &str) -> Result<Vec<Place>, String> {
         }
     }
     lines
-        .map(|(number, line)| place(line, &at).map_err(|why| format!("line {number}, {why}")))
+        .map(|(number, line)| {
+            parse_row(line, &at).map_err(|error| format!("line {number}, {error}"))
+        })
         .collect()
 }
 
-fn place(line: &str, at: &[usize; 6]) -> Result<Place, String> {
+fn parse_row(line: &str, at: &[usize; 6]) -> Result<ShadingPoint, String> {
     let cells: Vec<&str> = line.split(',').map(str::trim).collect();
     let mut text: [String; 6] = Default::default();
     let mut values = [0.0f32; 6];
@@ -75,12 +78,12 @@ fn place(line: &str, at: &[usize; 6]) -> Result<Place, String> {
         text[k] = cell.into();
     }
     let [px, py, pz, nx, ny, nz] = values;
-    // In double precision, so that neither a long nor a short normal is lost.
+    // Double precision keeps very long and very short normals.
     let normal = glam::DVec3::new(nx.into(), ny.into(), nz.into());
     let normal = normal
         .try_normalize()
         .ok_or("column `nx`: the normal has no length")?;
-    Ok(Place {
+    Ok(ShadingPoint {
         text,
         position: Vec3::new(px, py, pz),
         normal: normal.as_vec3(),
@@ -95,12 +98,12 @@ mod tests {
     fn point_columns_are_found_by_name() {
         let text =
             "\u{feff}nx, ny ,nz,id,px,py,pz\r\n0,0,2,7, 1.50,-2,3e0\r\n\r\n1e-30,0,0,x,0,0,0";
-        let places = parse(text).unwrap();
-        assert_eq!(places.len(), 2);
-        assert_eq!(places[0].position, Vec3::new(1.5, -2.0, 3.0));
-        assert_eq!(places[0].normal, Vec3::Z);
-        assert_eq!(places[0].text, ["1.50", "-2", "3e0", "0", "0", "2"]);
-        assert_eq!(places[1].normal, Vec3::X);
+        let points = parse(text).unwrap();
+        assert_eq!(points.len(), 2);
+        assert_eq!(points[0].position, Vec3::new(1.5, -2.0, 3.0));
+        assert_eq!(points[0].normal, Vec3::Z);
+        assert_eq!(points[0].text, ["1.50", "-2", "3e0", "0", "0", "2"]);
+        assert_eq!(points[1].normal, Vec3::X);
         assert_eq!(parse("px,py,pz,nx,ny,nz\n"), Ok(Vec::new()));
     }
 

@@ -1,4 +1,4 @@
-//! Work with a bar on standard error, where that is a terminal.
+//! Progress bars on standard error, shown if that is a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use meshless_gi::Progress;
@@ -6,13 +6,12 @@ use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Parts of a bar.
+/// Resolution of a bar.
 const STEPS: u64 = 1000;
 
 fn bar() -> ProgressBar {
-    // Hidden where standard error is no terminal.
+    // Indicatif hides the bar if standard error is no terminal.
     let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
-    // The template is a constant, and valid.
     if let Ok(style) =
         ProgressStyle::with_template("{prefix}{msg:20} [{bar:40}] {percent:>3} % {elapsed}")
     {
@@ -21,12 +20,13 @@ fn bar() -> ProgressBar {
     bar
 }
 
-/// Runs `work` while a bar follows its progress.
+/// Runs `work` and shows its progress as a bar.
 pub fn watch<T: Send>(work: impl FnOnce(&Progress) -> T + Send) -> T {
     watch_steps(|progress, _| work(progress))
 }
 
-/// Runs `work`, which says what it is doing, while a bar follows the progress of each step.
+/// Runs `work` and shows the progress of each step as a bar. `work` names its current step through
+/// its second argument.
 pub fn watch_steps<T: Send>(
     work: impl FnOnce(&Progress, &(dyn Fn(String) + Sync)) -> T + Send,
 ) -> T {
@@ -46,7 +46,7 @@ pub fn watch_steps<T: Send>(
             }
             bar.finish_and_clear();
         });
-        // Ends the watching thread, however the work ends.
+        // Ends the bar's thread, also if `work` panics.
         struct End<'a>(&'a AtomicBool);
         impl Drop for End<'_> {
             fn drop(&mut self) {
@@ -54,20 +54,20 @@ pub fn watch_steps<T: Send>(
             }
         }
         let _end = End(&done);
-        work(&progress, &|what| bar.set_prefix(what))
+        work(&progress, &|step| bar.set_prefix(step))
     })
 }
 
-/// A line that says what is being done, until it is dropped.
+/// Line with a spinner that names the current step until it is dropped.
 pub struct Step(ProgressBar);
 
 impl Step {
-    pub fn new(what: impl Into<String>) -> Self {
+    pub fn new(step: impl Into<String>) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
             bar.set_style(style);
         }
-        bar.set_message(what.into());
+        bar.set_message(step.into());
         bar.enable_steady_tick(Duration::from_millis(100));
         Self(bar)
     }

@@ -1,7 +1,8 @@
-//! `report`: what accuracy costs in time on a level: `report.json`, charts and `report.md` in a
-//! folder.
+//! `report`: measures error against time and bytes on a scene and writes `report.json`, charts and
+//! `report.md`.
 
 use super::error::ToolError;
+use super::source::{self, recipe_and_scene};
 use super::{bake, output, progress};
 use meshless_gi::BakeSceneError;
 use meshless_gi::internals::asset::{check_writable, write_file};
@@ -12,25 +13,25 @@ use std::time::Duration;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The level (.glb, .gltf, .ply, .json), or a recipe (.gi.ron) that names one; of a recipe the
-    /// level and the viewpoints count.
+    /// Scene (.glb, .gltf, .ply, .json), or a recipe (.gi.ron) that names one. Only the scene and
+    /// the viewpoints of a recipe are used.
     scene: PathBuf,
-    /// Folder for report.json, report.md and the charts.
+    /// Folder of report.json, report.md and the charts.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// A handful of quick bakes.
+    /// Make a few quick bakes only.
     #[arg(long)]
     quick: bool,
-    /// No bake begins that would probably end later than this many minutes after the start [25,
-    /// with --quick 10]; the reference and one bake always run.
-    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = minutes)]
-    minutes: Option<f64>,
-    /// Threads; 0 for one a processor. Times depend on it, errors do not.
+    /// Time limit in minutes. A bake that would probably exceed it is left out; the reference and
+    /// one bake always run. Default 25, with --quick 10.
+    #[arg(long, alias = "minutes", value_name = "MINUTES", allow_hyphen_values = true, value_parser = minutes)]
+    time_limit: Option<f64>,
+    /// Number of threads; 0 for one per processor. Times depend on it, errors do not.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=bake::MAX_THREADS))]
     threads: u32,
 }
 
-/// What report.json holds.
+/// Content of report.json.
 #[derive(Serialize)]
 struct Rows<'a> {
     rows: &'a [Row],
@@ -39,18 +40,18 @@ struct Rows<'a> {
 fn minutes(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(minutes @ 0.0..=10_080.0) => Ok(minutes),
-        _ => Err("a number of minutes from 0 to 10080 (a week) is needed".into()),
+        _ => Err("expected a number of minutes from 0 to 10080 (a week)".into()),
     }
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
-    let (recipe, level) = bake::level_and_recipe(&args.scene, None)?;
-    let mesh = bake::load(&level, &recipe.viewpoints)?;
+    let (recipe, scene) = recipe_and_scene(&args.scene, None)?;
+    let mesh = source::load(&scene, &recipe.viewpoints)?;
     let folder = &args.output;
-    std::fs::create_dir_all(folder).map_err(|why| ToolError::write(folder, &why))?;
-    // Before long work, not after it.
+    std::fs::create_dir_all(folder).map_err(|error| ToolError::write(folder, &error))?;
+    // Checked before the long work.
     let json = folder.join("report.json");
-    check_writable(&json).map_err(|why| ToolError::write(&json, &why))?;
+    check_writable(&json).map_err(|error| ToolError::write(&json, &error))?;
 
     let mut plan = match args.quick {
         true => Sweep::quick(),
@@ -58,7 +59,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     };
     plan.threads = args.threads as usize;
     plan.viewpoints = recipe.viewpoints;
-    if let Some(minutes) = args.minutes {
+    if let Some(minutes) = args.time_limit {
         plan.limit = Duration::from_secs_f64(60.0 * minutes);
     }
     let report = progress::watch_steps(|progress, say| {
@@ -66,8 +67,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
             say(format!("{} of {}, {}: ", step.done + 1, step.of, step.what));
         })
     })
-    .map_err(|why| failed(&level, &why))?;
-    write(&report, folder, &json, &name(&level))?;
+    .map_err(|error| report_error(&scene, &error))?;
+    write(&report, folder, &json, &name(&scene))?;
     output::print(&format!(
         "{}\n{} bakes and runs in {:.0} s: {}\n",
         choice(&report.rows),
@@ -77,16 +78,16 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     ))
 }
 
-/// The level's name for titles.
-fn name(level: &Path) -> String {
-    let stem = level.file_stem().unwrap_or_default();
+/// Returns the scene's name for titles.
+fn name(scene: &Path) -> String {
+    let stem = scene.file_stem().unwrap_or_default();
     stem.to_string_lossy().into_owned()
 }
 
-/// Writes the charts, the text and, last, the rows: where those are, all is there.
+/// Writes the charts, the text and, last, the rows. If the rows exist, all files exist.
 fn write(report: &Report, folder: &Path, json: &Path, name: &str) -> Result<(), ToolError> {
     let save = |path: &Path, bytes: &[u8]| {
-        write_file(path, bytes).map_err(|why| ToolError::write(path, &why))
+        write_file(path, bytes).map_err(|error| ToolError::write(path, &error))
     };
     let figures = figures(name, report);
     for figure in &figures {
@@ -96,19 +97,16 @@ fn write(report: &Report, folder: &Path, json: &Path, name: &str) -> Result<(), 
         &folder.join("report.md"),
         text(name, report, &figures).as_bytes(),
     )?;
-    let rows = Rows { rows: &report.rows };
-    let mut bytes = serde_json::to_vec_pretty(&rows).map_err(|why| ToolError::write(json, &why))?;
-    bytes.push(b'\n');
-    save(json, &bytes)
+    output::write_json(json, &Rows { rows: &report.rows })
 }
 
-fn failed(level: &Path, why: &ReportError) -> ToolError {
-    match why {
+fn report_error(scene: &Path, error: &ReportError) -> ToolError {
+    match error {
         ReportError::Threads(_)
         | ReportError::Bake {
             why: BakeSceneError::Threads(_),
             ..
-        } => ToolError::Usage(why.to_string()),
-        _ => ToolError::input(level, why),
+        } => ToolError::Usage(error.to_string()),
+        _ => ToolError::input(scene, error),
     }
 }

@@ -1,7 +1,7 @@
-//! `scatter`: points spread evenly over a level, as a `.ply` file.
+//! `scatter`: scatters points evenly over a scene and writes a `.ply` file.
 
 use super::error::ToolError;
-use super::{bake, output, progress};
+use super::{output, progress, source};
 use meshless_gi::TriangleMesh;
 use meshless_gi::internals::asset::{check_writable, write_file};
 use meshless_gi::internals::samples::scatter;
@@ -10,18 +10,18 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The level (.glb, .gltf, .ply, .json); left out: the built-in statue in a Cornell box.
-    level: Option<PathBuf>,
-    /// Where the points go.
+    /// Scene (.glb, .gltf, .ply, .json). Default: the built-in statue in a Cornell box.
+    scene: Option<PathBuf>,
+    /// Path of the point cloud to write.
     #[arg(short, long, value_name = "OUT.ply")]
     output: PathBuf,
-    /// Points of one surface are at least this far apart, meters.
+    /// Minimum distance between points of one surface, in meters.
     #[arg(long, value_name = "S", default_value_t = 0.02, allow_hyphen_values = true, value_parser = spacing)]
     spacing: f32,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write text and no binary numbers.
+    /// Write ASCII numbers instead of binary ones.
     #[arg(long)]
     ascii: bool,
 }
@@ -29,14 +29,14 @@ pub struct Args {
 fn spacing(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(s) if s > 0.0 && f32::is_finite(s) => Ok(s),
-        _ => Err("a length above 0 is needed".into()),
+        _ => Err("expected a length above 0".into()),
     }
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
-    check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
-    let level = match &args.level {
-        Some(path) => bake::load(path, &[])?,
+    check_writable(&args.output).map_err(|error| ToolError::write(&args.output, &error))?;
+    let mesh = match &args.scene {
+        Some(path) => source::load(path, &[])?,
         None => statue_room(),
     };
     let encoding = match args.ascii {
@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         false => PlyEncoding::LittleEndian,
     };
     let step = progress::Step::new("scattering points");
-    let count = write(&level, args.spacing, args.seed, encoding, &args.output)?;
+    let count = write(&mesh, args.spacing, args.seed, encoding, &args.output)?;
     drop(step);
     output::print(&format!(
         "{}: {} points\n",
@@ -53,17 +53,17 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     ))
 }
 
-/// Scatters points over a level and writes them; says how many.
+/// Scatters points over a mesh, writes them to `path` and returns their number.
 pub fn write(
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     spacing: f32,
     seed: u64,
     encoding: PlyEncoding,
     path: &Path,
 ) -> Result<usize, ToolError> {
-    let points = scatter(level, spacing, seed).ok_or_else(|| {
+    let points = scatter(mesh, spacing, seed).ok_or_else(|| {
         ToolError::Usage(format!(
-            "points {spacing} m apart would be too many for this level"
+            "spacing of {spacing} m gives too many points in this scene; increase --spacing"
         ))
     })?;
     let mut bytes = Vec::new();
@@ -72,7 +72,7 @@ pub fn write(
         points.albedo.unwrap_or_default(),
     );
     write_ply(&mut bytes, encoding, &points.positions, &normals, &albedo)
-        .map_err(|why| ToolError::write(path, &why))?;
-    write_file(path, &bytes).map_err(|why| ToolError::write(path, &why))?;
+        .map_err(|error| ToolError::write(path, &error))?;
+    write_file(path, &bytes).map_err(|error| ToolError::write(path, &error))?;
     Ok(points.positions.len())
 }

@@ -1,7 +1,7 @@
-//! `validate`: checks that a bake is whole and still belongs to its level, and lists what is wrong.
+//! `validate`: checks a bake, compares it with its scene and recipe, and lists the differences.
 
-use super::bake::level_and_recipe;
 use super::error::ToolError;
+use super::source::recipe_and_scene;
 use super::{input, output};
 use glam::Vec3;
 use meshless_gi::internals::bake::{BAKE_VERSION, BakeInputs, Staleness};
@@ -13,22 +13,22 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// The bake.
     bake: PathBuf,
-    /// The level (.glb, .gltf, .ply, .json) that it should belong to, or the recipe (.gi.ron) that
-    /// names it: finds a bake that is stale.
-    #[arg(long, value_name = "LEVEL")]
-    level: Option<PathBuf>,
-    /// The recipe that it should be baked by, where LEVEL is none. Options of `bake` count as part
-    /// of a recipe.
-    #[arg(long, value_name = "FILE", requires = "level")]
+    /// Scene (.glb, .gltf, .ply, .json) of the bake, or the recipe (.gi.ron) that names it. Reports
+    /// a stale bake.
+    #[arg(long, alias = "level", value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Recipe of the bake, if SCENE is no recipe. Options that were given to `bake` count as
+    /// differences.
+    #[arg(long, value_name = "FILE", requires = "scene")]
     recipe: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let path = args.bake.display();
-    let why = match BakedScene::read(&args.bake, &input::limits()) {
-        Ok(scene) => {
-            let differences = match &args.level {
-                Some(level) => differences(args, level, &scene.info)?,
+    let error = match BakedScene::read(&args.bake, &input::limits()) {
+        Ok(baked) => {
+            let differences = match &args.scene {
+                Some(scene) => differences(args, scene, &baked.info)?,
                 None => Vec::new(),
             };
             if differences.is_empty() {
@@ -37,24 +37,24 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
             output::print(&format!("{path}: stale\n  {}\n", differences.join("\n  ")))?;
             return Err(ToolError::input(&args.bake, &"stale"));
         }
-        Err(why) => why,
+        Err(error) => error,
     };
-    if why.is_content() {
-        let wrong = match &why {
+    if error.is_content() {
+        let problems = match &error {
             AssetError::Invalid(violations) => violations.iter().map(ToString::to_string).collect(),
             other => vec![other.to_string()],
         };
-        output::print(&format!("{path}: not valid\n  {}\n", wrong.join("\n  ")))?;
+        output::print(&format!("{path}: not valid\n  {}\n", problems.join("\n  ")))?;
     }
-    Err(ToolError::asset(&args.bake, &why))
+    Err(ToolError::asset(&args.bake, &error))
 }
 
-/// One line for each input of the bake that has changed since.
-fn differences(args: &Args, level: &Path, info: &BakeInfo) -> Result<Vec<String>, ToolError> {
-    let (recipe, geometry) = level_and_recipe(&level.to_path_buf(), args.recipe.as_ref())?;
+/// Returns one line for each input of the bake that has changed.
+fn differences(args: &Args, scene: &Path, info: &BakeInfo) -> Result<Vec<String>, ToolError> {
+    let (recipe, geometry) = recipe_and_scene(scene, args.recipe.as_deref())?;
     let recipe_file = match &args.recipe {
         Some(file) => Some(file.as_path()),
-        None if geometry != level => Some(level),
+        None if geometry != scene => Some(scene),
         None => None,
     };
     let hash = content_hash(info, &geometry)?;
@@ -66,33 +66,34 @@ fn differences(args: &Args, level: &Path, info: &BakeInfo) -> Result<Vec<String>
     let mut lines = Vec::new();
     if differs.content {
         lines.push(format!(
-            "content: {} has changed since it was baked",
+            "content: {} has changed since the bake",
             geometry.display()
         ));
     }
     if let (true, Some(file)) = (differs.settings, recipe_file) {
         lines.push(format!(
-            "settings: {} is not the recipe that it was baked by",
+            "settings: {} differs from the recipe of the bake",
             file.display()
         ));
     }
     if differs.version {
         lines.push(format!(
-            "version: bake version {} made it, this program is bake version {BAKE_VERSION}",
+            "version: made by bake version {}, this program is bake version {BAKE_VERSION}",
             info.bake_version
         ));
     }
     Ok(lines)
 }
 
-/// Hash of the level now. Points without normals face the viewpoints that the bake's recipe names.
-fn content_hash(info: &BakeInfo, level: &Path) -> Result<[u8; 32], SceneError> {
+/// Returns the hash of the current scene. Points without normals face the viewpoints of the bake's
+/// recipe.
+fn content_hash(info: &BakeInfo, scene: &Path) -> Result<[u8; 32], SceneError> {
     let viewpoints = Recipe::from_ron(&info.given_recipe).map(|recipe| recipe.viewpoints);
     let viewpoints: Vec<Vec3> = (viewpoints.unwrap_or_default().iter())
         .map(|&v| v.into())
         .collect();
     Ok(
-        load_geometry_within(level, &viewpoints, &mut input::budget())?
+        load_geometry_within(scene, &viewpoints, &mut input::budget())?
             .mesh
             .content_hash(),
     )

@@ -75,10 +75,16 @@ fn baked() -> &'static (TempDir, PathBuf, Value) {
                 text(&stats),
                 "--threads",
                 "2",
-                "--yardstick",
+                "--ray-baseline",
             ],
         );
-        for word in ["points", "links", "estimated error", "seconds", "yardstick"] {
+        for word in [
+            "points",
+            "links",
+            "estimated error",
+            "seconds",
+            "ray baseline",
+        ] {
             assert!(printed.contains(word), "no {word}: {printed}");
         }
         let stats = serde_json::from_slice(&fs::read(stats).unwrap()).expect("JSON");
@@ -115,8 +121,8 @@ fn bake_stats_have_contract_fields() {
     );
     assert_eq!(stats["points_per_level"].as_array().unwrap().len(), 4);
     assert!(stats["estimated_nrmse"].as_f64().unwrap() >= 0.0);
-    assert!(stats["yardstick_seconds"].as_f64().unwrap() > 0.0);
-    assert!(stats["total_over_yardstick"].as_f64().unwrap() > 1.0);
+    assert!(stats["ray_baseline_seconds"].as_f64().unwrap() > 0.0);
+    assert!(stats["total_over_ray_baseline"].as_f64().unwrap() > 1.0);
 }
 
 #[test]
@@ -383,7 +389,7 @@ fn bake_invalid_input_has_exit_code() {
     bake(INPUT, &write("noise.glb", &[0xa7; 4000]), &[]);
     assert!(bake(INPUT, &write("cloud.ply", b"ply\n"), &[]).contains("no end_header"));
     assert!(bake(INPUT, &write("a.gi.ron", b"(preset: Best)"), &[]).contains("a.gi.ron"));
-    assert!(bake(INPUT, &write("b.gi.ron", b"(preset: Draft)"), &[]).contains("names no level"));
+    assert!(bake(INPUT, &write("b.gi.ron", b"(preset: Draft)"), &[]).contains("names no scene"));
     bake(INPUT, &write("c.gi.ron", b"(scene: \"c.gi.ron\")"), &[]);
     bake(INPUT, &write("d.gi.ron", &[0xff, 0xfe]), &[]);
     bake(IO, &write("e.gi.ron", b"(scene: \"gone.glb\")"), &[]);

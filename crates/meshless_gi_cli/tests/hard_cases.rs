@@ -92,7 +92,7 @@ fn bake_of_broken_scene_prints_warnings() {
     let (code, _, err) = bake(folder.path(), &glb(&dirty, Vec3::Y, GRAY));
     assert_eq!(code, 0, "{err}");
     assert!(
-        err.contains("3 triangles without area or without numbers"),
+        err.contains("3 triangles without area or without finite coordinates"),
         "{err}"
     );
     // Nothing but damage, and nothing at all.

@@ -1,0 +1,233 @@
+//! Options of `bake` that replace fields of a recipe.
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use meshless_gi::{OccluderDesc, Preset, Recipe, Sky, TransportMethod};
+
+/// Options of `bake`. One that is not given leaves the recipe's field as it is.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Quality level: draft, medium (default) or high.
+    #[arg(long, hide_possible_values = true, value_parser = preset())]
+    preset: Option<Preset>,
+    /// Position in free space, in meters, from which light is visible. Repeat for several.
+    /// Points without normals face it. Default: found by a search.
+    #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
+    viewpoints: Vec<[f32; 3]>,
+    /// Disk radius of the coarsest level, in meters. Default: from the scene's size.
+    #[arg(long, value_name = "R", allow_hyphen_values = true)]
+    coarse_radius: Option<f32>,
+    /// Number of levels of points, 1 to 12. Default 5.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    levels: Option<u32>,
+    /// Number of levels, counted from the coarsest, whose points send light. Default: the preset's.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    sender_levels: Option<u32>,
+    /// Gather rays per point, 16 to 65536. Default: the preset's.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    rays: Option<u32>,
+    /// Diffuse reflections, 1 to 64. Default 4.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    bounces: Option<u32>,
+    /// Transport method: bounded (default), l08, pca or fmm.
+    #[arg(long, hide_possible_values = true, value_parser = rule())]
+    rule: Option<TransportMethod>,
+    /// Method pca: vectors in a cluster's basis of direct light, 1 to 1000. Default 10.
+    #[arg(
+        long,
+        alias = "coefficients",
+        value_name = "N",
+        allow_hyphen_values = true
+    )]
+    pca_coefficients: Option<u32>,
+    /// Method pca: approximate number of senders per cluster, 1 to 65536. Default: 1/64 of all.
+    #[arg(
+        long,
+        alias = "cluster-points",
+        value_name = "N",
+        allow_hyphen_values = true
+    )]
+    pca_cluster_size: Option<u32>,
+    /// Method pca: lights that train the bases, 0 to 65536. Default 1000.
+    #[arg(long, alias = "lamps", value_name = "N", allow_hyphen_values = true)]
+    pca_training_lights: Option<u32>,
+    /// Method fmm: order of the expansions, 0 to 16. Default 2. GPU kernels support up to 6.
+    #[arg(long, alias = "order", value_name = "N", allow_hyphen_values = true)]
+    fmm_order: Option<u32>,
+    /// Method fmm: maximum number of points in a leaf of the octree, 1 to 4096. Default 24.
+    #[arg(long, alias = "leaf", value_name = "N", allow_hyphen_values = true)]
+    fmm_leaf_size: Option<u32>,
+    /// Method fmm: emission samples per sender of the finest sender level, 1 to 64. Default 4.
+    #[arg(long, alias = "sources", value_name = "N", allow_hyphen_values = true)]
+    fmm_samples_per_sender: Option<u32>,
+    /// Method fmm: rays per pair of nodes that estimate their visibility, 1 to 4096. Default 16.
+    #[arg(
+        long,
+        alias = "pair-rays",
+        value_name = "N",
+        allow_hyphen_values = true
+    )]
+    fmm_visibility_rays: Option<u32>,
+    /// Method fmm: also bake the links of method bounded, for devices that cannot hold the octree.
+    #[arg(long, alias = "fallback")]
+    fmm_fallback_links: bool,
+    /// Truncation threshold of the transport method, 0 to 1. Default: the preset's.
+    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    epsilon: Option<f32>,
+    /// Target of the estimated error (NRMSE; 0.05 is 5 %). Bakes again at finer quality levels
+    /// until the estimate is at most this.
+    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    max_error: Option<f32>,
+    /// Bake probes, which light dynamic objects, fog and forward cameras.
+    #[arg(long)]
+    probes: bool,
+    /// Distance between probes, in meters; implies --probes. Default: about 2000 probes in the
+    /// bounding box of the scene.
+    #[arg(long, value_name = "M", allow_hyphen_values = true)]
+    probe_spacing: Option<f32>,
+    /// Sky model: uniform (default), or harmonics for a sky that varies with the direction.
+    #[arg(long, value_name = "KIND", value_parser = sky())]
+    sky: Option<Sky>,
+    /// Bake the materials of each sender, so that base colors and emission may change at run time.
+    #[arg(long, alias = "live-materials")]
+    dynamic_materials: bool,
+    /// Name of a node of the scene that opens and closes at run time, such as a door or a lift.
+    /// Repeat for several, up to 64.
+    #[arg(long = "occluder", value_name = "NAME")]
+    occluders: Vec<String>,
+    /// Bake the visibility of points, for lights with soft shadows.
+    #[arg(long)]
+    soft_shadows: bool,
+    /// Soft shadows: approximate number of directions per point, 16 to 16384. Default 4012.
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_directions: Option<u32>,
+    /// Soft shadows: maximum number of coefficients per point, 1 to 128. Default 50.
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_coefficients: Option<u32>,
+    /// Soft shadows: approximate number of points per cluster, 16 to 65536. Default 400.
+    #[arg(
+        long,
+        alias = "visibility-cluster",
+        value_name = "N",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_cluster_size: Option<u32>,
+    /// Soft shadows: depth error above which a cluster is split, 0.001 to 1 (1: never split).
+    /// Default 0.03.
+    #[arg(
+        long,
+        alias = "visibility-error",
+        value_name = "E",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_max_error: Option<f32>,
+    /// Seed of all random numbers. Default 0.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    seed: Option<u64>,
+}
+
+fn preset() -> impl TypedValueParser<Value = Preset> {
+    PossibleValuesParser::new(["draft", "medium", "high"]).map(|word| match word.as_str() {
+        "draft" => Preset::Draft,
+        "high" => Preset::High,
+        _ => Preset::Medium,
+    })
+}
+
+fn rule() -> impl TypedValueParser<Value = TransportMethod> {
+    PossibleValuesParser::new(["bounded", "l08", "pca", "fmm"]).map(|word| match word.as_str() {
+        "l08" => TransportMethod::L08,
+        "pca" => TransportMethod::Pca,
+        "fmm" => TransportMethod::Fmm,
+        _ => TransportMethod::Bounded,
+    })
+}
+
+fn sky() -> impl TypedValueParser<Value = Sky> {
+    PossibleValuesParser::new(["uniform", "harmonics"]).map(|word| match word.as_str() {
+        "harmonics" => Sky::Harmonics,
+        _ => Sky::Uniform,
+    })
+}
+
+fn viewpoint(text: &str) -> Result<[f32; 3], String> {
+    let mut parts = text.split(',').map(|c| c.trim().parse::<f32>());
+    match (parts.next(), parts.next(), parts.next(), parts.next()) {
+        (Some(Ok(x)), Some(Ok(y)), Some(Ok(z)), None)
+            if [x, y, z].iter().all(|c| c.is_finite()) =>
+        {
+            Ok([x, y, z])
+        }
+        _ => Err("expected three finite numbers separated by commas, such as -1,2.5,0".into()),
+    }
+}
+
+/// Replaces `field` by `option` if that is given.
+fn set<T: Copy>(field: &mut Option<T>, option: Option<T>) {
+    *field = option.or(*field);
+}
+
+impl Options {
+    /// Replaces the fields of `recipe` whose options are given.
+    pub fn apply(&self, recipe: &mut Recipe) {
+        recipe.preset = self.preset.unwrap_or(recipe.preset);
+        recipe.seed = self.seed.unwrap_or(recipe.seed);
+        recipe.sky = self.sky.unwrap_or(recipe.sky);
+        recipe.live_materials |= self.dynamic_materials;
+        for name in &self.occluders {
+            // The recipe's own description may have boxes.
+            if !recipe.occluders.iter().any(|o| o.name == *name) {
+                recipe.occluders.push(OccluderDesc::node(name));
+            }
+        }
+        if !self.viewpoints.is_empty() {
+            recipe.viewpoints.clone_from(&self.viewpoints);
+        }
+        set(&mut recipe.coarse_radius, self.coarse_radius);
+        set(&mut recipe.levels, self.levels);
+        set(&mut recipe.sender_levels, self.sender_levels);
+        set(&mut recipe.rays, self.rays);
+        set(&mut recipe.bounces, self.bounces);
+        set(&mut recipe.epsilon, self.epsilon);
+        set(&mut recipe.max_error, self.max_error);
+        if self.probes || self.probe_spacing.is_some() {
+            let probes = recipe.probes.get_or_insert_default();
+            set(&mut probes.spacing, self.probe_spacing);
+        }
+        self.apply_soft_shadows(recipe);
+        self.apply_transport(recipe);
+    }
+
+    fn apply_soft_shadows(&self, recipe: &mut Recipe) {
+        if self.soft_shadows {
+            let soft = recipe.soft_shadows.get_or_insert_default();
+            soft.directions = self.visibility_directions.unwrap_or(soft.directions);
+            soft.coefficients = self.visibility_coefficients.unwrap_or(soft.coefficients);
+            soft.cluster_points = self.visibility_cluster_size.unwrap_or(soft.cluster_points);
+            soft.error = self.visibility_max_error.unwrap_or(soft.error);
+        }
+    }
+
+    fn apply_transport(&self, recipe: &mut Recipe) {
+        recipe.rule = self.rule.unwrap_or(recipe.rule);
+        set(&mut recipe.coefficients, self.pca_coefficients);
+        set(&mut recipe.cluster_points, self.pca_cluster_size);
+        set(&mut recipe.lamps, self.pca_training_lights);
+        set(&mut recipe.order, self.fmm_order);
+        set(&mut recipe.leaf, self.fmm_leaf_size);
+        set(&mut recipe.sources, self.fmm_samples_per_sender);
+        set(&mut recipe.pair_rays, self.fmm_visibility_rays);
+        recipe.fallback |= self.fmm_fallback_links;
+    }
+}
