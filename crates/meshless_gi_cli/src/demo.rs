@@ -223,6 +223,7 @@ fn save(path: &Path, width: u32, height: u32, pixels: &[[u8; 3]]) -> Result<(), 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use meshless_gi::Light;
 
     #[test]
     fn demo_lights_point_at_their_targets() {
