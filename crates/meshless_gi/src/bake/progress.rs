@@ -4,6 +4,11 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// What a bake is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Clone, Debug, PartialEq, Hash)
+)]
 pub enum Stage {
     /// Building the tree that rays walk.
     Bvh,

@@ -2,6 +2,8 @@
 
 use super::Recipe;
 use crate::asset::{BakeInfo, fingerprint};
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use std::fmt;
 
 /// Version of the bake. It rises when equal input bakes to different data, and only then. It does
@@ -21,6 +23,11 @@ pub struct BakeInputs<'a> {
 
 /// Inputs of a bake that have changed since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 pub struct Staleness {
     /// The geometry or its materials differ.
     pub content: bool,

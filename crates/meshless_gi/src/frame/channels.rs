@@ -2,10 +2,17 @@
 //! [`FrameSettings`](super::FrameSettings), which the plan makes
 //! ([`crate::plan::ColorModeSelector`]).
 
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use glam::Vec3;
 
 /// In how many channels the operator is applied.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 pub enum Channels {
     /// Red, green and blue.
     #[default]

@@ -13,6 +13,8 @@
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Mat4, Vec3, Vec4};
 use half::f16;
@@ -27,6 +29,11 @@ pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
 
 /// How discontinuities of depth are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Clone, Debug, PartialEq)
+)]
 pub enum DepthTest {
     /// How far a pixel is from the plane through its neighbors, in parts of its distance, times the
     /// cell's edge in pixels: slanted planes are none. Ours.
@@ -39,6 +46,11 @@ pub enum DepthTest {
 
 /// How discontinuities of the normal are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Clone, Debug, PartialEq)
+)]
 pub enum NormalTest {
     /// Largest less smallest of any component (\[N09\] §3.2.2), 0 to 2.
     MinMax(f32),
@@ -48,6 +60,11 @@ pub enum NormalTest {
 
 /// Where indirect light is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 pub struct SubsplatSettings {
     /// Level at which every node is evaluated, and every cell is refined once: cells of 2^coarsest
     /// pixels; 2 to [`COARSEST`].

@@ -32,6 +32,8 @@ use super::subsplat::{COARSEST, LUMINANCE, SubsplatLevels, SubsplatParams, Subsp
 use super::upsample::PLANE;
 use super::vpl::{place, reaches, share, start};
 use crate::scene::Bvh;
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use half::f16;
@@ -54,6 +56,11 @@ pub const ROUGHER: f32 = 0.1;
 
 /// Which surfaces show the gloss of virtual lights, and where it is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 pub struct SpecularSettings {
     /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to
     /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
