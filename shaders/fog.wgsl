@@ -32,10 +32,10 @@ struct FogParams {
 @group(0) @binding(7) var density_sampler: sampler;
 
 // So little light of what lies behind is nothing.
-const DARK: f32 = 1e-3;
+const MIN_TRANSMITTANCE: f32 = 1e-3;
 const PARALLEL: f32 = 1e-9;
 // Longer than any ray.
-const ENDLESS: f32 = 3.4e38;
+const MAX_RAY_LENGTH: f32 = 3.4e38;
 // As the module that reads volumes at surfaces has them: shaders/engine/irradiance_volume.wgsl.
 const OPEN: f32 = -1.999;
 const QUARTER: f32 = 0.25;
@@ -82,14 +82,14 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     if lit.y <= lit.x {
         return vec3f(0.0);
     }
-    var left = left_before(ray, whole, lit.x);
+    var left = transmittance_to(ray, whole, lit.x);
     let steps = steps_of(whole, lit);
     let part = (lit.y - lit.x) / f32(steps);
     var sum = vec3f(0.0);
     var dense = params.density;
     var out = outgoing(dense, part);
     for (var k = 0u; k < steps; k++) {
-        if left < DARK {
+        if left < MIN_TRANSMITTANCE {
             break;
         }
         let x = ray.origin + (lit.x + (f32(k) + 0.5) * part) * ray.direction;
@@ -112,7 +112,7 @@ fn outgoing(dense: f32, part: f32) -> Outgoing {
 }
 
 // What is left of light from where the ray enters the level on its way back through the fog.
-fn left_before(ray: Ray, whole: vec2f, enters: f32) -> f32 {
+fn transmittance_to(ray: Ray, whole: vec2f, enters: f32) -> f32 {
     let before = enters - whole.x;
     var steps = 1u;
     if params.textured != 0u {
@@ -176,7 +176,7 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     let far = unprojected(uv, 0.0);
     let direction = normalize(far.xyz - far.w * near);
     let shown = unprojected(uv, seen);
-    var length = ENDLESS;
+    var length = MAX_RAY_LENGTH;
     if shown.w > 0.0 {
         length = dot(shown.xyz / shown.w - near, direction);
     }

@@ -119,7 +119,7 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
         }
         let node = nodes[item.at];
         // Functions on surfaces say all, or nothing is there to be lit.
-        let missing = node_missing(node);
+        let missing = node_probe_fraction(node);
         if missing <= 0.0 || !node_is(node, KNOWN) {
             continue;
         }
@@ -134,7 +134,7 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
             add_scaled(&sum, missing, space);
             nodes[item.at] = node_new(
                 sum,
-                node_foretold(node),
+                node_predicted_luminance(node),
                 EVALUATED | KNOWN | COVERED,
             );
         }

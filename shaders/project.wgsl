@@ -14,19 +14,19 @@
 @group(0) @binding(8) var<storage, read> places: array<LightSample>;
 
 // Places of a sender that one patch of a rectangle light shines on at most.
-const PATCH_PLACES: u32 = 4u;
+const PATCH_SAMPLES: u32 = 4u;
 
 fn bvh_nodes() -> u32 {
     return params.nodes;
 }
 
 // Below the square of this distance a lamp grows no brighter.
-fn nearest_square(extent: f32) -> f32 {
+fn min_distance_squared(extent: f32) -> f32 {
     return clamp(2.5e-5 * extent * extent, 1.17549435e-38, 1e-4);
 }
 
-// A point or spot lamp nearer to the place's plane than `apart` shines from that height.
-fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
+// A point or spot lamp nearer to the place's plane than `sample_spacing` shines from that height.
+fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32 {
     let axis = light.direction;
     if light.kind == LIGHT_NONE {
         return 0.0;
@@ -41,13 +41,13 @@ fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
     }
     let height = dot(n, toward);
     let to = toward / sqrt(square);
-    var e = max(dot(n, to), 0.0) / max(square, nearest_square(params.extent));
+    var e = max(dot(n, to), 0.0) / max(square, min_distance_squared(params.extent));
     if light.kind == LIGHT_PATCH {
         return e * max(-dot(to, axis), 0.0);
     }
-    if height > 0.0 && height < apart {
-        let lifted = square - height * height + apart * apart;
-        e = apart / (lifted * sqrt(lifted));
+    if height > 0.0 && height < sample_spacing {
+        let lifted = square - height * height + sample_spacing * sample_spacing;
+        e = sample_spacing / (lifted * sqrt(lifted));
     }
     let factor = square * light.inverse_square_range;
     let window = clamp(1.0 - factor * factor, 0.0, 1.0);
@@ -68,8 +68,8 @@ fn place_normal(bits: u32) -> vec3f {
     return normalize(vec3f(p, z));
 }
 
-fn project_at(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
-    let e = unshadowed(light, x, n, apart);
+fn project_at(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32 {
+    let e = unshadowed(light, x, n, sample_spacing);
     if e <= 0.0 {
         return e;
     }
@@ -91,11 +91,11 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
         let first = (j - params.finest_sender) * params.places;
         var stride = 1u;
         if light.kind == LIGHT_PATCH {
-            stride = (params.places + PATCH_PLACES - 1u) / PATCH_PLACES;
+            stride = (params.places + PATCH_SAMPLES - 1u) / PATCH_SAMPLES;
         }
         var used = 0.0;
         for (var k = first + stride / 2u; k < first + params.places; k += stride) {
-            e += project_at(light, places[k].position, place_normal(places[k].normal), params.apart);
+            e += project_at(light, places[k].position, place_normal(places[k].normal), params.sample_spacing);
             used += 1.0;
         }
         e /= used;

@@ -41,14 +41,14 @@ fn breaks(k: u32, at: vec2u) -> bool {
     return broken;
 }
 
-fn surprises(k: u32, cell: vec2u) -> bool {
+fn exceeds_prediction(k: u32, cell: vec2u) -> bool {
     let node = nodes[cell_index(k, cell)];
     if !node_is(node, EVALUATED | COVERED) {
         return false;
     }
     let found = luminance(node, pixel_normal(cell << vec2u(k)));
-    let foretold = node_foretold(node);
-    return abs(found - foretold) > screen.light * (0.5 * (found + foretold) + FLOOR);
+    let predicted_luminance = node_predicted_luminance(node);
+    return abs(found - predicted_luminance) > screen.light * (0.5 * (found + predicted_luminance) + FLOOR);
 }
 
 fn divides(k: u32, cell: vec2u) -> bool {
@@ -67,7 +67,7 @@ fn divides(k: u32, cell: vec2u) -> bool {
     }
     for (var i = 0u; i < 4u; i++) {
         let corner = cell + vec2u(i & 1u, i >> 1u);
-        if all(corner < grid) && surprises(k, corner) {
+        if all(corner < grid) && exceeds_prediction(k, corner) {
             return true;
         }
     }

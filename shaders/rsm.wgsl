@@ -9,7 +9,7 @@
 @group(0) @binding(4) var<uniform> shade: RsmShadowParams;
 @group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
-@group(0) @binding(7) var<uniform> choice: RsmChooseParams;
+@group(0) @binding(7) var<uniform> choice: RsmSelectParams;
 // Of all lights.
 @group(0) @binding(8) var<storage, read_write> vpls: array<Vpl>;
 
@@ -27,7 +27,7 @@ fn bvh_nodes() -> u32 {
 }
 
 // The place of a texel along Hilbert's curve through the map.
-fn curve(side: u32, column: u32, row: u32) -> u32 {
+fn hilbert_index(side: u32, column: u32, row: u32) -> u32 {
     var x = column;
     var y = row;
     var at = 0u;
@@ -126,7 +126,7 @@ fn texels(@builtin(global_invocation_id) id: vec3u) {
     }
     let depth = textureLoad(depths, id.xy, 0);
     let bits = textureLoad(gbuffer, id.xy, 0);
-    lit_texels[params.first + curve(params.side, id.x, id.y)] = texel_at(id.xy, depth, bits);
+    lit_texels[params.first + hilbert_index(params.side, id.x, id.y)] = texel_at(id.xy, depth, bits);
 }
 
 @compute @workgroup_size(64)
@@ -219,7 +219,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
 }
 
 @compute @workgroup_size(256)
-fn choose(@builtin(local_invocation_index) lane: u32) {
+fn select_vpls(@builtin(local_invocation_index) lane: u32) {
     let run = run_length();
     let last = min((lane + 1u) * run, choice.texels);
     var sum = 0.0;

@@ -9,7 +9,7 @@
 @group(0) @binding(5) var<storage, read> basis: array<u32>;
 @group(0) @binding(6) var<storage, read> scales: array<f32>;
 @group(0) @binding(7) var<storage, read> coefficients: array<u32>;
-@group(0) @binding(8) var<storage, read_write> deficits: array<VectorIrradiance>;
+@group(0) @binding(8) var<storage, read_write> occluded_irradiances: array<VectorIrradiance>;
 
 const QUARTER_PI: f32 = 0.7853981633974483;
 const HALF_PI: f32 = 1.5707963267948966;
@@ -42,7 +42,7 @@ fn tangent(n: vec3f) -> vec3f {
     return vec3f(1.0 + s * n.x * n.x * a, s * n.x * n.y * a, -s * n.x);
 }
 
-fn open_eye(i: u32, n: vec3f) {
+fn load_visibility(i: u32, n: vec3f) {
     let point = visible[i];
     let cluster = clusters[point.cluster];
     let along = cluster.tangent - n * dot(n, cluster.tangent);
@@ -217,7 +217,7 @@ fn sees(direction: vec3f, distance: f32, normal: vec3f) -> f32 {
 }
 
 // What is missing of e, the irradiance without shadows from the light with color one.
-fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
+fn occluded_irradiance(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     if e <= 0.0 {
         return vec3f(0.0);
     }
@@ -258,16 +258,16 @@ fn soft_shadow(
     }
     let x = points[i].position;
     let n = points[i].normal;
-    open_eye(i, n);
+    load_visibility(i, n);
     var out = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     for (var l = 0u; l < params.lights; l++) {
         let e = unshadowed(lights[l], x, n, params.extent);
-        let d = deficit(lights[l], x, n, e);
+        let d = occluded_irradiance(lights[l], x, n, e);
         // In the fourth floats: what would arrive without shadows.
         let color = lights[l].color;
         out.x += vec4f(d.x * color, e * color.r);
         out.y += vec4f(d.y * color, e * color.g);
         out.z += vec4f(d.z * color, e * color.b);
     }
-    deficits[i] = out;
+    occluded_irradiances[i] = out;
 }

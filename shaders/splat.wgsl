@@ -86,14 +86,14 @@ fn splat_node(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     let depth = textureLoad(depths, pixel, 0);
     let texel = textureLoad(gbuffer, pixel, 0);
     if depth <= 0.0 || gbuffer_is_unlit(texel) {
-        return node_new(nothing, node_foretold(node), EVALUATED);
+        return node_new(nothing, node_predicted_luminance(node), EVALUATED);
     }
     let at = pixel_position(pixel, depth, texel);
     let found = vector_at(at.x, at.n);
     if !found.covered {
-        return node_new(nothing, node_foretold(node), EVALUATED | KNOWN);
+        return node_new(nothing, node_predicted_luminance(node), EVALUATED | KNOWN);
     }
-    return node_new(to_world(found.e), node_foretold(node), EVALUATED | KNOWN | COVERED | missing_bits(found.share));
+    return node_new(to_world(found.e), node_predicted_luminance(node), EVALUATED | KNOWN | COVERED | probe_fraction_bits(found.share));
 }
 
 fn splat_pixel(pixel: vec2u) -> vec4f {

@@ -9,7 +9,7 @@
 @group(0) @binding(4) var<storage, read> planes: array<vec4f>;
 @group(0) @binding(5) var<storage, read> grid_slots: array<GridSlot>;
 @group(0) @binding(6) var<storage, read> grid_entries: array<u32>;
-@group(0) @binding(7) var<storage, read> deficits: array<VectorIrradiance>;
+@group(0) @binding(7) var<storage, read> occluded_irradiances: array<VectorIrradiance>;
 @group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(9) var earlier: texture_2d<f32>;
 @group(0) @binding(10) var<uniform> wanted: SubtractShadowParams;
@@ -20,8 +20,8 @@ const FRAC_1_PI: f32 = 0.318309886;
 // Part of what is missing that is taken away.
 const TAKEN: f32 = 0.998;
 // Least perceptual roughness, and least cosine between the normal and the direction to the eye.
-const SMOOTHEST: f32 = 0.089;
-const SLANTED: f32 = 1e-4;
+const MIN_ROUGHNESS: f32 = 0.089;
+const MIN_NDOTV: f32 = 1e-4;
 
 // What of the light is missing, and whether any function covers the place.
 struct Missing {
@@ -40,7 +40,7 @@ fn missing_at(x: vec3f, n: vec3f) -> Missing {
         let w = weight(point, x, n);
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
-            let d = deficits[j];
+            let d = occluded_irradiances[j];
             cover += w;
             hidden += v * max(irradiance_dot(d, point.normal), vec3f(0.0));
             whole += v * vec3f(d.x.w, d.y.w, d.z.w);
@@ -68,10 +68,10 @@ fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
     let sum = l + v;
     let size = max(sqrt(dot(sum, sum)), TINY);
     let lh = clamp(dot(l, sum) / size, 0.0, 1.0);
-    let r = clamp(roughness, SMOOTHEST, 1.0);
+    let r = clamp(roughness, MIN_ROUGHNESS, 1.0);
     let more = 2.0 * r * r * lh * lh - 0.5;
     let nl = clamp(dot(n, l), 0.0, 1.0);
-    let nv = clamp(dot(n, v), SLANTED, 1.0);
+    let nv = clamp(dot(n, v), MIN_NDOTV, 1.0);
     return (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv));
 }
 
@@ -104,8 +104,8 @@ fn table(layer: u32, uv: vec2f) -> vec4f {
     return mix(a, b, f.y);
 }
 
-fn lobe_of(surface: Surface, straight: vec3f) -> Lobe {
-    let nv = clamp(dot(surface.n, surface.v), SLANTED, 1.0);
+fn lobe_of(surface: Surface, f0: vec3f) -> Lobe {
+    let nv = clamp(dot(surface.n, surface.v), MIN_NDOTV, 1.0);
     let uv = vec2f(surface.roughness, sqrt(1.0 - nv));
     let m = table(0u, uv);
     let f = table(1u, uv);
@@ -113,7 +113,7 @@ fn lobe_of(surface: Surface, straight: vec3f) -> Lobe {
     let t = across / max(sqrt(dot(across, across)), TINY);
     let b = cross(t, surface.n);
     let rows = mat3x3f(m.x * t + m.z * surface.n, b, m.y * t + m.w * surface.n);
-    return Lobe(rows, straight * f.x + (1.0 - straight) * f.y);
+    return Lobe(rows, f0 * f.x + (1.0 - f0) * f.y);
 }
 
 // Part of a rectangle's radiance that comes from where the surface mirrors the eye.
@@ -126,10 +126,10 @@ fn mirrored(lobe: Lobe, light: SoftLight, to: vec3f) -> f32 {
 }
 
 // Radiance that the lamps were drawn with.
-fn drawn_at(x: vec3f, surface: Surface, straight: vec3f) -> vec3f {
+fn drawn_at(x: vec3f, surface: Surface, f0: vec3f) -> vec3f {
     var lobe: Lobe;
     if wanted.gloss != 0u {
-        lobe = lobe_of(surface, straight);
+        lobe = lobe_of(surface, f0);
     }
     var sum = vec3f(0.0);
     for (var k = 0u; k < wanted.lights; k++) {
@@ -166,7 +166,7 @@ fn subtract_shadow_pixel(pixel: vec2u) -> vec4f {
         return vec4f(vec3f(0.0), 1.0);
     }
     let surface = Surface(at.n, eye_from(pixel, at.x), gbuffer_diffuse(texel), gbuffer_roughness(texel));
-    let drawn = drawn_at(at.x, surface, gbuffer_straight(texel));
+    let drawn = drawn_at(at.x, surface, gbuffer_f0(texel));
     let radiance = TAKEN * params.scale * missing.share * drawn;
     return vec4f(min(radiance, vec3f(LARGEST_HALF)), 1.0);
 }

@@ -13,9 +13,9 @@
 @group(0) @binding(8) var<storage, read> counted: array<u32>;
 
 const PLANE: f32 = 0.01;
-const TURNED: f32 = 0.5;
-const STRAIGHT: f32 = 0.9;
-const SURE: f32 = 0.9;
+const MIN_NORMAL_COSINE: f32 = 0.5;
+const FULL_NORMAL_COSINE: f32 = 0.9;
+const CUBIC_MIN_SIMILARITY: f32 = 0.9;
 const PIXELS_PER_DIRECT_EVALUATION: u32 = 4u;
 
 // A surface in a pixel, in the view's space.
@@ -26,7 +26,7 @@ struct VisibleSurface {
     lit: bool,
 }
 
-fn seen(pixel: vec2u) -> VisibleSurface {
+fn visible_surface(pixel: vec2u) -> VisibleSurface {
     let depth = lit_depth(pixel);
     if depth <= 0.0 {
         return VisibleSurface(vec3f(0.0), vec3f(0.0), 0.0, false);
@@ -35,10 +35,10 @@ fn seen(pixel: vec2u) -> VisibleSurface {
     return VisibleSurface(x, screen.view_from_world * pixel_normal(pixel), depth_reach(x.z, depth), true);
 }
 
-fn alike(a: VisibleSurface, b: VisibleSurface) -> f32 {
+fn surface_similarity(a: VisibleSurface, b: VisibleSurface) -> f32 {
     let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
     let plane = clamp(2.0 - 2.0 * off / (PLANE * a.reach), 0.0, 1.0);
-    let normal = clamp((dot(a.n, b.n) - TURNED) / (STRAIGHT - TURNED), 0.0, 1.0);
+    let normal = clamp((dot(a.n, b.n) - MIN_NORMAL_COSINE) / (FULL_NORMAL_COSINE - MIN_NORMAL_COSINE), 0.0, 1.0);
     return plane * normal;
 }
 
@@ -70,9 +70,9 @@ fn near_node(k: u32, cell: vec2i, here: VisibleSurface) -> Near {
         out.missing = lit_depth(vec2u(cell) << vec2u(k)) > 0.0;
         return out;
     }
-    let there = seen(vec2u(cell) << vec2u(k));
+    let there = visible_surface(vec2u(cell) << vec2u(k));
     if there.lit {
-        out.likeness = alike(here, there);
+        out.likeness = surface_similarity(here, there);
         out.known = true;
     }
     return out;
@@ -99,7 +99,7 @@ fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
             weight = select(-0.03125, 0.3125, i < 4);
         }
         let near = near_node(k + 1u, first + step, here);
-        if !near.known || !node_is(near.node, COVERED) || near.likeness < SURE {
+        if !near.known || !node_is(near.node, COVERED) || near.likeness < CUBIC_MIN_SIMILARITY {
             sure = false;
             break;
         }
@@ -152,7 +152,7 @@ fn unknown() -> SubsplatNode {
 
 fn node_of(k: u32, cell: vec2u) -> SubsplatNode {
     let pixel = cell << vec2u(k);
-    let here = seen(pixel);
+    let here = visible_surface(pixel);
     if !here.lit {
         return unknown();
     }
@@ -195,7 +195,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
     if any(pixel >= screen.size) {
         return;
     }
-    let here = seen(pixel);
+    let here = visible_surface(pixel);
     if !here.lit {
         textureStore(output, pixel, vec4f(0.0));
         return;
@@ -237,7 +237,7 @@ fn fill(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
         let pixel = unpack_cell(lists[level_start(0u) + i]);
         let node = nodes[level_start(0u) + i];
-        let here = seen(pixel);
+        let here = visible_surface(pixel);
         var texel = vec4f(0.0);
         if here.lit && node_is(node, COVERED) {
             texel = texel_of(pixel, here, node_light(node));

@@ -27,32 +27,32 @@ struct WallWeight {
 
 const AHEAD: u32 = 4u;
 // Of ways: free as far as the next voxel, and a wall there.
-const FREE: u32 = 255u;
-const WHOLE: f32 = 254.0;
-const ALL_FREE: u32 = 0xffffffffu;
+const UNOBSTRUCTED: u32 = 255u;
+const DISTANCE_STEPS: f32 = 254.0;
+const ALL_UNOBSTRUCTED: u32 = 0xffffffffu;
 // A side reads a face where the cosine between them is more; in a voxel in the ground that does not
 // matter.
 const FACING: f32 = 0.5;
 // Cosines that differ by less are the same.
 const SAME: f32 = 1e-4;
-const SHARE_BITS: u32 = 12u;
+const WEIGHT_BITS: u32 = 12u;
 
 @group(0) @binding(0) var<uniform> params: VolumeParams;
 // Where the shares of each voxel start, and at last where they end.
 @group(0) @binding(1) var<storage, read> starts: array<u32>;
-@group(0) @binding(2) var<storage, read> shares: array<u32>;
+@group(0) @binding(2) var<storage, read> weights: array<u32>;
 // Three a probe.
 @group(0) @binding(3) var<storage, read> values: array<VectorIrradiance>;
 // Where the faces of each voxel start, and at last where they end.
-@group(0) @binding(4) var<storage, read> face_starts: array<u32>;
+@group(0) @binding(4) var<storage, read> wall_starts: array<u32>;
 // And one behind the last.
-@group(0) @binding(5) var<storage, read> faces: array<WallSample>;
-@group(0) @binding(6) var<storage, read> face_shares: array<WallWeight>;
+@group(0) @binding(5) var<storage, read> wall_samples: array<WallSample>;
+@group(0) @binding(6) var<storage, read> wall_weights: array<WallWeight>;
 // One a point.
 @group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;
 // How far the ways from each voxel to the next ones are free, a byte each: along the edges and
 // against them. Then one that is 0 between the sides of a wall.
-@group(0) @binding(8) var<storage, read> ways: array<vec2u>;
+@group(0) @binding(8) var<storage, read> wall_distances: array<vec2u>;
 @group(0) @binding(9) var voxels: texture_storage_3d<rgba16float, write>;
 
 fn inside(voxel: vec3u) -> bool {
@@ -87,9 +87,9 @@ fn light_of(voxel: vec3u) -> ProbeIrradiance {
     let i = index_of(voxel);
     let end = starts[i + 1u];
     for (var at = starts[i]; at < end; at++) {
-        let share = shares[at];
-        let part = f32(share & ((1u << SHARE_BITS) - 1u));
-        let j = PROBE_ROWS * (share >> SHARE_BITS);
+        let share = weights[at];
+        let part = f32(share & ((1u << WEIGHT_BITS) - 1u));
+        let j = PROBE_ROWS * (share >> WEIGHT_BITS);
         all_parts += part;
         add_scaled(&linear, part, values[j]);
         add_scaled(&even, part, values[j + 1u]);
@@ -103,11 +103,11 @@ fn light_of(voxel: vec3u) -> ProbeIrradiance {
 // last where none faces as it does.
 fn face_of(voxel: vec3u, n: vec3f) -> u32 {
     let i = index_of(voxel);
-    let end = face_starts[i + 1u];
+    let end = wall_starts[i + 1u];
     var best = select(-2.0, FACING, is_reached(voxel));
     var found = end;
-    for (var face = face_starts[i]; face < end; face++) {
-        let cosine = dot(faces[face].normal, n);
+    for (var face = wall_starts[i]; face < end; face++) {
+        let cosine = dot(wall_samples[face].normal, n);
         if cosine > best + SAME {
             best = cosine;
             found = face;
@@ -117,18 +117,18 @@ fn face_of(voxel: vec3u, n: vec3f) -> u32 {
 }
 
 fn has_face(voxel: vec3u, n: vec3f) -> bool {
-    return face_of(voxel, n) < face_starts[index_of(voxel) + 1u];
+    return face_of(voxel, n) < wall_starts[index_of(voxel) + 1u];
 }
 
 // The light of a face's wall.
 fn on_a_wall(face: u32) -> vec3f {
     var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
-    let end = faces[face + 1u].start;
-    for (var at = faces[face].start; at < end; at++) {
-        let share = face_shares[at];
+    let end = wall_samples[face + 1u].start;
+    for (var at = wall_samples[face].start; at < end; at++) {
+        let share = wall_weights[at];
         add_scaled(&e, share.part, point_values[share.point]);
     }
-    let n = faces[face].normal;
+    let n = wall_samples[face].normal;
     return max((e.x * n.x + e.y * n.y + e.z * n.z).xyz, vec3f(0.0));
 }
 
@@ -151,28 +151,28 @@ fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
 }
 
 fn way_of(voxel: vec3u, side: u32) -> u32 {
-    return (ways[index_of(voxel)][side / 4u] >> (8u * (side % 4u))) & 255u;
+    return (wall_distances[index_of(voxel)][side / 4u] >> (8u * (side % 4u))) & 255u;
 }
 
 // Whether something stands before the middle of the voxel a step away.
-fn ends_before(voxel: vec3u, by: vec3i) -> bool {
+fn is_blocked(voxel: vec3u, by: vec3i) -> bool {
     var ends = false;
     for (var axis = 0u; axis < 3u; axis++) {
         let side = 2u * axis + select(0u, 1u, by[axis] < 0);
-        ends = ends || (by[axis] != 0 && way_of(voxel, side) != FREE);
+        ends = ends || (by[axis] != 0 && way_of(voxel, side) != UNOBSTRUCTED);
     }
     return ends;
 }
 
 // What a side stores beside its light.
 fn stored_way(voxel: vec3u, side: u32) -> f32 {
-    if all(ways[index_of(voxel)] == vec2u(ALL_FREE)) {
+    if all(wall_distances[index_of(voxel)] == vec2u(ALL_UNOBSTRUCTED)) {
         return -2.0;
     }
-    if (ways[index_of(voxel)].y >> 16u & 255u) == 0u {
+    if (wall_distances[index_of(voxel)].y >> 16u & 255u) == 0u {
         return -0.125;
     }
-    return -(0.25 + f32(way_of(voxel, side)) / WHOLE);
+    return -(0.25 + f32(way_of(voxel, side)) / DISTANCE_STEPS);
 }
 
 fn store(voxel: vec3u, side: u32, light: vec3f) {
@@ -194,16 +194,16 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
         var light = space_irradiance(own, n);
         // The side of the voxel that has this one ahead, unless it keeps its own light.
         let behind = stepped(voxel, -ahead);
-        if own.reached && inside(behind) && !has_face(behind, n) && !(is_reached(behind) && ends_before(behind, ahead)) {
+        if own.reached && inside(behind) && !has_face(behind, n) && !(is_reached(behind) && is_blocked(behind, ahead)) {
             store(behind, side, light);
         }
         let face = face_of(voxel, n);
-        if face < face_starts[index_of(voxel) + 1u] {
+        if face < wall_starts[index_of(voxel) + 1u] {
             store(voxel, side, on_a_wall(face));
             continue;
         }
         // One's own, where nothing is ahead.
-        if is_reached(stepped(voxel, ahead)) && !(own.reached && ends_before(voxel, ahead)) {
+        if is_reached(stepped(voxel, ahead)) && !(own.reached && is_blocked(voxel, ahead)) {
             continue;
         }
         if !own.reached {

@@ -68,7 +68,7 @@ fn vpl_node(pixel: vec2u, depth: f32, node: SubsplatNode) -> SubsplatNode {
         add_scaled(&light, params.scale, e);
         state |= COVERED;
     }
-    return node_new(light, node_foretold(node), state);
+    return node_new(light, node_predicted_luminance(node), state);
 }
 
 @compute @workgroup_size(64)

@@ -15,22 +15,22 @@
 @group(0) @binding(10) var<uniform> wanted: SpecularParams;
 @group(0) @binding(11) var<storage, read_write> shines: array<SpecularNode>;
 // Lights that surprised the nodes of the levels from 2, a bit a group.
-@group(0) @binding(12) var<storage, read_write> surprises: array<vec4u>;
+@group(0) @binding(12) var<storage, read_write> refine_masks: array<vec4u>;
 
-const GROUPS: u32 = 128u;
-const FADES: f32 = 0.1;
-const TURNS_FROM: f32 = 0.85;
-const TURNS_TO: f32 = 0.97;
-const SLANTS: f32 = 0.15;
-const ROUGHER: f32 = 0.1;
+const LIGHT_GROUPS: u32 = 128u;
+const ROUGHNESS_FADE: f32 = 0.1;
+const NORMAL_COSINE_FROM: f32 = 0.85;
+const NORMAL_COSINE_TO: f32 = 0.97;
+const VIEW_COSINE_TOLERANCE: f32 = 0.15;
+const ROUGHNESS_TOLERANCE: f32 = 0.1;
 const PLANE: f32 = 0.01;
 const FLOOR: f32 = 0.1;
 const MIN: f32 = 1e-15;
 
 // Radiance over f₀ and over f₉₀.
 struct SpecularRadiance {
-    straight: vec3f,
-    grazing: vec3f,
+    f0: vec3f,
+    f90: vec3f,
 }
 
 // A surface that lights shine on, in their space.
@@ -56,23 +56,23 @@ struct Around {
 }
 
 // What the nodes around foretell.
-struct Foretold {
+struct Prediction {
     light: SpecularRadiance,
     around: array<Around, 4>,
     known: bool,
 }
 
-fn shine_of(light: SpecularRadiance, straight: vec3f) -> vec3f {
-    return straight * light.straight + f90(straight) * light.grazing;
+fn shine_of(light: SpecularRadiance, f0: vec3f) -> vec3f {
+    return f0 * light.f0 + f90(f0) * light.f90;
 }
 
-fn bright(light: SpecularRadiance, straight: vec3f) -> f32 {
-    return dot(vec3f(RED, GREEN, BLUE), shine_of(light, straight));
+fn bright(light: SpecularRadiance, f0: vec3f) -> f32 {
+    return dot(vec3f(RED, GREEN, BLUE), shine_of(light, f0));
 }
 
 fn pack_shine(light: SpecularRadiance) -> SpecularNode {
-    let a = clamp(light.straight, vec3f(0.0), vec3f(LARGEST_HALF));
-    let b = clamp(light.grazing, vec3f(0.0), vec3f(LARGEST_HALF));
+    let a = clamp(light.f0, vec3f(0.0), vec3f(LARGEST_HALF));
+    let b = clamp(light.f90, vec3f(0.0), vec3f(LARGEST_HALF));
     return SpecularNode(array<u32, 4>(
         pack2x16float(a.xy), pack2x16float(vec2f(a.z, b.x)), pack2x16float(b.yz), 1u,
     ));
@@ -92,7 +92,7 @@ fn glossy(pixel: vec2u) -> Glossy {
         return out;
     }
     out.texel = textureLoad(gbuffer, pixel, 0);
-    let smooth_share = clamp((wanted.roughest - gbuffer_roughness(out.texel)) / FADES, 0.0, 1.0);
+    let smooth_share = clamp((wanted.roughest - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
     out.shown = max(gbuffer_metallic(out.texel), smooth_share);
     out.x = view_place(pixel, out.depth);
     out.n = screen.view_from_world * gbuffer_normal(out.texel);
@@ -103,15 +103,15 @@ fn slant(there: Glossy) -> f32 {
     return abs(dot(there.n, -normalize(there.x)));
 }
 
-fn alike(a: Glossy, b: Glossy) -> f32 {
+fn surface_similarity(a: Glossy, b: Glossy) -> f32 {
     let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
     let plane = clamp(2.0 - 2.0 * off / (PLANE * depth_reach(a.x.z, a.depth)), 0.0, 1.0);
-    let normal = clamp((dot(a.n, b.n) - TURNS_FROM) / (TURNS_TO - TURNS_FROM), 0.0, 1.0);
+    let normal = clamp((dot(a.n, b.n) - NORMAL_COSINE_FROM) / (NORMAL_COSINE_TO - NORMAL_COSINE_FROM), 0.0, 1.0);
     let apart = abs(gbuffer_roughness(a.texel) - gbuffer_roughness(b.texel));
-    let rough = clamp(2.0 - 2.0 * apart / ROUGHER, 0.0, 1.0);
+    let rough = clamp(2.0 - 2.0 * apart / ROUGHNESS_TOLERANCE, 0.0, 1.0);
     let u = slant(a);
     let v = slant(b);
-    let slants = clamp(2.0 - 2.0 * abs(u - v) / max(SLANTS * (u + v), TINY), 0.0, 1.0);
+    let slants = clamp(2.0 - 2.0 * abs(u - v) / max(VIEW_COSINE_TOLERANCE * (u + v), TINY), 0.0, 1.0);
     return plane * normal * rough * slants;
 }
 
@@ -129,7 +129,7 @@ fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
 }
 
 // What light `i` gives to the eye, over its flux.
-fn gloss_of(i: u32, at: Receiver) -> vec2f {
+fn specular_of_light(i: u32, at: Receiver) -> vec2f {
     let g = vpl_share(i, at.x, at.facet.n);
     let arrives = dot(at.facet.n, g);
     // Less has no direction in single precision.
@@ -138,7 +138,7 @@ fn gloss_of(i: u32, at: Receiver) -> vec2f {
     }
     let toward = vpls[i].position - at.x;
     let spread = vpls[i].square / (dot(toward, toward) + vpls[i].square);
-    let found = facet_gloss(at.facet, normalize(g), spread);
+    let found = specular_terms(at.facet, normalize(g), spread);
     if found.x + found.y <= 0.0 {
         return vec2f(0.0);
     }
@@ -153,8 +153,8 @@ fn gloss_of(i: u32, at: Receiver) -> vec2f {
 
 fn add_light(sum: ptr<function, SpecularRadiance>, i: u32, found: vec2f) {
     let flux = params.scale * vpls[i].flux;
-    (*sum).straight += found.x * flux;
-    (*sum).grazing += found.y * flux;
+    (*sum).f0 += found.x * flux;
+    (*sum).f90 += found.y * flux;
 }
 
 // All lights at a pixel.
@@ -162,17 +162,17 @@ fn whole(pixel: vec2u, here: Glossy) -> SpecularRadiance {
     let at = receiver(pixel, here);
     var sum = SpecularRadiance(vec3f(0.0), vec3f(0.0));
     for (var i = 0u; i < lit.vpls; i++) {
-        add_light(&sum, i, gloss_of(i, at));
+        add_light(&sum, i, specular_of_light(i, at));
     }
     return sum;
 }
 
 // What the nodes of level `k` + 1 foretell at a cell of level `k`, of which one coordinate at least
 // is odd.
-fn foretold(k: u32, cell: vec2u, here: Glossy) -> Foretold {
+fn predict(k: u32, cell: vec2u, here: Glossy) -> Prediction {
     let grid = level_grid(k + 1u);
     let odd = cell & vec2u(1u);
-    var out: Foretold;
+    var out: Prediction;
     var total = 0.0;
     let share = select(0.5, 0.25, all(odd == vec2u(1u)));
     for (var c = 0u; c < 4u; c++) {
@@ -190,27 +190,27 @@ fn foretold(k: u32, cell: vec2u, here: Glossy) -> Foretold {
         if there.shown <= 0.0 {
             continue;
         }
-        let weight = share * alike(here, there);
+        let weight = share * surface_similarity(here, there);
         if weight > 0.0 {
             total += weight;
             out.around[c].weight = weight;
             out.around[c].at = receiver(pixel, there);
             let light = unpack_shine(node);
-            out.light.straight += weight * light.straight;
-            out.light.grazing += weight * light.grazing;
+            out.light.f0 += weight * light.f0;
+            out.light.f90 += weight * light.f90;
         }
     }
     out.known = total > screen.alike;
     let scale = select(0.0, 1.0 / max(total, TINY), out.known);
-    out.light.straight *= scale;
-    out.light.grazing *= scale;
+    out.light.f0 *= scale;
+    out.light.f90 *= scale;
     for (var c = 0u; c < 4u; c++) {
         out.around[c].weight *= scale;
     }
     return out;
 }
 
-fn surprise_index(k: u32, cell: vec2u) -> u32 {
+fn refine_mask_index(k: u32, cell: vec2u) -> u32 {
     return cell_index(k, cell) - level_start(2u);
 }
 
@@ -227,7 +227,7 @@ fn asked(k: u32, cell: vec2u) -> vec4u {
     for (var y = first.y; y <= middle.y + 1; y++) {
         for (var x = first.x; x <= middle.x + 1; x++) {
             if x >= 0 && y >= 0 && x < grid.x && y < grid.y {
-                out |= surprises[surprise_index(k + 1u, vec2u(vec2i(x, y)))];
+                out |= refine_masks[refine_mask_index(k + 1u, vec2u(vec2i(x, y)))];
             }
         }
     }
@@ -237,7 +237,7 @@ fn asked(k: u32, cell: vec2u) -> vec4u {
 fn keep(k: u32, cell: vec2u, node: SpecularNode, bits: vec4u) {
     shines[cell_index(k, cell)] = node;
     if k > 1u {
-        surprises[surprise_index(k, cell)] = bits;
+        refine_masks[refine_mask_index(k, cell)] = bits;
     }
 }
 
@@ -263,7 +263,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         keep(k, cell, shines[cell_index(k + 1u, cell / 2u)], vec4u(0u));
         return;
     }
-    let before = foretold(k, cell, here);
+    let before = predict(k, cell, here);
     var wants = asked(k, cell);
     let finer = k >= screen.finest;
     if before.known && (all(wants == vec4u(0u)) || !finer) {
@@ -274,12 +274,12 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         keep(k, cell, nothing, vec4u(0u));
         return;
     }
-    let straight = gbuffer_straight(here.texel);
-    let earlier = bright(before.light, straight);
+    let f0 = gbuffer_f0(here.texel);
+    let earlier = bright(before.light, f0);
     let most = screen.light * (earlier + FLOOR * FRAC_1_PI);
     if before.known && wanted.together == 1u {
         let node = pack_shine(whole(pixel, here));
-        let off = abs(bright(unpack_shine(node), straight) - earlier);
+        let off = abs(bright(unpack_shine(node), f0) - earlier);
         keep(k, cell, node, vec4u(select(0u, 0xffffffffu, off > most)));
         return;
     }
@@ -287,7 +287,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         wants = vec4u(0xffffffffu);
     }
     let at = receiver(pixel, here);
-    let group = max((lit.vpls + GROUPS - 1u) / GROUPS, 1u);
+    let group = max((lit.vpls + LIGHT_GROUPS - 1u) / LIGHT_GROUPS, 1u);
     var light = before.light;
     var bits = vec4u(0u);
     for (var g = 0u; g * group < lit.vpls; g++) {
@@ -296,18 +296,18 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         }
         var change = SpecularRadiance(vec3f(0.0), vec3f(0.0));
         for (var i = g * group; i < min((g + 1u) * group, lit.vpls); i++) {
-            var found = gloss_of(i, at);
+            var found = specular_of_light(i, at);
             for (var c = 0u; c < 4u; c++) {
                 let weight = before.around[c].weight;
                 if weight > 0.0 {
-                    found -= weight * gloss_of(i, before.around[c].at);
+                    found -= weight * specular_of_light(i, before.around[c].at);
                 }
             }
             add_light(&change, i, found);
         }
-        light.straight += change.straight;
-        light.grazing += change.grazing;
-        if abs(bright(change, straight)) > most {
+        light.f0 += change.f0;
+        light.f90 += change.f90;
+        if abs(bright(change, f0)) > most {
             bits[g / 32u] |= 1u << (g % 32u);
         }
     }
@@ -332,14 +332,14 @@ fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
         light = unpack_shine(node);
         known = node.words[3] == 1u;
     } else {
-        let before = foretold(0u, pixel, here);
+        let before = predict(0u, pixel, here);
         light = before.light;
         known = before.known;
     }
     if !known {
         light = unpack_shine(pack_shine(whole(pixel, here)));
     }
-    let straight = gbuffer_straight(here.texel);
-    let color = here.shown * reflected_again(gbuffer_roughness(here.texel), straight) * shine_of(light, straight);
+    let f0 = gbuffer_f0(here.texel);
+    let color = here.shown * multiscatter_compensation(gbuffer_roughness(here.texel), f0) * shine_of(light, f0);
     textureStore(output, pixel, vec4f(min(color, vec3f(LARGEST_HALF)), 1.0));
 }

@@ -144,9 +144,9 @@ fn projection_problems(
             return is(project::unshadowed(light, point.x(), point.n()));
         }
         let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
-        let mut places = project::places_for(light, own);
+        let mut places = project::samples_for_light(light, own);
         let used = places.len() as f32;
-        let (extent, apart) = (project::extent(scene), project::apart(scene));
+        let (extent, apart) = (project::extent(scene), project::sample_spacing(scene));
         places.any(|p| is(project::unshadowed_within(light, p.x(), p.n(), extent, apart) / used))
     });
     (found.len(), flips.count())
@@ -527,7 +527,7 @@ fn baked_bounces_match_twin() {
     const FURTHER: Checked = (
         "further",
         Pass::Gather,
-        |f| flat(f.further()),
+        |f| flat(f.multibounce_radiosity()),
         4,
         Scale::Item,
     );

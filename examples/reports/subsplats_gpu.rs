@@ -226,7 +226,7 @@ fn virtual_lights(view: &View<'_>, count: u32) -> Vec<Vpl> {
             let i = drawn[(k as usize * 7919 * 131) % drawn.len()];
             let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
             let (depth, texel) = (view.drawn.depth[i], view.drawn.gbuffer[i]);
-            let (x, n) = splat::place(&view.splat, pixel, depth, texel);
+            let (x, n) = splat::pixel_position(&view.splat, pixel, depth, texel);
             Vpl {
                 position: x.to_array(),
                 square: 0.01,

@@ -1,10 +1,10 @@
 // The specular part of Bevy's standard material, for lights that are disks. Twin:
 // crates/meshless_gi/src/frame/brdf.rs. Needs lib/vpl for π.
 
-const SMOOTHEST: f32 = 0.089;
-const SLANTED: f32 = 1e-4;
-const LOST: f32 = 1.25;
-const LATE: f32 = 1.1;
+const MIN_ROUGHNESS: f32 = 0.089;
+const MIN_NDOTV: f32 = 1e-4;
+const MULTISCATTER_LOSS: f32 = 1.25;
+const MULTISCATTER_ROLLOFF: f32 = 1.1;
 
 // A surface as a light's reflection in it is seen.
 struct ShadingPoint {
@@ -14,17 +14,17 @@ struct ShadingPoint {
 }
 
 fn alpha_square(roughness: f32) -> f32 {
-    let r = clamp(roughness, SMOOTHEST, 1.0);
+    let r = clamp(roughness, MIN_ROUGHNESS, 1.0);
     return r * r * r * r;
 }
 
-fn f90(straight: vec3f) -> f32 {
-    return min(50.0 * 0.33 * (straight.r + straight.g + straight.b), 1.0);
+fn f90(f0: vec3f) -> f32 {
+    return min(50.0 * 0.33 * (f0.r + f0.g + f0.b), 1.0);
 }
 
 // D V (1 − p) and D V p for light from `l` that is spread over a disk with the sine of half its
 // angle squared `spread`.
-fn facet_gloss(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
+fn specular_terms(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
     let sum = l + facet.v;
     let len = length(sum);
     if len <= 1e-6 {
@@ -33,7 +33,7 @@ fn facet_gloss(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
     let h = sum / len;
     let a2 = min(alpha_square(facet.roughness) + 0.25 * spread, 1.0);
     let nl = max(dot(facet.n, l), 0.0);
-    let nv = max(dot(facet.n, facet.v), SLANTED);
+    let nv = max(dot(facet.n, facet.v), MIN_NDOTV);
     let nh = dot(facet.n, h);
     if nh <= 0.0 {
         return vec2f(0.0);
@@ -49,9 +49,9 @@ fn facet_gloss(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
 }
 
 // What is reflected more than once between facets, a factor.
-fn reflected_again(roughness: f32, straight: vec3f) -> vec3f {
+fn multiscatter_compensation(roughness: f32, f0: vec3f) -> vec3f {
     let r2 = roughness * roughness;
     let r4 = r2 * r2;
-    let lost = LOST * r4 / (1.0 + LATE * r4 * r4);
-    return 1.0 + straight * (lost / (1.0 - lost));
+    let lost = MULTISCATTER_LOSS * r4 / (1.0 + MULTISCATTER_ROLLOFF * r4 * r4);
+    return 1.0 + f0 * (lost / (1.0 - lost));
 }

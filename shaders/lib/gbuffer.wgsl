@@ -41,7 +41,7 @@ fn gbuffer_roughness(texel: vec4u) -> f32 {
 }
 
 // Specular reflectance straight ahead, linear.
-fn gbuffer_straight(texel: vec4u) -> vec3f {
+fn gbuffer_f0(texel: vec4u) -> vec3f {
     let reflectance = unorm8(texel.b);
     return mix(vec3f(0.16 * reflectance * reflectance), gbuffer_base(texel), gbuffer_metallic(texel));
 }

@@ -108,7 +108,7 @@ struct SolveParams {
     sky_sender: u32,
     coarsest: u32,
     differences: u32,
-    apart: f32,
+    sample_spacing: f32,
     sky_terms: u32,
     channel: u32,
     pad0: u32,

@@ -3,19 +3,19 @@
 const KNOWN: u32 = 1u;
 const COVERED: u32 = 2u;
 const EVALUATED: u32 = 4u;
-const MISSING: u32 = 0xff00u;
+const PROBE_FRACTION: u32 = 0xff00u;
 
 fn pack_halves(a: f32, b: f32) -> u32 {
     return pack2x16float(clamp(vec2f(a, b), vec2f(-LARGEST_HALF), vec2f(LARGEST_HALF)));
 }
 
-fn node_new(e: VectorIrradiance, foretold: f32, state: u32) -> SubsplatNode {
+fn node_new(e: VectorIrradiance, predicted_luminance: f32, state: u32) -> SubsplatNode {
     return SubsplatNode(array<u32, 6>(
         pack_halves(e.x.x, e.x.y),
         pack_halves(e.x.z, e.y.x),
         pack_halves(e.y.y, e.y.z),
         pack_halves(e.z.x, e.z.y),
-        pack_halves(e.z.z, foretold),
+        pack_halves(e.z.z, predicted_luminance),
         state,
     ));
 }
@@ -29,21 +29,21 @@ fn node_light(node: SubsplatNode) -> VectorIrradiance {
     return VectorIrradiance(vec4f(a, b.x, 0.0), vec4f(b.y, c, 0.0), vec4f(d, e.x, 0.0));
 }
 
-fn node_foretold(node: SubsplatNode) -> f32 {
+fn node_predicted_luminance(node: SubsplatNode) -> f32 {
     return unpack2x16float(node.words[4]).y;
 }
 
 // What functions on surfaces leave to light in free space, as bits of the state.
-fn missing_bits(share: f32) -> u32 {
+fn probe_fraction_bits(share: f32) -> u32 {
     return u32(255.0 * (1.0 - share) + 0.5) << 8u;
 }
 
 // Part of its light that is missing: all of a node that no function on a surface covers.
-fn node_missing(node: SubsplatNode) -> f32 {
+fn node_probe_fraction(node: SubsplatNode) -> f32 {
     if !node_is(node, COVERED) {
         return 1.0;
     }
-    return f32((node.words[5] & MISSING) >> 8u) / 255.0;
+    return f32((node.words[5] & PROBE_FRACTION) >> 8u) / 255.0;
 }
 
 fn node_is(node: SubsplatNode, bits: u32) -> bool {

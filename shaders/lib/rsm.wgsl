@@ -31,7 +31,7 @@ struct RsmShadowParams {
     pad: u32,
 }
 
-struct RsmChooseParams {
+struct RsmSelectParams {
     texels: u32,
     first: u32,
     vpls: u32,

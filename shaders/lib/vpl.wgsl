@@ -19,7 +19,7 @@ fn bvh_nodes() -> u32 {
 }
 
 // The mean of max(0, v·N) over unit normals N whose mean is `normal`.
-fn facing(normal: vec3f, v: vec3f) -> f32 {
+fn mean_clamped_cosine(normal: vec3f, v: vec3f) -> f32 {
     let cosine = dot(v, normal);
     let s = clamp(1.0 - dot(normal, normal), 0.0, 1.0);
     let w = sqrt(s * (1.5 - 0.5 * s));
@@ -106,7 +106,7 @@ fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
     }
     let to = toward / sqrt(square);
     if dot(n, to) > 0.0 {
-        out += to * (beside * FRAC_1_PI * facing(normal, -to) / (square + disk));
+        out += to * (beside * FRAC_1_PI * mean_clamped_cosine(normal, -to) / (square + disk));
     }
     return out;
 }
@@ -115,7 +115,7 @@ fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
 fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
     let at = (lit.local_from_space * vec4f(x, 1.0)).xyz;
     let turned = (lit.local_from_space * vec4f(n, 0.0)).xyz;
-    return at + turned / max(length(turned), TINY) * (LIFTS * lift(at, lit.extent));
+    return at + turned / max(length(turned), TINY) * (LIFTS * ray_offset(at, lit.extent));
 }
 
 // What of light `i` the baked scene lets through to the place that a ray leaves at `start` (local).
@@ -123,7 +123,7 @@ fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
     let ray = end - start;
     let distance = length(ray);
-    let max_t = distance - lift(end, lit.extent);
+    let max_t = distance - ray_offset(end, lit.extent);
     if max_t <= 0.0 {
         return 1.0;
     }

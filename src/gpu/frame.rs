@@ -6,7 +6,7 @@ use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
-use meshless_gi::internals::frame::materials::present;
+use meshless_gi::internals::frame::materials::current_surfaces;
 use meshless_gi::internals::frame::splat::SEAM;
 use meshless_gi::internals::frame::{SolveSchedule, SplatParams};
 use meshless_gi::{BakedScene, FrameLight, FrameSettings, MaterialFactors};
@@ -128,7 +128,7 @@ impl GpuFrame {
 
     /// Sends the senders' surfaces as they are now; says how many bytes those are.
     fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
-        let (surfaces, seen) = present(scene, &self.factors, &self.passing);
+        let (surfaces, seen) = current_surfaces(scene, &self.factors, &self.passing);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffers.surfaces, 0, bytes);

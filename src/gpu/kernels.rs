@@ -13,7 +13,7 @@ use meshless_gi::internals::basis::WeightEntry;
 use meshless_gi::internals::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::{
-    CompositeParams, FogInscatterParams, FogParams, RsmChooseParams, RsmParams, RsmShadowParams,
+    CompositeParams, FogInscatterParams, FogParams, RsmParams, RsmSelectParams, RsmShadowParams,
     RsmTexel, SoftLight, SoftShadowParams, SolveParams, SpecularNode, SpecularParams, SplatParams,
     SubsplatNode, SubsplatParams, SubtractShadowParams, VectorIrradiance, VolumeParams, Vpl,
     VplParams, VplViewParams, WallDistances, WallSample, WallWeight, rsm,
@@ -244,7 +244,7 @@ pub const KERNELS: [Kernel; 26] = [
             bind(5, "basis", Read(4)),
             bind(6, "scales", Read(4)),
             bind(7, "coefficients", Read(4)),
-            bind(8, "deficits", Write(VECTOR)),
+            bind(8, "occluded_irradiances", Write(VECTOR)),
         ],
         entries: &[each(
             Pass::SoftShadow,
@@ -314,13 +314,13 @@ pub const KERNELS: [Kernel; 26] = [
         bindings: &[
             bind(0, "params", Uniform(size_of::<VolumeParams>())),
             bind(1, "starts", Read(4)),
-            bind(2, "shares", Read(4)),
+            bind(2, "weights", Read(4)),
             bind(3, "values", Read(VECTOR)),
-            bind(4, "face_starts", Read(4)),
-            bind(5, "faces", Read(size_of::<WallSample>())),
-            bind(6, "face_shares", Read(size_of::<WallWeight>())),
+            bind(4, "wall_starts", Read(4)),
+            bind(5, "wall_samples", Read(size_of::<WallSample>())),
+            bind(6, "wall_weights", Read(size_of::<WallWeight>())),
             bind(7, "point_values", Read(VECTOR)),
-            bind(8, "ways", Read(size_of::<WallDistances>())),
+            bind(8, "wall_distances", Read(size_of::<WallDistances>())),
             bind(9, "voxels", Voxels),
         ],
         entries: &[Entry {
@@ -342,7 +342,7 @@ pub const KERNELS: [Kernel; 26] = [
             bind(4, "shade", Uniform(size_of::<RsmShadowParams>())),
             bind(5, "nodes", Read(size_of::<BvhNode>())),
             bind(6, "triangles", Read(size_of::<BvhTriangle>())),
-            bind(7, "choice", Uniform(size_of::<RsmChooseParams>())),
+            bind(7, "choice", Uniform(size_of::<RsmSelectParams>())),
             bind(8, "vpls", Write(size_of::<Vpl>())),
         ],
         entries: &[
@@ -350,8 +350,8 @@ pub const KERNELS: [Kernel; 26] = [
             each(Pass::RsmShadow, "shadow", &[3, 4, 5, 6]),
             // One workgroup for all texels of a light.
             Entry {
-                pass: Pass::RsmChoose,
-                name: "choose",
+                pass: Pass::RsmSelect,
+                name: "select_vpls",
                 workgroup: [rsm::CHUNKS as u32, 1, 1],
                 items: u32::MAX,
                 bindings: &[3, 7, 8],
@@ -470,7 +470,7 @@ pub const KERNELS: [Kernel; 26] = [
             bind(9, "span", Span),
             bind(10, "wanted", Uniform(size_of::<SpecularParams>())),
             bind(11, "shines", Write(size_of::<SpecularNode>())),
-            bind(12, "surprises", Write(VEC4)),
+            bind(12, "refine_masks", Write(VEC4)),
         ],
         entries: &[
             tile(
@@ -503,7 +503,7 @@ pub const KERNELS: [Kernel; 26] = [
             bind(4, "planes", Read(VEC4)),
             bind(5, "grid_slots", Read(size_of::<GridSlot>())),
             bind(6, "grid_entries", Read(4)),
-            bind(7, "deficits", Read(VECTOR)),
+            bind(7, "occluded_irradiances", Read(VECTOR)),
             bind(8, "output", Output),
             bind(9, "earlier", Float),
             bind(10, "wanted", Uniform(size_of::<SubtractShadowParams>())),

@@ -8,7 +8,9 @@ use super::scene_buffers::{Maker, SpanList, SpanTable};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::asset::Occluders;
 use meshless_gi::internals::frame::Span;
-use meshless_gi::internals::frame::occlude::{passing, sound_gains};
+use meshless_gi::internals::frame::occlude::{
+    occluder_set_transmittances, sanitize_transmittances,
+};
 use meshless_gi::internals::transport::{PackedLinkTerm, Row};
 use meshless_gi::{BakedScene, Bvh};
 
@@ -98,8 +100,8 @@ impl GpuFrame {
         let Some(known) = &scene.occluders else {
             return 0;
         };
-        let gains = sound_gains(known, gains);
-        let passes = passing(known, &gains);
+        let gains = sanitize_transmittances(known, gains);
+        let passes = occluder_set_transmittances(known, &gains);
         let before = self.counters().of(Pass::Occlude);
         let buffers = self.buffers();
         if let Some(own) = &buffers.occluders {

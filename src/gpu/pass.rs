@@ -51,7 +51,7 @@ pub enum Pass {
     /// `rsm`, shadows of one baked scene on a light's texels.
     RsmShadow,
     /// `rsm`, the virtual point lights of one light.
-    RsmChoose,
+    RsmSelect,
     /// `vpl`, where a view has no light yet.
     Vpl,
     /// `vpl`, over what baked scenes gave.
@@ -120,7 +120,7 @@ impl Pass {
         Self::Volume,
         Self::RsmTexels,
         Self::RsmShadow,
-        Self::RsmChoose,
+        Self::RsmSelect,
         Self::Vpl,
         Self::VplOver,
         Self::VplNodes,

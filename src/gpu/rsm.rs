@@ -12,7 +12,7 @@ use glam::Mat4;
 use meshless_gi::FrameLight;
 use meshless_gi::internals::frame::rsm_layout::MAX_VPLS;
 use meshless_gi::internals::frame::{
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
+    RsmParams, RsmSelectParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
 use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
 
@@ -219,7 +219,7 @@ impl RsmBuffers {
             let groups = [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)];
             self.dispatch(kernels, encoder, Pass::RsmShadow, &bind, groups);
         }
-        let params = RsmChooseParams {
+        let params = RsmSelectParams {
             texels,
             first: self.used,
             vpls,
@@ -227,14 +227,14 @@ impl RsmBuffers {
         };
         let at = self.uniform(kernels, queue, &params);
         let bind = kernels.bind(
-            Pass::RsmChoose,
+            Pass::RsmSelect,
             &[
                 (3, self.texels.as_entire_binding()),
                 (7, self.uniforms[at].as_entire_binding()),
                 (8, self.vpls.as_entire_binding()),
             ],
         );
-        self.dispatch(kernels, encoder, Pass::RsmChoose, &bind, [1, 1]);
+        self.dispatch(kernels, encoder, Pass::RsmSelect, &bind, [1, 1]);
         self.used += vpls;
     }
 

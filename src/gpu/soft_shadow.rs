@@ -29,7 +29,7 @@ pub struct SoftShadowBuffers {
     basis: wgpu::Buffer,
     scales: wgpu::Buffer,
     coefficients: wgpu::Buffer,
-    deficits: wgpu::Buffer,
+    occluded_irradiances: wgpu::Buffer,
     shape: SoftShadowParams,
     counters: GpuCounters,
 }
@@ -142,7 +142,13 @@ impl SoftShadowBuffers {
                 &visibility.coefficients,
                 visibility.coefficients.len(),
             )?,
-            deficits: upload::<VectorIrradiance>(device, queue, "deficits", &[], shape.points())?,
+            occluded_irradiances: upload::<VectorIrradiance>(
+                device,
+                queue,
+                "occluded_irradiances",
+                &[],
+                shape.points(),
+            )?,
             shape: SoftShadowParams::new(visibility, shape.extent, 0),
             counters: GpuCounters::default(),
         })
@@ -184,7 +190,7 @@ impl SoftShadowBuffers {
                 (5, self.basis.as_entire_binding()),
                 (6, self.scales.as_entire_binding()),
                 (7, self.coefficients.as_entire_binding()),
-                (8, self.deficits.as_entire_binding()),
+                (8, self.occluded_irradiances.as_entire_binding()),
             ],
         );
         self.dispatch(
@@ -208,7 +214,7 @@ impl SoftShadowBuffers {
                 (2, scene.rows.as_entire_binding()),
                 (3, scene.parent_starts.as_entire_binding()),
                 (4, scene.parent_entries.as_entire_binding()),
-                (6, self.deficits.as_entire_binding()),
+                (6, self.occluded_irradiances.as_entire_binding()),
             ],
         );
         for (offset, count) in self.levels.clone() {
@@ -245,8 +251,8 @@ impl SoftShadowBuffers {
 
     /// What is missing at every point, and what there would be, W/m²: `shade` reads it.
     #[must_use]
-    pub fn deficits(&self) -> &wgpu::Buffer {
-        &self.deficits
+    pub fn occluded_irradiances(&self) -> &wgpu::Buffer {
+        &self.occluded_irradiances
     }
 
     /// Its buffers.
@@ -261,7 +267,7 @@ impl SoftShadowBuffers {
             &self.basis,
             &self.scales,
             &self.coefficients,
-            &self.deficits,
+            &self.occluded_irradiances,
         ]
     }
 

@@ -144,7 +144,7 @@ impl SubtractShadowBuffers {
             (4, scene.planes.as_entire_binding()),
             (5, scene.grid_slots.as_entire_binding()),
             (6, scene.grid_entries.as_entire_binding()),
-            (7, soft.deficits().as_entire_binding()),
+            (7, soft.occluded_irradiances().as_entire_binding()),
             (8, texture(targets.output)),
             (10, self.params.as_entire_binding()),
             (11, self.lights.as_entire_binding()),

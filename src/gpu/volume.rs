@@ -16,11 +16,11 @@ pub struct VolumeBuffers {
     shape: VoxelGrid,
     params: wgpu::Buffer,
     starts: wgpu::Buffer,
-    shares: wgpu::Buffer,
-    face_starts: wgpu::Buffer,
-    faces: wgpu::Buffer,
-    face_shares: wgpu::Buffer,
-    ways: wgpu::Buffer,
+    weights: wgpu::Buffer,
+    wall_starts: wgpu::Buffer,
+    wall_samples: wgpu::Buffer,
+    wall_weights: wgpu::Buffer,
+    wall_distances: wgpu::Buffer,
 }
 
 impl VolumeBuffers {
@@ -38,23 +38,23 @@ impl VolumeBuffers {
     ) -> Result<Self, GpuError> {
         assert!(places.is_whole(), "a volume whose places are not found");
         let make = Maker::new(device, queue);
-        let found = places.faces();
-        let face_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
+        let found = places.wall_samples();
+        let wall_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
         // Shares of the last one end where those of this one start.
-        let mut faces = found.faces.clone();
-        faces.push(WallSample {
-            start: found.shares.len() as u32,
+        let mut wall_samples = found.wall_samples.clone();
+        wall_samples.push(WallSample {
+            start: found.weights.len() as u32,
             ..WallSample::default()
         });
         Ok(Self {
             shape: *places.shape(),
             params: uniform(device, "volume", size_of::<VolumeParams>() as u64),
             starts: make.upload("starts of a volume's shares", places.starts())?,
-            shares: make.upload("shares of a volume", places.shares())?,
-            face_starts: make.upload("starts of a volume's faces", &face_starts)?,
-            faces: make.upload("faces of a volume", &faces)?,
-            face_shares: make.upload("shares of a volume's faces", &found.shares)?,
-            ways: make.upload("ways of a volume", places.ways())?,
+            weights: make.upload("shares of a volume", places.weights())?,
+            wall_starts: make.upload("starts of a volume's faces", &wall_starts)?,
+            wall_samples: make.upload("faces of a volume", &wall_samples)?,
+            wall_weights: make.upload("shares of a volume's faces", &found.weights)?,
+            wall_distances: make.upload("ways of a volume", places.wall_distances())?,
         })
     }
 
@@ -80,11 +80,11 @@ impl VolumeBuffers {
         [
             &self.params,
             &self.starts,
-            &self.shares,
-            &self.face_starts,
-            &self.faces,
-            &self.face_shares,
-            &self.ways,
+            &self.weights,
+            &self.wall_starts,
+            &self.wall_samples,
+            &self.wall_weights,
+            &self.wall_distances,
         ]
     }
 }
@@ -112,13 +112,13 @@ impl GpuFrame {
             &[
                 (0, buffers.params.as_entire_binding()),
                 (1, buffers.starts.as_entire_binding()),
-                (2, buffers.shares.as_entire_binding()),
+                (2, buffers.weights.as_entire_binding()),
                 (3, probes.values.as_entire_binding()),
-                (4, buffers.face_starts.as_entire_binding()),
-                (5, buffers.faces.as_entire_binding()),
-                (6, buffers.face_shares.as_entire_binding()),
+                (4, buffers.wall_starts.as_entire_binding()),
+                (5, buffers.wall_samples.as_entire_binding()),
+                (6, buffers.wall_weights.as_entire_binding()),
                 (7, self.buffers().values.as_entire_binding()),
-                (8, buffers.ways.as_entire_binding()),
+                (8, buffers.wall_distances.as_entire_binding()),
                 (9, wgpu::BindingResource::TextureView(voxels)),
             ],
         );

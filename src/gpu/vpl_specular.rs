@@ -25,7 +25,7 @@ pub struct SpecularBuffers {
     spans: wgpu::Buffer,
     stride: u32,
     shines: wgpu::Buffer,
-    surprises: wgpu::Buffer,
+    refine_masks: wgpu::Buffer,
     counters: GpuCounters,
 }
 
@@ -83,8 +83,8 @@ impl SpecularBuffers {
             spans,
             stride,
             shines: storage("vpl_specular nodes", levels.starts[0])?,
-            surprises: storage(
-                "vpl_specular surprises",
+            refine_masks: storage(
+                "vpl_specular refine masks",
                 levels.starts[0] - levels.starts[2],
             )?,
             counters: GpuCounters::default(),
@@ -111,7 +111,7 @@ impl SpecularBuffers {
             &self.wanted,
             &self.spans,
             &self.shines,
-            &self.surprises,
+            &self.refine_masks,
         ];
         own.into_iter().map(wgpu::Buffer::size).sum()
     }
@@ -130,8 +130,8 @@ impl SpecularBuffers {
 
     /// The lights that surprised nodes of the levels from 2, for tests and tools.
     #[must_use]
-    pub fn surprises(&self) -> &wgpu::Buffer {
-        &self.surprises
+    pub fn refine_masks(&self) -> &wgpu::Buffer {
+        &self.refine_masks
     }
 
     /// Sets the parameters for the frame that is submitted next; their levels are
@@ -180,7 +180,7 @@ impl SpecularBuffers {
             size: std::num::NonZeroU64::new(size_of::<Span>() as u64),
         });
         let level = with(
-            &[(9, span), (12, self.surprises.as_entire_binding())],
+            &[(9, span), (12, self.refine_masks.as_entire_binding())],
             Pass::VplSpecular,
         );
         let pixels = with(&[(7, texture(targets.output))], Pass::VplSpecularPixels);

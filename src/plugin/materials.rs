@@ -9,7 +9,7 @@ use bevy::image::Image;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashMap;
 use bevy::reflect::prelude::*;
-use meshless_gi::internals::frame::materials::sound_factors;
+use meshless_gi::internals::frame::materials::sanitize_factors;
 use meshless_gi::{BakedScene, MaterialFactors};
 use std::sync::{Arc, Weak};
 
@@ -83,7 +83,7 @@ impl ResolvedMaterials {
                 emissive: material.emissive.to_vec3().to_array(),
             };
         }
-        (sound_factors(live, &out), &self.unknown)
+        (sanitize_factors(live, &out), &self.unknown)
     }
 }
 

@@ -134,7 +134,7 @@ fn sphere(light: &Light, radius: f32, soft: &GiSoftShadow) -> SoftLight {
 
 fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
     // Bevy's shortest range is a centimeter.
-    SoftLight::of(light, soft.samples)
+    SoftLight::from_light(light, soft.samples)
         .map_or_else(SoftLight::default, |l| l.within(range.max(0.01)))
 }
 

@@ -31,7 +31,7 @@ pub(super) fn stage_of(pass: Pass) -> FrameStage {
         | Pass::Fill => FrameStage::SPLAT,
         Pass::ProbeNodes | Pass::ProbeOver => FrameStage::PROBE,
         Pass::Volume => FrameStage::VOLUME,
-        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => FrameStage::RSM,
+        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmSelect => FrameStage::RSM,
         // Light between points stands in for the operator.
         Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => FrameStage::APPLY,
         Pass::Vpl | Pass::VplOver | Pass::VplNodes => FrameStage::VPL,

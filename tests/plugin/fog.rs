@@ -185,7 +185,7 @@ impl Shown {
         frame.solve(&bake, &settings());
         let bounds = bake.info.bounds.map(Vec3::from_array);
         let shape = shape();
-        let places = VoxelWeights::of(shape, &bake);
+        let places = VoxelWeights::from_scene(shape, &bake);
         let values = VolumeValues {
             points: frame.values(),
             probes: frame.probes(),

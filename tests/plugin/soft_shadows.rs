@@ -130,7 +130,7 @@ fn expected(
     );
     let lights = [few.to_local(&local_from_world)];
     let many = many.to_local(&local_from_world);
-    let deficits = soft_shadow::deficits(bake, &lights);
+    let occluded_irradiances = soft_shadow::occluded_irradiances(bake, &lights);
     let params = SubtractShadowParams::new(bake, 1);
     let eye = local_from_world.transform_point3(look.translation);
     let mut out = Expected {
@@ -144,7 +144,7 @@ fn expected(
     };
     for i in 0..WIDTH * HEIGHT {
         // The room's material: rough.
-        let texel = gbuffer::glossy(drawn.gbuffer[i as usize], 1.0, 0.0);
+        let texel = gbuffer::with_roughness(drawn.gbuffer[i as usize], 1.0, 0.0);
         let depth = drawn.depth[i as usize];
         if depth <= 0.0 {
             out.bright.pixels.push([0.0; 3]);
@@ -152,11 +152,11 @@ fn expected(
             out.seen.push(1.0);
             continue;
         }
-        let (x, n) = splat::place(&view, [i % WIDTH, i / WIDTH], depth, texel);
+        let (x, n) = splat::pixel_position(&view, [i % WIDTH, i / WIDTH], depth, texel);
         let surface = LitSurface::of(texel, n, (eye - x).normalize());
         let bright = exposure() * subtract_shadow::drawn(&params, None, &lights, x, &surface);
         out.bright.pixels.push(bright.to_array());
-        let missing = subtract_shadow::missing(bake, &deficits, x, n);
+        let missing = subtract_shadow::missing(bake, &occluded_irradiances, x, n);
         out.taken
             .push(subtract_shadow::TAKEN * missing.unwrap_or_default());
         let rays = RayVisibility {
@@ -165,7 +165,7 @@ fn expected(
         };
         out.seen.push(
             match soft_shadow::unshadowed(&many, x, n, extent(bake)) > 0.0 {
-                true => soft_shadow::fraction(&many, x, n, &rays).0,
+                true => soft_shadow::visible_fraction(&many, x, n, &rays).0,
                 false => 1.0,
             },
         );

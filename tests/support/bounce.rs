@@ -11,7 +11,7 @@ use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::internals::frame::vpl_specular::{SpecularView, VplSet};
 use meshless_gi::internals::frame::{
-    RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams, VplViewParams, gbuffer, pyramid,
+    RsmParams, RsmSelectParams, RsmShadowParams, Vpl, VplParams, VplViewParams, gbuffer, pyramid,
     rsm, vpl,
 };
 use meshless_gi::{
@@ -148,13 +148,13 @@ pub fn cpu_vpls(
         let params = RsmShadowParams::new(Mat4::IDENTITY, &light, count, nodes, extent(bake));
         rsm::shadow(&params, &bake.bvh, &mut texels);
     }
-    let params = RsmChooseParams {
+    let params = RsmSelectParams {
         texels: count,
         first: 0,
         vpls: asked.vpl_count.clamp(1, MAX_VPLS),
         pad: 0,
     };
-    rsm::choose(&params, &texels)
+    rsm::select_vpls(&params, &texels)
 }
 
 /// What `lights` add to the picture of `seen`.
@@ -210,7 +210,7 @@ pub fn cpu_gloss(
         Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, WIDTH as f32 / HEIGHT as f32, 0.1);
     let drawn = RaycastView::new(seen, clip_from_view * world_from_view.inverse(), size);
     let gbuffer: Vec<_> = (drawn.gbuffer.iter())
-        .map(|texel| gbuffer::glossy(*texel, roughness, reflectance))
+        .map(|texel| gbuffer::with_roughness(*texel, roughness, reflectance))
         .collect();
     let viewport = [0.0, 0.0, WIDTH as f32, HEIGHT as f32];
     let view = VplViewParams {

@@ -368,7 +368,7 @@ pub fn cpu_indirect_textured(
 /// What a frame shows at a position: light of surfaces, and what their share leaves to light in
 /// free space.
 fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
-    let space = || Some(frame.in_space(bake, x, n)?.irradiance(n));
+    let space = || Some(frame.probe_irradiance(bake, x, n)?.irradiance(n));
     match splat_covered(&bake.points, &bake.display, frame.values(), x, n) {
         Some((e, cover)) => {
             let (e, share) = (e.dot(n).max(Vec3::ZERO), share(cover, SEAM));

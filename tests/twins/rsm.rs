@@ -17,7 +17,7 @@ use meshless_gi::internals::frame::rsm_layout::{
     light_in_space, local_from_space, space_from_clip,
 };
 use meshless_gi::internals::frame::{
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer,
+    RsmParams, RsmSelectParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer,
     project, rsm, vpl,
 };
 use meshless_gi::internals::transport::SenderForm;
@@ -121,12 +121,12 @@ fn shade_params(light: &FrameLight, scene: &BakedScene, texels: u32) -> RsmShado
 }
 
 fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
-    let params = RsmChooseParams {
+    let params = RsmSelectParams {
         texels: texels.len() as u32,
         vpls: VPLS,
-        ..RsmChooseParams::default()
+        ..RsmSelectParams::default()
     };
-    rsm::choose(&params, texels)
+    rsm::select_vpls(&params, texels)
 }
 
 /// Texels whose places, normals, flux or spread differ: each by itself, for they have different
@@ -254,7 +254,7 @@ fn rsm_matches_twin() {
     let counters = maps.counters();
     let of = |pass| counters.of(pass);
     assert_eq!(
-        [Pass::RsmTexels, Pass::RsmShadow, Pass::RsmChoose].map(of),
+        [Pass::RsmTexels, Pass::RsmShadow, Pass::RsmSelect].map(of),
         [10, 4, 8]
     );
     assert_eq!(counters.total(), 22);

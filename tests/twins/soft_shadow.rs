@@ -70,9 +70,9 @@ fn soft_shadows_match_twin() {
     assert_eq!(soft_buffers.counters().of(Pass::SoftShadow), 1);
     assert!(soft_buffers.count() == 10 && soft_buffers.bytes() > visibility.bytes() as u64 / 2);
     let gpu: Vec<VectorIrradiance> = harness
-        .read(soft_buffers.deficits(), scene.points.len())
+        .read(soft_buffers.occluded_irradiances(), scene.points.len())
         .unwrap();
-    let cpu = soft_shadow::deficits(&scene, &lights);
+    let cpu = soft_shadow::occluded_irradiances(&scene, &lights);
     // Thresholds magnify the last bits of a depth, which is a sum of twenty products.
     let tolerance = 2e-3;
     let found = differing(&gpu, &cpu, 12, tolerance, Scale::Rms);
@@ -92,34 +92,49 @@ fn soft_shadows_match_twin() {
     };
     let mut others = lights;
     others[0].center[0] += 0.02;
-    noticed("another place", &soft_shadow::deficits(&scene, &others));
+    noticed(
+        "another place",
+        &soft_shadow::occluded_irradiances(&scene, &others),
+    );
     let mut others = lights;
     others[1] = SoftLight::default();
-    noticed("a light less", &soft_shadow::deficits(&scene, &others));
+    noticed(
+        "a light less",
+        &soft_shadow::occluded_irradiances(&scene, &others),
+    );
     let mut spoiled = scene.clone();
     let memory = spoiled.visibility.as_mut().unwrap();
     for cluster in &memory.clusters {
         memory.scales[cluster.scales as usize] *= 0.8;
     }
-    noticed("other means", &soft_shadow::deficits(&spoiled, &lights));
+    noticed(
+        "other means",
+        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+    );
     let mut spoiled = scene.clone();
     for point in &mut spoiled.visibility.as_mut().unwrap().points {
         point.mask[0] &= !1;
     }
     noticed(
         "coefficients of others",
-        &soft_shadow::deficits(&spoiled, &lights),
+        &soft_shadow::occluded_irradiances(&spoiled, &lights),
     );
     let mut spoiled = scene.clone();
     for point in &mut spoiled.visibility.as_mut().unwrap().points {
         point.error *= 4;
     }
-    noticed("other errors", &soft_shadow::deficits(&spoiled, &lights));
+    noticed(
+        "other errors",
+        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+    );
     let mut spoiled = scene.clone();
     for cluster in &mut spoiled.visibility.as_mut().unwrap().clusters {
         cluster.near *= 1.5;
     }
-    noticed("another unit", &soft_shadow::deficits(&spoiled, &lights));
+    noticed(
+        "another unit",
+        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+    );
     let mut unspread = cpu.clone();
     assert!(visibility.points.len() < scene.points.len());
     unspread[visibility.points.len()..].fill(VectorIrradiance::default());

@@ -29,7 +29,7 @@ struct Shaded {
     scene: BakedScene,
     drawn: RaycastView,
     view: SplatParams,
-    deficits: Vec<VectorIrradiance>,
+    occluded_irradiances: Vec<VectorIrradiance>,
     lights: Vec<SoftLight>,
     tables: LtcTables,
 }
@@ -71,7 +71,7 @@ impl Shaded {
             let n = turned * gbuffer::normal(*texel);
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
             let packed = gbuffer::pack(gbuffer::base(*texel), 0.1, 0.7, n, flags);
-            *texel = gbuffer::glossy(packed, (i % 9) as f32 / 8.0, 0.5);
+            *texel = gbuffer::with_roughness(packed, (i % 9) as f32 / 8.0, 0.5);
         }
         let lights = lights().to_vec();
         Self {
@@ -83,7 +83,7 @@ impl Shaded {
                 2.0,
                 (&scene.display.grid).into(),
             ),
-            deficits: soft_shadow::deficits(&scene, &lights),
+            occluded_irradiances: soft_shadow::occluded_irradiances(&scene, &lights),
             scene,
             drawn,
             lights,
@@ -99,7 +99,7 @@ impl Shaded {
             subtract_shadow::subtract_shadow_pixel(
                 (&params, &self.view),
                 &self.scene,
-                &self.deficits,
+                &self.occluded_irradiances,
                 (&self.lights, tables),
                 [i % SIZE[0], i / SIZE[0]],
                 self.drawn.depth[i as usize],
@@ -137,9 +137,9 @@ fn on_gpu(
         SoftShadowBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
     // From the twin's, so that nothing of `soft` reaches the comparison.
     queue.write_buffer(
-        soft_buffers.deficits(),
+        soft_buffers.occluded_irradiances(),
         0,
-        bytemuck::cast_slice(&shaded.deficits),
+        bytemuck::cast_slice(&shaded.occluded_irradiances),
     );
     let mut view = ViewBuffers::new(device);
     view.write(queue, &shaded.view, &CompositeParams::default());
@@ -303,11 +303,15 @@ fn compare(gloss: bool) {
         ("radius of points", |s| {
             s.scene.points.iter_mut().for_each(|p| p.radius *= 0.97);
         }),
-        ("deficits", |s| {
-            s.deficits.iter_mut().for_each(|d| d.y[0] *= 1.02)
+        ("occluded_irradiances", |s| {
+            s.occluded_irradiances
+                .iter_mut()
+                .for_each(|d| d.y[0] *= 1.02)
         }),
         ("unshadowed", |s| {
-            s.deficits.iter_mut().for_each(|d| d.y[3] *= 1.02)
+            s.occluded_irradiances
+                .iter_mut()
+                .for_each(|d| d.y[3] *= 1.02)
         }),
         ("exposure", |s| s.view.scale *= 1.01),
     ];
@@ -331,12 +335,13 @@ fn compare(gloss: bool) {
             shaded.drawn.gbuffer.clone(),
             shaded.scene.points.clone(),
         );
-        let (deficits, scale) = (shaded.deficits.clone(), shaded.view.scale);
+        let (occluded_irradiances, scale) =
+            (shaded.occluded_irradiances.clone(), shaded.view.scale);
         spoil(&mut shaded);
         let noticed = apart(&alone, &shaded.run(gloss)[0]);
         println!("{what}: {noticed}");
         assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");
         (shaded.lights, shaded.drawn.gbuffer, shaded.scene.points) = (lights, drawn, scene);
-        (shaded.deficits, shaded.view.scale) = (deficits, scale);
+        (shaded.occluded_irradiances, shaded.view.scale) = (occluded_irradiances, scale);
     }
 }

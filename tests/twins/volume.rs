@@ -41,7 +41,7 @@ fn volumes_match_twin() {
     let size = UVec3::new(19, 17, 21);
     let shape = VoxelGrid::new([low - 0.3, high + 0.3], size).unwrap();
     let params = VolumeParams::new(&shape, &turned);
-    let places = VoxelWeights::of(shape, &of.scene);
+    let places = VoxelWeights::from_scene(shape, &of.scene);
     let texels = shape.texels();
     assert_eq!(texels, UVec3::new(19, 34, 63));
     let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
@@ -60,9 +60,9 @@ fn volumes_match_twin() {
     });
     let view = texture.create_view(&TextureViewDescriptor::default());
     let buffers = VolumeBuffers::new(&harness.device, &harness.queue, &places).unwrap();
-    let shares = places.shares().len() as u64;
-    let faces = places.faces();
-    let (found, of_faces) = (faces.faces.len() as u64, faces.shares.len() as u64);
+    let shares = places.weights().len() as u64;
+    let faces = places.wall_samples();
+    let (found, of_faces) = (faces.wall_samples.len() as u64, faces.weights.len() as u64);
     let held = 928 + 4 * (2 * (u64::from(shape.voxels()) + 1) + shares);
     let held = held + 16 * (found + 1) + 8 * (of_faces + u64::from(shape.voxels()));
     assert_eq!((buffers.count(), buffers.bytes()), (7, held));
@@ -95,7 +95,7 @@ fn volumes_match_twin() {
     };
     let corner = low - 0.3 + 0.5 * shape.voxel() * Vec3::X;
     let aside = VoxelGrid::new([corner, corner + (high - low + 0.6)], size).unwrap();
-    let aside = VoxelWeights::of(aside, &of.scene);
+    let aside = VoxelWeights::from_scene(aside, &of.scene);
     let spoiled: [(&str, Voxels<'_>); 6] = [
         ("values", (params, &places, moved(&on_walls, &aloft))),
         (

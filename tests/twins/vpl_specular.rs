@@ -23,7 +23,7 @@ const SIZE: [u32; 2] = [163, 97];
 
 struct OnGpu {
     nodes: Vec<SpecularNode>,
-    surprises: Vec<[u32; 4]>,
+    refine_masks: Vec<[u32; 4]>,
     texels: Vec<[f32; 4]>,
     /// Added to a gray picture.
     drawn: Vec<[f32; 4]>,
@@ -144,9 +144,9 @@ fn on_gpu(
         nodes: harness
             .read(buffers.nodes(), levels.starts[0] as usize)
             .unwrap(),
-        surprises: harness
+        refine_masks: harness
             .read(
-                buffers.surprises(),
+                buffers.refine_masks(),
                 (levels.starts[0] - levels.starts[2]) as usize,
             )
             .unwrap(),
@@ -170,7 +170,7 @@ fn differing(gpu: &[Vec<f32>], cpu: &[Vec<f32>]) -> usize {
 
 fn nodes_of(nodes: &[SpecularNode]) -> Vec<Vec<f32>> {
     let numbers = |node: &SpecularNode| match node.light() {
-        Some(light) => [light.straight.to_array(), light.grazing.to_array()].concat(),
+        Some(light) => [light.f0.to_array(), light.f90.to_array()].concat(),
         None => vec![-1.0; 6],
     };
     nodes.iter().map(numbers).collect()
@@ -200,20 +200,20 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     };
     let bits = |s: &[[u32; 4]]| -> u32 { s.iter().flatten().map(|w| w.count_ones()).sum() };
     let flipped: u32 = gpu
-        .surprises
+        .refine_masks
         .iter()
         .flatten()
-        .zip(cpu.surprises.iter().flatten())
+        .zip(cpu.refine_masks.iter().flatten())
         .map(|(g, c)| (g ^ c).count_ones())
         .sum();
     let found = apart(&cpu);
     println!(
         "{found:?} of {} nodes and {count} pixels differ, {flipped} of {} bits",
         gpu.nodes.len(),
-        bits(&cpu.surprises)
+        bits(&cpu.refine_masks)
     );
-    assert!(bits(&cpu.surprises) > 100);
-    assert!(flipped * 100 <= bits(&cpu.surprises) + 500);
+    assert!(bits(&cpu.refine_masks) > 100);
+    assert!(flipped * 100 <= bits(&cpu.refine_masks) + 500);
     assert!(found[0] * 200 <= gpu.nodes.len() && found[1] * 200 <= count);
 
     // What is drawn of it.

@@ -200,7 +200,7 @@ fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
     });
     let up = |x| {
         frame
-            .in_space(scene, x, Vec3::NEG_X)
+            .probe_irradiance(scene, x, Vec3::NEG_X)
             .map(|l| l.irradiance(Vec3::NEG_X).x)
     };
     places.map(|x| up(x).expect("a probe there")).collect()

@@ -7,7 +7,7 @@ use super::input;
 use super::output::{self, Table};
 use super::progress;
 use meshless_gi::internals::asset::check_writable;
-use meshless_gi::internals::frame::volume_weights::MAX_PLACES;
+use meshless_gi::internals::frame::volume_weights::MAX_VOLUME_VOXELS;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{Bounces, ExportedVolume, VolumeExport};
 use std::path::PathBuf;
@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, alias = "voxel", value_name = "M", allow_hyphen_values = true, value_parser = voxel_size)]
     voxel_size: Option<f32>,
     /// Maximum number of voxels. Voxels are enlarged to meet it.
-    #[arg(long, value_name = "N", default_value_t = 1 << 16, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PLACES)))]
+    #[arg(long, value_name = "N", default_value_t = 1 << 16, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_VOLUME_VOXELS)))]
     max_voxels: u32,
     /// Number of diffuse reflections, or `all`. Default: the number in the recipe of the bake.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]

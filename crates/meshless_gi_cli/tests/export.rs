@@ -105,7 +105,7 @@ fn export_texels_match_kernel() {
         points: frame.values(),
         probes: frame.probes(),
     };
-    let expected = volume_texels(&params, &VoxelWeights::of(shape, &scene), values);
+    let expected = volume_texels(&params, &VoxelWeights::from_scene(shape, &scene), values);
 
     let placement = placement(&out);
     let (size, texels) = texture(&out);

@@ -4,7 +4,7 @@
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::internals::basis::PROBE_OVERLAP;
 use meshless_gi::internals::eval::irradiance_at_all;
-use meshless_gi::internals::frame::fog::PART;
+use meshless_gi::internals::frame::fog::STEP_VOXELS;
 use meshless_gi::internals::frame::fog_inscatter::{fog_inscatter, sides};
 use meshless_gi::internals::frame::volume::volume_texels;
 use meshless_gi::internals::frame::volume_sample::read_voxels;
@@ -68,7 +68,7 @@ impl Air {
         let [low, high] = scene.info.bounds.map(Vec3::from);
         let (low, high) = (low - edge, high + edge);
         let shape = VoxelGrid::new([low, high], voxels_of(high - low, edge, u32::MAX)).unwrap();
-        let places = VoxelWeights::of(shape, scene);
+        let places = VoxelWeights::from_scene(shape, scene);
         let values = VolumeValues {
             points: frame.values(),
             probes: frame.probes(),
@@ -272,7 +272,7 @@ fn fog_ray_step_error_is_bounded() {
         let params = FogParams::new(&view, &fog, &air.shape, bounds, &Mat4::IDENTITY, &[]);
         let picture = |parts: f32| -> Vec<Vec3> {
             let mut params = params;
-            params.part *= parts / PART;
+            params.part *= parts / STEP_VOXELS;
             (0..size[0] * size[1])
                 .map(|i| {
                     let pixel = Vec2::new((i % size[0]) as f32, (i / size[0]) as f32) + 0.5;
@@ -295,7 +295,7 @@ fn fog_ray_step_error_is_bounded() {
         }
     }
     println!("parts of 1, 2, 4 and 8 voxels: NRMSE {off:.4?}");
-    assert_eq!(PART, 2.0);
+    assert_eq!(STEP_VOXELS, 2.0);
     assert!(off[1] < 0.01 && off[3] > 2.0 * off[1], "{off:?}");
 }
 

@@ -185,7 +185,7 @@ fn solved(scene: &BakedScene, gain: f32) -> CpuFrame {
 
 /// What a frame shows at a pixel.
 fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
-    let space = || frame.in_space(scene, x, n).map(|l| l.irradiance(n));
+    let space = || frame.probe_irradiance(scene, x, n).map(|l| l.irradiance(n));
     let found = splat_covered(&scene.points, &scene.display, frame.values(), x, n);
     let found = found.map(|(e, cover)| (e.dot(n).max(Vec3::ZERO), share(cover, SEAM)));
     match found {
@@ -323,7 +323,7 @@ fn volume_at_closed_door_has_light_of_its_side() {
     let (low, high) = (low - 0.15, high + 0.15);
     let size = voxels_of(high - low, 0.15, u32::MAX);
     let shape = VoxelGrid::new([low, high], size).unwrap();
-    let places = VoxelWeights::of(shape, &scene);
+    let places = VoxelWeights::from_scene(shape, &scene);
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.values(),

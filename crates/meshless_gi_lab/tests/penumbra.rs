@@ -57,14 +57,19 @@ fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Ligh
         .filter(PenumbraSample::in_penumbra)
         .collect();
     assert!(places.len() > 100, "{} places", places.len());
-    let lamp = SoftLight::of(light, 25).expect("a rectangle");
-    let deficits = soft_shadow::deficits(scene, &[lamp]);
+    let lamp = SoftLight::from_light(light, 25).expect("a rectangle");
+    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[lamp]);
     let by_rays = deficits_by_rays(scene, mesh, &lamp, visibility.points.len());
-    let error = |deficits: &[_]| shadow_errors(scene, deficits, &places).nrmse;
+    let error =
+        |occluded_irradiances: &[_]| shadow_errors(scene, occluded_irradiances, &places).nrmse;
     // Must fail: no shadow at all.
-    assert!(error(&vec![Default::default(); deficits.len()]) > 2.0 * BOUND);
-    let by_few = soft_shadow::deficits_of(scene, few, &[lamp]);
-    [error(&deficits), error(&by_rays), error(&by_few)]
+    assert!(error(&vec![Default::default(); occluded_irradiances.len()]) > 2.0 * BOUND);
+    let by_few = soft_shadow::occluded_irradiances_from(scene, few, &[lamp]);
+    [
+        error(&occluded_irradiances),
+        error(&by_rays),
+        error(&by_few),
+    ]
 }
 
 fn meets(name: &str, panels: &[Light]) {

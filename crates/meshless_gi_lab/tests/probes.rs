@@ -67,7 +67,10 @@ fn compare(
     };
     assert_eq!(settings.bounces, Some(4));
     let right = irradiance_at_all(mesh, lights, places, &settings);
-    let found: Vec<Option<Vec3>> = places.iter().map(|&(x, n)| ours.in_space(x, n)).collect();
+    let found: Vec<Option<Vec3>> = places
+        .iter()
+        .map(|&(x, n)| ours.probe_irradiance(x, n))
+        .collect();
     let missing = found.iter().filter(|e| e.is_none()).count();
     let values: Vec<Vec3> = found.iter().map(|e| e.unwrap_or(Vec3::ZERO)).collect();
     let (right, noise): (Vec<Vec3>, Vec<Vec3>) =
@@ -128,7 +131,7 @@ fn moving_ball_through_two_rooms_matches_reference() {
     let wrong = Evaluator::new(&scene, meshes, &moved, Bounces::Count(4));
     let right = Evaluator::new(&scene, meshes, &description.lights, Bounces::Count(4));
     let value = |e: &Evaluator<'_>| -> Vec<Vec3> {
-        let at = |&(x, n): &(Vec3, Vec3)| e.in_space(x, n).unwrap();
+        let at = |&(x, n): &(Vec3, Vec3)| e.probe_irradiance(x, n).unwrap();
         places.iter().map(at).collect()
     };
     let none = vec![Vec3::ZERO; places.len()];
@@ -172,7 +175,11 @@ fn ball_in_sealed_room_stays_dark() {
                     continue;
                 }
                 let side = if x.x < 4.0 { &mut lit } else { &mut dark };
-                side.push(ours.in_space(x, n).expect("a probe reaches").element_sum());
+                side.push(
+                    ours.probe_irradiance(x, n)
+                        .expect("a probe reaches")
+                        .element_sum(),
+                );
             }
         }
         let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
@@ -251,7 +258,7 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
             let place = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
             let at = |x| {
                 let light = frame
-                    .in_space(&scene, x, Vec3::ZERO)
+                    .probe_irradiance(&scene, x, Vec3::ZERO)
                     .expect("a probe reaches");
                 light.irradiance(Vec3::Y).x + light.irradiance(Vec3::NEG_X).x
             };
@@ -298,13 +305,13 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         let (from, to) = (from - edge, to + edge);
         let voxels = voxels_of(to - from, edge, u32::MAX);
         let shape = VoxelGrid::new([from, to], voxels).unwrap();
-        let places = VoxelWeights::of(shape, &scene);
+        let places = VoxelWeights::from_scene(shape, &scene);
         shares_say_what_probes_say(&places, &scene, frame.probes());
         println!(
             "{} faces, {} shares, {} probe shares",
-            places.faces().faces.len(),
-            places.faces().shares.len(),
-            places.shares().len()
+            places.wall_samples().wall_samples.len(),
+            places.wall_samples().weights.len(),
+            places.weights().len()
         );
         let params = VolumeParams::new(&shape, &turn);
         let texels = volume_texels(&params, &places, values);
@@ -342,7 +349,12 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
                 shown.push(found);
                 behind.push(PI * read(x, -n));
             } else {
-                in_air.push(frame.in_space(&scene, x, n).expect("reached").irradiance(n));
+                in_air.push(
+                    frame
+                        .probe_irradiance(&scene, x, n)
+                        .expect("reached")
+                        .irradiance(n),
+                );
                 said.push(found);
             }
         }
@@ -380,7 +392,7 @@ fn shares_say_what_probes_say(
     let (mut found, mut right, mut aside) = (vec![], vec![], vec![]);
     for place in 0..all {
         let said = places.light(values, place);
-        let asked = probe(probes, values, shape.place(place), Vec3::ZERO);
+        let asked = probe(probes, values, shape.voxel_center(place), Vec3::ZERO);
         assert_eq!(said.is_some(), asked.is_some(), "place {place}");
         if let (Some(said), Some(asked)) = (said, asked) {
             for n in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE.normalize()] {
@@ -426,7 +438,7 @@ fn probes_match_closed_forms() {
         let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
         let x = Vec3::new(0.3, 0.05, -0.2);
         let light = frame
-            .in_space(&scene, x, Vec3::ZERO)
+            .probe_irradiance(&scene, x, Vec3::ZERO)
             .expect("a probe reaches");
         let right = std::f32::consts::PI * 0.5 * (1.0 + n.y);
         let found = light.irradiance(n).x;
@@ -458,7 +470,7 @@ fn probes_match_closed_forms() {
             let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
             let x = 0.3 + 1.4 * Vec3::new(random.unit(), random.unit(), random.unit());
             let found = frame
-                .in_space(&scene, x, n)
+                .probe_irradiance(&scene, x, n)
                 .expect("a probe reaches")
                 .irradiance(n);
             if shines[0] {
@@ -470,7 +482,7 @@ fn probes_match_closed_forms() {
             // In the middle a wall is a sixth of all directions, and the floor's light comes from
             // below: d.
             let light = frame
-                .in_space(&scene, Vec3::ONE, Vec3::ZERO)
+                .probe_irradiance(&scene, Vec3::ONE, Vec3::ZERO)
                 .expect("a probe reaches");
             let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
             // A mean over half a meter to all sides is some per cent more than the middle, for
@@ -518,7 +530,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
     assert!(without.to_bytes().unwrap().len() < bytes.len());
     assert!(
         CpuFrame::new(&without)
-            .in_space(&without, Vec3::Y, Vec3::Y)
+            .probe_irradiance(&without, Vec3::Y, Vec3::Y)
             .is_none()
     );
     // Whoever does not ask for them has the same bake.
@@ -669,11 +681,11 @@ fn surface_and_probe_light_join_continuously() {
         most / (sum / count as f32)
     };
     let with = largest(&|x, n| lit.at(x, n, 0).indirect);
-    let space = largest(&|x, n| lit.in_space(x, n));
+    let space = largest(&|x, n| lit.probe_irradiance(x, n));
     // Must fail: whichever covers.
     let without = largest(&|x, n| {
         let surface = frame.irradiance(&scene, x, n);
-        surface.or_else(|| Some(frame.in_space(&scene, x, n)?.irradiance(n)))
+        surface.or_else(|| Some(frame.probe_irradiance(&scene, x, n)?.irradiance(n)))
     });
     println!(
         "largest step of a millimeter: {with:.4} of the mean, by probes alone {space:.4}, with a seam {without:.4}"

@@ -221,7 +221,8 @@ fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
                 }
                 let pixel = [p as u32 % size[0], p as u32 / size[0]];
                 let texel = before.drawn.gbuffer[p];
-                let (x, _) = splat::place(&before.splat, pixel, before.drawn.depth[p], texel);
+                let (x, _) =
+                    splat::pixel_position(&before.splat, pixel, before.drawn.depth[p], texel);
                 let ndc = clip.project_point3(x);
                 let (u, v) = (0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y);
                 if !(0.0..1.0).contains(&u) || !(0.0..1.0).contains(&v) {
@@ -552,7 +553,7 @@ fn detail_test_matches_equation_3_at_grazing_angles() {
     let mut least = 1.0f32;
     for (i, (a, b)) in plain.texels.iter().zip(&dark.texels).enumerate() {
         let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
-        let (x, n) = splat::place(
+        let (x, n) = splat::pixel_position(
             &view.splat,
             pixel,
             view.drawn.depth[i],
@@ -656,7 +657,7 @@ fn subsplat_comparison_detects_one_wrong_node() {
         if pixel == place {
             let mut light = VectorIrradiance::default();
             light.add_scaled(1.1, &node.light());
-            *node = SubsplatNode::new(&light, node.foretold(), node.state());
+            *node = SubsplatNode::new(&light, node.predicted_luminance(), node.state());
         }
     });
     assert!(at_nodes(&view, &settings, &spoiled) > 10.0 * HALF);

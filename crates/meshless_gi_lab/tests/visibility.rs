@@ -66,14 +66,14 @@ fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<
                 start: x + n * mesh.lift(x),
             };
             (
-                soft_shadow::fraction(
+                soft_shadow::visible_fraction(
                     light,
                     x,
                     n,
                     &DecodedVisibility::new(&params, visibility, i, n),
                 )
                 .0,
-                soft_shadow::fraction(light, x, n, &rays).0,
+                soft_shadow::visible_fraction(light, x, n, &rays).0,
             )
         })
         .collect()
@@ -136,7 +136,7 @@ fn pca_visibility_matches_rays_and_round_trips() {
     };
     assert!(without.to_bytes().unwrap().len() < bytes.len());
     assert!(
-        soft_shadow::deficits(&without, &[panel()])
+        soft_shadow::occluded_irradiances(&without, &[panel()])
             .iter()
             .all(|d| *d == Default::default())
     );
@@ -219,7 +219,7 @@ fn bake(geometry: &dyn Geometry, points: &[(Vec3, Vec3)]) -> Visibility {
 fn seen(visibility: &Visibility, points: &[(Vec3, Vec3)], i: usize, light: &SoftLight) -> f32 {
     let params = SoftShadowParams::new(visibility, 4.0, 1);
     let (x, n) = points[i];
-    let f = soft_shadow::fraction(
+    let f = soft_shadow::visible_fraction(
         light,
         x,
         n,
@@ -227,7 +227,7 @@ fn seen(visibility: &Visibility, points: &[(Vec3, Vec3)], i: usize, light: &Soft
     )
     .0;
     assert!((0.0..=1.0).contains(&f), "{f}");
-    let d = soft_shadow::deficit(
+    let d = soft_shadow::occluded_irradiance(
         &params,
         light,
         x,
@@ -253,7 +253,7 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
             geometry: &mesh,
             start,
         };
-        soft_shadow::fraction(light, place, Vec3::Y, &rays).0
+        soft_shadow::visible_fraction(light, place, Vec3::Y, &rays).0
     };
     for count in [1, 7, 150] {
         let points = vec![(place, Vec3::Y); count];

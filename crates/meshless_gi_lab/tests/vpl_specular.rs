@@ -7,7 +7,7 @@ use meshless_gi_lab::fixtures::gloss as gloss_support;
 use glam::{Mat4, Vec3};
 use gloss_support::{Scene, room, share, virtual_lights};
 use meshless_gi::SpecularSettings;
-use meshless_gi::internals::frame::vpl_specular::{gloss_at, receiver, shown};
+use meshless_gi::internals::frame::vpl_specular::{receiver, shown, specular_at};
 use meshless_gi::internals::frame::{Vpl, VplParams, gbuffer};
 
 const SIZE: [u32; 2] = [480, 270];
@@ -111,7 +111,7 @@ fn specular_rough_or_unlit_pixels_are_not_evaluated() {
     for (i, texel) in scene.drawn.gbuffer.iter_mut().enumerate() {
         let n = gbuffer::normal(*texel);
         *texel = match i as u32 % SMALL[0] {
-            0..60 => gbuffer::glossy(gbuffer::pack(Vec3::ONE, 0.0, 1.0, n, 0), 0.7, 0.5),
+            0..60 => gbuffer::with_roughness(gbuffer::pack(Vec3::ONE, 0.0, 1.0, n, 0), 0.7, 0.5),
             _ => gbuffer::pack(Vec3::ONE, 1.0, 1.0, n, gbuffer::UNLIT),
         };
     }
@@ -123,7 +123,12 @@ fn specular_rough_or_unlit_pixels_are_not_evaluated() {
     assert!(found.texels.iter().all(|t| *t == [0.0; 4]));
     // What is half dull shows a part: no step where roughness crosses the bound.
     let params = scene.params(&SpecularSettings::default()).1;
-    let of = |roughness| shown(&params, gbuffer::glossy([0, 0, 0, 0], roughness, 0.5));
+    let of = |roughness| {
+        shown(
+            &params,
+            gbuffer::with_roughness([0, 0, 0, 0], roughness, 0.5),
+        )
+    };
     assert!(of(0.45) == 1.0 && of(0.62) == 0.0);
     assert!((of(0.55) - 0.5).abs() < 0.03);
 }
@@ -217,7 +222,7 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
             scene.drawn.depth[i],
             texel,
         );
-        let found = gloss_at(&lights, &at).of(Vec3::ONE).max_element();
+        let found = specular_at(&lights, &at).of(Vec3::ONE).max_element();
         assert!(found < 4.0 * most, "{found} of {most}");
     }
 }

@@ -161,10 +161,10 @@ impl<'a> Evaluator<'a> {
         let indirect = match splat::splat_covered(points, display, values, x, n) {
             Some((e, cover)) => {
                 let (e, share) = (e.dot(n).max(Vec3::ZERO), splat::share(cover, splat::SEAM));
-                let rest = (share < 1.0).then(|| self.in_space(x, n)).flatten();
+                let rest = (share < 1.0).then(|| self.probe_irradiance(x, n)).flatten();
                 Some(rest.map_or(e, |space| space.lerp(e, share)))
             }
-            None => self.in_space(x, n),
+            None => self.probe_irradiance(x, n),
         };
         Evaluated {
             direct: finite(lamps + self.glow.irradiance(x, n, stream)),
@@ -175,7 +175,7 @@ impl<'a> Evaluator<'a> {
     /// Indirect irradiance at a place in free space, W/m²: by the probes alone. None where none
     /// reaches.
     #[must_use]
-    pub fn in_space(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
+    pub fn probe_irradiance(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
         let probes = self.scene.probes.as_ref()?;
         let light = probe::probe(probes, &self.solved.probes, x, n)?;
         Some(finite(light.irradiance(n)))

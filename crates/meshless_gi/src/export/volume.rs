@@ -114,7 +114,7 @@ impl ExportedVolume {
             points: frame.values(),
             probes: frame.probes(),
         };
-        let texels = volume_texels(&params, &VoxelWeights::of(shape, scene), values);
+        let texels = volume_texels(&params, &VoxelWeights::from_scene(shape, scene), values);
         let peak = texels
             .iter()
             .flat_map(|t| &t[..3])

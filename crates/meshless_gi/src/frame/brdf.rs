@@ -20,15 +20,15 @@ use glam::Vec3;
 use std::f32::consts::PI;
 
 /// Least perceptual roughness: Bevy's, that of lamps.
-pub const SMOOTHEST: f32 = 0.089;
+pub const MIN_ROUGHNESS: f32 = 0.089;
 /// Least cosine between the normal and the direction to the eye.
-pub const SLANTED: f32 = 1e-4;
+pub const MIN_NDOTV: f32 = 1e-4;
 
 /// What a white surface loses at the first reflection, over the fourth power of its roughness,
 /// where that is small.
-pub const LOST: f32 = 1.25;
+pub const MULTISCATTER_LOSS: f32 = 1.25;
 /// How that levels off.
-pub const LATE: f32 = 1.1;
+pub const MULTISCATTER_ROLLOFF: f32 = 1.1;
 
 /// A surface as a light's reflection in it is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,30 +45,30 @@ pub struct ShadingPoint {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpecularTerms {
     /// D V (1 − p).
-    pub straight: f32,
+    pub f0: f32,
     /// D V p.
-    pub grazing: f32,
+    pub f90: f32,
 }
 
 /// α² of a perceptual roughness.
 #[must_use]
 #[inline]
 pub fn alpha_square(roughness: f32) -> f32 {
-    let r = roughness.clamp(SMOOTHEST, 1.0);
+    let r = roughness.clamp(MIN_ROUGHNESS, 1.0);
     r * r * r * r
 }
 
 /// f₉₀.
 #[must_use]
-pub fn grazing(straight: Vec3) -> f32 {
-    (50.0 * 0.33 * straight.element_sum()).min(1.0)
+pub fn f90(f0: Vec3) -> f32 {
+    (50.0 * 0.33 * f0.element_sum()).min(1.0)
 }
 
 /// BRDF toward the eye for light from `l` (unit, above the surface) that is spread over a disk with
 /// the sine of half its angle squared `spread`.
 #[must_use]
 #[inline]
-pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
+pub fn specular_terms(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
     let sum = l + facet.v;
     let length = sum.length();
     // The light comes from where the eye looks to.
@@ -77,7 +77,7 @@ pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
     }
     let h = sum / length;
     let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
-    let (nl, nv) = (facet.n.dot(l).max(0.0), facet.n.dot(facet.v).max(SLANTED));
+    let (nl, nv) = (facet.n.dot(l).max(0.0), facet.n.dot(facet.v).max(MIN_NDOTV));
     let nh = facet.n.dot(h);
     if nh <= 0.0 {
         return SpecularTerms::default();
@@ -90,8 +90,8 @@ pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
     let p = q * q * q * q * q;
     let dv = d * 0.5 / masked;
     SpecularTerms {
-        straight: dv * (1.0 - p),
-        grazing: dv * p,
+        f0: dv * (1.0 - p),
+        f90: dv * p,
     }
 }
 
@@ -99,11 +99,11 @@ pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
 /// f₀ (1 / E − 1). E, the albedo of a white surface after one reflection, is a table in Bevy; here
 /// 1 − 1.25 r⁴ / (1 + 1.1 r⁸), a fit of ours to the albedos that a test below measures.
 #[must_use]
-pub fn again(roughness: f32, straight: Vec3) -> Vec3 {
+pub fn multiscatter_compensation(roughness: f32, f0: Vec3) -> Vec3 {
     let r2 = roughness * roughness;
     let r4 = r2 * r2;
-    let lost = LOST * r4 / (1.0 + LATE * r4 * r4);
-    Vec3::ONE + straight * (lost / (1.0 - lost))
+    let lost = MULTISCATTER_LOSS * r4 / (1.0 + MULTISCATTER_ROLLOFF * r4 * r4);
+    Vec3::ONE + f0 * (lost / (1.0 - lost))
 }
 
 #[cfg(test)]
@@ -136,8 +136,8 @@ mod tests {
             }
             let wide = 1.0 - h.y * h.y + a2 * h.y * h.y;
             let density = a2 / (PI * wide * wide) * h.y / (4.0 * facet.v.dot(h));
-            let g = gloss(facet, l, spread);
-            sum += f64::from((g.straight + g.grazing) * l.y / density);
+            let g = specular_terms(facet, l, spread);
+            sum += f64::from((g.f0 + g.f90) * l.y / density);
         }
         sum / f64::from(count)
     }
@@ -156,7 +156,7 @@ mod tests {
             ] {
                 let facet = facet(roughness, slant);
                 let found = albedo(&facet, 0.0);
-                let whole = found * f64::from(again(roughness, Vec3::ONE).x);
+                let whole = found * f64::from(multiscatter_compensation(roughness, Vec3::ONE).x);
                 println!("{roughness} {slant}: {found:.3} {whole:.3}");
                 assert!((least..1.003).contains(&found));
                 assert!((whole - 1.0).abs() < if roughness < 0.8 { 0.1 } else { 0.3 });
@@ -179,12 +179,12 @@ mod tests {
                 for j in -20..=20 {
                     let off = 2.5 * (sine + roughness * roughness) / 20.0;
                     let middle = mirrored + off * (i as f32 * u + j as f32 * v);
-                    let by_formula = gloss(&facet, middle.normalize(), sine * sine).straight;
+                    let by_formula = specular_terms(&facet, middle.normalize(), sine * sine).f0;
                     let mut mean = 0.0;
                     for k in 0..128 {
                         let (r, phi) = (((k as f32 + 0.5) / 128.0).sqrt(), 2.399_963 * k as f32);
                         let at = middle + sine * r * (phi.cos() * u + phi.sin() * v);
-                        mean += gloss(&facet, at.normalize(), 0.0).straight / 128.0;
+                        mean += specular_terms(&facet, at.normalize(), 0.0).f0 / 128.0;
                     }
                     for (k, value) in [by_formula, mean].into_iter().enumerate() {
                         energies[k] += value;
@@ -218,12 +218,12 @@ mod tests {
                 v: if i % 5 == 0 { n } else { v },
                 roughness: (i % 7) as f32 / 6.0,
             };
-            let g = gloss(&facet, l, (i % 4) as f32 / 3.0);
-            assert!(g.straight.is_finite() && g.straight >= 0.0 && g.grazing >= 0.0);
+            let g = specular_terms(&facet, l, (i % 4) as f32 / 3.0);
+            assert!(g.f0.is_finite() && g.f0 >= 0.0 && g.f90 >= 0.0);
             // What [`alpha_square`] bounds.
             let most = 1.0 / (PI * alpha_square(0.0)) * 0.5 / alpha_square(0.0).sqrt();
-            assert!((g.straight + g.grazing) * n.dot(l).max(0.0) <= 1.01 * most);
-            assert!(again(facet.roughness, Vec3::ONE).is_finite());
+            assert!((g.f0 + g.f90) * n.dot(l).max(0.0) <= 1.01 * most);
+            assert!(multiscatter_compensation(facet.roughness, Vec3::ONE).is_finite());
         }
     }
 }

@@ -2,8 +2,8 @@
 //! any number of threads, for no sum is shared between threads.
 
 use super::anderson::Anderson;
-use super::materials::{present, sound_factors};
-use super::occlude::{occlude, passing, sound_gains};
+use super::materials::{current_surfaces, sanitize_factors};
+use super::occlude::{occlude, occluder_set_transmittances, sanitize_transmittances};
 use super::{
     FrameLight, FrameSettings, ProbeIrradiance, SceneDimensions, SolveParams, SolveSchedule,
     VectorIrradiance, apply, apply_one, bounce, compress, flatten, fmm_down, fmm_up, probe,
@@ -110,14 +110,21 @@ impl CpuFrame {
                 .resize(lights.len(), FrameLight::default());
             self.projected.resize(lights.len() * senders, 0.0);
         }
-        let (extent, apart) = (project::extent(scene), project::apart(scene));
+        let (extent, sample_spacing) = (project::extent(scene), project::sample_spacing(scene));
         let mut count = 0;
         for (slot, light) in lights.iter().enumerate() {
             if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
                 continue;
             }
             let out = &mut self.projected[slot * senders..(slot + 1) * senders];
-            project::project(scene, bvh(&self.occluded, scene), extent, apart, light, out);
+            project::project(
+                scene,
+                bvh(&self.occluded, scene),
+                extent,
+                sample_spacing,
+                light,
+                out,
+            );
             self.projected_for[slot] = *light;
             count += 1;
         }
@@ -133,7 +140,7 @@ impl CpuFrame {
         let Some(live) = &scene.materials else {
             return false;
         };
-        let factors = sound_factors(live, factors);
+        let factors = sanitize_factors(live, factors);
         let now = match self.factors.is_empty() {
             true => &live.factors,
             false => &self.factors,
@@ -154,7 +161,7 @@ impl CpuFrame {
         let Some(known) = &scene.occluders else {
             return false;
         };
-        let gains = sound_gains(known, gains);
+        let gains = sanitize_transmittances(known, gains);
         let same = match &self.occluded {
             Some(now) => now.gains == gains,
             None => gains.iter().all(|&g| g == 1.0),
@@ -170,7 +177,7 @@ impl CpuFrame {
             bvh: scene.bvh.clone(),
             seen: Vec::new(),
         });
-        let passing = passing(known, &gains);
+        let passing = occluder_set_transmittances(known, &gains);
         occlude(&known.links, &passing, &mut occluded.links);
         occlude(&known.probes, &passing, &mut occluded.probe_links);
         occluded.bvh.set_gains(&gains);
@@ -185,10 +192,10 @@ impl CpuFrame {
     /// The senders' surfaces anew, for the materials and the occluders as they are.
     fn paint(&mut self, scene: &BakedScene) {
         let passing = match (&self.occluded, &scene.occluders) {
-            (Some(now), Some(known)) => passing(known, &now.gains),
+            (Some(now), Some(known)) => occluder_set_transmittances(known, &now.gains),
             _ => Vec::new(),
         };
-        let (surfaces, seen) = present(scene, &self.factors, &passing);
+        let (surfaces, seen) = current_surfaces(scene, &self.factors, &passing);
         self.surfaces = surfaces;
         if let Some(occluded) = &mut self.occluded {
             occluded.seen = seen;
@@ -465,7 +472,12 @@ impl CpuFrame {
     /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero
     /// for the nearer one); None where no probe reaches, or the scene has none.
     #[must_use]
-    pub fn in_space(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<ProbeIrradiance> {
+    pub fn probe_irradiance(
+        &self,
+        scene: &BakedScene,
+        x: Vec3,
+        n: Vec3,
+    ) -> Option<ProbeIrradiance> {
         probe::probe(scene.probes.as_ref()?, &self.probes, x, n)
     }
 
@@ -522,7 +534,7 @@ impl CpuFrame {
 
     /// The baked bounces' further radiosity at the senders, W/m².
     #[must_use]
-    pub fn further(&self) -> &[[f32; 4]] {
+    pub fn multibounce_radiosity(&self) -> &[[f32; 4]] {
         &self.further
     }
 

@@ -23,14 +23,14 @@ use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 /// Most other levels that may lie in the same place and come first.
 pub const MAX_EARLIER: usize = 4;
 /// Where so little of the light behind is left, the rest of the ray is not looked at.
-pub const DARK: f32 = 1e-3;
+pub const MIN_TRANSMITTANCE: f32 = 1e-3;
 /// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one
 /// (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
-pub const PART: f32 = 2.0;
+pub const STEP_VOXELS: f32 = 2.0;
 /// No direction is closer to a side of a box than this.
 pub const PARALLEL: f32 = 1e-9;
 /// Where nothing is behind the fog it is so far away, meters: longer than any ray.
-pub const ENDLESS: f32 = 3.4e38;
+pub const MAX_RAY_LENGTH: f32 = 3.4e38;
 
 /// One fog volume before one level in one view, for `fog`. 560 bytes.
 #[repr(C)]
@@ -71,7 +71,7 @@ pub struct FogParams {
     pub textured: u32,
     /// The radius of the fog volume, meters.
     pub radius: f32,
-    /// How long parts of a ray are, meters of the world: [`PART`] of the shortest edges of voxels.
+    /// How long parts of a ray are, meters of the world: [`STEP_VOXELS`] of the shortest edges of voxels.
     pub part: f32,
     /// Not used.
     pub pad: [u32; 2],
@@ -146,7 +146,7 @@ impl FogParams {
             steps: view.steps.max(1),
             extinction: fog.absorption + fog.scattering,
             radius: (fog.world_from_local.transform_vector3(Vec3::splat(0.5))).length(),
-            part: PART * shape.voxel().min_element() * scale,
+            part: STEP_VOXELS * shape.voxel().min_element() * scale,
             earlier_count: earlier.len().min(MAX_EARLIER) as u32,
             low,
             textured: u32::from(fog.texture.is_some()),
@@ -189,7 +189,7 @@ pub fn fog(
             params.density * texture(at + 0.5 + Vec3::from(params.offset))
         }
     };
-    let mut left = left_before(params, &density, whole, lit[0]);
+    let mut left = transmittance_to(params, &density, whole, lit[0]);
     let steps = steps(params, whole, lit);
     let part = (lit[1] - lit[0]) / steps as f32;
     let size = UVec3::from(params.size);
@@ -197,7 +197,7 @@ pub fn fog(
         |v: UVec3| Vec3::from_slice(&light[(v.x + size.x * (v.y + size.y * v.z)) as usize][..3]);
     let mut sum = Vec3::ZERO;
     for k in 0..steps {
-        if left < DARK {
+        if left < MIN_TRANSMITTANCE {
             break;
         }
         let t = lit[0] + (k as f32 + 0.5) * part;
@@ -216,7 +216,7 @@ pub fn fog(
 }
 
 /// What is left of light from where the ray enters the level on its way back through the fog.
-fn left_before(
+fn transmittance_to(
     params: &FogParams,
     density: &dyn Fn(f32) -> f32,
     whole: [f32; 2],
@@ -239,7 +239,7 @@ fn share(params: &FogParams, share: f32) -> u32 {
     ((params.steps as f32 * share).ceil() as u32).clamp(1, params.steps)
 }
 
-/// How many parts the ray is divided into where it crosses the level: [`PART`] voxels long, and as
+/// How many parts the ray is divided into where it crosses the level: [`STEP_VOXELS`] voxels long, and as
 /// short as a texture of the density asks for.
 fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     let length = lit[1] - lit[0];
@@ -289,7 +289,7 @@ impl Ray {
         let seen = unproject(depth);
         let length = match seen.w > 0.0 {
             true => (seen.truncate() / seen.w - near).dot(direction),
-            false => ENDLESS,
+            false => MAX_RAY_LENGTH,
         };
         Self {
             origin: near,

@@ -68,7 +68,7 @@ pub fn roughness(texel: [u32; 4]) -> f32 {
 /// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for
 /// what is no metal, the base color for what is.
 #[must_use]
-pub fn straight(texel: [u32; 4]) -> Vec3 {
+pub fn f0(texel: [u32; 4]) -> Vec3 {
     let reflectance = unorm8(texel[2]);
     Vec3::splat(0.16 * reflectance * reflectance).lerp(base(texel), metallic(texel))
 }
@@ -105,7 +105,7 @@ pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32)
 /// The same texel with another perceptual roughness and reflectance, where [`pack`] has 128/255 and
 /// 0.5.
 #[must_use]
-pub fn glossy(texel: [u32; 4], roughness: f32, reflectance: f32) -> [u32; 4] {
+pub fn with_roughness(texel: [u32; 4], roughness: f32, reflectance: f32) -> [u32; 4] {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
     let [r, g, b, a] = texel;
     [
@@ -147,14 +147,14 @@ mod tests {
             assert!((occlusion(texel) - 0.6).abs() < 0.003);
             assert_eq!(is_unlit(texel), i % 2 == 1);
             assert!((roughness(texel) - 0.5).abs() < 0.003);
-            let shiny = glossy(texel, 0.2, 1.0);
+            let shiny = with_roughness(texel, 0.2, 1.0);
             assert!((roughness(shiny) - 0.2).abs() < 0.003);
             assert_eq!(
                 (normal(shiny), diffuse(shiny)),
                 (normal(texel), diffuse(texel))
             );
-            let straight = straight(shiny) - (0.8 * 0.16 + 0.2 * base);
-            assert!(straight.abs().max_element() < 0.006, "{straight}");
+            let f0 = f0(shiny) - (0.8 * 0.16 + 0.2 * base);
+            assert!(f0.abs().max_element() < 0.006, "{f0}");
         }
     }
 }

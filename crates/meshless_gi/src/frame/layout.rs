@@ -75,9 +75,9 @@ pub struct SolveParams {
     pub coarsest: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
-    /// How far apart a sender's places lie, meters ([`apart`](super::project::apart)): point lamps
+    /// How far apart a sender's places lie, meters ([`sample_spacing`](super::project::sample_spacing)): point lamps
     /// nearer to their plane shine from there.
-    pub apart: f32,
+    pub sample_spacing: f32,
     /// How many terms of the sky beside its mean the bake knows: none or all eight.
     pub sky_terms: u32,
     /// The channel that is applied where one is ([`Channels`](super::Channels)).

@@ -20,7 +20,10 @@ pub const MAX_ALBEDO: f32 = 0.99;
 /// lamp may have at most, zero for what is no number; one a material of `live`, those that are
 /// missing as they were baked.
 #[must_use]
-pub fn sound_factors(live: &DynamicMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {
+pub fn sanitize_factors(
+    live: &DynamicMaterials,
+    factors: &[MaterialFactors],
+) -> Vec<MaterialFactors> {
     let within = |v: [f32; 3], most: f32| {
         v.map(|c| match c.is_nan() {
             true => 0.0,
@@ -37,7 +40,7 @@ pub fn sound_factors(live: &DynamicMaterials, factors: &[MaterialFactors]) -> Ve
         .collect()
 }
 
-/// The surface of sender `j`, baked as `baked`. `factors` are [`sound_factors`].
+/// The surface of sender `j`, baked as `baked`. `factors` are [`sanitize_factors`].
 #[must_use]
 pub fn live_surface(
     live: &DynamicMaterials,
@@ -68,7 +71,7 @@ pub fn live_surface(
 #[must_use]
 pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<Vec<PointSurface>> {
     let live = scene.materials.as_ref()?;
-    let factors = sound_factors(live, factors);
+    let factors = sanitize_factors(live, factors);
     let senders = &scene.surfaces[..scene.senders()];
     let all = senders.par_iter().enumerate();
     Some(
@@ -81,7 +84,7 @@ pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<
 /// of the materials, and where so much passes each set of occluders. What is left empty is as
 /// baked. What the senders see is empty where the bake knows a uniform sky only.
 #[must_use]
-pub fn present(
+pub fn current_surfaces(
     scene: &BakedScene,
     factors: &[MaterialFactors],
     passing: &[f32],

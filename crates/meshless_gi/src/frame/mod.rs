@@ -83,7 +83,7 @@ pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, Vec
 pub use light::FrameLight;
 pub use probe::ProbeIrradiance;
 pub use rsm_layout::{
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
+    RsmParams, RsmSelectParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
 pub use settings::{FrameSettings, SceneDimensions, SolveSchedule};
 pub use soft_shadow::{SoftLight, SoftShadowParams};

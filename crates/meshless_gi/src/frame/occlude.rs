@@ -14,7 +14,7 @@ use glam::Vec3;
 /// `gains` as light can have them: one an occluder, in [0, 1]; shut for what is no number, open for
 /// those that are missing.
 #[must_use]
-pub fn sound_gains(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
+pub fn sanitize_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
     let count = occluders.names.len();
     let sound = |g: f32| if g.is_nan() { 0.0 } else { g.clamp(0.0, 1.0) };
     (0..count)
@@ -22,9 +22,9 @@ pub fn sound_gains(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// What passes each set of occluders: the product of their gains, which are [`sound_gains`].
+/// What passes each set of occluders: the product of their gains, which are [`sanitize_transmittances`].
 #[must_use]
-pub fn passing(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
+pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
     let product = |set: &u64| {
         let own = gains.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1);
         own.fold(1.0, |passes, (_, gain)| passes * gain)
@@ -35,7 +35,7 @@ pub fn passing(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
 /// The link whose parts are `parts`, where so much passes each set.
 #[must_use]
 #[inline]
-pub fn occluded_link(parts: &[PackedLinkTerm], passing: &[f32], link: Link) -> Link {
+pub fn combine_link_terms(parts: &[PackedLinkTerm], passing: &[f32], link: Link) -> Link {
     let passes = |p: &PackedLinkTerm| passing[p.set() as usize] * p.vector();
     link_of_parts(parts.iter().map(passes), link.sender())
 }
@@ -44,7 +44,7 @@ pub fn occluded_link(parts: &[PackedLinkTerm], passing: &[f32], link: Link) -> L
 pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link]) {
     for parts in passages.chunk_by(|a, b| a.link == b.link) {
         let link = &mut links[parts[0].link as usize];
-        *link = occluded_link(parts, passing, *link);
+        *link = combine_link_terms(parts, passing, *link);
     }
 }
 
@@ -77,7 +77,7 @@ pub fn occlude_sky(
             if parts.is_empty() {
                 continue;
             }
-            let now = occluded_link(parts, passing, link).vector();
+            let now = combine_link_terms(parts, passing, link).vector();
             let lost = row.scale * (link.vector() - now);
             match term.checked_sub(1) {
                 None => surface.sky = (Vec3::from(surface.sky) - lost).to_array(),
@@ -115,9 +115,15 @@ mod tests {
     #[test]
     fn transmittances_are_clamped_to_unit_interval() {
         let known = occluders();
-        assert_eq!(sound_gains(&known, &[2.0, -1.0, 0.5]), [1.0, 0.0]);
-        assert_eq!(sound_gains(&known, &[f32::NAN]), [0.0, 1.0]);
-        assert_eq!(passing(&known, &[0.5, 0.25]), [1.0, 0.5, 0.125]);
+        assert_eq!(
+            sanitize_transmittances(&known, &[2.0, -1.0, 0.5]),
+            [1.0, 0.0]
+        );
+        assert_eq!(sanitize_transmittances(&known, &[f32::NAN]), [0.0, 1.0]);
+        assert_eq!(
+            occluder_set_transmittances(&known, &[0.5, 0.25]),
+            [1.0, 0.5, 0.125]
+        );
     }
 
     #[test]
@@ -138,7 +144,11 @@ mod tests {
             ([0.0, 1.0], [0.5, 0.25, 0.0]),
         ] {
             let mut links = open;
-            occlude(&passages, &passing(&known, &gains), &mut links);
+            occlude(
+                &passages,
+                &occluder_set_transmittances(&known, &gains),
+                &mut links,
+            );
             assert_eq!(links.map(|l| l.vector().z), right, "{gains:?}");
             assert_eq!(links.map(Link::sender), [3, 7, 9]);
         }

@@ -6,7 +6,7 @@
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
-use super::splat::{LARGEST_HALF, place, to_world};
+use super::splat::{LARGEST_HALF, pixel_position, to_world};
 use super::subsplat::{SubsplatNode, state};
 use crate::asset::Probes;
 use crate::basis::{NO_COVER, weight_in_space};
@@ -125,7 +125,7 @@ pub fn probe_pixel(
     if earlier[3] >= 1.0 || depth <= 0.0 || gbuffer::is_unlit(texel) {
         return earlier;
     }
-    let (x, n) = place(params, pixel, depth, texel);
+    let (x, n) = pixel_position(params, pixel, depth, texel);
     match probe(probes, values, x, n) {
         Some(light) => (light.irradiance(n) * params.scale)
             .lerp(Vec4::from_array(earlier).truncate(), earlier[3])
@@ -147,18 +147,18 @@ pub fn probe_node(
     texel: [u32; 4],
     node: &mut SubsplatNode,
 ) {
-    let missing = node.missing();
+    let missing = node.probe_fraction();
     if missing <= 0.0 || !node.is(state::KNOWN) {
         return;
     }
-    let (x, n) = place(params, pixel, depth, texel);
+    let (x, n) = pixel_position(params, pixel, depth, texel);
     if let Some(light) = probe(probes, values, x, n) {
         let mut sum = VectorIrradiance::default();
         sum.add_scaled(1.0 - missing, &node.light());
         sum.add_scaled(missing, &to_world(params, &light.around(n)));
         *node = SubsplatNode::new(
             &sum,
-            node.foretold(),
+            node.predicted_luminance(),
             state::EVALUATED | state::KNOWN | state::COVERED,
         );
     }

@@ -25,7 +25,7 @@ pub fn extent(scene: &BakedScene) -> f32 {
 /// [`Geometry::lift`](crate::scene::Geometry::lift).
 #[must_use]
 #[inline]
-pub fn lift(x: Vec3, extent: f32) -> f32 {
+pub fn ray_offset(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
@@ -33,7 +33,7 @@ pub fn lift(x: Vec3, extent: f32) -> f32 {
 /// in levels below two meters as much less.
 #[must_use]
 #[inline]
-pub fn nearest_square(extent: f32) -> f32 {
+pub fn min_distance_squared(extent: f32) -> f32 {
     (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
 }
 
@@ -44,7 +44,7 @@ pub fn nearest_square(extent: f32) -> f32 {
 /// of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of that: a
 /// place stands for a square of edge 2σ / √places.
 #[must_use]
-pub fn apart(scene: &BakedScene) -> f32 {
+pub fn sample_spacing(scene: &BakedScene) -> f32 {
     const ASKED: usize = 256;
     let count = scene.places.per_sender as usize;
     if count < 2 {
@@ -62,8 +62,12 @@ pub fn apart(scene: &BakedScene) -> f32 {
             .sum::<f32>();
         asked += 1;
     }
-    let apart = 2.0 * (variance / asked.max(1) as f32).sqrt() / (count as f32).sqrt();
-    if apart.is_finite() { apart } else { 0.0 }
+    let sample_spacing = 2.0 * (variance / asked.max(1) as f32).sqrt() / (count as f32).sqrt();
+    if sample_spacing.is_finite() {
+        sample_spacing
+    } else {
+        0.0
+    }
 }
 
 /// [`unshadowed_within`] in a level of two meters or more, at a single place.
@@ -77,12 +81,18 @@ pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
 /// `extent` (meters): 1/m² (point, spot, patch) or dimensionless (directional). Finite for every
 /// input that is.
 ///
-/// A point or spot lamp nearer to the place's plane than `apart` (meters) shines from that height:
+/// A point or spot lamp nearer to the place's plane than `sample_spacing` (meters) shines from that height:
 /// I cos θ / d² is far narrower there than the places are apart, which would miss it or take it for
 /// all of their surface. What a plane receives does not depend on the height.
 #[must_use]
 #[inline]
-pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32, apart: f32) -> f32 {
+pub fn unshadowed_within(
+    light: &FrameLight,
+    x: Vec3,
+    n: Vec3,
+    extent: f32,
+    sample_spacing: f32,
+) -> f32 {
     let axis = Vec3::from_array(light.direction);
     if light.kind == FrameLight::NONE {
         return 0.0;
@@ -97,13 +107,13 @@ pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32, apar
     }
     let height = n.dot(to);
     let to = to / square.sqrt();
-    let mut e = n.dot(to).max(0.0) / square.max(nearest_square(extent));
+    let mut e = n.dot(to).max(0.0) / square.max(min_distance_squared(extent));
     if light.kind == FrameLight::PATCH {
         return e * (-to.dot(axis)).max(0.0);
     }
-    if height > 0.0 && height < apart {
-        let lifted = square - height * height + apart * apart;
-        e = apart / (lifted * lifted.sqrt());
+    if height > 0.0 && height < sample_spacing {
+        let lifted = square - height * height + sample_spacing * sample_spacing;
+        e = sample_spacing / (lifted * lifted.sqrt());
     }
     let factor = square * light.inverse_square_range;
     let window = (1.0 - factor * factor).clamp(0.0, 1.0);
@@ -120,7 +130,7 @@ pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32, apar
 #[must_use]
 #[inline]
 pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<Ray> {
-    let lift = lift(x, extent);
+    let lift = ray_offset(x, extent);
     let origin = x + n * lift;
     if light.kind == FrameLight::DIRECTIONAL {
         return Some(Ray::segment(
@@ -163,16 +173,16 @@ fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32
 
 /// Places of a sender that one patch of a rectangle light shines on at most: the patches are many,
 /// and their shadows' edges soften each other.
-pub const PATCH_PLACES: usize = 4;
+pub const PATCH_SAMPLES: usize = 4;
 
 /// The places among a sender's `own` that `light` is projected onto: all of them, or
-/// [`PATCH_PLACES`] from all over them.
-pub fn places_for<'a>(
+/// [`PATCH_SAMPLES`] from all over them.
+pub fn samples_for_light<'a>(
     light: &FrameLight,
     own: &'a [LightSample],
 ) -> impl ExactSizeIterator<Item = &'a LightSample> {
     let stride = match light.kind {
-        FrameLight::PATCH => own.len().div_ceil(PATCH_PLACES).max(1),
+        FrameLight::PATCH => own.len().div_ceil(PATCH_SAMPLES).max(1),
         _ => 1,
     };
     own.iter().skip(stride / 2).step_by(stride)
@@ -186,13 +196,13 @@ pub fn project_sender(
     scene: &BakedScene,
     bvh: &Bvh,
     extent: f32,
-    apart: f32,
+    sample_spacing: f32,
     light: &FrameLight,
     j: usize,
 ) -> f32 {
     let at = |x, n| project_at(bvh, extent, light, x, n);
     let near = |x, n| {
-        let e = unshadowed_within(light, x, n, extent, apart);
+        let e = unshadowed_within(light, x, n, extent, sample_spacing);
         shadowed(bvh, extent, light, x, n, e)
     };
     let count = scene.places.per_sender as usize;
@@ -202,7 +212,7 @@ pub fn project_sender(
         return at(point.x(), point.n());
     }
     let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
-    let places = places_for(light, own);
+    let places = samples_for_light(light, own);
     let used = places.len() as f32;
     places.map(|p| near(p.x(), p.n())).sum::<f32>() / used
 }
@@ -212,12 +222,12 @@ pub fn project(
     scene: &BakedScene,
     bvh: &Bvh,
     extent: f32,
-    apart: f32,
+    sample_spacing: f32,
     light: &FrameLight,
     out: &mut [f32],
 ) {
     out.par_iter_mut()
         .with_min_len(16)
         .enumerate()
-        .for_each(|(j, e)| *e = project_sender(scene, bvh, extent, apart, light, j));
+        .for_each(|(j, e)| *e = project_sender(scene, bvh, extent, sample_spacing, light, j));
 }

@@ -103,7 +103,7 @@ pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 
 
 /// What a pixel shows; None where there is nothing to be lit.
 #[must_use]
-pub fn seen(
+pub fn visible_surface(
     params: &SubsplatParams,
     picture: &GbufferView<'_>,
     pixel: [u32; 2],

@@ -32,7 +32,7 @@ pub fn luminance(node: &SubsplatNode, normal: Vec3) -> f32 {
 }
 
 /// True where the node at `pixel` was evaluated, and is not as foretold.
-fn surprises(
+fn exceeds_prediction(
     params: &SubsplatParams,
     picture: &GbufferView<'_>,
     node: &SubsplatNode,
@@ -42,8 +42,9 @@ fn surprises(
         return false;
     }
     let found = luminance(node, gbuffer::normal(picture.texel(params.size, pixel)));
-    let foretold = node.foretold();
-    (found - foretold).abs() > params.light * (0.5 * (found + foretold) + FLOOR)
+    let predicted_luminance = node.predicted_luminance();
+    (found - predicted_luminance).abs()
+        > params.light * (0.5 * (found + predicted_luminance) + FLOOR)
 }
 
 /// True where cell (x, y) of level `k` is to be divided.
@@ -78,7 +79,7 @@ pub fn divides(
         let (cx, cy) = (x + dx, y + dy);
         cx < w && cy < h && {
             let node = &nodes[levels.index(k, cx, cy)];
-            surprises(params, picture, node, [cx << k, cy << k])
+            exceeds_prediction(params, picture, node, [cx << k, cy << k])
         }
     })
 }

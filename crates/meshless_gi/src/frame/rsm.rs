@@ -16,7 +16,7 @@
 
 use super::gbuffer;
 use super::project::shadow_ray;
-use super::rsm_layout::{RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl};
+use super::rsm_layout::{RsmParams, RsmSelectParams, RsmShadowParams, RsmTexel, Vpl};
 use super::{FrameLight, vpl};
 use crate::scene::Bvh;
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -33,7 +33,7 @@ pub const NEAREST_SQUARE: f32 = 1e-4;
 /// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbors on the
 /// curve are neighbors in the map, which Morton's curve does not give.
 #[must_use]
-pub fn curve(side: u32, x: u32, y: u32) -> u32 {
+pub fn hilbert_index(side: u32, x: u32, y: u32) -> u32 {
     let (mut x, mut y, mut at) = (x, y, 0);
     let mut s = side / 2;
     while s > 0 {
@@ -149,7 +149,8 @@ pub fn texels(params: &RsmParams, depth: &[f32], gbuffer: &[[u32; 4]]) -> Vec<Rs
     for y in 0..params.side {
         for x in 0..params.side {
             let i = y as usize * side + x as usize;
-            out[curve(params.side, x, y) as usize] = texel(params, [x, y], depth[i], gbuffer[i]);
+            out[hilbert_index(params.side, x, y) as usize] =
+                texel(params, [x, y], depth[i], gbuffer[i]);
         }
     }
     out
@@ -157,7 +158,7 @@ pub fn texels(params: &RsmParams, depth: &[f32], gbuffer: &[[u32; 4]]) -> Vec<Rs
 
 /// What of its light a baked scene lets through to a texel.
 #[must_use]
-pub fn reaches(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel) -> f32 {
+pub fn light_transmittance(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel) -> f32 {
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let x = local.transform_point3(texel.position.into());
     let n = local.transform_vector3(texel.normal.into());
@@ -173,7 +174,7 @@ pub fn shadow(params: &RsmShadowParams, bvh: &Bvh, texels: &mut [RsmTexel]) {
     }
     for texel in &mut texels[..params.texels as usize] {
         if texel.flux != [0.0; 3] {
-            let passes = reaches(params, bvh, texel);
+            let passes = light_transmittance(params, bvh, texel);
             texel.flux = texel.flux.map(|f| f * passes);
         }
     }
@@ -189,7 +190,7 @@ fn importance(texel: &RsmTexel) -> f32 {
 ///
 /// Each is the flux-weighted mean of its stratum. Sums are grouped as the shader's threads do it.
 #[must_use]
-pub fn choose(params: &RsmChooseParams, texels: &[RsmTexel]) -> Vec<Vpl> {
+pub fn select_vpls(params: &RsmSelectParams, texels: &[RsmTexel]) -> Vec<Vpl> {
     let texels = &texels[..params.texels as usize];
     let run = texels.len().div_ceil(CHUNKS).max(1);
     // Flux before each run.
@@ -272,7 +273,7 @@ mod tests {
             let mut at = vec![None; (side * side) as usize];
             for y in 0..side {
                 for x in 0..side {
-                    let place = &mut at[curve(side, x, y) as usize];
+                    let place = &mut at[hilbert_index(side, x, y) as usize];
                     assert!(place.replace((x, y)).is_none());
                 }
             }

@@ -166,7 +166,7 @@ impl RsmShadowParams {
 /// How a light's texels become virtual point lights, for the entry `choose` of `rsm`. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct RsmChooseParams {
+pub struct RsmSelectParams {
     /// How many texels.
     pub texels: u32,
     /// Where the light's first virtual point light goes.

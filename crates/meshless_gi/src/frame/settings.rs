@@ -4,7 +4,7 @@
 use super::Channels;
 use super::layout::SolveParams;
 use super::light::BRIGHTEST;
-use super::project::{apart, extent};
+use super::project::{extent, sample_spacing};
 use crate::asset::BakedScene;
 use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;
@@ -91,7 +91,7 @@ pub struct SceneDimensions {
     /// Largest edge of the geometry's box, meters.
     pub extent: f32,
     /// How far apart a sender's places lie, meters.
-    pub apart: f32,
+    pub sample_spacing: f32,
 }
 
 impl SceneDimensions {
@@ -110,7 +110,7 @@ impl SceneDimensions {
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
             extent: extent(scene),
-            apart: apart(scene),
+            sample_spacing: sample_spacing(scene),
         }
     }
 
@@ -176,7 +176,7 @@ impl SceneDimensions {
             slots: slots as u32,
             nodes: self.nodes as u32,
             extent: self.extent,
-            apart: self.apart,
+            sample_spacing: self.sample_spacing,
             // The octree stands above all rows, and uses none.
             tier: match self.tier(settings) {
                 tier if tier > self.link_tiers => 0,
@@ -273,7 +273,7 @@ mod tests {
             bounces: false,
             nodes: 0,
             extent: 1.0,
-            apart: 0.0,
+            sample_spacing: 0.0,
         }
     }
 

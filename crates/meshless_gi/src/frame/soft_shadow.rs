@@ -25,7 +25,7 @@
 
 use super::flatten;
 use super::layout::{SolveParams, VectorIrradiance};
-use super::project::{extent, nearest_square};
+use super::project::{extent, min_distance_squared};
 use crate::asset::BakedScene;
 use crate::samples::{Point, tangents};
 use crate::scene::{Geometry, Light};
@@ -117,7 +117,7 @@ impl SoftLight {
 
     /// The soft light of a point or rectangle light; none for the other kinds.
     #[must_use]
-    pub fn of(light: &Light, samples: u32) -> Option<Self> {
+    pub fn from_light(light: &Light, samples: u32) -> Option<Self> {
         match *light {
             Light::Point {
                 position,
@@ -215,7 +215,7 @@ pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
             return 0.0;
         }
         let cosine = n.dot(to / square.sqrt()).max(0.0);
-        return cosine / square.max(nearest_square(extent)) * window(light, square);
+        return cosine / square.max(min_distance_squared(extent)) * window(light, square);
     }
     if light.kind != SoftLight::RECTANGLE || light.normal().dot(to) >= 0.0 {
         return 0.0;
@@ -359,9 +359,9 @@ pub struct SoftShadowParams {
 /// The usual [`SoftShadowParams::bias`].
 pub const BIAS: f32 = 0.1;
 /// The usual [`SoftShadowParams::before`].
-pub const BEFORE: f32 = 3.0;
+pub const DEPTH_BIAS_SIGMAS: f32 = 3.0;
 /// The usual [`SoftShadowParams::ramp`].
-pub const RAMP: f32 = 3.0;
+pub const DEPTH_RAMP_SIGMAS: f32 = 3.0;
 /// Depths that differ by no more are not told apart: sixteen bits of a mean and of coefficients
 /// leave less than that, and what components are rounded by is in their error.
 pub const ROUNDING: f32 = 1e-3;
@@ -377,8 +377,8 @@ impl SoftShadowParams {
             rows: visibility.grid.rows,
             extent,
             bias: BIAS,
-            before: BEFORE,
-            ramp: RAMP,
+            before: DEPTH_BIAS_SIGMAS,
+            ramp: DEPTH_RAMP_SIGMAS,
             pad: [0; 4],
         }
     }
@@ -477,7 +477,12 @@ impl VisibilityQuery for RayVisibility<'_> {
 /// Visible fraction of `light` at (x, n), and the mean direction, times its weight, of what is
 /// hidden of it.
 #[must_use]
-pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl VisibilityQuery) -> (f32, Vec3) {
+pub fn visible_fraction(
+    light: &SoftLight,
+    x: Vec3,
+    n: Vec3,
+    sight: &impl VisibilityQuery,
+) -> (f32, Vec3) {
     let normal = light.normal();
     let samples = light.columns * light.rows;
     let (mut sum, mut seen, mut hidden) = (0.0, 0.0, Vec3::ZERO);
@@ -502,7 +507,7 @@ pub const MIN_ALONG: f32 = 0.1;
 /// What `light` with color one does not give to (x, n) because something is before it: a vector
 /// whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle, dimensionless.
 #[must_use]
-pub fn deficit(
+pub fn occluded_irradiance(
     params: &SoftShadowParams,
     light: &SoftLight,
     x: Vec3,
@@ -513,7 +518,7 @@ pub fn deficit(
     if e <= 0.0 {
         return Vec3::ZERO;
     }
-    let (f, hidden) = fraction(light, x, n, sight);
+    let (f, hidden) = visible_fraction(light, x, n, sight);
     let along = hidden.dot(n);
     let across = hidden - n * along;
     let lean = across
@@ -537,7 +542,7 @@ pub fn soft_at(
     let eye = DecodedVisibility::new(params, visibility, i, n);
     let mut sum = VectorIrradiance::default();
     for light in lights {
-        let d = deficit(params, light, x, n, &eye);
+        let d = occluded_irradiance(params, light, x, n, &eye);
         let e = unshadowed(light, x, n, params.extent);
         let [r, g, b] = light.color;
         sum.add_scaled(
@@ -570,11 +575,11 @@ pub fn soft(
         });
 }
 
-/// The deficit at all points of `scene`, W/m²: [`deficits_of`] its own visibility. Zero without.
+/// The deficit at all points of `scene`, W/m²: [`occluded_irradiances_from`] its own visibility. Zero without.
 #[must_use]
-pub fn deficits(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
+pub fn occluded_irradiances(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
     match &scene.visibility {
-        Some(visibility) => deficits_of(scene, visibility, lights),
+        Some(visibility) => occluded_irradiances_from(scene, visibility, lights),
         None => vec![VectorIrradiance::default(); scene.points.len()],
     }
 }
@@ -582,7 +587,7 @@ pub fn deficits(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradianc
 /// The deficit at all points of `scene` by a visibility of its first levels, W/m²: [`soft`], and
 /// the parents' mean where nothing is remembered.
 #[must_use]
-pub fn deficits_of(
+pub fn occluded_irradiances_from(
     scene: &BakedScene,
     visibility: &Visibility,
     lights: &[SoftLight],
@@ -590,13 +595,13 @@ pub fn deficits_of(
     let mut out = vec![VectorIrradiance::default(); scene.points.len()];
     let params = SoftShadowParams::new(visibility, extent(scene), lights.len());
     soft(&params, visibility, &scene.points, lights, &mut out);
-    spread(scene, visibility.points.len(), &mut out);
+    fill_finer_levels(scene, visibility.points.len(), &mut out);
     out
 }
 
 /// Points of the levels behind the first `known` take the mean of their parents, coarse levels
 /// first: `flatten` with no row in use.
-pub fn spread(scene: &BakedScene, known: usize, values: &mut [VectorIrradiance]) {
+pub fn fill_finer_levels(scene: &BakedScene, known: usize, values: &mut [VectorIrradiance]) {
     let none = SolveParams::default();
     for l in (0..scene.levels()).filter(|&l| scene.level(l).start >= known) {
         flatten::averages(

@@ -129,7 +129,7 @@ pub fn splat_pixel(
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
         return [0.0; 4];
     }
-    let (x, n) = place(params, pixel, depth, texel);
+    let (x, n) = pixel_position(params, pixel, depth, texel);
     match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
             .min(Vec3::splat(LARGEST_HALF))
@@ -153,24 +153,28 @@ pub fn splat_node(
     if node.is(state::EVALUATED | state::COVERED) {
         return;
     }
-    let foretold = node.foretold();
+    let predicted_luminance = node.predicted_luminance();
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
-        *node = SubsplatNode::new(&VectorIrradiance::default(), foretold, state::EVALUATED);
+        *node = SubsplatNode::new(
+            &VectorIrradiance::default(),
+            predicted_luminance,
+            state::EVALUATED,
+        );
         return;
     }
-    let (x, n) = place(params, pixel, depth, texel);
+    let (x, n) = pixel_position(params, pixel, depth, texel);
     *node = match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => SubsplatNode::new(
             &to_world(params, &e),
-            foretold,
+            predicted_luminance,
             state::EVALUATED
                 | state::KNOWN
                 | state::COVERED
-                | state::missing(share(cover, params.seam)),
+                | state::probe_fraction(share(cover, params.seam)),
         ),
         None => SubsplatNode::new(
             &VectorIrradiance::default(),
-            foretold,
+            predicted_luminance,
             state::EVALUATED | state::KNOWN,
         ),
     };
@@ -191,7 +195,12 @@ pub(super) fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrra
 
 /// Place and normal of a pixel in the bake's local space.
 #[must_use]
-pub fn place(params: &SplatParams, pixel: [u32; 2], depth: f32, texel: [u32; 4]) -> (Vec3, Vec3) {
+pub fn pixel_position(
+    params: &SplatParams,
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+) -> (Vec3, Vec3) {
     let [left, top, width, height] = params.viewport;
     let uv = Vec2::new(
         (pixel[0] as f32 + 0.5 - left) / width,

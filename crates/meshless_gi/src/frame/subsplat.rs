@@ -178,11 +178,11 @@ pub mod state {
     pub const EVALUATED: u32 = 4;
     /// Bits that hold what is missing: the part of the light that functions on surfaces leave to
     /// light in free space, in 255ths.
-    pub const MISSING: u32 = 0xff00;
+    pub const PROBE_FRACTION: u32 = 0xff00;
 
     /// These bits, for a share of the light that is there.
     #[must_use]
-    pub fn missing(share: f32) -> u32 {
+    pub fn probe_fraction(share: f32) -> u32 {
         ((255.0 * (1.0 - share) + 0.5) as u32) << 8
     }
 }
@@ -203,7 +203,7 @@ impl SubsplatNode {
 
     /// A node with light (already scaled), the luminance foretold, and state bits.
     #[must_use]
-    pub fn new(e: &VectorIrradiance, foretold: f32, state: u32) -> Self {
+    pub fn new(e: &VectorIrradiance, predicted_luminance: f32, state: u32) -> Self {
         let [x, y, z] = [e.x, e.y, e.z];
         Self {
             words: [
@@ -211,7 +211,7 @@ impl SubsplatNode {
                 pack(x[2], y[0]),
                 pack(y[1], y[2]),
                 pack(z[0], z[1]),
-                pack(z[2], foretold),
+                pack(z[2], predicted_luminance),
                 state,
             ],
         }
@@ -230,7 +230,7 @@ impl SubsplatNode {
 
     /// The luminance foretold.
     #[must_use]
-    pub fn foretold(&self) -> f32 {
+    pub fn predicted_luminance(&self) -> f32 {
         unpack(self.words[4])[1]
     }
 
@@ -243,9 +243,9 @@ impl SubsplatNode {
     /// Part of its light that is missing, 0 to 1: all of a node that no function on a surface
     /// covers.
     #[must_use]
-    pub fn missing(&self) -> f32 {
+    pub fn probe_fraction(&self) -> f32 {
         if self.is(state::COVERED) {
-            ((self.words[5] & state::MISSING) >> 8) as f32 / 255.0
+            ((self.words[5] & state::PROBE_FRACTION) >> 8) as f32 / 255.0
         } else {
             1.0
         }
@@ -405,7 +405,7 @@ mod tests {
         let back = node.light();
         assert_eq!((back.x, back.z), (e.x, e.z));
         assert_eq!(back.y, [0.25, LARGEST_HALF, -LARGEST_HALF, 0.0]);
-        assert_eq!(node.foretold(), 0.75);
+        assert_eq!(node.predicted_luminance(), 0.75);
         assert!(node.is(state::COVERED) && !node.is(state::EVALUATED | state::KNOWN));
     }
 

@@ -17,10 +17,10 @@ use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::project::extent;
 use super::soft_shadow::{SoftLight, corners, lambert, unshadowed, window};
-use super::splat::{LARGEST_HALF, place};
+use super::splat::{LARGEST_HALF, pixel_position};
 use crate::asset::BakedScene;
 use crate::basis::{NO_COVER, weight};
-use crate::frame::brdf::{SLANTED, SMOOTHEST};
+use crate::frame::brdf::{MIN_NDOTV, MIN_ROUGHNESS};
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 use std::f32::consts::FRAC_1_PI;
@@ -56,11 +56,11 @@ impl SubtractShadowParams {
 }
 
 /// The share of the lamps' light that is missing at (x, n), per channel, 0 to 1. None where no
-/// function covers the place. `deficits` is what [`soft_shadow::deficits`](super::soft_shadow::deficits) gives.
+/// function covers the place. `occluded_irradiances` is what [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
 #[must_use]
 pub fn missing(
     scene: &BakedScene,
-    deficits: &[VectorIrradiance],
+    occluded_irradiances: &[VectorIrradiance],
     x: Vec3,
     n: Vec3,
 ) -> Option<Vec3> {
@@ -73,7 +73,7 @@ pub fn missing(
         let w = weight(point, &scene.display.planes, x, n);
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
-            let d = &deficits[j as usize];
+            let d = &occluded_irradiances[j as usize];
             cover += w;
             hidden += v * d.dot(point.n()).max(Vec3::ZERO);
             whole += v * Vec3::new(d.x[3], d.y[3], d.z[3]);
@@ -88,11 +88,11 @@ pub fn missing(
 pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     let sum = l + v;
     let lh = (l.dot(sum) / sum.length().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
-    let r = roughness.clamp(SMOOTHEST, 1.0);
+    let r = roughness.clamp(MIN_ROUGHNESS, 1.0);
     let more = 2.0 * r * r * lh * lh - 0.5;
     let fifth = |v: f32| v * v * v * v * v;
     let nl = n.dot(l).clamp(0.0, 1.0);
-    let nv = n.dot(v).clamp(SLANTED, 1.0);
+    let nv = n.dot(v).clamp(MIN_NDOTV, 1.0);
     (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv))
 }
 
@@ -139,7 +139,7 @@ pub struct LitSurface {
     /// Diffuse reflectance.
     pub diffuse: Vec3,
     /// Specular reflectance where one looks straight at it.
-    pub straight: Vec3,
+    pub f0: Vec3,
     /// Perceptual roughness.
     pub roughness: f32,
 }
@@ -152,7 +152,7 @@ impl LitSurface {
             n,
             v,
             diffuse: gbuffer::diffuse(texel),
-            straight: gbuffer::straight(texel),
+            f0: gbuffer::f0(texel),
             roughness: gbuffer::roughness(texel),
         }
     }
@@ -168,7 +168,7 @@ struct Lobe {
 impl Lobe {
     fn new(tables: &LtcTables, surface: &LitSurface) -> Self {
         let (n, v) = (surface.n, surface.v);
-        let nv = n.dot(v).clamp(SLANTED, 1.0);
+        let nv = n.dot(v).clamp(MIN_NDOTV, 1.0);
         let slant = (1.0 - nv).sqrt();
         let m = tables.at(0, surface.roughness, slant);
         let f = tables.at(1, surface.roughness, slant);
@@ -176,7 +176,7 @@ impl Lobe {
         let t = across / across.length().max(f32::MIN_POSITIVE);
         Self {
             rows: [m.x * t + m.z * n, t.cross(n), m.y * t + m.w * n],
-            weight: surface.straight * f.x + (Vec3::ONE - surface.straight) * f.y,
+            weight: surface.f0 * f.x + (Vec3::ONE - surface.f0) * f.y,
         }
     }
 
@@ -231,7 +231,7 @@ pub fn drawn(
 pub fn subtract_shadow_pixel(
     (params, view): (&SubtractShadowParams, &SplatParams),
     scene: &BakedScene,
-    deficits: &[VectorIrradiance],
+    occluded_irradiances: &[VectorIrradiance],
     (lights, tables): (&[SoftLight], Option<&LtcTables>),
     pixel: [u32; 2],
     depth: f32,
@@ -240,8 +240,8 @@ pub fn subtract_shadow_pixel(
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
         return [0.0; 4];
     }
-    let (x, n) = place(view, pixel, depth, texel);
-    let Some(share) = missing(scene, deficits, x, n) else {
+    let (x, n) = pixel_position(view, pixel, depth, texel);
+    let Some(share) = missing(scene, occluded_irradiances, x, n) else {
         return [0.0; 4];
     };
     if share == Vec3::ZERO {
@@ -298,12 +298,12 @@ mod tests {
             n,
             v: Vec3::new(0.5, 0.6, -0.3).normalize(),
             diffuse: Vec3::ONE,
-            straight: Vec3::ZERO,
+            f0: Vec3::ZERO,
             roughness: 0.5,
         };
         let mirror = LitSurface {
             diffuse: Vec3::ZERO,
-            straight: Vec3::ONE,
+            f0: Vec3::ONE,
             ..surface
         };
         let [matte, mirrored] =

@@ -10,7 +10,7 @@
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
-use super::pyramid::{GbufferView, VisibleSurface, seen};
+use super::pyramid::{GbufferView, VisibleSurface, visible_surface};
 use super::refine::{luminance, pack_cell};
 use super::splat::LARGEST_HALF;
 use super::subsplat::{SubsplatLevels, SubsplatNode, SubsplatParams, state};
@@ -20,18 +20,19 @@ use glam::Vec3;
 /// ([`VisibleSurface::reach`]) are on one surface, up to all of it partly.
 pub const PLANE: f32 = 0.01;
 /// Cosine between normals up to which nodes say nothing of one another.
-pub const TURNED: f32 = 0.5;
+pub const MIN_NORMAL_COSINE: f32 = 0.5;
 /// Cosine from which they are of one surface.
-pub const STRAIGHT: f32 = 0.9;
+pub const FULL_NORMAL_COSINE: f32 = 0.9;
 /// Least likeness of all nodes for a cubic.
-pub const SURE: f32 = 0.9;
+pub const CUBIC_MIN_SIMILARITY: f32 = 0.9;
 
 /// How much two places are of one surface: 1 wholly, 0 not at all.
 #[must_use]
-pub fn alike(a: &VisibleSurface, b: &VisibleSurface) -> f32 {
+pub fn surface_similarity(a: &VisibleSurface, b: &VisibleSurface) -> f32 {
     let off = (b.x - a.x).dot(a.n).abs().max((b.x - a.x).dot(b.n).abs());
     let plane = (2.0 - 2.0 * off / (PLANE * a.reach)).clamp(0.0, 1.0);
-    let normal = ((a.n.dot(b.n) - TURNED) / (STRAIGHT - TURNED)).clamp(0.0, 1.0);
+    let normal = ((a.n.dot(b.n) - MIN_NORMAL_COSINE) / (FULL_NORMAL_COSINE - MIN_NORMAL_COSINE))
+        .clamp(0.0, 1.0);
     plane * normal
 }
 
@@ -92,7 +93,8 @@ fn between(
         if !node.is(state::KNOWN) {
             return None;
         }
-        seen(params, picture, pixel).map(|there| (node, alike(here, &there)))
+        visible_surface(params, picture, pixel)
+            .map(|there| (node, surface_similarity(here, &there)))
     };
     let unknown = |dx: i32, dy: i32| {
         place(dx, dy).is_some_and(|(pixel, node)| {
@@ -116,7 +118,9 @@ fn between(
     for i in 0..count {
         let (dx, dy, weight) = tap(i);
         match node(dx, dy) {
-            Some((node, likeness)) if node.is(state::COVERED) && likeness >= SURE => {
+            Some((node, likeness))
+                if node.is(state::COVERED) && likeness >= CUBIC_MIN_SIMILARITY =>
+            {
                 out.light.add_scaled(weight, &node.light());
             }
             _ => {
@@ -200,7 +204,7 @@ fn node_of(
     [x, y]: [u32; 2],
 ) -> SubsplatNode {
     let pixel = [x << k, y << k];
-    let Some(here) = seen(params, picture, pixel) else {
+    let Some(here) = visible_surface(params, picture, pixel) else {
         return SubsplatNode::UNKNOWN;
     };
     let normal = gbuffer::normal(picture.texel(params.size, pixel));
@@ -216,8 +220,8 @@ fn node_of(
         }
         (found.light, bits)
     };
-    let foretold = luminance(&SubsplatNode::new(&light, 0.0, bits), normal);
-    SubsplatNode::new(&light, foretold, bits)
+    let predicted_luminance = luminance(&SubsplatNode::new(&light, 0.0, bits), normal);
+    SubsplatNode::new(&light, predicted_luminance, bits)
 }
 
 /// What [`resolve`] says of a pixel.
@@ -237,7 +241,7 @@ pub fn resolve(
     nodes: &[SubsplatNode],
     pixel: [u32; 2],
 ) -> PixelResolve {
-    let Some(here) = seen(params, picture, pixel) else {
+    let Some(here) = visible_surface(params, picture, pixel) else {
         return PixelResolve::Texel([0.0; 4]);
     };
     let levels = params.levels();
@@ -271,7 +275,7 @@ pub fn fill(
     node: &SubsplatNode,
     pixel: [u32; 2],
 ) -> [f32; 4] {
-    match seen(params, picture, pixel) {
+    match visible_surface(params, picture, pixel) {
         Some(here) if node.is(state::COVERED) => {
             texel(params, picture, pixel, &here, &node.light())
         }

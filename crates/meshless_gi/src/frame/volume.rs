@@ -110,7 +110,7 @@ pub fn volume_texels(
 }
 
 /// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in
-/// lumens; the fourth is how far a way is free ([`WallDistances::stored`](super::WallDistances::stored)).
+/// lumens; the fourth is how far a way is free ([`WallDistances::encode`](super::WallDistances::encode)).
 /// The light of the voxel's face that the side faces as most; without one that of the voxel ahead,
 /// unless a wall stands before it; else the voxel's own, else the mean of those around the one
 /// ahead; black where no probe reaches any of them.
@@ -132,12 +132,12 @@ pub fn volume(
     let light = |place: u32| Some(places.light(values.probes, place)?.irradiance(n));
     let step = |k: usize| params.step(voxel, side, k).and_then(light);
     let own = index(size, voxel);
-    let ways = &places.ways()[own as usize];
+    let wall_distances = &places.wall_distances()[own as usize];
     let [x, y, z, _] = params.steps[side][AHEAD];
     let mine = light(own);
     let e = on_a_wall(places, values.points, own, n, mine.is_some());
     let e = e.or_else(|| {
-        let walled = mine.is_some() && ways.ends_before([x, y, z]);
+        let walled = mine.is_some() && wall_distances.is_blocked([x, y, z]);
         if walled { mine } else { step(AHEAD).or(mine) }
     });
     let e = e.unwrap_or_else(|| {
@@ -150,7 +150,7 @@ pub fn volume(
     });
     (e * params.scale)
         .min(Vec3::splat(LARGEST_HALF))
-        .extend(ways.stored(side))
+        .extend(wall_distances.encode(side))
         .to_array()
 }
 
@@ -165,18 +165,21 @@ fn on_a_wall(
     n: Vec3,
     in_air: bool,
 ) -> Option<Vec3> {
-    let faces = places.faces();
+    let wall_samples = places.wall_samples();
     let mut best = (if in_air { FACING } else { -2.0 }, None);
-    for face in faces.of(voxel) {
-        let cosine = Vec3::from_array(faces.faces[face].normal).dot(n);
+    for face in wall_samples.of(voxel) {
+        let cosine = Vec3::from_array(wall_samples.wall_samples[face].normal).dot(n);
         if cosine > best.0 + SAME {
             best = (cosine, Some(face));
         }
     }
     let mut e = VectorIrradiance::default();
     let face = best.1?;
-    for share in faces.shares_of(face) {
+    for share in wall_samples.weights_of(face) {
         e.add_scaled(share.part, &values[share.point as usize]);
     }
-    Some(e.dot(faces.faces[face].normal.into()).max(Vec3::ZERO))
+    Some(
+        e.dot(wall_samples.wall_samples[face].normal.into())
+            .max(Vec3::ZERO),
+    )
 }

@@ -14,9 +14,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// A way that is free as far as the next voxel.
-pub const FREE: u8 = 255;
+pub const UNOBSTRUCTED: u8 = 255;
 /// A wall at the next voxel's middle.
-pub const WHOLE: f32 = 254.0;
+pub const DISTANCE_STEPS: f32 = 254.0;
 /// How far before a surface the ways along it run, and from how far behind a voxel's middle its own
 /// start, voxels.
 const LIFT: f32 = 0.05;
@@ -27,21 +27,21 @@ const BEHIND: f32 = 1e-3;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct WallDistances {
-    /// How far it is to a wall, in 254ths of a voxel, or [`FREE`]. Along each edge, and then
+    /// How far it is to a wall, in 254ths of a voxel, or [`UNOBSTRUCTED`]. Along each edge, and then
     /// against it.
     pub sides: [u8; 6],
-    /// 0 for a middle between the two sides of a wall, which lights nothing; else [`FREE`].
+    /// 0 for a middle between the two sides of a wall, which lights nothing; else [`UNOBSTRUCTED`].
     lights: u8,
-    /// [`FREE`].
+    /// [`UNOBSTRUCTED`].
     rest: u8,
 }
 
 impl Default for WallDistances {
     fn default() -> Self {
         Self {
-            sides: [FREE; 6],
-            lights: FREE,
-            rest: FREE,
+            sides: [UNOBSTRUCTED; 6],
+            lights: UNOBSTRUCTED,
+            rest: UNOBSTRUCTED,
         }
     }
 }
@@ -55,17 +55,17 @@ impl WallDistances {
         x: Vec3,
         behind: impl Iterator<Item = (f32, Vec3)> + Clone,
     ) -> Self {
-        let mut ways = Self::default();
+        let mut wall_distances = Self::default();
         let voxel = shape.voxel();
-        ways.bound(bvh, x, x, voxel, |_| true);
+        wall_distances.bound(bvh, x, x, voxel, |_| true);
         for (depth, n) in behind.clone() {
             if behind.clone().any(|(_, other)| other.dot(n) < -FACING) {
-                ways.lights = 0;
+                wall_distances.lights = 0;
             }
             let from = x + n * (depth + LIFT * voxel.min_element());
-            ways.bound(bvh, from, x, voxel, |axis| n[axis].abs() < 0.5);
+            wall_distances.bound(bvh, from, x, voxel, |axis| n[axis].abs() < 0.5);
         }
-        ways
+        wall_distances
     }
 
     /// Ends the ways from `x` where those from `from` end.
@@ -90,7 +90,7 @@ impl WallDistances {
             let free = bvh.distance(&ray);
             if free < ray.max_t {
                 let end = (start + free) / edge;
-                *way = (*way).min((end.clamp(0.0, 1.0) * WHOLE).round() as u8);
+                *way = (*way).min((end.clamp(0.0, 1.0) * DISTANCE_STEPS).round() as u8);
             }
         }
     }
@@ -98,10 +98,10 @@ impl WallDistances {
     /// Whether something stands before the middle of the voxel that lies `step` voxels along each
     /// edge away.
     #[must_use]
-    pub fn ends_before(&self, step: [i32; 3]) -> bool {
+    pub fn is_blocked(&self, step: [i32; 3]) -> bool {
         let ends = |axis: usize| match step[axis] {
             0 => false,
-            s => self.sides[2 * axis + usize::from(s < 0)] != FREE,
+            s => self.sides[2 * axis + usize::from(s < 0)] != UNOBSTRUCTED,
         };
         (0..3).any(ends)
     }
@@ -111,11 +111,11 @@ impl WallDistances {
     /// tells it from an engine's own volumes; a free way has a little more than 1.25, and a middle
     /// that lights nothing an eighth.
     #[must_use]
-    pub fn stored(&self, side: usize) -> f32 {
+    pub fn encode(&self, side: usize) -> f32 {
         match self.lights {
             0 => -0.125,
             _ if *self == Self::default() => -2.0,
-            _ => -(0.25 + f32::from(self.sides[side]) / WHOLE),
+            _ => -(0.25 + f32::from(self.sides[side]) / DISTANCE_STEPS),
         }
     }
 }
@@ -148,24 +148,73 @@ mod tests {
         let bvh = level();
         let find = |x: Vec3| WallDistances::find(&shape, &bvh, x, [].into_iter());
         let at = |x: f32, y: f32| find(Vec3::new(x, y, 0.1)).sides;
-        assert_eq!(at(-2.0, 2.0), [FREE; 6]);
-        assert_eq!(at(-0.2, 2.0), [127, FREE, FREE, FREE, FREE, FREE]);
-        assert_eq!(at(0.8, 0.5), [FREE, 127, FREE, 127, FREE, FREE]);
+        assert_eq!(at(-2.0, 2.0), [UNOBSTRUCTED; 6]);
+        assert_eq!(
+            at(-0.2, 2.0),
+            [
+                127,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED
+            ]
+        );
+        assert_eq!(
+            at(0.8, 0.5),
+            [
+                UNOBSTRUCTED,
+                127,
+                UNOBSTRUCTED,
+                127,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED
+            ]
+        );
         // In the wall both sides end.
-        assert_eq!(at(0.3, 2.0), [0, 0, FREE, FREE, FREE, FREE]);
+        assert_eq!(
+            at(0.3, 2.0),
+            [0, 0, UNOBSTRUCTED, UNOBSTRUCTED, UNOBSTRUCTED, UNOBSTRUCTED]
+        );
         // Below the ground it is the wall above that counts.
         let below = Vec3::new(-0.2, -0.5, 0.1);
-        assert_eq!(find(below).sides, [FREE, FREE, 127, FREE, FREE, FREE]);
-        let ways = WallDistances::find(&shape, &bvh, below, [(0.5, Vec3::Y)].into_iter());
-        assert_eq!(ways.sides, [127, FREE, 127, FREE, FREE, FREE]);
-        assert!(ways.ends_before([1, 0, 0]) && ways.ends_before([0, 1, 0]));
-        assert!(!ways.ends_before([-1, -1, 1]) && !WallDistances::default().ends_before([1, 1, 1]));
-        assert_eq!(ways.stored(0), -0.75);
-        assert!(ways.stored(1) < -1.25 && ways.stored(1) > -1.5);
-        assert_eq!(WallDistances::default().stored(3), -2.0);
+        assert_eq!(
+            find(below).sides,
+            [
+                UNOBSTRUCTED,
+                UNOBSTRUCTED,
+                127,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED
+            ]
+        );
+        let wall_distances = WallDistances::find(&shape, &bvh, below, [(0.5, Vec3::Y)].into_iter());
+        assert_eq!(
+            wall_distances.sides,
+            [
+                127,
+                UNOBSTRUCTED,
+                127,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED,
+                UNOBSTRUCTED
+            ]
+        );
+        assert!(wall_distances.is_blocked([1, 0, 0]) && wall_distances.is_blocked([0, 1, 0]));
+        assert!(
+            !wall_distances.is_blocked([-1, -1, 1])
+                && !WallDistances::default().is_blocked([1, 1, 1])
+        );
+        assert_eq!(wall_distances.encode(0), -0.75);
+        assert!(wall_distances.encode(1) < -1.25 && wall_distances.encode(1) > -1.5);
+        assert_eq!(WallDistances::default().encode(3), -2.0);
         // Between the sides of a wall.
         let within = [(0.01, Vec3::X), (0.02, Vec3::NEG_X)].into_iter();
-        let ways = WallDistances::find(&shape, &bvh, Vec3::new(0.3, 2.0, 0.1), within);
-        assert_eq!([0, 1, 5].map(|side| ways.stored(side)), [-0.125; 3]);
+        let wall_distances = WallDistances::find(&shape, &bvh, Vec3::new(0.3, 2.0, 0.1), within);
+        assert_eq!(
+            [0, 1, 5].map(|side| wall_distances.encode(side)),
+            [-0.125; 3]
+        );
     }
 }

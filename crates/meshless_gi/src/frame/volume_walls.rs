@@ -12,7 +12,7 @@
 //! level stands in the world.
 
 use super::splat::SEAM;
-use super::volume_weights::{MAX_SHARES, VoxelGrid};
+use super::volume_weights::{MAX_WEIGHTS, VoxelGrid};
 use crate::asset::Display;
 use crate::basis::weight;
 use crate::samples::Point;
@@ -63,25 +63,27 @@ pub struct WallSamples {
     /// Where each voxel's faces end, from the first one.
     pub ends: Vec<u32>,
     /// Where the shares of each start, from the first one.
-    pub faces: Vec<WallSample>,
+    pub wall_samples: Vec<WallSample>,
     /// The shares.
-    pub shares: Vec<WallWeight>,
+    pub weights: Vec<WallWeight>,
 }
 
 impl WallSamples {
     /// Puts `other` behind; what would be over the limit without its faces.
     pub(super) fn append(&mut self, other: Self) {
-        let (faces, shares) = (self.faces.len() as u32, self.shares.len() as u32);
-        if self.shares.len() + other.shares.len() > MAX_TOTAL {
-            self.ends.extend(other.ends.iter().map(|_| faces));
+        let (wall_samples, weights) = (self.wall_samples.len() as u32, self.weights.len() as u32);
+        if self.weights.len() + other.weights.len() > MAX_TOTAL {
+            self.ends.extend(other.ends.iter().map(|_| wall_samples));
             return;
         }
-        self.ends.extend(other.ends.iter().map(|end| end + faces));
-        self.faces.extend(other.faces.iter().map(|f| WallSample {
-            start: f.start + shares,
-            ..*f
-        }));
-        self.shares.extend(other.shares);
+        self.ends
+            .extend(other.ends.iter().map(|end| end + wall_samples));
+        self.wall_samples
+            .extend(other.wall_samples.iter().map(|f| WallSample {
+                start: f.start + weights,
+                ..*f
+            }));
+        self.weights.extend(other.weights);
     }
 
     /// The faces of a voxel, as indices.
@@ -93,9 +95,9 @@ impl WallSamples {
 
     /// The shares of a face.
     #[must_use]
-    pub fn shares_of(&self, face: usize) -> &[WallWeight] {
-        let end = self.faces.get(face + 1).map(|f| f.start as usize);
-        &self.shares[self.faces[face].start as usize..end.unwrap_or(self.shares.len())]
+    pub fn weights_of(&self, face: usize) -> &[WallWeight] {
+        let end = self.wall_samples.get(face + 1).map(|f| f.start as usize);
+        &self.weights[self.wall_samples[face].start as usize..end.unwrap_or(self.weights.len())]
     }
 
     /// Adds the faces of the next voxel, whose middle is `x`: the places `beside` it. Says how many
@@ -118,43 +120,43 @@ impl WallSamples {
                 }
             }
         }
-        self.ends.push(self.faces.len() as u32);
+        self.ends.push(self.wall_samples.len() as u32);
         looks
     }
 
     /// Adds a face at `x`, a place on a wall with this normal, if functions cover it well.
     fn add(&mut self, points: &[Point], display: &Display, x: Vec3, n: Vec3) -> bool {
         let mut cover = 0.0;
-        let mut shares: Vec<WallWeight> = Vec::new();
+        let mut weights: Vec<WallWeight> = Vec::new();
         for &j in display.grid.near(x) {
             let point = &points[j as usize];
             let w = weight(point, &display.planes, x, n);
             if w > 0.0 {
                 cover += w;
                 let part = (w / point.radius) * (w / point.radius);
-                shares.push(WallWeight { point: j, part });
+                weights.push(WallWeight { point: j, part });
             }
         }
         if cover < SEAM {
             return false;
         }
-        if shares.len() > MAX_SHARES {
+        if weights.len() > MAX_WEIGHTS {
             let strongest = |a: &WallWeight, b: &WallWeight| {
                 b.part.total_cmp(&a.part).then(a.point.cmp(&b.point))
             };
-            shares.select_nth_unstable_by(MAX_SHARES, strongest);
-            shares.truncate(MAX_SHARES);
-            shares.sort_unstable_by_key(|s| s.point);
+            weights.select_nth_unstable_by(MAX_WEIGHTS, strongest);
+            weights.truncate(MAX_WEIGHTS);
+            weights.sort_unstable_by_key(|s| s.point);
         }
-        let all: f32 = shares.iter().map(|s| s.part).sum();
-        for share in &mut shares {
+        let all: f32 = weights.iter().map(|s| s.part).sum();
+        for share in &mut weights {
             share.part /= all;
         }
-        self.faces.push(WallSample {
+        self.wall_samples.push(WallSample {
             normal: n.to_array(),
-            start: self.shares.len() as u32,
+            start: self.weights.len() as u32,
         });
-        self.shares.append(&mut shares);
+        self.weights.append(&mut weights);
         true
     }
 }
@@ -254,7 +256,7 @@ impl WallIndex {
                 for x in from.x..=to.x {
                     let voxel = UVec3::new(x, y, z);
                     let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
-                    let x = shape.place(voxel);
+                    let x = shape.voxel_center(voxel);
                     if (x - point.x()).dot(n).abs() > reach {
                         continue;
                     }

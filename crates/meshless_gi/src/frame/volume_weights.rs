@@ -19,14 +19,14 @@ use rayon::prelude::*;
 
 /// Most voxels along an edge: the texture is twice as high and three times as deep.
 pub const MAX_VOXELS: u32 = 512;
-/// Most voxels of a volume: with [`MAX_SHARES`] each they fill what WebGPU binds at most, 128 MiB.
-pub const MAX_PLACES: u32 = 1 << 20;
+/// Most voxels of a volume: with [`MAX_WEIGHTS`] each they fill what WebGPU binds at most, 128 MiB.
+pub const MAX_VOLUME_VOXELS: u32 = 1 << 20;
 /// Most shares of a place; where more probes reach it, those that say most have them.
-pub const MAX_SHARES: usize = 32;
+pub const MAX_WEIGHTS: usize = 32;
 /// Bits of a share's part.
-pub const SHARE_BITS: u32 = 12;
+pub const WEIGHT_BITS: u32 = 12;
 /// The largest part.
-const WHOLE: u32 = (1 << SHARE_BITS) - 1;
+const FULL_WEIGHT: u32 = (1 << WEIGHT_BITS) - 1;
 /// Places that one task finds.
 const RUN: u32 = 256;
 /// A ray takes as long as looking at this many functions, about.
@@ -34,7 +34,7 @@ const RAY: u64 = 8;
 /// Tasks between two looks at how much was done.
 const RUNS: u32 = 8;
 
-const _: () = assert!(Probes::MAX <= 1 << (32 - SHARE_BITS));
+const _: () = assert!(Probes::MAX <= 1 << (32 - WEIGHT_BITS));
 
 /// A box divided into voxels, in the bake's local space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +46,7 @@ pub struct VoxelGrid {
 
 impl VoxelGrid {
     /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no
-    /// voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_PLACES`].
+    /// voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_VOLUME_VOXELS`].
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
         let edges = high - low;
@@ -55,7 +55,7 @@ impl VoxelGrid {
             return None;
         }
         // No more than 2^27: 512 along each edge.
-        let few = size.element_product() <= MAX_PLACES;
+        let few = size.element_product() <= MAX_VOLUME_VOXELS;
         few.then(|| Self {
             low,
             voxel: edges / size.as_vec3(),
@@ -136,7 +136,7 @@ impl VoxelGrid {
 
     /// The middle of a voxel, meters; x runs fastest.
     #[must_use]
-    pub fn place(&self, index: u32) -> Vec3 {
+    pub fn voxel_center(&self, index: u32) -> Vec3 {
         let [x, y, _] = self.size.to_array();
         let at = UVec3::new(index % x, index / x % y, index / (x * y));
         self.low + self.voxel * (at.as_vec3() + 0.5)
@@ -144,7 +144,7 @@ impl VoxelGrid {
 }
 
 /// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about,
-/// and larger ones where they would be more than `most` or [`MAX_PLACES`], or more than
+/// and larger ones where they would be more than `most` or [`MAX_VOLUME_VOXELS`], or more than
 /// [`MAX_VOXELS`] along an edge.
 #[must_use]
 pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
@@ -154,7 +154,7 @@ pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
         let along = (edges / edge).ceil().max(Vec3::ONE);
         along.as_uvec3().min(UVec3::splat(MAX_VOXELS))
     };
-    let most = most.clamp(1, MAX_PLACES);
+    let most = most.clamp(1, MAX_VOLUME_VOXELS);
     // Rounding up adds a voxel along each edge at most: a few steps suffice.
     while count(edge).element_product() > most && count(edge) != UVec3::ONE {
         edge *= 1.1;
@@ -169,9 +169,9 @@ pub struct VoxelWeights {
     shape: VoxelGrid,
     /// Where the shares of a place start, and at last where they end.
     starts: Vec<u32>,
-    shares: Vec<u32>,
-    faces: WallSamples,
-    ways: Vec<WallDistances>,
+    weights: Vec<u32>,
+    wall_samples: WallSamples,
+    wall_distances: Vec<WallDistances>,
     /// What faces are made of, until all are found.
     walls: WallIndex,
 }
@@ -183,16 +183,16 @@ impl VoxelWeights {
         Self {
             shape,
             starts: vec![0],
-            shares: Vec::new(),
-            faces: WallSamples::default(),
-            ways: Vec::new(),
+            weights: Vec::new(),
+            wall_samples: WallSamples::default(),
+            wall_distances: Vec::new(),
             walls: WallIndex::default(),
         }
     }
 
     /// Of a whole volume.
     #[must_use]
-    pub fn of(shape: VoxelGrid, scene: &BakedScene) -> Self {
+    pub fn from_scene(shape: VoxelGrid, scene: &BakedScene) -> Self {
         let mut places = Self::new(shape);
         while !places.find(scene, u64::MAX) {}
         places
@@ -220,11 +220,11 @@ impl VoxelWeights {
                 })
                 .collect();
             for run in runs {
-                let before = self.shares.len() as u32;
+                let before = self.weights.len() as u32;
                 self.starts.extend(run.ends.iter().map(|end| before + end));
-                self.shares.extend(run.shares);
-                self.faces.append(run.faces);
-                self.ways.extend(run.ways);
+                self.weights.extend(run.weights);
+                self.wall_samples.append(run.wall_samples);
+                self.wall_distances.extend(run.wall_distances);
                 // A place that is looked up costs something too.
                 looks += run.looks + run.ends.len() as u64;
             }
@@ -253,22 +253,22 @@ impl VoxelWeights {
         &self.starts
     }
 
-    /// The shares: a probe's index times 2^[`SHARE_BITS`], and its part.
+    /// The shares: a probe's index times 2^[`WEIGHT_BITS`], and its part.
     #[must_use]
-    pub fn shares(&self) -> &[u32] {
-        &self.shares
+    pub fn weights(&self) -> &[u32] {
+        &self.weights
     }
 
     /// The faces.
     #[must_use]
-    pub fn faces(&self) -> &WallSamples {
-        &self.faces
+    pub fn wall_samples(&self) -> &WallSamples {
+        &self.wall_samples
     }
 
     /// For each place how far the ways to the next ones are free.
     #[must_use]
-    pub fn ways(&self) -> &[WallDistances] {
-        &self.ways
+    pub fn wall_distances(&self) -> &[WallDistances] {
+        &self.wall_distances
     }
 
     /// The light at a place that is found; none where no probe reaches. `values` are those of the
@@ -276,16 +276,16 @@ impl VoxelWeights {
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<ProbeIrradiance> {
         let at = place as usize;
-        let shares = &self.shares[self.starts[at] as usize..self.starts[at + 1] as usize];
+        let weights = &self.weights[self.starts[at] as usize..self.starts[at + 1] as usize];
         let (mut sum, mut all) = (ProbeIrradiance::default(), 0.0);
-        for share in shares {
-            let (probe, part) = (share >> SHARE_BITS, (share & WHOLE) as f32);
+        for share in weights {
+            let (probe, part) = (share >> WEIGHT_BITS, (share & FULL_WEIGHT) as f32);
             all += part;
             sum.add_scaled(part, &values[PROBE_ROWS * probe as usize..][..PROBE_ROWS]);
         }
         let mut out = ProbeIrradiance::default();
         out.add_scaled(1.0 / all, &sum.parts);
-        (!shares.is_empty()).then_some(out)
+        (!weights.is_empty()).then_some(out)
     }
 }
 
@@ -293,9 +293,9 @@ impl VoxelWeights {
 struct Run {
     /// Where each place's shares end, from the run's first share.
     ends: Vec<u32>,
-    shares: Vec<u32>,
-    faces: WallSamples,
-    ways: Vec<WallDistances>,
+    weights: Vec<u32>,
+    wall_samples: WallSamples,
+    wall_distances: Vec<WallDistances>,
     /// How many functions were looked at, and how many rays went.
     looks: u64,
 }
@@ -309,23 +309,23 @@ impl Run {
     ) -> Self {
         let mut run = Self {
             ends: Vec::with_capacity(places.len()),
-            shares: Vec::new(),
-            faces: WallSamples::default(),
-            ways: Vec::with_capacity(places.len()),
+            weights: Vec::new(),
+            wall_samples: WallSamples::default(),
+            wall_distances: Vec::with_capacity(places.len()),
             looks: 0,
         };
         let (points, display) = (&scene.points, &scene.display);
         let mut reaching: Vec<(u32, f32)> = Vec::new();
         for place in places {
-            let x = shape.place(place);
+            let x = shape.voxel_center(place);
             let (beside, count) = walls.beside(place, points, &display.planes, x);
             let beside = &beside[..count];
-            run.looks += run.faces.find(beside, points, display, x);
+            run.looks += run.wall_samples.find(beside, points, display, x);
             let behind = (beside.iter())
                 .filter(|b| !b.is_beyond(beside, x))
                 .map(|b| (-b.height(x), b.n))
                 .filter(|(depth, _)| *depth > 0.0);
-            run.ways
+            run.wall_distances
                 .push(WallDistances::find(shape, &scene.bvh, x, behind));
             run.looks += RAY * 6;
             let Some(probes) = &scene.probes else {
@@ -342,30 +342,30 @@ impl Run {
                 )
             });
             reaching.extend(weights.filter(|&(_, w)| w > 0.0));
-            run.shares_of(&mut reaching);
-            run.ends.push(run.shares.len() as u32);
+            run.weights_of(&mut reaching);
+            run.ends.push(run.weights.len() as u32);
         }
         run
     }
 
     /// Adds the shares of one place, of the probes that reach it and their weights.
-    fn shares_of(&mut self, reaching: &mut Vec<(u32, f32)>) {
+    fn weights_of(&mut self, reaching: &mut Vec<(u32, f32)>) {
         if reaching.iter().map(|r| r.1).sum::<f32>() <= NO_COVER {
             return;
         }
-        if reaching.len() > MAX_SHARES {
+        if reaching.len() > MAX_WEIGHTS {
             let strongest =
                 |a: &(u32, f32), b: &(u32, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
-            reaching.select_nth_unstable_by(MAX_SHARES, strongest);
-            reaching.truncate(MAX_SHARES);
+            reaching.select_nth_unstable_by(MAX_WEIGHTS, strongest);
+            reaching.truncate(MAX_WEIGHTS);
             reaching.sort_unstable_by_key(|r| r.0);
         }
         let largest = reaching.iter().map(|r| r.1).fold(0.0, f32::max);
         for &(probe, weight) in reaching.iter() {
             let part = weight / largest;
-            let part = (part * part * WHOLE as f32).round() as u32;
+            let part = (part * part * FULL_WEIGHT as f32).round() as u32;
             if part > 0 {
-                self.shares.push(probe << SHARE_BITS | part);
+                self.weights.push(probe << WEIGHT_BITS | part);
             }
         }
     }
@@ -381,7 +381,7 @@ mod tests {
         assert_eq!(voxels_of(room, 0.25, u32::MAX), UVec3::new(32, 12, 16));
         for most in [1, 100, 4096, 65_536, u32::MAX] {
             let size = voxels_of(room, 0.01, most);
-            let most = most.min(MAX_PLACES);
+            let most = most.min(MAX_VOLUME_VOXELS);
             assert!(size.element_product() <= most, "{size}");
             assert!(most < 100 || size.element_product() * 3 > most, "{size}");
         }
@@ -407,9 +407,9 @@ mod tests {
     fn voxel_weights_keep_strongest_functions() {
         let mut run = Run {
             ends: Vec::new(),
-            shares: Vec::new(),
-            faces: WallSamples::default(),
-            ways: Vec::new(),
+            weights: Vec::new(),
+            wall_samples: WallSamples::default(),
+            wall_distances: Vec::new(),
             looks: 0,
         };
         // Every third is strong, and there are more of them than a place takes; the weak ones would
@@ -426,20 +426,20 @@ mod tests {
                 )
             })
             .collect();
-        run.shares_of(&mut reaching);
-        let probes: Vec<u32> = run.shares.iter().map(|s| s >> SHARE_BITS).collect();
+        run.weights_of(&mut reaching);
+        let probes: Vec<u32> = run.weights.iter().map(|s| s >> WEIGHT_BITS).collect();
         assert_eq!(probes, (0..32).map(|k| 3 * k).collect::<Vec<_>>());
-        assert_eq!(run.shares[0], WHOLE);
+        assert_eq!(run.weights[0], FULL_WEIGHT);
         assert_eq!(
-            run.shares[1] & WHOLE,
+            run.weights[1] & FULL_WEIGHT,
             (0.985f32.powi(2) * 4095.0).round() as u32
         );
         // What says next to nothing is left out, and so is a place that is hardly covered.
-        run.shares.clear();
-        run.shares_of(&mut vec![(7, 0.5), (9, 0.004)]);
-        assert_eq!(run.shares, [7 << SHARE_BITS | WHOLE]);
-        run.shares.clear();
-        run.shares_of(&mut vec![(7, 0.5 * NO_COVER)]);
-        assert!(run.shares.is_empty());
+        run.weights.clear();
+        run.weights_of(&mut vec![(7, 0.5), (9, 0.004)]);
+        assert_eq!(run.weights, [7 << WEIGHT_BITS | FULL_WEIGHT]);
+        run.weights.clear();
+        run.weights_of(&mut vec![(7, 0.5 * NO_COVER)]);
+        assert!(run.weights.is_empty());
     }
 }

@@ -15,7 +15,7 @@
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
-use super::project::lift;
+use super::project::ray_offset;
 use super::rsm_layout::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
 use super::subsplat::{SubsplatNode, state};
@@ -48,7 +48,7 @@ pub const SHORTEST: f32 = 1e-7;
 /// (1 − m²)/2 for a length m near 1, and 1 for m = 0, where all directions are alike.
 #[must_use]
 #[inline]
-pub fn facing(normal: Vec3, v: Vec3) -> f32 {
+pub fn mean_clamped_cosine(normal: Vec3, v: Vec3) -> f32 {
     let cosine = v.dot(normal);
     let s = (1.0 - normal.dot(normal)).clamp(0.0, 1.0);
     let w = (s * (1.5 - 0.5 * s)).sqrt();
@@ -70,7 +70,7 @@ pub fn facing(normal: Vec3, v: Vec3) -> f32 {
 /// between three and four radii, a mixture.
 #[must_use]
 #[inline]
-pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
+pub fn vpl_contribution(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
     let toward = Vec3::from_array(light.position) - x;
     let square = toward.dot(toward);
     if square <= 0.0 || Vec3::from_array(light.flux).max_element() <= 0.0 {
@@ -87,7 +87,7 @@ pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
     }
     let to = toward / square.sqrt();
     if n.dot(to) > 0.0 {
-        let cosine = facing(normal, -to);
+        let cosine = mean_clamped_cosine(normal, -to);
         out += to * (beside * FRAC_1_PI * cosine / (square + light.square));
     }
     out
@@ -152,14 +152,20 @@ pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let turned = local.transform_vector3(n);
     let at = local.transform_point3(x);
-    at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent))
+    at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * ray_offset(at, params.extent))
 }
 
 /// What of a light the baked scene lets through to the place with this [`start`], whose share of
 /// the light's flux would be `arrives`.
 #[must_use]
 #[inline]
-pub fn reaches(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives: f32) -> f32 {
+pub fn vpl_transmittance(
+    params: &VplParams,
+    bvh: &Bvh,
+    light: &Vpl,
+    start: Vec3,
+    arrives: f32,
+) -> f32 {
     if params.nodes == 0 || Vec3::from_array(light.flux).max_element() * arrives < params.dim {
         return 1.0;
     }
@@ -167,7 +173,7 @@ pub fn reaches(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives:
     let end = local.transform_point3(light.position.into());
     let ray = end - start;
     let length = ray.length();
-    let max_t = length - lift(end, params.extent);
+    let max_t = length - ray_offset(end, params.extent);
     match max_t > 0.0 {
         true => bvh.passes(&Ray::segment(start, ray / length, max_t)),
         false => 1.0,
@@ -185,13 +191,13 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
     }
     let start = start(params, x, n);
     for light in &lights[..params.vpls as usize] {
-        let g = share(light, x, n);
+        let g = vpl_contribution(light, x, n);
         let e = Vec3::from_array(light.flux);
         let arrives = n.dot(g);
         if arrives <= 0.0 {
             continue;
         }
-        let passes = reaches(params, bvh, light, start, arrives);
+        let passes = vpl_transmittance(params, bvh, light, start, arrives);
         if passes <= 0.0 {
             continue;
         }
@@ -221,7 +227,7 @@ pub fn vpl_pixel(
         return earlier;
     }
     let n = gbuffer::normal(texel);
-    let e = vpl_at(lit, lights, bvh, place(params, pixel, depth), n).dot(n);
+    let e = vpl_at(lit, lights, bvh, pixel_position(params, pixel, depth), n).dot(n);
     let e = e.max(Vec3::ZERO) * params.scale;
     if e.max_element() <= 0.0 {
         return earlier;
@@ -234,7 +240,7 @@ pub fn vpl_pixel(
 
 /// Place of a pixel in the space of the lights.
 #[must_use]
-pub fn place(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
+pub fn pixel_position(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
     let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
         / Vec2::new(width, height);
@@ -263,7 +269,7 @@ pub fn vpl_node(
     };
     bits |= state::EVALUATED | state::KNOWN;
     let n = gbuffer::normal(texel);
-    let e = vpl_at(lit, lights, bvh, place(params, pixel, depth), n);
+    let e = vpl_at(lit, lights, bvh, pixel_position(params, pixel, depth), n);
     if [e.x, e.y, e.z]
         .iter()
         .flat_map(|axis| &axis[..3])
@@ -272,7 +278,7 @@ pub fn vpl_node(
         light.add_scaled(params.scale, &e);
         bits |= state::COVERED;
     }
-    *node = SubsplatNode::new(&light, node.foretold(), bits);
+    *node = SubsplatNode::new(&light, node.predicted_luminance(), bits);
 }
 
 #[cfg(test)]
@@ -289,15 +295,18 @@ mod tests {
             let sum: f64 = (0..steps)
                 .map(|i| {
                     let y = (i as f32 + 0.5) / steps as f32 * 2.0 - 1.0;
-                    f64::from(facing(normal, Vec3::new((1.0 - y * y).sqrt(), y, 0.0)))
+                    f64::from(mean_clamped_cosine(
+                        normal,
+                        Vec3::new((1.0 - y * y).sqrt(), y, 0.0),
+                    ))
                 })
                 .sum();
             let whole = sum * 4.0 / f64::from(steps);
             assert!((whole - 1.0).abs() < 0.02, "{m}: {whole}");
         }
         // Exact where all normals face the place.
-        assert_eq!(facing(Vec3::Y * 0.9, Vec3::Y), 0.9);
-        assert_eq!(facing(Vec3::Y, -Vec3::Y), 0.0);
+        assert_eq!(mean_clamped_cosine(Vec3::Y * 0.9, Vec3::Y), 0.9);
+        assert_eq!(mean_clamped_cosine(Vec3::Y, -Vec3::Y), 0.0);
     }
 
     #[test]

@@ -24,13 +24,13 @@
 
 use super::brdf::{self, ShadingPoint, SpecularTerms};
 use super::gbuffer;
-use super::pyramid::{GbufferView, VisibleSurface, seen};
+use super::pyramid::{GbufferView, VisibleSurface, visible_surface};
 use super::refine::FLOOR;
 use super::rsm_layout::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
 use super::subsplat::{COARSEST, LUMINANCE, SubsplatLevels, SubsplatParams, SubsplatSettings};
 use super::upsample::PLANE;
-use super::vpl::{place, reaches, share, start};
+use super::vpl::{pixel_position, start, vpl_contribution, vpl_transmittance};
 use crate::scene::Bvh;
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
@@ -42,17 +42,17 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bits of a surprise: more lights than that share them in groups of neighbors.
-pub const GROUPS: u32 = 128;
+pub const LIGHT_GROUPS: u32 = 128;
 /// Perceptual roughness over which what is no metal loses its gloss.
-pub const FADES: f32 = 0.1;
+pub const ROUGHNESS_FADE: f32 = 0.1;
 /// Cosine between normals up to which nodes say nothing of one another, and from which they say
 /// all: highlights turn twice as fast as the surface.
-pub const TURNS: [f32; 2] = [0.85, 0.97];
+pub const NORMAL_COSINES: [f32; 2] = [0.85, 0.97];
 /// Difference of the cosines to the eye, over their sum, from which they say nothing of one
 /// another.
-pub const SLANTS: f32 = 0.15;
+pub const VIEW_COSINE_TOLERANCE: f32 = 0.15;
 /// Difference of perceptual roughness from which they say nothing of one another.
-pub const ROUGHER: f32 = 0.1;
+pub const ROUGHNESS_TOLERANCE: f32 = 0.1;
 
 /// Which surfaces show the gloss of virtual lights, and where it is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,7 +106,7 @@ impl SpecularSettings {
             ..SubsplatSettings::default()
         };
         let params = SpecularParams {
-            roughest: positive(self.roughest).min(1.0 + FADES),
+            roughest: positive(self.roughest).min(1.0 + ROUGHNESS_FADE),
             together: u32::from(self.together),
             ..SpecularParams::default()
         };
@@ -146,7 +146,7 @@ impl SpecularNode {
             let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, LARGEST_HALF)).to_bits());
             bits(a) | bits(b) << 16
         };
-        let [a, b] = [light.straight, light.grazing];
+        let [a, b] = [light.f0, light.f90];
         Self {
             words: [pack(a.x, a.y), pack(a.z, b.x), pack(b.y, b.z), 1],
         }
@@ -160,8 +160,8 @@ impl SpecularNode {
             f16::from_bits(word as u16).to_f32()
         };
         (self.words[3] == 1).then(|| SpecularRadiance {
-            straight: Vec3::new(half(0), half(1), half(2)),
-            grazing: Vec3::new(half(3), half(4), half(5)),
+            f0: Vec3::new(half(0), half(1), half(2)),
+            f90: Vec3::new(half(3), half(4), half(5)),
         })
     }
 }
@@ -170,21 +170,21 @@ impl SpecularNode {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpecularRadiance {
     /// Over f₀.
-    pub straight: Vec3,
+    pub f0: Vec3,
     /// Over f₉₀.
-    pub grazing: Vec3,
+    pub f90: Vec3,
 }
 
 impl SpecularRadiance {
     fn add(&mut self, weight: f32, other: &Self) {
-        self.straight += weight * other.straight;
-        self.grazing += weight * other.grazing;
+        self.f0 += weight * other.f0;
+        self.f90 += weight * other.f90;
     }
 
     /// What a surface with this f₀ shows of it.
     #[must_use]
-    pub fn of(&self, straight: Vec3) -> Vec3 {
-        straight * self.straight + brdf::grazing(straight) * self.grazing
+    pub fn of(&self, f0: Vec3) -> Vec3 {
+        f0 * self.f0 + brdf::f90(f0) * self.f90
     }
 }
 
@@ -192,7 +192,7 @@ impl SpecularRadiance {
 /// leaves.
 #[must_use]
 pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
-    let smooth = (params.roughest - gbuffer::roughness(texel)) / FADES;
+    let smooth = (params.roughest - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
     gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
 }
 
@@ -211,7 +211,7 @@ impl VplSet<'_> {
     /// Lights that share a bit.
     #[must_use]
     pub fn a_group(&self) -> u32 {
-        self.lit.vpls.div_ceil(GROUPS).max(1)
+        self.lit.vpls.div_ceil(LIGHT_GROUPS).max(1)
     }
 }
 
@@ -235,7 +235,7 @@ pub fn receiver(
     depth: f32,
     texel: [u32; 4],
 ) -> Receiver {
-    let x = place(view, pixel, depth);
+    let x = pixel_position(view, pixel, depth);
     let n = gbuffer::normal(texel);
     Receiver {
         x,
@@ -267,15 +267,15 @@ pub const MIN: f32 = 1e-15;
 /// How much brighter than by a white matt surface a light may be seen in this gloss: what the
 /// threshold of shadow rays is compared with.
 fn brightest(gloss: &SpecularTerms) -> f32 {
-    (PI * (gloss.straight + gloss.grazing)).max(1.0)
+    (PI * (gloss.f0 + gloss.f90)).max(1.0)
 }
 
 /// What one light gives to the eye, over its flux.
 #[must_use]
-pub fn gloss_of(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
+pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
     let light = &lights.vpls[i as usize];
     let n = at.facet.n;
-    let g = share(light, at.x, n);
+    let g = vpl_contribution(light, at.x, n);
     let arrives = n.dot(g);
     // Less than this is nothing, and has no direction in single precision.
     if arrives.is_nan() || arrives <= MIN {
@@ -283,27 +283,27 @@ pub fn gloss_of(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
     }
     let toward = Vec3::from_array(light.position) - at.x;
     let spread = light.square / (toward.dot(toward) + light.square);
-    let found = brdf::gloss(&at.facet, g / g.length(), spread);
-    if found.straight + found.grazing <= 0.0 {
+    let found = brdf::specular_terms(&at.facet, g / g.length(), spread);
+    if found.f0 + found.f90 <= 0.0 {
         return SpecularTerms::default();
     }
     let bright = arrives * brightest(&found);
-    let arrives = arrives * reaches(lights.lit, lights.bvh, light, at.start, bright);
+    let arrives = arrives * vpl_transmittance(lights.lit, lights.bvh, light, at.start, bright);
     SpecularTerms {
-        straight: arrives * found.straight,
-        grazing: arrives * found.grazing,
+        f0: arrives * found.f0,
+        f90: arrives * found.f90,
     }
 }
 
 /// What all lights give to the eye, unscaled.
 #[must_use]
-pub fn gloss_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
+pub fn specular_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
     let mut sum = SpecularRadiance::default();
     for i in 0..lights.lit.vpls {
         let flux = Vec3::from_array(lights.vpls[i as usize].flux);
-        let found = gloss_of(lights, i, at);
-        sum.straight += found.straight * flux;
-        sum.grazing += found.grazing * flux;
+        let found = specular_of_light(lights, i, at);
+        sum.f0 += found.f0 * flux;
+        sum.f90 += found.f90 * flux;
     }
     sum
 }
@@ -342,7 +342,7 @@ struct Around {
 
 /// All nodes that say something of a place. Weights add up to one, or there is none.
 #[derive(Default)]
-struct Foretold {
+struct Prediction {
     light: SpecularRadiance,
     around: [Option<Around>; 4],
     known: bool,
@@ -351,7 +351,7 @@ struct Foretold {
 impl SpecularView<'_> {
     /// None where nothing glossy is to be seen.
     fn glossy(&self, pixel: [u32; 2]) -> Option<Glossy> {
-        let seen = seen(self.screen, &self.picture, pixel)?;
+        let seen = visible_surface(self.screen, &self.picture, pixel)?;
         let texel = self.picture.texel(self.screen.size, pixel);
         let shown = shown(self.params, texel);
         (shown > 0.0).then(|| Glossy {
@@ -368,16 +368,16 @@ impl SpecularView<'_> {
 
     /// What the nodes of level `k` + 1 foretell at cell (x, y) of level `k` (0 for pixels), of
     /// which one coordinate at least is odd.
-    fn foretold(
+    fn predict(
         &self,
         levels: &SubsplatLevels,
         nodes: &[SpecularNode],
         k: u32,
         [x, y]: [u32; 2],
         here: &Glossy,
-    ) -> Foretold {
+    ) -> Prediction {
         let [w, h] = levels.grid(k + 1);
-        let mut out = Foretold::default();
+        let mut out = Prediction::default();
         let mut total = 0.0;
         let share = if x % 2 == 1 && y % 2 == 1 { 0.25 } else { 0.5 };
         for (slot, (dx, dy)) in CORNERS.into_iter().enumerate() {
@@ -392,7 +392,7 @@ impl SpecularView<'_> {
             let Some(there) = self.glossy(pixel) else {
                 continue;
             };
-            let weight = share * alike(here, &there);
+            let weight = share * surface_similarity(here, &there);
             if weight > 0.0 {
                 total += weight;
                 let at = self.receiver(pixel, &there);
@@ -414,7 +414,7 @@ impl SpecularView<'_> {
     fn asked(
         &self,
         levels: &SubsplatLevels,
-        surprises: &[[u32; 4]],
+        refine_masks: &[[u32; 4]],
         k: u32,
         [x, y]: [u32; 2],
     ) -> [u32; 4] {
@@ -428,8 +428,8 @@ impl SpecularView<'_> {
         for cy in by - (1 - (y % 2) as i32)..=by + 1 {
             for cx in bx - (1 - (x % 2) as i32)..=bx + 1 {
                 if (0..w).contains(&cx) && (0..h).contains(&cy) {
-                    let at = surprise(levels, k + 1, cx as u32, cy as u32);
-                    out = core::array::from_fn(|i| out[i] | surprises[at][i]);
+                    let at = refine_mask_index(levels, k + 1, cx as u32, cy as u32);
+                    out = core::array::from_fn(|i| out[i] | refine_masks[at][i]);
                 }
             }
         }
@@ -441,7 +441,7 @@ impl SpecularView<'_> {
         &self,
         levels: &SubsplatLevels,
         nodes: &[SpecularNode],
-        surprises: &[[u32; 4]],
+        refine_masks: &[[u32; 4]],
         k: u32,
         [x, y]: [u32; 2],
     ) -> (SpecularNode, [u32; 4], u64) {
@@ -459,8 +459,8 @@ impl SpecularView<'_> {
             let same = nodes[levels.index(k + 1, x / 2, y / 2)];
             return (same, none.0, none.1);
         }
-        let before = self.foretold(levels, nodes, k, [x, y], &here);
-        let asked = self.asked(levels, surprises, k, [x, y]);
+        let before = self.predict(levels, nodes, k, [x, y], &here);
+        let asked = self.asked(levels, refine_masks, k, [x, y]);
         let finer = k >= self.screen.finest;
         if before.known && (asked == [0; 4] || !finer) {
             return (SpecularNode::new(&before.light), none.0, none.1);
@@ -468,13 +468,13 @@ impl SpecularView<'_> {
         if !before.known && !finer {
             return nothing;
         }
-        let straight = gbuffer::straight(here.texel);
-        let seen_before = LUMINANCE.dot(before.light.of(straight));
+        let f0 = gbuffer::f0(here.texel);
+        let seen_before = LUMINANCE.dot(before.light.of(f0));
         let most = self.screen.light * (seen_before + FLOOR * FRAC_1_PI);
         if before.known && self.params.together == 1 {
             let node = self.whole(pixel, &here);
             let found = node.light().unwrap_or_default();
-            let off = (LUMINANCE.dot(found.of(straight)) - seen_before).abs();
+            let off = (LUMINANCE.dot(found.of(f0)) - seen_before).abs();
             let bits = if off > most { u32::MAX } else { 0 };
             return (node, [bits; 4], all);
         }
@@ -488,19 +488,19 @@ impl SpecularView<'_> {
             let mut change = SpecularRadiance::default();
             for i in g * group..((g + 1) * group).min(self.lights.lit.vpls) {
                 let flux = self.view.scale * Vec3::from_array(self.lights.vpls[i as usize].flux);
-                let mut found = gloss_of(&self.lights, i, &at);
+                let mut found = specular_of_light(&self.lights, i, &at);
                 count += 1;
                 for a in before.around.iter().flatten().filter(|_| before.known) {
-                    let there = gloss_of(&self.lights, i, &a.at);
-                    found.straight -= a.weight * there.straight;
-                    found.grazing -= a.weight * there.grazing;
+                    let there = specular_of_light(&self.lights, i, &a.at);
+                    found.f0 -= a.weight * there.f0;
+                    found.f90 -= a.weight * there.f90;
                     count += 1;
                 }
-                change.straight += found.straight * flux;
-                change.grazing += found.grazing * flux;
+                change.f0 += found.f0 * flux;
+                change.f90 += found.f90 * flux;
             }
             light.add(1.0, &change);
-            if LUMINANCE.dot(change.of(straight)).abs() > most {
+            if LUMINANCE.dot(change.of(f0)).abs() > most {
                 bits[(g / 32) as usize] |= 1 << (g % 32);
             }
         }
@@ -510,7 +510,7 @@ impl SpecularView<'_> {
     /// All lights at a pixel.
     fn whole(&self, pixel: [u32; 2], of: &Glossy) -> SpecularNode {
         let mut light = SpecularRadiance::default();
-        let found = gloss_at(&self.lights, &self.receiver(pixel, of));
+        let found = specular_at(&self.lights, &self.receiver(pixel, of));
         light.add(self.view.scale, &found);
         SpecularNode::new(&light)
     }
@@ -530,7 +530,7 @@ impl SpecularView<'_> {
         let known = if x % 2 == 0 && y % 2 == 0 {
             nodes[levels.index(1, x / 2, y / 2)].light()
         } else {
-            let before = self.foretold(levels, nodes, 0, [x, y], &here);
+            let before = self.predict(levels, nodes, 0, [x, y], &here);
             before.known.then_some(before.light)
         };
         if let Some(light) = known {
@@ -555,18 +555,18 @@ impl SpecularView<'_> {
         let levels = self.screen.levels();
         let mut nodes = vec![SpecularNode::default(); levels.starts[0] as usize];
         let surprised = levels.starts[0] - levels.starts[2];
-        let mut surprises = vec![[0; 4]; surprised as usize];
+        let mut refine_masks = vec![[0; 4]; surprised as usize];
         let mut evaluated = vec![0; levels.coarsest as usize + 1];
         for k in (1..=levels.coarsest).rev() {
             let [w, h] = levels.grid(k);
             let found: Vec<_> = (0..w * h)
                 .into_par_iter()
-                .map(|i| self.node(&levels, &nodes, &surprises, k, [i % w, i / w]))
+                .map(|i| self.node(&levels, &nodes, &refine_masks, k, [i % w, i / w]))
                 .collect();
             for (i, (node, bits, count)) in (0..w * h).zip(found) {
                 nodes[levels.index(k, i % w, i / w)] = node;
                 if k > 1 {
-                    surprises[surprise(&levels, k, i % w, i / w)] = bits;
+                    refine_masks[refine_mask_index(&levels, k, i % w, i / w)] = bits;
                 }
                 evaluated[k as usize] += count;
             }
@@ -574,7 +574,7 @@ impl SpecularView<'_> {
         SpecularImage {
             texels: Vec::new(),
             nodes,
-            surprises,
+            refine_masks,
             evaluated,
         }
     }
@@ -607,7 +607,7 @@ pub struct SpecularImage {
     /// Nodes of the levels from 1.
     pub nodes: Vec<SpecularNode>,
     /// Lights that surprised, of the levels from 2.
-    pub surprises: Vec<[u32; 4]>,
+    pub refine_masks: Vec<[u32; 4]>,
     /// How often a light was evaluated, level by level; 0 is for pixels by themselves.
     pub evaluated: Vec<u64>,
 }
@@ -617,29 +617,31 @@ const CORNERS: [(u32, u32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
 
 /// Where the surprises of a cell of level 2 or more are.
 #[must_use]
-pub fn surprise(levels: &SubsplatLevels, k: u32, x: u32, y: u32) -> usize {
+pub fn refine_mask_index(levels: &SubsplatLevels, k: u32, x: u32, y: u32) -> usize {
     levels.index(k, x, y) - levels.starts[2] as usize
 }
 
 /// How much two glossy places say of one another: 1 all, 0 nothing.
-fn alike(a: &Glossy, b: &Glossy) -> f32 {
+fn surface_similarity(a: &Glossy, b: &Glossy) -> f32 {
     let (p, q) = (&a.seen, &b.seen);
     let off = (q.x - p.x).dot(p.n).abs().max((q.x - p.x).dot(q.n).abs());
     let plane = (2.0 - 2.0 * off / (PLANE * p.reach)).clamp(0.0, 1.0);
-    let normal = ((p.n.dot(q.n) - TURNS[0]) / (TURNS[1] - TURNS[0])).clamp(0.0, 1.0);
+    let normal = ((p.n.dot(q.n) - NORMAL_COSINES[0]) / (NORMAL_COSINES[1] - NORMAL_COSINES[0]))
+        .clamp(0.0, 1.0);
     let apart = (gbuffer::roughness(a.texel) - gbuffer::roughness(b.texel)).abs();
-    let rough = (2.0 - 2.0 * apart / ROUGHER).clamp(0.0, 1.0);
+    let rough = (2.0 - 2.0 * apart / ROUGHNESS_TOLERANCE).clamp(0.0, 1.0);
     // Of cosines to the eye the ratio counts: where it is small, all that shines changes with it.
     let [u, v] = [p, q].map(|s| s.n.dot(-s.x.normalize()).abs());
-    let slant =
-        (2.0 - 2.0 * (u - v).abs() / (SLANTS * (u + v)).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    let slant = (2.0
+        - 2.0 * (u - v).abs() / (VIEW_COSINE_TOLERANCE * (u + v)).max(f32::MIN_POSITIVE))
+    .clamp(0.0, 1.0);
     plane * normal * rough * slant
 }
 
 fn texel(here: &Glossy, light: &SpecularRadiance) -> [f32; 4] {
-    let straight = gbuffer::straight(here.texel);
-    let again = brdf::again(gbuffer::roughness(here.texel), straight);
-    (here.shown * again * light.of(straight))
+    let f0 = gbuffer::f0(here.texel);
+    let again = brdf::multiscatter_compensation(gbuffer::roughness(here.texel), f0);
+    (here.shown * again * light.of(f0))
         .min(Vec3::splat(LARGEST_HALF))
         .extend(1.0)
         .to_array()

@@ -89,11 +89,11 @@ fn compare(
         .for_each(|(i, out)| {
             let (x, n) = (scene.points[i].x(), scene.points[i].n());
             let eye = soft_shadow::DecodedVisibility::new(&params, visibility, i, n);
-            let (f, _) = soft_shadow::fraction(light, x, n, &eye);
+            let (f, _) = soft_shadow::visible_fraction(light, x, n, &eye);
             let e = unshadowed(light, x, n, extent);
             out.x = [e * f, e * (1.0 - f), 0.0, 0.0];
         });
-    soft_shadow::spread(scene, known, &mut parts);
+    soft_shadow::fill_finer_levels(scene, known, &mut parts);
     let values: Vec<[f32; 2]> = places
         .par_iter()
         .map(|p| {
@@ -117,8 +117,8 @@ fn memory(
     light: &SoftLight,
     places: &[PenumbraSample],
 ) -> Errors {
-    let deficits = soft_shadow::deficits_of(scene, visibility, &[*light]);
-    shadow_errors(scene, &deficits, places)
+    let occluded_irradiances = soft_shadow::occluded_irradiances_from(scene, visibility, &[*light]);
+    shadow_errors(scene, &occluded_irradiances, places)
 }
 
 /// The bakes of visibility that are measured.
@@ -209,11 +209,11 @@ pub fn cuts(
     scene: &BakedScene,
     light: &Light,
 ) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
-    let lamp = SoftLight::of(light, SAMPLES).ok_or("no rectangle")?;
+    let lamp = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
     let shade = penumbra_of(&shadow_places(scene, mesh, light, PATHS));
     let points = remembering(scene);
-    let deficits = deficits_by_rays(scene, mesh, &lamp, points.len());
-    let rays = shadow_errors(scene, &deficits, &shade).nrmse;
+    let occluded_irradiances = deficits_by_rays(scene, mesh, &lamp, points.len());
+    let rays = shadow_errors(scene, &occluded_irradiances, &shade).nrmse;
     let (mut races, mut cuts) = (Vec::new(), Vec::new());
     let usual = VisibilitySettings::default();
     for error in CUTS {
@@ -261,7 +261,7 @@ pub fn race(
     let params = SoftShadowParams::new(visibility, extent, 1);
     let mut races = Vec::new();
     for samples in [1, SAMPLES] {
-        let lamp = SoftLight::of(light, samples).ok_or("no rectangle")?;
+        let lamp = SoftLight::from_light(light, samples).ok_or("no rectangle")?;
         let places: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
             .enumerate()
             .map(|(i, p)| (i, p.x(), p.n()))
@@ -278,10 +278,10 @@ pub fn race(
                 geometry: mesh,
                 start: x + n * mesh.lift(x),
             };
-            soft_shadow::fraction(&lamp, x, n, &sight).0
+            soft_shadow::visible_fraction(&lamp, x, n, &sight).0
         });
         let (memory, remembered) = time(&|&(i, x, n)| {
-            soft_shadow::fraction(
+            soft_shadow::visible_fraction(
                 &lamp,
                 x,
                 n,
@@ -321,7 +321,7 @@ pub fn measure(
     folder: &Path,
 ) -> Result<Found, Box<dyn Error>> {
     let light = lamp(name);
-    let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
+    let lamp = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
     let lit = shadow_places(scene, mesh, &light, PATHS);
     let shade = penumbra_of(&lit);
     eprintln!(
@@ -371,15 +371,15 @@ pub fn measure(
     let fifty = theirs.truncated(50);
     let mut others = Vec::new();
     for (what, light) in other_lamps(name) {
-        let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
+        let lamp = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
         let shade = penumbra_of(&shadow_places(scene, mesh, &light, PATHS));
         let error = |visibility: &Visibility| memory(scene, visibility, &lamp, &shade).nrmse;
-        let deficits = deficits_by_rays(scene, mesh, &lamp, known);
+        let occluded_irradiances = deficits_by_rays(scene, mesh, &lamp, known);
         others.push(Other {
             what,
             places: shade.len(),
             penumbra: [error(&own), error(&fine)],
-            rays: shadow_errors(scene, &deficits, &shade).nrmse,
+            rays: shadow_errors(scene, &occluded_irradiances, &shade).nrmse,
         });
     }
     let mut variants = Vec::new();
@@ -456,12 +456,12 @@ fn picture(
             vertical_angle: 1.1,
         },
     };
-    let lamp = SoftLight::of(light, SAMPLES).ok_or("no rectangle")?;
-    let deficits = soft_shadow::deficits(scene, &[lamp]);
+    let lamp = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
+    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[lamp]);
     let extent = extent(scene);
     let memory = |_: &Ray, s: &Surface, _: &mut Random| {
         let e = unshadowed(&lamp, s.position, s.normal, extent);
-        let missing = subtract_shadow::missing(scene, &deficits, s.position, s.normal);
+        let missing = subtract_shadow::missing(scene, &occluded_irradiances, s.position, s.normal);
         e * (Vec3::ONE - missing.unwrap_or_default())
     };
     let truth = |_: &Ray, s: &Surface, random: &mut Random| {

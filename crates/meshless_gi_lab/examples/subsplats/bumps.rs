@@ -69,7 +69,7 @@ fn bump(view: &mut View<'_>) {
         }
         let pixel = [i as u32 % SMALL[0], i as u32 / SMALL[0]];
         let texel = view.drawn.gbuffer[i];
-        let (x, n) = splat::place(&view.splat, pixel, view.drawn.depth[i], texel);
+        let (x, n) = splat::pixel_position(&view.splat, pixel, view.drawn.depth[i], texel);
         let p = 45.0 * x;
         let slope = Vec3::new(
             p.y.sin() * p.z.cos(),
@@ -97,7 +97,7 @@ fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Meas
                 let e = view.pixel(pixel);
                 let all = state::EVALUATED | state::KNOWN | state::COVERED;
                 let along = from(sign * Vec3::AXES[axis], Vec3::new(e[0], e[1], e[2]));
-                *node = SubsplatNode::new(&along, node.foretold(), all);
+                *node = SubsplatNode::new(&along, node.predicted_luminance(), all);
             });
             for (i, texel) in shown.texels.iter().enumerate() {
                 let n = gbuffer::normal(view.drawn.gbuffer[i]);
@@ -144,7 +144,7 @@ pub fn measure() -> Vec<Bumpy> {
             .map(|i| {
                 let pixel = [i as u32 % SMALL[0], i as u32 / SMALL[0]];
                 let (depth, texel) = (view.drawn.depth[i], view.drawn.gbuffer[i]);
-                let (x, n) = splat::place(&view.splat, pixel, depth, texel);
+                let (x, n) = splat::pixel_position(&view.splat, pixel, depth, texel);
                 let facing = n.dot((eye - x).normalize()).max(0.0);
                 let shade = alpha * facing + 1.0 - alpha;
                 let [r, g, b, a] = plain[i];

@@ -5,7 +5,9 @@ use super::gloss_support::{Scene, room, share, virtual_lights};
 use glam::Vec3;
 use meshless_gi::internals::frame::refine::FLOOR;
 use meshless_gi::internals::frame::subsplat::LUMINANCE;
-use meshless_gi::internals::frame::vpl_specular::{SpecularView, gloss_of, receiver, shown};
+use meshless_gi::internals::frame::vpl_specular::{
+    SpecularView, receiver, shown, specular_of_light,
+};
 use meshless_gi::internals::frame::{SubsplatParams, VplParams, brdf, gbuffer, subsplats, vpl};
 use meshless_gi::{SpecularSettings, SubsplatSettings};
 use rayon::prelude::*;
@@ -105,9 +107,9 @@ fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
         return Vec3::ZERO;
     }
     let at = receiver(view.view, &view.lights, pixel, depth, texel);
-    let found = gloss_of(&view.lights, i, &at);
-    let straight = gbuffer::straight(texel);
-    let color = found.straight * straight + found.grazing * brdf::grazing(straight);
+    let found = specular_of_light(&view.lights, i, &at);
+    let f0 = gbuffer::f0(texel);
+    let color = found.f0 * f0 + found.f90 * brdf::f90(f0);
     view.view.scale * color * Vec3::from_array(view.lights.vpls[i as usize].flux)
 }
 

@@ -90,7 +90,7 @@ pub fn shadow_places(
 ) -> Vec<PenumbraSample> {
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(mesh, &viewpoints, 0..paths, 0xfeed, false).candidates;
-    let lamp = SoftLight::of(light, 1).unwrap_or_default();
+    let lamp = SoftLight::from_light(light, 1).unwrap_or_default();
     let extent = extent(scene);
     landed
         .par_iter()
@@ -132,27 +132,28 @@ pub fn deficits_by_rays(
                 geometry: mesh,
                 start: x + n * mesh.lift(x),
             };
-            let d = soft_shadow::deficit(&params, light, x, n, &rays);
+            let d = soft_shadow::occluded_irradiance(&params, light, x, n, &rays);
             let e = unshadowed(light, x, n, params.extent);
             let channels = |v: f32| [v, v, v, e];
             (out.x, out.y, out.z) = (channels(d.x), channels(d.y), channels(d.z));
         });
-    soft_shadow::spread(scene, known, &mut out);
+    soft_shadow::fill_finer_levels(scene, known, &mut out);
     out
 }
 
-/// How far irradiance without the share that `deficits` say is missing is from the reference, at
+/// How far irradiance without the share that `occluded_irradiances` say is missing is from the reference, at
 /// `places`: as the kernel `shade` has it on the screen.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,
-    deficits: &[VectorIrradiance],
+    occluded_irradiances: &[VectorIrradiance],
     places: &[PenumbraSample],
 ) -> Errors {
     let got: Vec<Vec3> = places
         .par_iter()
         .map(|p| {
-            let missing = subtract_shadow::missing(scene, deficits, p.x, p.n).unwrap_or_default();
+            let missing =
+                subtract_shadow::missing(scene, occluded_irradiances, p.x, p.n).unwrap_or_default();
             p.unshadowed * (Vec3::ONE - missing)
         })
         .collect();

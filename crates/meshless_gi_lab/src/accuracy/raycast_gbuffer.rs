@@ -118,7 +118,7 @@ mod tests {
             );
             for i in drawn {
                 let pixel = [i as u32 % size[0], i as u32 / size[0]];
-                let (x, n) = splat::place(&params, pixel, view.depth[i], view.gbuffer[i]);
+                let (x, n) = splat::pixel_position(&params, pixel, view.depth[i], view.gbuffer[i]);
                 assert!(((x - center).length() - radius).abs() < 1e-3, "{x}");
                 assert!((n - (x - center)).length() < 3e-3, "{n}");
                 assert!(n.dot((center - eye).normalize()) < 0.05);

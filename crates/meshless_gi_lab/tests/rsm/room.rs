@@ -5,7 +5,7 @@ use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::frame::rsm_layout::space_from_clip;
 use meshless_gi::internals::frame::{
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, project, rsm, vpl,
+    RsmParams, RsmSelectParams, RsmShadowParams, RsmTexel, Vpl, VplParams, project, rsm, vpl,
 };
 use meshless_gi::internals::samples::Random;
 use meshless_gi::{Bvh, FrameLight, Irradiance, Light, Material, ReferenceSettings, TriangleMesh};
@@ -206,12 +206,12 @@ impl Room {
 }
 
 pub fn choose(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
-    let params = RsmChooseParams {
+    let params = RsmSelectParams {
         texels: texels.len() as u32,
         vpls,
-        ..RsmChooseParams::default()
+        ..RsmSelectParams::default()
     };
-    rsm::choose(&params, texels)
+    rsm::select_vpls(&params, texels)
 }
 
 /// Places on triangles, as many a square meter everywhere; a hair's breadth off them.
@@ -237,7 +237,7 @@ fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
             let [a, b, c] = chosen;
             let n = (b - a).cross(c - a).normalize();
             let x = a + (b - a) * uv.x + (c - a) * uv.y;
-            (x + n * project::lift(x, 4.0), n)
+            (x + n * project::ray_offset(x, 4.0), n)
         })
         .collect()
 }
@@ -285,7 +285,7 @@ impl Grid {
             .filter_map(|i| {
                 let step = side / count;
                 let (x, y) = (i % count * step + step / 2, i / count * step + step / 2);
-                let t = &texels[rsm::curve(side, x, y) as usize];
+                let t = &texels[rsm::hilbert_index(side, x, y) as usize];
                 let same = match light.kind {
                     FrameLight::DIRECTIONAL => 1.0,
                     _ => mean / angle(x, y),
@@ -310,7 +310,7 @@ impl Grid {
         let one = |l: &Vpl| -> Vec3 {
             let square = (Vec3::from_array(l.position) - x).length_squared();
             Vec3::from_array(l.flux)
-                * vpl::share(l, x, n).dot(n)
+                * vpl::vpl_contribution(l, x, n).dot(n)
                 * (square / square.max(self.least))
         };
         self.lights.iter().map(one).sum()
