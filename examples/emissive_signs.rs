@@ -197,8 +197,8 @@ fn set_up(
         preset: Preset::Draft,
         viewpoints: vec![[0.0, 1.6, 2.0], [0.0, 2.0, -5.0], [0.0, 2.0, -11.0]],
         // Small things shine in a dark street: more rays than the preset's find them.
-        rays: Some(2048),
-        live_materials: true,
+        rays_per_point: Some(2048),
+        dynamic_materials: true,
         ..default()
     };
     let mut root = commands.spawn((

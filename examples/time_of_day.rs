@@ -33,7 +33,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
-use meshless_gi::{Material, ProbeSettings, Quad, Sky, SkyRadiance};
+use meshless_gi::{Material, ProbeSettings, Quad, SkyModel, SkyRadiance};
 use std::f32::consts::{PI, TAU};
 use std::process::ExitCode;
 
@@ -133,8 +133,8 @@ fn set_up(
         preset: Preset::Draft,
         viewpoints: vec![[3.0, 1.6, 3.0], [-6.5, 1.6, 0.0], [6.5, 1.6, 0.0]],
         // Arcades see the court between columns: four times the preset's rays.
-        rays: Some(1024),
-        sky: Sky::Harmonics,
+        rays_per_point: Some(1024),
+        sky: SkyModel::Harmonics,
         // Light in free space, for the mist.
         probes: Some(ProbeSettings::default()),
         ..default()

@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
 use meshless_gi::internals::scene::PlyPoints;
-use meshless_gi::{
+use meshless_gi::{BounceMode, FmmRecipe, 
     BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Geometry, Irradiance,
     Light, Limits, Material, PointCloud, Preset, Progress, Quad, Ray, Recipe, ReferenceSettings,
     TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
@@ -58,7 +58,7 @@ fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> ReferencePair {
 fn draft(rule: TransportMethod) -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        rule,
+        transport: rule,
         ..Recipe::default()
     }
 }
@@ -126,7 +126,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
     for (name, level, most) in rooms {
         let places = places(&level, 400);
         let truth = reference(&level, &places);
-        let [fmm, bounded] = [TransportMethod::Fmm, TransportMethod::Bounded].map(|rule| {
+        let [fmm, bounded] = [TransportMethod::fmm(), TransportMethod::Bounded].map(|rule| {
             let scene = baked(&level, &draft(rule));
             let bytes = scene.to_bytes().expect("a file").len();
             let again = BakedScene::from_bytes(&scene.to_bytes().unwrap(), &Limits::default());
@@ -158,7 +158,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             };
             let floor: Vec<_> = places.iter().filter(below).copied().collect();
             let bare = mesh_of_quads(&cornell_box()[..5]);
-            let empty = baked(&bare, &quick(TransportMethod::Fmm, false));
+            let empty = baked(&bare, &quick(TransportMethod::fmm(), false));
             let tints = [(&fmm.0, &level), (&empty, &bare)].map(|(scene, level)| {
                 let sum: Vec3 = indirect(scene, level, &floor).into_iter().sum();
                 sum.x / sum.z
@@ -189,12 +189,18 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
 /// A recipe that bakes in a second.
 fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
     Recipe {
+        transport: match rule {
+            TransportMethod::Fmm(fmm) => TransportMethod::Fmm(FmmRecipe {
+                fallback_links: fallback,
+                ..fmm
+            }),
+            other => other,
+        },
         coarse_radius: Some(0.4),
-        rays: Some(64),
+        rays_per_point: Some(64),
         levels: Some(3),
         sender_levels: Some(2),
-        extra_levels: Some(0),
-        fallback,
+        refinement_levels: Some(0),
         ..draft(rule)
     }
 }
@@ -202,7 +208,7 @@ fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
 #[test]
 fn fmm_bake_has_links_as_lower_tiers() {
     let level = mesh_of_quads(&cornell_box());
-    let both = baked(&level, &quick(TransportMethod::Fmm, true));
+    let both = baked(&level, &quick(TransportMethod::fmm(), true));
     let links = baked(&level, &quick(TransportMethod::Bounded, false));
     let tiers = both.link_tiers();
     assert_eq!(both.tiers(), tiers + 1);
@@ -255,7 +261,7 @@ fn fmm_bake_any_thread_count_writes_equal_bytes() {
     let bytes = |threads| {
         bake_scene(
             &level,
-            &quick(TransportMethod::Fmm, false),
+            &quick(TransportMethod::fmm(), false),
             threads,
             &Progress::default(),
         )
@@ -290,7 +296,7 @@ fn fmm_closed_room_conserves_energy() {
             })
             .collect();
         let level = mesh_of_quads(&walls);
-        baked(&level, &quick(TransportMethod::Fmm, false))
+        baked(&level, &quick(TransportMethod::fmm(), false))
     };
     for albedo in [0.0f32, 0.5, 0.9] {
         let scene = furnace(albedo);
@@ -315,26 +321,29 @@ fn fmm_closed_room_conserves_energy() {
 
 #[test]
 fn invalid_fmm_recipes_are_rejected() {
-    type Change = fn(&mut Recipe);
+    type Change = fn(&mut FmmRecipe, &mut BounceMode);
     let wrong: [(&str, Change); 5] = [
-        ("order", |r| r.order = Some(17)),
-        ("leaf", |r| r.leaf = Some(0)),
-        ("sources", |r| r.sources = Some(65)),
-        ("pair_rays", |r| r.pair_rays = Some(0)),
-        ("bounce_mode", |r| {
-            r.bounce_mode = meshless_gi::BounceMode::Baked;
-        }),
+        ("order", |fmm, _| fmm.order = 17),
+        ("leaf_size", |fmm, _| fmm.leaf_size = 0),
+        ("samples_per_sender", |fmm, _| fmm.samples_per_sender = 65),
+        ("visibility_rays", |fmm, _| fmm.visibility_rays = 0),
+        ("bounce_mode", |_, mode| *mode = BounceMode::Baked),
     ];
     for (field, change) in wrong {
-        let mut recipe = draft(TransportMethod::Fmm);
+        let mut recipe = draft(TransportMethod::fmm());
         assert!(recipe.check().is_ok());
-        change(&mut recipe);
+        let mut fmm = FmmRecipe::default();
+        change(&mut fmm, &mut recipe.bounce_mode);
+        recipe.transport = TransportMethod::Fmm(fmm);
         let why = recipe.check().expect_err(field).to_string();
         assert!(why.contains(field), "{why}");
     }
     let read = Recipe::from_ron("(rule: Fmm, order: 3, sources: 2, fallback: true)").unwrap();
-    assert_eq!(
-        (read.order, read.sources, read.fallback),
-        (Some(3), Some(2), true)
-    );
+    let expected = FmmRecipe {
+        order: 3,
+        samples_per_sender: 2,
+        fallback_links: true,
+        ..FmmRecipe::default()
+    };
+    assert_eq!(read.transport, TransportMethod::Fmm(expected));
 }

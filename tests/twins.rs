@@ -612,11 +612,11 @@ fn cornell_box_bakes_match_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     for (rule, mode) in [
-        (TransportMethod::Bounded, BounceMode::Live),
+        (TransportMethod::Bounded, BounceMode::Runtime),
         (TransportMethod::Bounded, BounceMode::Baked),
-        (TransportMethod::L08, BounceMode::Live),
-        (TransportMethod::Pca, BounceMode::Live),
-        (TransportMethod::Fmm, BounceMode::Live),
+        (TransportMethod::L08, BounceMode::Runtime),
+        (TransportMethod::pca(), BounceMode::Runtime),
+        (TransportMethod::fmm(), BounceMode::Runtime),
     ] {
         let scene = baked::cornell(rule, mode);
         eprintln!(
@@ -674,7 +674,7 @@ fn octree_above_limit_falls_back_to_links() {
     use meshless_gi::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
-    let mut scene = baked::cornell(TransportMethod::Fmm, BounceMode::Live);
+    let mut scene = baked::cornell(TransportMethod::fmm(), BounceMode::Runtime);
     let run = |scene: &BakedScene| {
         let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 8).unwrap();
         harness

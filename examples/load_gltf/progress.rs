@@ -3,7 +3,7 @@
 use super::save::Saving;
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::Stage;
+use meshless_gi::BakeStage;
 
 /// A line about the last file: an error, or where a bake was saved. Empty for none.
 #[derive(Resource, Default)]
@@ -55,15 +55,15 @@ pub fn set_up(mut commands: Commands) {
 
 /// The part of a whole bake that is done, 0 to 1, of a stage and the part of it. Stages that a
 /// recipe leaves out are passed over.
-pub fn overall(stage: Stage, done: f32) -> f32 {
+pub fn overall(stage: BakeStage, done: f32) -> f32 {
     let [from, to] = match stage {
-        Stage::Bvh => [0.0, 0.02],
-        Stage::Points => [0.02, 0.2],
-        Stage::Transport => [0.2, 0.7],
-        Stage::Probes => [0.7, 0.75],
-        Stage::Bounces => [0.75, 0.8],
-        Stage::Visibility => [0.8, 0.85],
-        Stage::ErrorEstimate => [0.85, 1.0],
+        BakeStage::Bvh => [0.0, 0.02],
+        BakeStage::Points => [0.02, 0.2],
+        BakeStage::Transport => [0.2, 0.7],
+        BakeStage::Probes => [0.7, 0.75],
+        BakeStage::Bounces => [0.75, 0.8],
+        BakeStage::Visibility => [0.8, 0.85],
+        BakeStage::ErrorEstimate => [0.85, 1.0],
     };
     from + (to - from) * done.clamp(0.0, 1.0)
 }

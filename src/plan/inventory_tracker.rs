@@ -446,7 +446,7 @@ mod tests {
             coarse_radius: Some(0.8),
             levels: Some(2),
             sender_levels: Some(1),
-            rays: Some(16),
+            rays_per_point: Some(16),
             ..Recipe::default()
         };
         let made = bake_scene(&mesh_of_quads(&quads), &recipe, 0, &Progress::default());

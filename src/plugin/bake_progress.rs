@@ -2,7 +2,7 @@
 
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
-use meshless_gi::{Progress, Stage};
+use meshless_gi::{Progress, BakeStage};
 use std::fmt;
 
 /// Progress of the bake of its entity. Added when a bake starts, updated in
@@ -45,13 +45,13 @@ impl GiBakeStage {
     pub fn name(self) -> &'static str {
         let stage = match self {
             Self::Waiting => return "waiting for assets",
-            Self::Geometry => Stage::Bvh,
-            Self::Points => Stage::Points,
-            Self::Transport => Stage::Transport,
-            Self::Probes => Stage::Probes,
-            Self::Bounces => Stage::Bounces,
-            Self::Visibility => Stage::Visibility,
-            Self::ErrorEstimate => Stage::ErrorEstimate,
+            Self::Geometry => BakeStage::Bvh,
+            Self::Points => BakeStage::Points,
+            Self::Transport => BakeStage::Transport,
+            Self::Probes => BakeStage::Probes,
+            Self::Bounces => BakeStage::Bounces,
+            Self::Visibility => BakeStage::Visibility,
+            Self::ErrorEstimate => BakeStage::ErrorEstimate,
         };
         stage.name()
     }
@@ -63,16 +63,16 @@ impl fmt::Display for GiBakeStage {
     }
 }
 
-impl From<Stage> for GiBakeStage {
-    fn from(stage: Stage) -> Self {
+impl From<BakeStage> for GiBakeStage {
+    fn from(stage: BakeStage) -> Self {
         match stage {
-            Stage::Bvh => Self::Geometry,
-            Stage::Points => Self::Points,
-            Stage::Transport => Self::Transport,
-            Stage::Probes => Self::Probes,
-            Stage::Bounces => Self::Bounces,
-            Stage::Visibility => Self::Visibility,
-            Stage::ErrorEstimate => Self::ErrorEstimate,
+            BakeStage::Bvh => Self::Geometry,
+            BakeStage::Points => Self::Points,
+            BakeStage::Transport => Self::Transport,
+            BakeStage::Probes => Self::Probes,
+            BakeStage::Bounces => Self::Bounces,
+            BakeStage::Visibility => Self::Visibility,
+            BakeStage::ErrorEstimate => Self::ErrorEstimate,
         }
     }
 }
@@ -95,7 +95,7 @@ mod tests {
     fn stage_of_a_new_bake_is_geometry() {
         let progress = GiBakeProgress::from(&Progress::default());
         assert_eq!(progress.stage, GiBakeStage::Geometry);
-        assert_eq!(progress.stage.to_string(), Stage::Bvh.name());
+        assert_eq!(progress.stage.to_string(), BakeStage::Bvh.name());
         assert_eq!(GiBakeProgress::default().stage, GiBakeStage::Waiting);
     }
 }

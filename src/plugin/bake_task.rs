@@ -37,7 +37,7 @@ use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
 use meshless_gi::{
-    BakeSceneError, Baked, BakedScene, Progress, Recipe, Stage, TriangleMesh, bake_scene,
+    BakeSceneError, Baked, BakedScene, Progress, Recipe, BakeStage, TriangleMesh, bake_scene,
 };
 use std::sync::Arc;
 
@@ -126,7 +126,7 @@ impl GiBakeTask {
 
     /// What the bake is doing, and how much of that is done, 0 to 1.
     #[must_use]
-    pub fn progress(&self) -> (Stage, f32) {
+    pub fn progress(&self) -> (BakeStage, f32) {
         self.progress.get()
     }
 

@@ -127,7 +127,7 @@ impl RecipeInputs {
         let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
         let level = LevelFiles::read(path, &scene, reader).await?;
         Ok(Self {
-            names_preset: recipe.max_error.is_some() || names_preset(&text),
+            names_preset: recipe.target_nrmse.is_some() || names_preset(&text),
             recipe,
             path: path.clone(),
             scene,

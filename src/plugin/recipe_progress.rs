@@ -4,7 +4,7 @@ use super::asset::GiBakedScene;
 use bevy::asset::{AssetId, AssetPath, AssetServer};
 use bevy::ecs::prelude::*;
 use bevy::log::info;
-use meshless_gi::{Progress, Stage};
+use meshless_gi::{Progress, BakeStage};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -24,8 +24,8 @@ pub struct GiRecipeProgress {
     /// Asset that the recipe becomes. `None` if the app has not asked for it yet, as for recipes
     /// that the asset processor bakes ahead.
     pub id: Option<AssetId<GiBakedScene>>,
-    /// Stage of the bake.
-    pub stage: Stage,
+    /// BakeStage of the bake.
+    pub stage: BakeStage,
     /// Fraction of the stage that is done, 0 to 1.
     pub fraction: f32,
 }
@@ -38,7 +38,7 @@ pub(crate) struct RecipeBakes(Arc<Mutex<Vec<RunningBake>>>);
 struct RunningBake {
     path: AssetPath<'static>,
     progress: Arc<Progress>,
-    sent: Option<(Stage, f32)>,
+    sent: Option<(BakeStage, f32)>,
 }
 
 impl RecipeBakes {
@@ -113,7 +113,7 @@ fn write_progress(name: String, progress: Arc<Progress>, write: fn(&str)) -> Sen
 }
 
 /// Returns true if the log reports `now` after `logged`.
-fn is_news(logged: Option<(Stage, f32)>, now: (Stage, f32)) -> bool {
+fn is_news(logged: Option<(BakeStage, f32)>, now: (BakeStage, f32)) -> bool {
     logged.is_none_or(|(stage, fraction)| stage != now.0 || now.1 >= fraction + LOGGED_SHARE)
 }
 
@@ -148,7 +148,7 @@ mod tests {
     fn is_news_for_each_stage_and_each_tenth_of_it() {
         let mut logged = None;
         let mut lines = 0;
-        for stage in [Stage::Points, Stage::Transport] {
+        for stage in [BakeStage::Points, BakeStage::Transport] {
             for permille in 0..1000 {
                 let now = (stage, permille as f32 / 1000.0);
                 if is_news(logged, now) {

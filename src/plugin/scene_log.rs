@@ -8,7 +8,7 @@ use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
 use bevy::log::info;
 use bevy::platform::collections::HashMap;
-use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{BakedScene, Preset, Recipe};
 use std::sync::{Arc, Weak};
 
@@ -81,17 +81,18 @@ fn summary(bake: &BakedScene, bytes: u64) -> String {
 
 /// Returns the preset whose tolerances the bake has; `None` if it has others.
 fn preset_of(bake: &BakedScene) -> Option<Preset> {
-    let found: Settings = ron::from_str(&bake.info.recipe).ok()?;
+    let found: BakeSettings = BakeSettings::from_ron(&bake.info.recipe).ok()?;
     [Preset::Draft, Preset::Medium, Preset::High]
         .into_iter()
         .find(|preset| {
             let recipe = Recipe {
                 preset: *preset,
-                rule: found.rule,
+                transport: found.transport,
                 ..Recipe::default()
             };
             recipe.settings(1.0).is_ok_and(|usual| {
-                (usual.epsilon, usual.tolerance) == (found.epsilon, found.tolerance)
+                (usual.truncation_error, usual.receiver_tolerance)
+                    == (found.truncation_error, found.receiver_tolerance)
             })
         })
 }

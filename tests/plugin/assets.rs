@@ -144,7 +144,7 @@ fn quick() -> Recipe {
         preset: Preset::Draft,
         coarse_radius: Some(0.4),
         levels: Some(3),
-        rays: Some(64),
+        rays_per_point: Some(64),
         ..default()
     }
 }
@@ -185,7 +185,7 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
         ))
         .id();
     let wrong = Recipe {
-        rays: Some(1),
+        rays_per_point: Some(1),
         ..quick()
     };
     let wrong = app
@@ -227,7 +227,7 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
     // Bevy's pools stay free, for its pipelines for instance, however small they are.
     let pool = bevy::tasks::AsyncComputeTaskPool::get();
     let slow = Recipe {
-        rays: Some(60_000),
+        rays_per_point: Some(60_000),
         preset: Preset::High,
         ..Recipe::default()
     };

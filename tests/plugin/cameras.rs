@@ -452,7 +452,7 @@ fn with_probes() -> Recipe {
         preset: Preset::Draft,
         probes: Some(ProbeSettings {
             spacing: Some(0.25),
-            rays: None,
+            rays_per_probe: None,
         }),
         ..Recipe::default()
     }

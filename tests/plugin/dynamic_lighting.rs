@@ -13,7 +13,7 @@ use bevy_meshless_gi::plugin::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings}
 use bevy_meshless_gi::prelude::*;
 use glam::Mat3;
 use meshless_gi::internals::frame::materials::live_surfaces;
-use meshless_gi::{BakedScene, FrameSettings, Recipe, Sky, SkyRadiance};
+use meshless_gi::{BakedScene, FrameSettings, Recipe, SkyModel, SkyRadiance};
 use std::sync::{Arc, OnceLock};
 
 /// The room's left wall, and its block's top.
@@ -29,9 +29,9 @@ fn cornell() -> (Room, Arc<BakedScene>) {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
-        rays: Some(128),
-        sky: Sky::Harmonics,
-        live_materials: true,
+        rays_per_point: Some(128),
+        sky: SkyModel::Harmonics,
+        dynamic_materials: true,
         ..default()
     };
     let baked = BAKED.get_or_init(|| room.bake_as(&recipe)).clone();

@@ -21,15 +21,15 @@ fn scene_runs_only_required_effects() {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
-        rays: Some(64),
+        rays_per_point: Some(64),
         probes: Some(ProbeSettings {
             spacing: Some(0.4),
-            rays: None,
+            rays_per_probe: None,
         }),
         soft_shadows: Some(VisibilityRecipe {
             directions: 252,
             coefficients: 20,
-            cluster_points: 100,
+            cluster_size: 100,
             ..VisibilityRecipe::default()
         }),
         ..Recipe::default()

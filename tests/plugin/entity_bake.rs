@@ -51,7 +51,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     let place = Transform::from_xyz(3.0, -7.0, 0.5).with_rotation(Quat::from_rotation_y(0.3));
     let root = app.world_mut().spawn((WorldAssetRoot(scene), place)).id();
     let recipe = Recipe {
-        live_materials: true,
+        dynamic_materials: true,
         ..quick()
     };
     app.world_mut().entity_mut(root).bake_gi(recipe.clone());
@@ -275,7 +275,12 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
     assert!(!is_baking(&app, removed));
     assert!(!app.world().entity(removed).contains::<GiBakeProgress>());
     let summary = end_of(&mut app, replaced).unwrap();
-    assert!(scene_of(&app, replaced).info.recipe.contains("rays:64"));
+    assert!(
+        scene_of(&app, replaced)
+            .info
+            .recipe
+            .contains("rays_per_point:64")
+    );
     assert!(summary.points > 0);
     for _ in 0..20 {
         app.update();
@@ -567,11 +572,11 @@ fn saved_bake_is_loaded_if_matching_and_else_replaced() {
     assert_eq!(loaded, baked);
     // Another recipe, then other meshes.
     let finer = Recipe {
-        rays: Some(96),
+        rays_per_point: Some(96),
         ..quick()
     };
     assert!(!bake(&mut app, root, request(finer.clone())).0.loaded);
-    assert!(read().info.recipe.contains("rays:96"));
+    assert!(read().info.recipe.contains("rays_per_point:96"));
     let tile = triangle([0.0, 0.1, 0.2].map(|v| Vec3::new(v, 1.0 + 20.0 * v * v, 0.2)));
     let tile = spawn_mesh(&mut app, root, tile, default(), default());
     let (other, changed) = bake(&mut app, root, request(finer.clone()));
@@ -728,7 +733,7 @@ fn dynamic_materials_keep_app_names() {
     let given = GiDynamicMaterials(vec![("sign".into(), handles[3].clone())]);
     app.world_mut().entity_mut(root).insert(given);
     let recipe = Recipe {
-        live_materials: true,
+        dynamic_materials: true,
         ..quick()
     };
     let (_, scene) = bake(&mut app, root, recipe);

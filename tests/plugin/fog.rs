@@ -42,10 +42,10 @@ fn bake() -> Arc<BakedScene> {
             coarse_radius: Some(0.4),
             levels: Some(3),
             sender_levels: Some(2),
-            rays: Some(128),
+            rays_per_point: Some(128),
             probes: Some(ProbeSettings {
                 spacing: Some(0.25),
-                rays: None,
+                rays_per_probe: None,
             }),
             ..Recipe::default()
         })

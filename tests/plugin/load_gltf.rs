@@ -17,7 +17,7 @@ use bevy_meshless_gi::prelude::*;
 use level::drop::{Level, Loaded};
 use level::progress::{Bar, Lines, Notice, overall};
 use level::{LevelPlugin, drop};
-use meshless_gi::{BakedScene, Limits, Preset, Stage};
+use meshless_gi::{BakedScene, Limits, Preset, BakeStage};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -196,13 +196,13 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
 #[test]
 fn overall_progress_rises_from_stage_to_stage() {
     let stages = [
-        Stage::Bvh,
-        Stage::Points,
-        Stage::Transport,
-        Stage::Probes,
-        Stage::Bounces,
-        Stage::Visibility,
-        Stage::ErrorEstimate,
+        BakeStage::Bvh,
+        BakeStage::Points,
+        BakeStage::Transport,
+        BakeStage::Probes,
+        BakeStage::Bounces,
+        BakeStage::Visibility,
+        BakeStage::ErrorEstimate,
     ];
     let steps = stages
         .iter()

@@ -10,7 +10,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::{FrameStage, TierCandidate};
 use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::{BakedScene, FrameSettings, Recipe, TransportMethod};
+use meshless_gi::{FmmRecipe, BakedScene, FrameSettings, Recipe, TransportMethod};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -25,11 +25,13 @@ fn baked(order: u32) -> (Room, Arc<BakedScene>) {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
-        extra_levels: Some(0),
-        rays: Some(128),
-        rule: TransportMethod::Fmm,
-        order: Some(order),
-        fallback: true,
+        refinement_levels: Some(0),
+        rays_per_point: Some(128),
+        transport: TransportMethod::Fmm(FmmRecipe {
+            order,
+            fallback_links: true,
+            ..FmmRecipe::default()
+        }),
         ..Recipe::default()
     });
     (room, bake)

@@ -25,10 +25,10 @@ fn bake(probes: bool) -> Arc<BakedScene> {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
-        rays: Some(128),
+        rays_per_point: Some(128),
         probes: probes.then_some(ProbeSettings {
             spacing: Some(0.3),
-            rays: None,
+            rays_per_probe: None,
         }),
         ..Recipe::default()
     })

@@ -483,7 +483,7 @@ fn process_assets_changed_input_is_baked_again() {
     std::fs::write(levels.join("room.gi.ron"), &finer).unwrap();
     let text = process("step", root.path());
     assert_eq!(text.matches("LOG baked").count(), 1, "{text}");
-    assert!(load(&output).info.recipe.contains("rays:96"));
+    assert!(load(&output).info.recipe.contains("rays_per_point:96"));
     std::fs::write(levels.join("room.gi.ron"), RECIPE).unwrap();
     let (json, binary) = gltf(&room, "parts.bin");
     std::fs::write(levels.join("parts.gltf"), json).unwrap();

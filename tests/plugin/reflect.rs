@@ -173,7 +173,7 @@ fn full_world() -> App {
     let gray = material.clone();
     let recipe = Recipe {
         preset: Preset::High,
-        rays: Some(60_000),
+        rays_per_point: Some(60_000),
         ..default()
     };
     let world = app.world_mut();

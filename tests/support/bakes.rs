@@ -63,7 +63,7 @@ pub fn quick() -> Recipe {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
-        rays: Some(64),
+        rays_per_point: Some(64),
         ..default()
     }
 }
@@ -71,7 +71,7 @@ pub fn quick() -> Recipe {
 /// A recipe that takes minutes.
 pub fn slow() -> Recipe {
     Recipe {
-        rays: Some(60_000),
+        rays_per_point: Some(60_000),
         preset: Preset::High,
         ..quick()
     }

@@ -133,7 +133,7 @@ impl Room {
             coarse_radius: Some(0.4),
             levels: Some(3),
             sender_levels: Some(2),
-            rays: Some(128),
+            rays_per_point: Some(128),
             seed,
             ..Recipe::default()
         })

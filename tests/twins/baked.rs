@@ -1,7 +1,7 @@
 //! Bakes of the Cornell box, as a game would have them.
 
 use glam::Vec3;
-use meshless_gi::{
+use meshless_gi::{FmmRecipe, 
     BakeSource, BakedScene, BounceMode, FrameLight, Light, Preset, Progress, Recipe,
     TransportMethod, bake, load_gltf,
 };
@@ -15,13 +15,18 @@ pub fn cornell(rule: TransportMethod, bounce_mode: BounceMode) -> BakedScene {
 pub fn recipe(rule: TransportMethod, bounce_mode: BounceMode) -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        rays: Some(32),
+        rays_per_point: Some(32),
         levels: Some(3),
         sender_levels: Some(2),
-        extra_levels: Some(0),
+        refinement_levels: Some(0),
         bounces: Some(3),
-        rule,
-        fallback: rule == TransportMethod::Fmm,
+        transport: match rule {
+            TransportMethod::Fmm(fmm) => TransportMethod::Fmm(FmmRecipe {
+                fallback_links: true,
+                ..fmm
+            }),
+            other => other,
+        },
         bounce_mode,
         ..Recipe::default()
     }

@@ -112,7 +112,7 @@ fn monochrome_probes_match_twin() {
             spacing: Some(0.8),
             ..ProbeSettings::default()
         }),
-        ..recipe(TransportMethod::Bounded, BounceMode::Live)
+        ..recipe(TransportMethod::Bounded, BounceMode::Runtime)
     });
     let (lights, settings) = (lights(), one(2));
     let twin = cpu(&scene, &lights, &settings);

@@ -10,7 +10,7 @@ use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::transport::Link;
 use meshless_gi::{
     BakedScene, BounceMode, CpuFrame, FrameSettings, OccluderBox, OccluderDesc, ProbeSettings,
-    Recipe, Sky, SkyRadiance, TransportMethod,
+    Recipe, SkyModel, SkyRadiance, TransportMethod,
 };
 
 /// The Cornell box with a shutter across its middle and one in its opening.
@@ -34,14 +34,14 @@ fn scene() -> BakedScene {
     occluders.extend(aside);
     occluders.push(shutter("front", 0.2));
     let scene = bake_box(&Recipe {
-        sky: Sky::Harmonics,
-        live_materials: true,
+        sky: SkyModel::Harmonics,
+        dynamic_materials: true,
         probes: Some(ProbeSettings {
             spacing: Some(0.8),
             ..ProbeSettings::default()
         }),
         occluders,
-        ..recipe(TransportMethod::Bounded, BounceMode::Live)
+        ..recipe(TransportMethod::Bounded, BounceMode::Runtime)
     });
     let sets = &scene.occluders.as_ref().unwrap().sets;
     assert_eq!(*sets, [0, 1, 1 << 33, 1 << 33 | 1]);
@@ -169,7 +169,7 @@ fn occluded_link_chunks_match_twin() {
 fn scene_without_occluders_has_no_occluder_terms() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
-    let plain = bake_box(&recipe(TransportMethod::Bounded, BounceMode::Live));
+    let plain = bake_box(&recipe(TransportMethod::Bounded, BounceMode::Runtime));
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &plain, 1).unwrap();
     let (count, bytes) = (frame.buffers().count(), frame.buffers().bytes());
     harness

@@ -19,12 +19,12 @@ pub fn baked() -> BakedScene {
         preset: Preset::Draft,
         levels: Some(4),
         sender_levels: Some(2),
-        rays: Some(64),
+        rays_per_point: Some(64),
         soft_shadows: Some(VisibilityRecipe {
             directions: 252,
             coefficients: 21,
-            cluster_points: 60,
-            error: 0.02,
+            cluster_size: 60,
+            max_cluster_error: 0.02,
         }),
         ..Recipe::default()
     };

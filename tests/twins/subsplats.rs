@@ -74,7 +74,7 @@ fn ball(center: Vec3, radius: f32) -> TriangleMesh {
 impl Scene {
     fn new() -> Self {
         Self::of(
-            baked::cornell(TransportMethod::Bounded, BounceMode::Live),
+            baked::cornell(TransportMethod::Bounded, BounceMode::Runtime),
             &box_mesh(),
         )
     }
@@ -84,9 +84,9 @@ impl Scene {
         let mut scene = baked::bake_box(&Recipe {
             probes: Some(ProbeSettings {
                 spacing: Some(0.8),
-                rays: None,
+                rays_per_probe: None,
             }),
-            ..baked::recipe(TransportMethod::Bounded, BounceMode::Live)
+            ..baked::recipe(TransportMethod::Bounded, BounceMode::Runtime)
         });
         let probes = scene.probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());

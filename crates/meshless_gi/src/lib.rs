@@ -44,8 +44,8 @@ pub use scene::{LoadedGeometry, load_geometry, load_gltf};
 
 // Bakes.
 pub use bake::{
-    BakeError, BakeSceneError, BakeSource, BakeStats, Baked, BounceMode, OccluderBox, OccluderDesc,
-    Preset, ProbeSettings, Progress, Recipe, RecipeError, Sky, Stage, TransportMethod,
+    BakeError, BakeSceneError, BakeSource, BakeStats, Baked, BounceMode, FmmRecipe, OccluderBox, OccluderDesc,
+    PcaRecipe, Preset, ProbeSettings, Progress, Recipe, RecipeError, SkyModel, BakeStage, TransportMethod,
     VisibilityRecipe, bake, bake_scene,
 };
 

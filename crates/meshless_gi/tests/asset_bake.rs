@@ -52,10 +52,10 @@ fn small() -> Recipe {
         coarse_radius: Some(0.8),
         levels: Some(3),
         sender_levels: Some(2),
-        extra_levels: Some(0),
-        rays: Some(64),
-        epsilon: Some(0.06),
-        tolerance: Some(0.03),
+        refinement_levels: Some(0),
+        rays_per_point: Some(64),
+        truncation_error: Some(0.06),
+        receiver_tolerance: Some(0.03),
         ..Recipe::default()
     }
 }
@@ -90,14 +90,14 @@ fn bake_file_round_trips() {
             ..small.clone()
         },
         Recipe {
-            rule: TransportMethod::L08,
+            transport: TransportMethod::L08,
             ..small.clone()
         },
     ] {
         let scene = baked(&recipe, 2);
         let stats = scene
             .validate()
-            .unwrap_or_else(|v| panic!("{:?}: {}", recipe.rule, v[0]));
+            .unwrap_or_else(|v| panic!("{:?}: {}", recipe.transport, v[0]));
         assert!(stats.links > 100 && stats.senders > 10, "{stats:?}");
         assert_eq!(
             stats.bounce_links > 0,

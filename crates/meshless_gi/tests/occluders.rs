@@ -7,7 +7,7 @@ use glam::Vec3;
 use meshless_gi::internals::transport::PackedLinkTerm;
 use meshless_gi::{
     BakeError, BakeSceneError, BakedScene, CpuFrame, FrameLight, FrameSettings, Light, Limits,
-    Material, OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Quad, Recipe, Sky,
+    Material, OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Quad, Recipe, SkyModel,
     SkyRadiance, TransportMethod, TriangleMesh, bake_scene, load_gltf, mesh_of_quads,
 };
 use std::path::Path;
@@ -376,8 +376,8 @@ fn open_box() -> (TriangleMesh, Recipe) {
     };
     let recipe = Recipe {
         preset: Preset::Draft,
-        sky: Sky::Harmonics,
-        live_materials: true,
+        sky: SkyModel::Harmonics,
+        dynamic_materials: true,
         probes: Some(ProbeSettings::default()),
         occluders: vec![
             shutter("outer", bounds.min.z - 0.4),
@@ -460,7 +460,7 @@ fn invalid_occluder_recipes_are_rejected() {
         ..with_box([0.0; 3], [1.0; 3])
     };
     let other_rule = Recipe {
-        rule: TransportMethod::L08,
+        transport: TransportMethod::L08,
         ..with_box([0.0; 3], [1.0; 3])
     };
     for (wrong, says) in [

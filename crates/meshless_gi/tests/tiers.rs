@@ -131,8 +131,8 @@ fn tier_operator_is_prefix_of_links() {
     let level = level("cornell");
     let recipe = Recipe {
         levels: Some(4),
-        extra_levels: Some(1),
-        rays: Some(64),
+        refinement_levels: Some(1),
+        rays_per_point: Some(64),
         ..draft()
     };
     let scene = baked(&level, recipe.clone());
@@ -172,9 +172,9 @@ fn tier_operator_is_prefix_of_links() {
 #[test]
 fn l08_bake_has_one_tier() {
     let recipe = Recipe {
-        rule: TransportMethod::L08,
+        transport: TransportMethod::L08,
         levels: Some(3),
-        rays: Some(64),
+        rays_per_point: Some(64),
         ..draft()
     };
     let scene = baked(&level("cornell"), recipe);

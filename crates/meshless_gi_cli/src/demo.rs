@@ -191,8 +191,8 @@ fn statue(file: &Path) -> Result<TriangleMesh, ToolError> {
 fn recipe(rays: u32) -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        rays: Some(rays),
-        epsilon: Some(0.02),
+        rays_per_point: Some(rays),
+        truncation_error: Some(0.02),
         ..Recipe::default()
     }
 }

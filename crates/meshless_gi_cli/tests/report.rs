@@ -1,7 +1,7 @@
 //! `meshless_gi report` as a user has it, and the sweep behind it on something smaller still.
 
-use meshless_gi::internals::bake::Settings;
-use meshless_gi::{
+use meshless_gi::internals::bake::BakeSettings;
+use meshless_gi::{PcaRecipe, 
     Material, Preset, Progress, Recipe, TransportMethod, TriangleMesh, cornell_box, mesh_of_quads,
 };
 use meshless_gi_lab::report::{
@@ -188,9 +188,9 @@ fn report_invalid_input_fails_before_baking() {
 fn tiny() -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        rays: Some(64),
+        rays_per_point: Some(64),
         levels: Some(3),
-        extra_levels: Some(0),
+        refinement_levels: Some(0),
         coarse_radius: Some(0.8),
         ..Recipe::default()
     }
@@ -206,21 +206,23 @@ fn variant(factor: Factor, name: &str, cost: f64, recipe: Recipe) -> Variant {
     }
 }
 
-fn tiny_variants(base: &Settings) -> Vec<Variant> {
-    assert_eq!(base.rays, 64);
+fn tiny_variants(base: &BakeSettings) -> Vec<Variant> {
+    assert_eq!(base.rays_per_point, 64);
     let l08 = |epsilon| Recipe {
-        rule: TransportMethod::L08,
-        epsilon: Some(epsilon),
+        transport: TransportMethod::L08,
+        truncation_error: Some(epsilon),
         ..tiny()
     };
     let pca = Recipe {
-        rule: TransportMethod::Pca,
-        lamps: Some(64),
+        transport: TransportMethod::Pca(PcaRecipe {
+            training_lights: 64,
+            ..PcaRecipe::default()
+        }),
         ..tiny()
     };
     let more = Recipe {
-        rays: Some(512),
-        epsilon: Some(0.005),
+        rays_per_point: Some(512),
+        truncation_error: Some(0.005),
         ..tiny()
     };
     vec![
@@ -351,7 +353,7 @@ fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let like = report.rows.remove(0);
     for &(rule, links, error, seconds) in rows {
         let mut row = like.clone();
-        row.settings.baked.rule = rule;
+        row.settings.baked.transport = rule;
         row.settings.name = format!("{rule:?} {links}");
         (row.links, row.nrmse, row.bake_seconds) = (links, error, seconds);
         row.nrmse_interval = 0.001;
@@ -433,9 +435,9 @@ fn report_variants_bake_and_write_recipes() {
         for rule in [
             TransportMethod::Bounded,
             TransportMethod::L08,
-            TransportMethod::Pca,
+            TransportMethod::pca(),
         ] {
-            assert!(list.iter().any(|v| v.recipe.rule == rule));
+            assert!(list.iter().any(|v| v.recipe.transport == rule));
         }
         // Runs of the baseline come first: they need no bake.
         let runs = list.iter().position(|v| v.factor != Factor::Bounces);

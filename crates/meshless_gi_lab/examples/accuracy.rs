@@ -8,7 +8,7 @@
 //! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json`
 //! (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
 
-use meshless_gi::internals::bake::{Settings, cast_gather_rays};
+use meshless_gi::internals::bake::{BakeSettings, cast_gather_rays};
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
     Baked, Bounces, Evaluator, Preset, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
@@ -100,7 +100,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
     }
     let (baked, mesh) = made.ok_or_else(|| format!("{}: no L0.json", folder.display()))?;
     let (stats, seconds) = (&baked.stats, &baked.stats.seconds);
-    let settings: Settings = ron::from_str(&baked.scene.info.recipe)?;
+    let settings: BakeSettings = BakeSettings::from_ron(&baked.scene.info.recipe)?;
     let began = Instant::now();
     let cast = cast_gather_rays(&mesh, &baked.scene, &settings);
     let alone = began.elapsed().as_secs_f64() * stats.gather_rays as f64 / cast as f64;

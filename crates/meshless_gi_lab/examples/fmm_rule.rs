@@ -7,10 +7,10 @@
 //! ```
 
 use glam::Vec3;
-use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::internals::samples::scatter;
 use meshless_gi::internals::scene::{PlyEncoding, parse_ply, statue_room, write_ply};
-use meshless_gi::{
+use meshless_gi::{FmmRecipe, 
     CpuFrame, FrameLight, FrameSettings, Light, PointCloud, Preset, Progress, Recipe,
     TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
@@ -28,7 +28,7 @@ const LIMIT: Duration = Duration::from_mins(5);
 const SPACING: f32 = 0.035;
 
 /// Rules at what presets make of them, and what is rule `fmm`'s own.
-fn choose(_: &Settings) -> Vec<Variant> {
+fn choose(_: &BakeSettings) -> Vec<Variant> {
     let of = |name: &str, factor, cost, recipe| Variant {
         factor,
         name: name.into(),
@@ -41,21 +41,27 @@ fn choose(_: &Settings) -> Vec<Variant> {
         ..Recipe::default()
     };
     let rule = |rule| Recipe {
-        rule,
+        transport: rule,
         ..draft.clone()
     };
     let epsilon = |e| Recipe {
-        epsilon: Some(e),
-        tolerance: Some(2.0 * e),
+        truncation_error: Some(e),
+        receiver_tolerance: Some(2.0 * e),
         ..draft.clone()
     };
-    let fmm = rule(TransportMethod::Fmm);
+    let fmm = rule(TransportMethod::fmm());
     let sources = |k| Recipe {
-        sources: Some(k),
+        transport: TransportMethod::Fmm(FmmRecipe {
+            samples_per_sender: k,
+            ..FmmRecipe::default()
+        }),
         ..fmm.clone()
     };
     let order = |k| Recipe {
-        order: Some(k),
+        transport: TransportMethod::Fmm(FmmRecipe {
+            order: k,
+            ..FmmRecipe::default()
+        }),
         ..fmm.clone()
     };
     let levels = |k, recipe: &Recipe| Recipe {
@@ -63,7 +69,7 @@ fn choose(_: &Settings) -> Vec<Variant> {
         ..recipe.clone()
     };
     let finer = |e, rays| Recipe {
-        rays: Some(rays),
+        rays_per_point: Some(rays),
         ..levels(5, &epsilon(e))
     };
     vec![
@@ -97,7 +103,7 @@ fn choose(_: &Settings) -> Vec<Variant> {
             1.5,
             finer(0.03, 256),
         ),
-        of("pca", Factor::RulePca, 1.3, rule(TransportMethod::Pca)),
+        of("pca", Factor::RulePca, 1.3, rule(TransportMethod::pca())),
     ]
 }
 
@@ -131,7 +137,7 @@ fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
 fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
-        rule,
+        transport: rule,
         ..Recipe::default()
     };
     let (baked, seconds) = timed(|| bake_scene(level, &recipe, 0, &Progress::default()));
@@ -178,7 +184,7 @@ fn by_number() -> Result<String, Box<dyn Error>> {
         eprintln!("{count} points");
         let [bounded, fmm] = [
             cost(&level, TransportMethod::Bounded)?,
-            cost(&level, TransportMethod::Fmm)?,
+            cost(&level, TransportMethod::fmm())?,
         ];
         let _ = write!(
             out,
@@ -223,10 +229,10 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     );
     for rule in [
         TransportMethod::Bounded,
-        TransportMethod::Pca,
-        TransportMethod::Fmm,
+        TransportMethod::pca(),
+        TransportMethod::fmm(),
     ] {
-        for r in (report.rows.iter()).filter(|r| r.settings.baked.rule == rule) {
+        for r in (report.rows.iter()).filter(|r| r.settings.baked.transport.is_same_method(&rule)) {
             let _ = writeln!(
                 out,
                 "| `{}` | {} | {:.1} ± {:.1} | {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",

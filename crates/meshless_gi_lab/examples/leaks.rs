@@ -55,8 +55,8 @@ fn row(
 ) -> Result<(), Box<dyn Error>> {
     let recipe = Recipe {
         preset,
-        rule,
-        walls: Some(walls),
+        transport: rule,
+        clip_planes: Some(walls),
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
         ..Recipe::default()
     };

@@ -10,7 +10,7 @@ use meshless_gi::internals::frame::materials::live_surfaces;
 use meshless_gi::internals::samples::trace_particles;
 use meshless_gi::{
     BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Irradiance, Light,
-    Material, MaterialFactors, Preset, Progress, Recipe, ReferenceSettings, Sky, SkyRadiance,
+    Material, MaterialFactors, Preset, Progress, Recipe, ReferenceSettings, SkyModel, SkyRadiance,
     Texture, TriangleMesh, TriangleUvs, Wrap, bake_scene, load_gltf,
 };
 use meshless_gi_lab::accuracy::{Errors, errors};
@@ -191,8 +191,8 @@ impl Case {
     fn of(name: &'static str, parts: Parts, mesh: &TriangleMesh, preset: Preset) -> Self {
         let recipe = Recipe {
             preset,
-            sky: Sky::Harmonics,
-            live_materials: true,
+            sky: SkyModel::Harmonics,
+            dynamic_materials: true,
             ..Recipe::default()
         };
         let scene = bake_scene(mesh, &recipe, 0, &Progress::default())

@@ -121,7 +121,7 @@ fn target_error_is_met_at_lowest_quality_level() {
     let preset = bake(&draft);
     let [coarse, fine] = [0.16, 0.055].map(|error| {
         let baked = bake(&Recipe {
-            max_error: Some(error),
+            target_nrmse: Some(error),
             ..Recipe::default()
         });
         println!(
@@ -141,16 +141,16 @@ fn target_error_is_met_at_lowest_quality_level() {
     assert!(2 * coarse.links < preset.stats.links);
     // What cannot be met is said: here all care is fixed.
     let poor = bake(&Recipe {
-        max_error: Some(1e-3),
+        target_nrmse: Some(1e-3),
         coarse_radius: Some(1.2),
         levels: Some(3),
         sender_levels: Some(2),
-        extra_levels: Some(0),
-        extra_points: Some(0),
-        rays: Some(32),
-        places: Some(4),
-        epsilon: Some(0.1),
-        tolerance: Some(0.1),
+        refinement_levels: Some(0),
+        max_refinement_points: Some(0),
+        rays_per_point: Some(32),
+        samples_per_sender: Some(4),
+        truncation_error: Some(0.1),
+        receiver_tolerance: Some(0.1),
         ..Recipe::default()
     });
     assert!(poor.stats.estimated_nrmse > 1e-3);

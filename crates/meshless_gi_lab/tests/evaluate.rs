@@ -88,8 +88,8 @@ fn light_types_match_reference_near_and_far() {
         levels: Some(2),
         sender_levels: Some(1),
         coarse_radius: Some(0.4),
-        extra_levels: Some(0),
-        rays: Some(16),
+        refinement_levels: Some(0),
+        rays_per_point: Some(16),
         ..Recipe::default()
     };
     let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
@@ -139,7 +139,7 @@ fn automatic_bounces_converge() {
     let recipe = Recipe {
         preset: Preset::Draft,
         levels: Some(4),
-        rays: Some(64),
+        rays_per_point: Some(64),
         ..Recipe::default()
     };
     let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())

@@ -12,10 +12,10 @@ use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Leak {
     let recipe = Recipe {
         preset: Preset::Draft,
-        rule,
-        walls: Some(walls),
-        rays: Some(rays),
-        extra_points: Some(3000),
+        transport: rule,
+        clip_planes: Some(walls),
+        rays_per_point: Some(rays),
+        max_refinement_points: Some(3000),
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
         ..Recipe::default()
     };

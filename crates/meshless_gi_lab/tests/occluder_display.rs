@@ -163,8 +163,8 @@ fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
-        rays: Some(128),
-        extra_points: Some(4000),
+        rays_per_point: Some(128),
+        max_refinement_points: Some(4000),
         probes: Some(ProbeSettings::default()),
         occluders: occluder.map(shape).into_iter().collect(),
         ..Recipe::default()

@@ -37,10 +37,10 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
         preset: Preset::Medium,
         levels: Some(5),
         sender_levels: Some(4),
-        extra_levels: Some(0),
-        rays: Some(16),
+        refinement_levels: Some(0),
+        rays_per_point: Some(16),
         soft_shadows: Some(VisibilityRecipe {
-            cluster_points: 200,
+            cluster_size: 200,
             ..VisibilityRecipe::default()
         }),
         ..Recipe::default()

@@ -426,7 +426,7 @@ fn probes_match_closed_forms() {
     let recipe = Recipe {
         probes: Some(ProbeSettings {
             spacing: Some(1.0),
-            rays: Some(4096),
+            rays_per_probe: Some(4096),
         }),
         viewpoints: vec![[0.0, 2.0, 0.0]],
         ..draft()
@@ -459,7 +459,7 @@ fn probes_match_closed_forms() {
             viewpoints: Vec::new(),
             probes: Some(ProbeSettings {
                 spacing: Some(0.3),
-                rays: Some(2048),
+                rays_per_probe: Some(2048),
             }),
             ..recipe.clone()
         };
@@ -504,11 +504,11 @@ fn probe_data_round_trips_and_damage_is_detected() {
     let recipe = Recipe {
         levels: Some(3),
         sender_levels: Some(2),
-        extra_levels: Some(0),
-        rays: Some(32),
+        refinement_levels: Some(0),
+        rays_per_point: Some(32),
         probes: Some(ProbeSettings {
             spacing: Some(0.3),
-            rays: None,
+            rays_per_probe: None,
         }),
         ..draft()
     };
@@ -592,21 +592,21 @@ fn probe_data_round_trips_and_damage_is_detected() {
         (
             ProbeSettings {
                 spacing: Some(0.0),
-                rays: None,
+                rays_per_probe: None,
             },
             TransportMethod::Bounded,
         ),
         (
             ProbeSettings {
                 spacing: Some(f32::NAN),
-                rays: None,
+                rays_per_probe: None,
             },
             TransportMethod::Bounded,
         ),
         (
             ProbeSettings {
                 spacing: None,
-                rays: Some(3),
+                rays_per_probe: Some(3),
             },
             TransportMethod::Bounded,
         ),
@@ -614,7 +614,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
     ] {
         let wrong = Recipe {
             probes: Some(probes),
-            rule,
+            transport: rule,
             ..Recipe::default()
         };
         assert!(matches!(wrong.check(), Err(RecipeError::OutOfRange { .. })));

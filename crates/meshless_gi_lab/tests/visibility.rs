@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 const SOFT: VisibilityRecipe = VisibilityRecipe {
     directions: 504,
     coefficients: 40,
-    cluster_points: 100,
-    error: 0.03,
+    cluster_size: 100,
+    max_cluster_error: 0.03,
 };
 
 fn level() -> TriangleMesh {
@@ -32,8 +32,8 @@ fn baked(threads: usize) -> BakedScene {
         preset: Preset::Draft,
         levels: Some(4),
         sender_levels: Some(3),
-        extra_levels: Some(0),
-        rays: Some(16),
+        refinement_levels: Some(0),
+        rays_per_point: Some(16),
         soft_shadows: Some(SOFT),
         ..Recipe::default()
     };
@@ -689,15 +689,15 @@ fn high_error_clusters_are_split_and_errors_stored() {
 #[test]
 fn pca_visibility_of_large_hall_matches_rays() {
     let mesh = hall();
-    let recipe = |error| Recipe {
+    let recipe = |max_cluster_error| Recipe {
         preset: Preset::Draft,
         levels: Some(4),
         sender_levels: Some(3),
-        extra_levels: Some(0),
-        rays: Some(16),
+        refinement_levels: Some(0),
+        rays_per_point: Some(16),
         soft_shadows: Some(VisibilityRecipe {
             directions: 1008,
-            error,
+            max_cluster_error,
             ..VisibilityRecipe::default()
         }),
         ..Recipe::default()

@@ -50,7 +50,7 @@ pub(crate) fn start_bakes(
         let Some(request) = world.get::<GiBakeRequest>(root).cloned() else {
             continue;
         };
-        let mut collected = collect(world, found, request.recipe.live_materials);
+        let mut collected = collect(world, found, request.recipe.dynamic_materials);
         collected
             .warnings
             .extend(open_occluders(world, &request.recipe));

@@ -2,7 +2,7 @@
 //! the tool and the plugin share.
 
 use super::occluders::node_names;
-use super::{BakeError, BakeSource, Baked, Progress, Recipe, Stage, bake};
+use super::{BakeError, BakeSource, BakeStage, Baked, Progress, Recipe, bake};
 use crate::scene::TriangleMesh;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -40,7 +40,7 @@ pub fn bake_scene(
         .map_err(|e| BakeSceneError::Threads(e.to_string()))?;
     let whole = || {
         let began = Instant::now();
-        if !progress.set(Stage::Bvh, 0.0) {
+        if !progress.set(BakeStage::Bvh, 0.0) {
             return Err(BakeError::Canceled);
         }
         let nodes = node_names(&recipe.occluders);

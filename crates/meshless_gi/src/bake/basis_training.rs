@@ -7,7 +7,8 @@
 //! finds them in the mean, at the price of a single place. Each lamp counts by what comes back of
 //! it: relative to the root mean square of its irradiance over the coarsest points.
 
-use super::training_lights::free_places;
+use super::PcaRecipe;
+use super::training_lights::sample_light_positions;
 use crate::asset::Places;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::{Random, mix, uniform_sphere};
@@ -23,17 +24,6 @@ const SUN_OF: usize = 4;
 /// A lamp of whose light less comes back than this share of what comes back of the usual one's
 /// counts as if that share did.
 const MIN_BACK: f64 = 0.5;
-
-/// How bases are made.
-#[derive(Clone, Copy, Debug)]
-pub struct BasisSettings {
-    /// Vectors of a basis.
-    pub coefficients: u32,
-    /// Senders of a cluster, about.
-    pub cluster_points: u32,
-    /// Example lamps.
-    pub lamps: u32,
-}
 
 /// A light of unit strength.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +42,7 @@ pub fn light_basis(
     viewpoints: &[Vec3],
     places: &Places,
     pull: &Weights,
-    settings: &BasisSettings,
+    settings: &PcaRecipe,
     drop_first: bool,
 ) -> (LightBasis, u64) {
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
@@ -64,7 +54,11 @@ pub fn light_basis(
         .map(|&j| &hierarchy.surfaces[j as usize])
         .map(|s| (s.position, s.normal))
         .collect();
-    let clusters = cluster(&points, settings.cluster_points as usize, gathering.seed);
+    let clusters = cluster(
+        &points,
+        settings.cluster_size.unwrap_or(1) as usize,
+        gathering.seed,
+    );
     let (examples, rays) = examples(
         gathering, hierarchy, viewpoints, places, pull, own, settings, drop_first,
     );
@@ -77,7 +71,7 @@ pub fn light_basis(
 fn basis_of(
     examples: &Examples,
     clusters: &Clusters,
-    settings: &BasisSettings,
+    settings: &PcaRecipe,
     pull: &Weights,
     seed: u64,
 ) -> LightBasis {
@@ -93,7 +87,7 @@ fn examples(
     places: &Places,
     pull: &Weights,
     own: Vec<u32>,
-    settings: &BasisSettings,
+    settings: &PcaRecipe,
     drop_first: bool,
 ) -> (Examples, u64) {
     let geometry = gathering.geometry;
@@ -103,10 +97,10 @@ fn examples(
     let rows = coarse_rows(&gathering.scene(hierarchy), senders);
     let mut rays = rows.len() as u64 * u64::from(gathering.rays);
     let open = rows.iter().any(|row| row.1 > 0.0);
-    let (free, cast) = free_places(
+    let (free, cast) = sample_light_positions(
         geometry,
         viewpoints,
-        settings.lamps as usize,
+        settings.training_lights as usize,
         seed,
         drop_first,
     );

@@ -49,8 +49,8 @@ const ROUNDING: f64 = 0.01;
 
 /// Measures `scene`, mends its rows and guards its albedos. `missed` holds, for each point, the
 /// share of its gathered light that met a surface without a sender.
-pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
-    mend(scene, missed);
+pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
+    renormalize_rows(scene, missed);
     if let Some(compression) = scene.operator.compression.take() {
         let energy = conserve_components(scene, &compression, missed);
         scene.operator.compression = Some(compression);
@@ -165,7 +165,7 @@ pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
 }
 
 /// Gives rows of averages the scale with which they sum to what was gathered.
-fn mend(scene: &mut BakedScene, missed: &[f32]) {
+fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
     if !scene.operator.form.rows_stand_alone() {
         return;
     }

@@ -22,7 +22,7 @@
 //! of the differences to them has the squared error as its mean, whatever their own noise.
 
 use super::Progress;
-use super::progress::Stage;
+use super::progress::BakeStage;
 use crate::asset::BakedScene;
 use crate::eval::{Lit, RAYS_PER_POSITION, ReferenceSettings, irradiance, roomy_places};
 use crate::frame::{CpuFrame, FrameLight, FrameSettings};
@@ -144,7 +144,7 @@ fn lamp_errors(
     };
     let mut all: Vec<Vec<LampError>> = vec![Vec::new(); scene.tiers() as usize];
     for (k, three) in lamps.chunks_exact(COLORS).enumerate() {
-        if !progress.set(Stage::ErrorEstimate, k as f32 / effort.triples as f32) {
+        if !progress.set(BakeStage::ErrorEstimate, k as f32 / effort.triples as f32) {
             return None;
         }
         let lamps: Vec<Light> = (three.iter().zip([Vec3::X, Vec3::Y, Vec3::Z]))

@@ -6,40 +6,42 @@
 //! those of the rayon pool that the call runs in.
 
 mod bake_scene;
+mod bake_settings;
 mod basis_training;
 mod energy;
 mod energy_components;
-mod energy_octree;
+mod energy_fmm;
 mod estimate;
+mod fmm;
 mod materials;
 mod occluders;
-mod octree;
 mod precision_check;
 mod probes;
 mod progress;
 mod quality_level;
 mod ray_baseline;
 mod recipe;
+mod recipe_text;
 mod sky;
-mod stale;
+mod staleness;
 mod stats;
 mod training_lights;
+mod transport_method;
 mod visibility;
 
 pub use bake_scene::{BakeSceneError, bake_scene};
+pub use bake_settings::{BakeSettings, reached_area};
 pub use estimate::{ErrorEstimate, estimate_errors};
 pub use occluders::{OccluderBox, OccluderDesc};
-pub use octree::OctreeSettings;
 pub use probes::ProbeSettings;
-pub use progress::{Progress, Stage};
+pub use progress::{BakeStage, Progress};
 use quality_level::QualityParameters;
 pub use ray_baseline::cast_gather_rays;
-pub use recipe::{
-    BounceMode, Preset, Recipe, RecipeError, Settings, TransportMethod, reached_area,
-};
-pub use sky::Sky;
-pub use stale::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
+pub use recipe::{BounceMode, Preset, Recipe, RecipeError};
+pub use sky::SkyModel;
+pub use staleness::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
 pub use stats::{BakeStats, StageSeconds};
+pub use transport_method::{FmmRecipe, PcaRecipe, TransportMethod};
 pub use visibility::VisibilityRecipe;
 
 use crate::asset::{
@@ -166,13 +168,13 @@ fn bake_known(
     recipe: &Recipe,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
-    let Some(most) = recipe.max_error else {
-        return bake_once(source, recipe, &recipe.preset.care(), progress);
+    let Some(most) = recipe.target_nrmse else {
+        return bake_once(source, recipe, &recipe.preset.parameters(), progress);
     };
     let began = Instant::now();
     let mut best: Option<Baked> = None;
     let error = |baked: &Baked| baked.scene.info.estimated_nrmse;
-    for care in QualityParameters::ladder(most) {
+    for care in QualityParameters::refinement_steps(most) {
         let baked = bake_once(source, recipe, &care, progress)?;
         let met = error(&baked) <= most;
         // A recipe that fixes all that care is taken by makes the same again.
@@ -219,10 +221,10 @@ fn bake_once(
 
     stats
         .warnings
-        .extend(precision_check::remoteness(&geometry.bounds())?);
+        .extend(precision_check::check_precision(&geometry.bounds())?);
 
     // Viewpoints and the size of things.
-    go_on(Stage::Points, 0.0)?;
+    go_on(BakeStage::Points, 0.0)?;
     let (viewpoints, rays) = if recipe.viewpoints.is_empty() {
         find_viewpoints(geometry, recipe.seed)
     } else {
@@ -248,19 +250,19 @@ fn bake_once(
         coarse_radius: settings.coarse_radius,
         levels: settings.levels as usize,
         sender_levels: settings.sender_levels as usize,
-        most: settings.most_points(),
+        most: settings.max_points(),
         seed: settings.seed,
-        sender_overlap: match settings.rule {
-            TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+        sender_overlap: match settings.transport {
+            TransportMethod::Bounded | TransportMethod::Pca(_) | TransportMethod::Fmm(_) => {
                 Some(SENDER_OVERLAP)
             }
             TransportMethod::L08 => None,
         },
-        clip: settings.walls,
+        clip: settings.clip_planes,
         drop_first,
     };
     let mut hierarchy = Hierarchy::build(geometry, &viewpoints, &building, &|done| {
-        progress.set(Stage::Points, 0.9 * done)
+        progress.set(BakeStage::Points, 0.9 * done)
     })
     .ok_or(BakeError::Canceled)?;
     stats.rays += hierarchy.rays;
@@ -274,9 +276,9 @@ fn bake_once(
     let tree = hierarchy.tree();
     let mut shown = Vec::new();
     // Without links nobody hands mass to coarse senders, and nobody reads their light.
-    let linked = settings.octree.is_none_or(|octree| octree.fallback);
-    let mut pull = match settings.rule {
-        TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm if linked => {
+    let linked = settings.fmm().is_none_or(|fmm| fmm.fallback_links);
+    let mut pull = match settings.transport {
+        TransportMethod::Bounded | TransportMethod::Pca(_) | TransportMethod::Fmm(_) if linked => {
             let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
             shown = areas;
@@ -284,33 +286,33 @@ fn bake_once(
         }
         _ => hierarchy.pull(),
     };
-    let mut parents = hierarchy.parents(settings.rule == TransportMethod::L08);
+    let mut parents = hierarchy.parents(settings.transport == TransportMethod::L08);
     stats.seconds.points = began.elapsed().as_secs_f64();
 
     // The operator.
     let transport_began = Instant::now();
-    go_on(Stage::Transport, 0.0)?;
+    go_on(BakeStage::Transport, 0.0)?;
     let gathering = GatherSettings {
         geometry,
         sender_levels,
-        rays: settings.rays,
+        rays: settings.rays_per_point,
         seed: settings.seed,
-        deposit: match settings.rule {
-            TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+        deposit: match settings.transport {
+            TransportMethod::Bounded | TransportMethod::Pca(_) | TransportMethod::Fmm(_) => {
                 Deposit::Finest
             }
             TransportMethod::L08 => Deposit::All,
         },
     };
-    let told = |done| progress.set(Stage::Transport, done);
+    let told = |done| progress.set(BakeStage::Transport, done);
     let mut compression = None;
     let (mut free_space, mut space_passing) = (None, Vec::new());
-    let (refined, form) = match settings.rule {
-        TransportMethod::Fmm if !linked => (
+    let (refined, form) = match settings.transport {
+        TransportMethod::Fmm(_) if !linked => (
             Some(RefinedOperator::without_rows(hierarchy.len())),
             SenderForm::Averages,
         ),
-        TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+        TransportMethod::Bounded | TransportMethod::Pca(_) | TransportMethod::Fmm(_) => {
             let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
             let (training, rays) = training_lights::train(
                 &gathering,
@@ -322,33 +324,32 @@ fn bake_once(
                 drop_first,
             );
             stats.rays += rays;
-            let basis = (settings.rule == TransportMethod::Pca).then(|| {
-                let (basis, rays) = basis_training::light_basis(
-                    &gathering,
-                    &hierarchy,
-                    &viewpoints,
-                    &places,
-                    &pull,
-                    &basis_training::BasisSettings {
-                        coefficients: settings.coefficients,
-                        cluster_points: settings.cluster_points,
-                        lamps: settings.lamps,
-                    },
-                    drop_first,
-                );
-                stats.rays += rays;
-                stats.clusters = basis.clusters() as u64;
-                stats.components = basis.columns() as u64;
-                stats.basis_missed = basis.missed();
-                compression = Some(Compression::new(&basis, pull.len()));
-                basis
-            });
+            let basis = match settings.transport {
+                TransportMethod::Pca(pca) => {
+                    let (basis, rays) = basis_training::light_basis(
+                        &gathering,
+                        &hierarchy,
+                        &viewpoints,
+                        &places,
+                        &pull,
+                        &pca,
+                        drop_first,
+                    );
+                    stats.rays += rays;
+                    stats.clusters = basis.clusters() as u64;
+                    stats.components = basis.columns() as u64;
+                    stats.basis_missed = basis.missed();
+                    compression = Some(Compression::new(&basis, pull.len()));
+                    Some(basis)
+                }
+                _ => None,
+            };
             let bounded = BoundedSettings {
-                epsilon: settings.epsilon,
-                tolerance: settings.tolerance,
+                epsilon: settings.truncation_error,
+                tolerance: settings.receiver_tolerance,
                 always: sender_levels.max(1),
-                extra_levels: settings.extra_levels as usize,
-                extra_points: settings.extra_points as usize,
+                extra_levels: settings.refinement_levels as usize,
+                extra_points: settings.max_refinement_points as usize,
                 extra_rays: settings.rays_of_level(settings.levels as usize),
             };
             let mut receivers = Receivers {
@@ -372,8 +373,8 @@ fn bake_once(
                     viewpoints: &viewpoints,
                     tree: &tree,
                     training: &training,
-                    epsilon: settings.epsilon,
-                    sky_terms: settings.sky == Sky::Harmonics,
+                    epsilon: settings.truncation_error,
+                    sky_terms: settings.sky == SkyModel::Harmonics,
                     drop_first,
                     stats: &mut stats,
                 };
@@ -396,7 +397,7 @@ fn bake_once(
                     &gathering.scene(&hierarchy),
                     &parents,
                     &neighbors,
-                    settings.epsilon,
+                    settings.truncation_error,
                     &told,
                 ),
                 SenderForm::Differences,
@@ -410,7 +411,7 @@ fn bake_once(
     stats.seconds.gather = transport_seconds * refined.gather_share;
     stats.seconds.refine = transport_seconds - stats.seconds.gather;
 
-    let cells = octree::Cells::find(geometry, &hierarchy, &settings);
+    let cells = fmm::Cells::find(geometry, &hierarchy, &settings);
     let (baked, passing) = assemble(
         source,
         recipe,
@@ -427,8 +428,8 @@ fn bake_once(
         stats,
         progress,
     )?;
-    let baked = octree::grow(geometry, &settings, cells, baked, progress)?;
-    let mut baked = visibility::see(source, &settings, baked, progress)?;
+    let baked = fmm::build(geometry, &settings, cells, baked, progress)?;
+    let mut baked = visibility::bake_point_visibility(source, &settings, baked, progress)?;
     baked.scene.probes = free_space;
     baked.scene.occluders = occluders::known(&source.occluders, &passing, &space_passing)?;
     finish(source, recipe, baked, began, progress)
@@ -439,10 +440,10 @@ fn bake_once(
 fn lit_places(
     geometry: &dyn Geometry,
     hierarchy: &mut Hierarchy,
-    settings: &Settings,
+    settings: &BakeSettings,
     rays: &mut u64,
 ) -> Places {
-    if settings.places <= 1 {
+    if settings.samples_per_sender <= 1 {
         return Places::default();
     }
     let finest = settings.sender_levels as usize - 1;
@@ -451,12 +452,12 @@ fn lit_places(
         geometry,
         &hierarchy.senders[finest],
         &mut hierarchy.surfaces[level],
-        settings.places,
+        settings.samples_per_sender,
         settings.seed,
     );
     *rays += cast;
     Places {
-        per_sender: settings.places,
+        per_sender: settings.samples_per_sender,
         list,
     }
 }
@@ -469,7 +470,7 @@ fn lit_places(
 fn assemble(
     source: &BakeSource<'_>,
     recipe: &Recipe,
-    settings: &Settings,
+    settings: &BakeSettings,
     viewpoints: Vec<Vec3>,
     hierarchy: Hierarchy,
     flat: crate::basis::LevelBasis,
@@ -542,13 +543,13 @@ fn assemble(
         form,
     );
     packed.operator.compression = compression;
-    let (materials, rays) = match settings.live_materials {
+    let (materials, rays) = match settings.dynamic_materials {
         true => materials::cover(source.geometry, &hierarchy, &places, &pull),
         false => (None, 0),
     };
     stats.rays += rays;
     let size = source.geometry.bounds();
-    let settings_text = ron::to_string(settings).unwrap_or_default();
+    let settings_text = settings.to_ron();
     stats.links = packed.operator.links.len() as u64;
     stats.active_rows = refined.rows.iter().filter(|r: &&RawRow| r.active).count() as u64;
     stats.uncovered = refined.uncovered;
@@ -566,7 +567,7 @@ fn assemble(
         fmm: None,
         illumination: Vec::new(),
         materials,
-        sky: (settings.sky == Sky::Harmonics).then(|| SkyVisibility {
+        sky: (settings.sky == SkyModel::Harmonics).then(|| SkyVisibility {
             senders: (sky_terms.iter().zip(&hierarchy.surfaces))
                 .take(senders)
                 .map(|(terms, s)| terms.map(|t| t.dot(s.normal)))
@@ -586,12 +587,12 @@ fn assemble(
         info: BakeInfo {
             version: env!("CARGO_PKG_VERSION").into(),
             bake_version: BAKE_VERSION,
-            fingerprint: stale::fingerprint_of(
+            fingerprint: staleness::fingerprint_of(
                 &source.content_hash,
                 &settings_text,
                 &recipe.viewpoints,
             ),
-            content_hash: stale::hex(&source.content_hash),
+            content_hash: staleness::hex(&source.content_hash),
             level: recipe.scene.clone(),
             level_digest: String::new(),
             given_recipe: canonical_recipe(recipe),
@@ -612,7 +613,7 @@ fn assemble(
         },
     };
     scene.info.tiers = TierInfo::of(&scene);
-    let energy = energy::conserve(&mut scene, &refined.missed);
+    let energy = energy::enforce_energy_bound(&mut scene, &refined.missed);
     stats
         .warnings
         .extend(energy::warning(&energy, stats.senders));
@@ -622,7 +623,7 @@ fn assemble(
     let bounces_began = Instant::now();
     scene.bounces =
         (settings.bounce_mode == BounceMode::Baked && settings.bounces > 1).then(|| {
-            progress.set(Stage::Bounces, 0.0);
+            progress.set(BakeStage::Bounces, 0.0);
             let coarsest = scene.level(0);
             bounce_operator(
                 &BounceScene {
@@ -639,7 +640,7 @@ fn assemble(
                     senders,
                 },
                 settings.bounces - 1,
-                0.02 * settings.epsilon,
+                0.02 * settings.truncation_error,
             )
         });
     stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();

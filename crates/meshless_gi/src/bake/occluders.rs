@@ -65,12 +65,8 @@ impl OccluderBox {
 }
 
 /// Whether the occluders of a recipe make sense, whatever the level.
-pub(super) fn check_shapes(shapes: &[OccluderDesc]) -> Result<(), RecipeError> {
-    let wrong = |value: String, allowed| RecipeError::OutOfRange {
-        field: "occluders",
-        value,
-        allowed,
-    };
+pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError> {
+    let wrong = |value: String, allowed| RecipeError::out_of_range("occluders", value, allowed);
     if shapes.len() > Bvh::MAX_OCCLUDERS {
         return Err(wrong(format!("{} of them", shapes.len()), "64 at most"));
     }

@@ -11,7 +11,7 @@ const MAX_LIFT: f32 = 0.1;
 const NOTED_LIFT: f32 = 1e-3;
 
 /// A warning of a level that lies so far from its origin that roundings show.
-pub(super) fn remoteness(bounds: &Bounds) -> Result<Option<String>, BakeError> {
+pub(super) fn check_precision(bounds: &Bounds) -> Result<Option<String>, BakeError> {
     let far = bounds.min.abs().max(bounds.max.abs()).max_element();
     let size = bounds.size().max_element();
     let spacing = f32::EPSILON * far;

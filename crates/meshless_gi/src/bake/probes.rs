@@ -1,7 +1,7 @@
 //! What a recipe says of free space: whether light is known there, and how densely.
 
-use super::recipe::RecipeError;
-use super::{BakeError, BakeStats, Progress, Stage};
+use super::recipe::{RecipeError, in_range};
+use super::{BakeError, BakeStage, BakeStats, Progress};
 use crate::asset::Probes;
 use crate::basis::{Hierarchy, probe_basis};
 use crate::samples::{ProbePlacementSettings as PlaceSettings, fill_free_space};
@@ -20,8 +20,9 @@ pub struct ProbeSettings {
     /// Distance that probes keep from those they see, meters; where left out, so that about 2048
     /// fill the box around the level.
     pub spacing: Option<f32>,
-    /// Rays a probe, 64 to 65536; where left out, twice those of a surface point.
-    pub rays: Option<u32>,
+    /// Number of gather rays per probe, 64 to 65536. Default: twice those of a surface point.
+    #[serde(alias = "rays")]
+    pub rays_per_probe: Option<u32>,
 }
 
 /// What the spacing is chosen for where a recipe has none.
@@ -32,31 +33,15 @@ pub const PROBES: f32 = 2048.0;
 pub struct ProbePlacementSettings {
     /// See [`ProbeSettings::spacing`].
     pub spacing: f32,
-    /// See [`ProbeSettings::rays`].
+    /// See [`ProbeSettings::rays_per_probe`].
     pub rays: u32,
 }
 
 impl ProbeSettings {
     /// Checks every value.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
-        let wrong = |field, value: String, allowed| {
-            Err(RecipeError::OutOfRange {
-                field,
-                value,
-                allowed,
-            })
-        };
-        match (self.spacing, self.rays) {
-            (Some(s), _) if !(1e-9..=1e9).contains(&s) => wrong(
-                "probes.spacing",
-                s.to_string(),
-                "a length from 1e-9 to 1e9 meters",
-            ),
-            (_, Some(rays)) if !(64..=65_536).contains(&rays) => {
-                wrong("probes.rays", rays.to_string(), "64 to 65536")
-            }
-            _ => Ok(()),
-        }
+        in_range("probes.spacing", self.spacing, 1e-9..=1e9)?;
+        in_range("probes.rays_per_probe", self.rays_per_probe, 64..=65_536)
     }
 
     /// Fills in what is left out, for a level in `bounds` whose surface points take `rays`.
@@ -68,7 +53,10 @@ impl ProbeSettings {
         let usual = (size.x * size.y * size.z / PROBES).cbrt();
         ProbePlacementSettings {
             spacing: self.spacing.unwrap_or(usual).max(f32::MIN_POSITIVE),
-            rays: self.rays.unwrap_or(rays.saturating_mul(2)).max(64),
+            rays: self
+                .rays_per_probe
+                .unwrap_or(rays.saturating_mul(2))
+                .max(64),
         }
     }
 }
@@ -96,7 +84,7 @@ pub(super) fn bake(
     let began = Instant::now();
     let geometry = room.gathering.geometry;
     let settings = light.settings(&geometry.bounds(), room.gathering.rays);
-    if !progress.set(Stage::Probes, 0.0) {
+    if !progress.set(BakeStage::Probes, 0.0) {
         return Err(BakeError::Canceled);
     }
     let space = fill_free_space(
@@ -121,7 +109,7 @@ pub(super) fn bake(
         rays: settings.rays,
         ..*room.gathering
     };
-    let told = |done| progress.set(Stage::Probes, done);
+    let told = |done| progress.set(BakeStage::Probes, done);
     let gathered = probe_rows(
         &gathering.scene(room.hierarchy),
         &space.probes,

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
     derive(bevy_reflect::Reflect),
     reflect(Clone, Debug, PartialEq, Hash)
 )]
-pub enum Stage {
+pub enum BakeStage {
     /// Building the tree that rays walk.
     Bvh,
     /// Scattering points.
@@ -26,7 +26,7 @@ pub enum Stage {
     ErrorEstimate,
 }
 
-impl Stage {
+impl BakeStage {
     const ALL: [Self; 7] = [
         Self::Bvh,
         Self::Points,
@@ -63,9 +63,9 @@ pub struct Progress {
 impl Progress {
     /// The stage, and how much of it is done, 0 to 1.
     #[must_use]
-    pub fn get(&self) -> (Stage, f32) {
-        let stage =
-            Stage::ALL[(self.stage.load(Ordering::Relaxed) as usize).min(Stage::ALL.len() - 1)];
+    pub fn get(&self) -> (BakeStage, f32) {
+        let stage = BakeStage::ALL
+            [(self.stage.load(Ordering::Relaxed) as usize).min(BakeStage::ALL.len() - 1)];
         (stage, self.permille.load(Ordering::Relaxed) as f32 / 1000.0)
     }
 
@@ -82,8 +82,8 @@ impl Progress {
 
     /// Stores the part of `stage` that is done. It never falls within a stage. Returns false if the
     /// bake should stop.
-    pub(crate) fn set(&self, stage: Stage, done: f32) -> bool {
-        let index = Stage::ALL.iter().position(|&s| s == stage).unwrap_or(0) as u32;
+    pub(crate) fn set(&self, stage: BakeStage, done: f32) -> bool {
+        let index = BakeStage::ALL.iter().position(|&s| s == stage).unwrap_or(0) as u32;
         let permille = (done.clamp(0.0, 1.0) * 1000.0) as u32;
         if self.stage.swap(index, Ordering::Relaxed) == index {
             self.permille.fetch_max(permille, Ordering::Relaxed);

@@ -19,55 +19,55 @@ pub struct QualityParameters {
     /// See [`Recipe`].
     pub sender_levels: u32,
     /// See [`Recipe`].
-    pub extra_levels: u32,
+    pub refinement_levels: u32,
     /// Most points on the levels that are added where light asks for them.
-    pub extra_points: f32,
+    pub max_refinement_points: f32,
     /// See [`Recipe`].
-    pub rays: u32,
+    pub rays_per_point: u32,
     /// See [`Recipe`].
-    pub places: u32,
+    pub samples_per_sender: u32,
     /// See [`Recipe`].
-    pub epsilon: f32,
+    pub truncation_error: f32,
     /// See [`Recipe`].
-    pub tolerance: f32,
+    pub receiver_tolerance: f32,
 }
 
 impl Preset {
     /// What it stands for.
     #[must_use]
-    pub(super) fn care(self) -> QualityParameters {
+    pub(super) fn parameters(self) -> QualityParameters {
         match self {
             Self::Draft => QualityParameters {
                 points: 8_000.0,
                 sender_levels: 4,
-                extra_levels: 2,
-                extra_points: 16_000.0,
-                rays: 256,
-                places: 8,
-                epsilon: 0.03,
-                tolerance: 0.06,
+                refinement_levels: 2,
+                max_refinement_points: 16_000.0,
+                rays_per_point: 256,
+                samples_per_sender: 8,
+                truncation_error: 0.03,
+                receiver_tolerance: 0.06,
             },
             Self::Medium => QualityParameters {
                 points: 32_000.0,
                 sender_levels: 5,
-                extra_levels: 3,
-                extra_points: 256_000.0,
-                rays: 1024,
-                places: 16,
-                epsilon: 0.01,
-                tolerance: 0.02,
+                refinement_levels: 3,
+                max_refinement_points: 256_000.0,
+                rays_per_point: 1024,
+                samples_per_sender: 16,
+                truncation_error: 0.01,
+                receiver_tolerance: 0.02,
             },
             // No more points on the levels that are senders: their number is limited, see
             // `Link::MAX_SENDERS`.
             Self::High => QualityParameters {
                 points: 40_000.0,
                 sender_levels: 5,
-                extra_levels: 4,
-                extra_points: 400_000.0,
-                rays: 2048,
-                places: 32,
-                epsilon: 0.005,
-                tolerance: 0.01,
+                refinement_levels: 4,
+                max_refinement_points: 400_000.0,
+                rays_per_point: 2048,
+                samples_per_sender: 32,
+                truncation_error: 0.005,
+                receiver_tolerance: 0.01,
             },
         }
     }
@@ -91,7 +91,7 @@ const RUNGS: i32 = 8;
 impl QualityParameters {
     /// The rungs to try for an error of at most `error`, one after the other: from the coarsest
     /// that may do, by the errors of the presets, to the finest of all.
-    pub fn ladder(error: f32) -> impl Iterator<Item = Self> {
+    pub fn refinement_steps(error: f32) -> impl Iterator<Item = Self> {
         let usual = |rung: i32| COARSEST / STEP.powi(rung);
         let first = (0..RUNGS - 1).find(|&rung| usual(rung) <= STEP * error);
         (first.unwrap_or(RUNGS - 1)..RUNGS).map(move |rung| Self::of_error(usual(rung)))
@@ -102,7 +102,7 @@ impl QualityParameters {
     fn of_error(error: f32) -> Self {
         let pair = if error > USUAL[1].0 { 0 } else { 1 };
         let [(e0, coarse), (e1, fine)] = [USUAL[pair], USUAL[pair + 1]];
-        let (coarse, fine) = (coarse.care(), fine.care());
+        let (coarse, fine) = (coarse.parameters(), fine.parameters());
         let t = libm::logf(error / e0) / libm::logf(e1 / e0);
         let mix = |a: f32, b: f32| a * libm::powf(b / a, t);
         let whole = |a: u32, b: u32, least: f32| {
@@ -115,12 +115,17 @@ impl QualityParameters {
         Self {
             points: mix(coarse.points, fine.points),
             sender_levels: whole(coarse.sender_levels, fine.sender_levels, 3.0).min(5),
-            extra_levels: whole(coarse.extra_levels, fine.extra_levels, 0.0),
-            extra_points: mix(coarse.extra_points, fine.extra_points),
-            rays: count(coarse.rays, fine.rays, 64.0, 8192.0),
-            places: count(coarse.places, fine.places, 4.0, 64.0),
-            epsilon: mix(coarse.epsilon, fine.epsilon).min(1.0),
-            tolerance: mix(coarse.tolerance, fine.tolerance).min(1.0),
+            refinement_levels: whole(coarse.refinement_levels, fine.refinement_levels, 0.0),
+            max_refinement_points: mix(coarse.max_refinement_points, fine.max_refinement_points),
+            rays_per_point: count(coarse.rays_per_point, fine.rays_per_point, 64.0, 8192.0),
+            samples_per_sender: count(
+                coarse.samples_per_sender,
+                fine.samples_per_sender,
+                4.0,
+                64.0,
+            ),
+            truncation_error: mix(coarse.truncation_error, fine.truncation_error).min(1.0),
+            receiver_tolerance: mix(coarse.receiver_tolerance, fine.receiver_tolerance).min(1.0),
         }
     }
 }
@@ -132,23 +137,38 @@ mod tests {
     #[test]
     fn refinement_steps_include_presets_and_increase() {
         for (error, preset) in USUAL {
-            let (a, b) = (QualityParameters::of_error(error), preset.care());
-            assert!((a.points / b.points - 1.0).abs() < 1e-3 && a.rays == b.rays);
-            assert!((a.epsilon / b.epsilon - 1.0).abs() < 1e-3 && a.places == b.places);
-            assert_eq!(a.extra_levels, b.extra_levels);
+            let (a, b) = (QualityParameters::of_error(error), preset.parameters());
+            assert!(
+                (a.points / b.points - 1.0).abs() < 1e-3 && a.rays_per_point == b.rays_per_point
+            );
+            assert!(
+                (a.truncation_error / b.truncation_error - 1.0).abs() < 1e-3
+                    && a.samples_per_sender == b.samples_per_sender
+            );
+            assert_eq!(a.refinement_levels, b.refinement_levels);
         }
-        let all: Vec<QualityParameters> = QualityParameters::ladder(1.0).collect();
+        let all: Vec<QualityParameters> = QualityParameters::refinement_steps(1.0).collect();
         assert_eq!(all.len(), RUNGS as usize);
         for pair in all.windows(2) {
             let (a, b) = (pair[0], pair[1]);
-            assert!(a.points < b.points && a.rays < b.rays && a.extra_points < b.extra_points);
-            assert!(a.epsilon > b.epsilon && a.tolerance > b.tolerance);
-            assert!(a.places <= b.places && a.extra_levels <= b.extra_levels);
+            assert!(
+                a.points < b.points
+                    && a.rays_per_point < b.rays_per_point
+                    && a.max_refinement_points < b.max_refinement_points
+            );
+            assert!(
+                a.truncation_error > b.truncation_error
+                    && a.receiver_tolerance > b.receiver_tolerance
+            );
+            assert!(
+                a.samples_per_sender <= b.samples_per_sender
+                    && a.refinement_levels <= b.refinement_levels
+            );
             assert!(a.sender_levels <= b.sender_levels);
         }
         // Where it starts: coarser for a larger error, and always with something to try.
         let errors = [1.0, 0.1, 0.05, 0.03, 0.01, 0.001, 1e-4];
-        let left = errors.map(|e| QualityParameters::ladder(e).count());
+        let left = errors.map(|e| QualityParameters::refinement_steps(e).count());
         assert!(left.is_sorted_by(|a, b| a >= b) && left[6] == 1, "{left:?}");
         assert!(left[1] > left[3] && left[3] > left[4], "{left:?}");
     }

@@ -1,6 +1,6 @@
 //! The rays of a bake without anything else: a lower bound of its time.
 
-use super::Settings;
+use super::BakeSettings;
 use crate::asset::BakedScene;
 use crate::scene::Geometry;
 use crate::transport::cast_only;
@@ -8,7 +8,11 @@ use rayon::prelude::*;
 
 /// Casts the rays of the operator's gather and nothing else. Returns the number of rays.
 #[must_use]
-pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, settings: &Settings) -> u64 {
+pub fn cast_gather_rays(
+    geometry: &dyn Geometry,
+    scene: &BakedScene,
+    settings: &BakeSettings,
+) -> u64 {
     let rows = &scene.operator.rows;
     scene
         .level_starts

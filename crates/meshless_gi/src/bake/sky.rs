@@ -1,7 +1,7 @@
 //! What a recipe says of the sky, and the bake of one that is not uniform: links to its eight
 //! terms, and what the senders have straight from them.
 
-use super::Settings;
+use super::BakeSettings;
 use crate::basis::Hierarchy;
 use crate::scene::{Geometry, SkyRadiance};
 use crate::transport::{Part, RawRow, look_up, merge_parts};
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 /// Which skies a bake can be lit by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Sky {
+pub enum SkyModel {
     /// The same radiance from everywhere: one link a row.
     #[default]
     Uniform,
@@ -20,7 +20,7 @@ pub enum Sky {
     Harmonics,
 }
 
-impl Sky {
+impl SkyModel {
     /// For what is left out of settings.
     pub(super) fn is_uniform(&self) -> bool {
         *self == Self::Uniform
@@ -34,9 +34,9 @@ pub(super) fn terms(
     hierarchy: &Hierarchy,
     rows: &mut [RawRow],
     senders: usize,
-    settings: &Settings,
+    settings: &BakeSettings,
 ) -> (Vec<[Vec3; SkyRadiance::TERMS]>, u64) {
-    if settings.sky == Sky::Uniform {
+    if settings.sky == SkyModel::Uniform {
         return (Vec::new(), 0);
     }
     let rays_of = |i: usize| {

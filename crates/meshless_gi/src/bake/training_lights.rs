@@ -19,7 +19,7 @@ const BATCHES: usize = 8;
 /// room around them of the ones tried: a lamp a hair's breadth from a wall says much of that wall
 /// and nothing of the level.
 #[must_use]
-pub fn free_places(
+pub fn sample_light_positions(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
     count: usize,
@@ -67,7 +67,7 @@ pub fn train(
 ) -> (Training, u64) {
     let geometry = gathering.geometry;
     let senders = tree.parent.len();
-    let (lamps, mut rays) = free_places(
+    let (lamps, mut rays) = sample_light_positions(
         geometry,
         viewpoints,
         BATCHES * TRAINING_LIGHTS,

@@ -1,8 +1,8 @@
 //! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in
 //! how many numbers.
 
-use super::recipe::RecipeError;
-use super::{BakeError, BakeSource, Baked, Progress, Settings, Stage};
+use super::recipe::{RecipeError, in_range};
+use super::{BakeError, BakeSettings, BakeSource, BakeStage, Baked, Progress};
 use crate::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
 };
@@ -15,16 +15,20 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VisibilityRecipe {
-    /// Directions a point, about, 16 to 16384.
+    /// Approximate number of directions per point, 16 to 16384. Default 4012. \[P14\] uses 2016.
     pub directions: u32,
-    /// Most coefficients a point, 1 to 128.
+    /// Largest number of coefficients per point, 1 to 128. Default 50.
     pub coefficients: u32,
-    /// Points of a cluster, about, 16 to 65536: fewer are more exact, and more to store.
-    pub cluster_points: u32,
-    /// A cluster whose depths are more wrong is cut in two, and these again: 0.001 to 1, the root
-    /// mean square of d² / (d² + s²), with s twice the median of the cluster's depths before any
-    /// cut. Less is more exact, and more to store; with 1 none is cut.
-    pub error: f32,
+    /// Approximate number of points of a cluster, 16 to 65536. Default 400. Smaller clusters are
+    /// more exact and take more memory.
+    #[serde(alias = "cluster_points")]
+    pub cluster_size: u32,
+    /// Largest error of a cluster, 0.001 to 1. Default 0.03. A cluster with a larger error is
+    /// split, and its parts again. The error is the root mean square of d² / (d² + s²), where s is
+    /// twice the median of the cluster's depths before any split. 1 splits none. Smaller values are
+    /// more exact and take more memory.
+    #[serde(alias = "error")]
+    pub max_cluster_error: f32,
 }
 
 impl Default for VisibilityRecipe {
@@ -33,8 +37,8 @@ impl Default for VisibilityRecipe {
         Self {
             directions: usual.grid.len() as u32,
             coefficients: usual.components,
-            cluster_points: usual.cluster_points,
-            error: usual.error,
+            cluster_size: usual.cluster_points,
+            max_cluster_error: usual.error,
         }
     }
 }
@@ -42,43 +46,15 @@ impl Default for VisibilityRecipe {
 impl VisibilityRecipe {
     /// Checks every value.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
-        let within = |field, v: u32, low: u32, high: u32, allowed| match (low..=high).contains(&v) {
-            true => Ok(()),
-            false => Err(RecipeError::OutOfRange {
-                field,
-                value: v.to_string(),
-                allowed,
-            }),
-        };
-        within(
-            "soft_shadows.directions",
-            self.directions,
-            16,
-            16_384,
-            "16 to 16384",
-        )?;
-        within(
-            "soft_shadows.coefficients",
-            self.coefficients,
-            1,
-            Visibility::MAX_COMPONENTS,
-            "1 to 128",
-        )?;
-        within(
-            "soft_shadows.cluster_points",
-            self.cluster_points,
-            16,
-            65_536,
-            "16 to 65536",
-        )?;
-        match (0.001..=1.0).contains(&self.error) {
-            true => Ok(()),
-            false => Err(RecipeError::OutOfRange {
-                field: "soft_shadows.error",
-                value: self.error.to_string(),
-                allowed: "0.001 to 1",
-            }),
-        }
+        let directions = Some(self.directions);
+        in_range("soft_shadows.directions", directions, 16..=16_384)?;
+        let coefficients = Some(self.coefficients);
+        let max = Visibility::MAX_COMPONENTS;
+        in_range("soft_shadows.coefficients", coefficients, 1..=max)?;
+        let size = Some(self.cluster_size);
+        in_range("soft_shadows.cluster_size", size, 16..=65_536)?;
+        let error = Some(self.max_cluster_error);
+        in_range("soft_shadows.max_cluster_error", error, 0.001..=1.0)
     }
 
     /// What the bake of visibility needs.
@@ -87,8 +63,8 @@ impl VisibilityRecipe {
         VisibilitySettings {
             grid: HemisphereGrid::of(self.directions),
             components: self.coefficients,
-            cluster_points: self.cluster_points,
-            error: self.error,
+            cluster_points: self.cluster_size,
+            error: self.max_cluster_error,
             seed,
             ..VisibilitySettings::default()
         }
@@ -97,9 +73,9 @@ impl VisibilityRecipe {
 
 /// What the points see, where the recipe asks for it: the senders and one level behind them, for
 /// edges of shadows are finer than what senders are spread for.
-pub(super) fn see(
+pub(super) fn bake_point_visibility(
     source: &BakeSource<'_>,
-    settings: &Settings,
+    settings: &BakeSettings,
     mut baked: Baked,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
@@ -112,7 +88,7 @@ pub(super) fn see(
     let points: Vec<(Vec3, Vec3)> = (baked.scene.points[..known].iter())
         .map(|p| (p.x(), p.n()))
         .collect();
-    let told = |done| progress.set(Stage::Visibility, done);
+    let told = |done| progress.set(BakeStage::Visibility, done);
     let (visibility, rays) = bake_visibility(
         source.geometry,
         &points,

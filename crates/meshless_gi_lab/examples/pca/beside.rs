@@ -2,7 +2,7 @@
 //! by error, time of a frame, bytes and time of the bake.
 
 use super::document::LEVEL;
-use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{Progress, TransportMethod, TriangleMesh};
 use meshless_gi_lab::report::{
     Factor, Figure, Report, Sweep, Variant, beside_bases, figures, full, sweep,
@@ -16,7 +16,7 @@ const LIMIT: Duration = Duration::from_mins(8);
 
 /// Of a full report what changes the rule or its threshold at draft, bases of light without added
 /// levels too, as links to senders are tried.
-fn choose(base: &Settings) -> Vec<Variant> {
+fn choose(base: &BakeSettings) -> Vec<Variant> {
     let mut all = full(base);
     all.retain(|v| {
         let wanted = [
@@ -32,7 +32,7 @@ fn choose(base: &Settings) -> Vec<Variant> {
         .map(|v| {
             let mut v = v.clone();
             v.name = format!("plain {}", v.name);
-            v.recipe.extra_levels = Some(0);
+            v.recipe.refinement_levels = Some(0);
             v
         })
         .collect();
@@ -71,8 +71,12 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
         | rule | recipe | error, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|\n",
         report.triangles, report.bounces, report.places, report.lamps, report.threads
     );
-    for rule in [TransportMethod::Bounded, TransportMethod::Pca] {
-        for r in report.rows.iter().filter(|r| r.settings.baked.rule == rule) {
+    for rule in [TransportMethod::Bounded, TransportMethod::pca()] {
+        for r in report
+            .rows
+            .iter()
+            .filter(|r| r.settings.baked.transport.is_same_method(&rule))
+        {
             let _ = writeln!(
                 out,
                 "| `{}` | `{}` | {:.1} ± {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",

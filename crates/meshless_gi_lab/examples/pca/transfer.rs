@@ -1,7 +1,7 @@
 //! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and
 //! the sparse operator beside it, each against the reference integrator.
 
-use meshless_gi::{
+use meshless_gi::{PcaRecipe, 
     Baked, BakedScene, FrameSettings, Preset, Progress, Recipe, TransportMethod, TriangleMesh,
     bake_scene,
 };
@@ -88,8 +88,10 @@ pub fn measure(
     let exam = TestSet::new(level, &[], &EXAM, BOUNCES).ok_or("no light falls on anything")?;
     let bake = |recipe: Recipe| -> Result<Made, Box<dyn Error>> {
         let baked = bake_scene(level, &recipe, 0, &Progress::default())?;
-        let coefficients =
-            (recipe.rule == TransportMethod::Pca).then(|| recipe.coefficients.unwrap_or(10));
+        let coefficients = match recipe.transport {
+            TransportMethod::Pca(pca) => Some(pca.coefficients),
+            _ => None,
+        };
         let made = made(
             &exam,
             recipe.preset,
@@ -112,16 +114,18 @@ pub fn measure(
         let mut of_size = Vec::new();
         for coefficients in COEFFICIENTS {
             of_size.push(bake(Recipe {
-                rule: TransportMethod::Pca,
-                coefficients: Some(coefficients),
-                cluster_points: Some(cluster_points),
+                transport: TransportMethod::Pca(PcaRecipe {
+                    coefficients,
+                    cluster_size: Some(cluster_points),
+                    ..PcaRecipe::default()
+                }),
                 ..draft.clone()
             })?);
         }
         by_count.push((cluster_points, of_size));
     }
     let bases = bake(Recipe {
-        rule: TransportMethod::Pca,
+        transport: TransportMethod::pca(),
         ..Recipe::default()
     })?;
     let whole = Made {

@@ -169,19 +169,19 @@ fn links(name: &str, rows: &[Row]) -> Chart {
     let rules = [
         (TransportMethod::Bounded, "rule bounded (the default)", 0),
         (TransportMethod::L08, "rule l08, as published", 1),
-        (TransportMethod::Pca, "rule pca, bases of direct light", 2),
-        (TransportMethod::Fmm, "rule fmm, entries of its lists", 3),
+        (TransportMethod::pca(), "rule pca, bases of direct light", 2),
+        (TransportMethod::fmm(), "rule fmm, entries of its lists", 3),
     ];
     let mut series = Vec::new();
     for (rule, title, look) in rules {
         let front = front(rows, rule);
-        if front.is_empty() && matches!(rule, TransportMethod::Pca | TransportMethod::Fmm) {
+        if front.is_empty() && matches!(rule, TransportMethod::Pca(_) | TransportMethod::Fmm(_)) {
             continue;
         }
         let points = rows
             .iter()
             .enumerate()
-            .filter(|(_, r)| r.settings.baked.rule == rule && comparable(r))
+            .filter(|(_, r)| r.settings.baked.transport.is_same_method(&rule) && comparable(r))
             .map(|(i, r)| Mark {
                 x: r.links as f64,
                 y: r.nrmse,

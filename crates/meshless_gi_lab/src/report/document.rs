@@ -68,7 +68,13 @@ fn advice(parts: &[Part]) -> String {
             .report
             .rows
             .iter()
-            .filter(|r| comparable(r) && r.settings.baked.rule == TransportMethod::Bounded)
+            .filter(|r| {
+                comparable(r)
+                    && r.settings
+                        .baked
+                        .transport
+                        .is_same_method(&TransportMethod::Bounded)
+            })
             .filter(|r| r.settings.factor != Factor::Density)
             .filter_map(|r| everywhere(parts, r))
             .filter(|rows| rows.iter().all(|r| r.sure_error() <= most))

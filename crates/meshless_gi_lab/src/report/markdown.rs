@@ -29,7 +29,11 @@ fn cheapest_of(
     cost: fn(&Row) -> f64,
 ) -> Option<&Row> {
     rows.iter()
-        .filter(|r| comparable(r) && r.settings.baked.rule == rule && r.sure_error() <= most)
+        .filter(|r| {
+            comparable(r)
+                && r.settings.baked.transport.is_same_method(&rule)
+                && r.sure_error() <= most
+        })
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
@@ -92,7 +96,13 @@ pub fn choice(rows: &[Row]) -> String {
     let mut out = String::new();
     let best = rows
         .iter()
-        .filter(|r| comparable(r) && r.settings.baked.rule == TransportMethod::Bounded)
+        .filter(|r| {
+            comparable(r)
+                && r.settings
+                    .baked
+                    .transport
+                    .is_same_method(&TransportMethod::Bounded)
+        })
         .min_by(|a, b| a.sure_error().total_cmp(&b.sure_error()));
     let Some(best) = best else {
         return "Nothing was measured.\n".into();
@@ -203,14 +213,14 @@ fn factors(rows: &[Row]) -> String {
                 .then(a.bake_seconds.total_cmp(&b.bake_seconds))
         });
         if factor == Factor::Rays {
-            all.sort_by_key(|r| r.settings.baked.rays);
+            all.sort_by_key(|r| r.settings.baked.rays_per_point);
         }
         if factor == Factor::Tier {
             all.retain(|r| r.settings.baked == base.settings.baked);
             all.sort_by_key(|r| r.settings.tier);
         }
         if factor == Factor::Places {
-            all.sort_by_key(|r| r.settings.baked.places);
+            all.sort_by_key(|r| r.settings.baked.samples_per_sender);
         }
         let (first, last) = (all[0], all[all.len() - 1]);
         let both = |show: &dyn Fn(&Row) -> String| format!("{} → {}", show(first), show(last));
@@ -343,7 +353,7 @@ fn rules(compared: &[Compared]) -> String {
 /// that rule was not tried.
 #[must_use]
 pub fn beside_bases(rows: &[Row]) -> String {
-    let compared = compare_with(rows, TransportMethod::Pca);
+    let compared = compare_with(rows, TransportMethod::pca());
     if compared.is_empty() {
         return String::new();
     }
@@ -371,10 +381,13 @@ pub fn beside_bases(rows: &[Row]) -> String {
     let least = |rule: TransportMethod| {
         let errors = rows
             .iter()
-            .filter(|r| comparable(r) && r.settings.baked.rule == rule);
+            .filter(|r| comparable(r) && r.settings.baked.transport.is_same_method(&rule));
         errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
     };
-    let (ours, theirs) = (least(TransportMethod::Bounded), least(TransportMethod::Pca));
+    let (ours, theirs) = (
+        least(TransportMethod::Bounded),
+        least(TransportMethod::pca()),
+    );
     let wins = compared
         .iter()
         .filter(|c| c.links_ratio.value().is_none_or(|r| r > 1.0))

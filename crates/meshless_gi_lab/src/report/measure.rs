@@ -5,7 +5,7 @@ use super::test_set::{TestScore, TestSet};
 use super::variant::{BOUNCES, Factor, Run, Variant};
 use crate::accuracy::BOUNCES as BOUNCES_OF_TRUTH;
 use glam::Vec3;
-use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{
     BakeStats, BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light,
     TriangleMesh,
@@ -33,7 +33,7 @@ pub struct RowSettings {
     pub tier: u32,
     /// Everything that followed from it. `bounces` is what the frame ran.
     #[serde(flatten)]
-    pub baked: Settings,
+    pub baked: BakeSettings,
 }
 
 /// A row of a report. All numbers are finite.
@@ -100,7 +100,7 @@ pub struct Measured<'a> {
     /// Its statistics.
     pub stats: &'a BakeStats,
     /// Its settings.
-    pub settings: &'a Settings,
+    pub settings: &'a BakeSettings,
     /// Bytes of its container.
     pub bytes: u64,
     /// Display of a thousand places, milliseconds.
@@ -113,7 +113,7 @@ impl<'a> Measured<'a> {
     pub fn new(
         scene: &'a BakedScene,
         stats: &'a BakeStats,
-        settings: &'a Settings,
+        settings: &'a BakeSettings,
         bytes: u64,
         exam: &TestSet,
     ) -> Self {
@@ -146,7 +146,7 @@ impl<'a> Measured<'a> {
                 name: variant.name.clone(),
                 recipe: variant.recipe_text(),
                 tier,
-                baked: Settings {
+                baked: BakeSettings {
                     bounces: variant.run.bounces,
                     ..self.settings.clone()
                 },

@@ -10,7 +10,10 @@ use std::fmt::Write;
 /// Of the bakes by `rule` with at most this error the least of some cost.
 fn least(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
-        comparable(r) && r.settings.baked.rule == rule && r.nrmse <= error && r.nrmse.is_finite()
+        comparable(r)
+            && r.settings.baked.transport.is_same_method(&rule)
+            && r.nrmse <= error
+            && r.nrmse.is_finite()
     });
     met.map(cost).min_by(f64::total_cmp)
 }
@@ -20,7 +23,13 @@ fn least(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64)
 pub fn beside_octree(rows: &[Row]) -> String {
     let mut ours: Vec<&Row> = rows
         .iter()
-        .filter(|r| comparable(r) && r.settings.baked.rule == TransportMethod::Fmm)
+        .filter(|r| {
+            comparable(r)
+                && r.settings
+                    .baked
+                    .transport
+                    .is_same_method(&TransportMethod::fmm())
+        })
         .collect();
     ours.sort_by(|a, b| b.nrmse.total_cmp(&a.nrmse));
     if ours.is_empty() {
@@ -58,7 +67,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
     let best = |rule: TransportMethod| least(rows, rule, f64::INFINITY, |r| r.nrmse);
     let reached = |v: Option<f64>| v.map_or("none".into(), percent);
     let [file, bake, frame] = cheaper;
-    let (octree, linked) = (best(TransportMethod::Fmm), best(TransportMethod::Bounded));
+    let (octree, linked) = (best(TransportMethod::fmm()), best(TransportMethod::Bounded));
     let _ = writeln!(
         out,
         "\nWhich to use: a bake by the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame at {frame}. The least error \

@@ -50,7 +50,7 @@ pub struct Compared {
 #[must_use]
 pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
     let of_rule: Vec<usize> = (0..rows.len())
-        .filter(|&i| rows[i].settings.baked.rule == rule && comparable(&rows[i]))
+        .filter(|&i| rows[i].settings.baked.transport.is_same_method(&rule) && comparable(&rows[i]))
         .filter(|&i| rows[i].links > 0 && rows[i].nrmse > 0.0)
         .collect();
     let places: Vec<(f64, f64)> = of_rule

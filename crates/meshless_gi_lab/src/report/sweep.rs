@@ -4,14 +4,14 @@ use super::measure::{Measured, Row};
 use super::test_set::{TestSet, TestSetSize};
 use super::variant::{self, BOUNCES, Factor, Variant};
 use crate::accuracy::GroundTruth;
-use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{
     AssetError, BakeSceneError, BakeStats, Baked, Light, Progress, Recipe, TriangleMesh, bake_scene,
 };
 use std::time::{Duration, Instant};
 
 /// Names the variants to try, for the settings that the baseline got.
-pub type Choose = fn(&Settings) -> Vec<Variant>;
+pub type Choose = fn(&BakeSettings) -> Vec<Variant>;
 
 /// How much a report does.
 #[derive(Clone, Debug)]
@@ -162,7 +162,7 @@ pub struct Report {
 struct Last {
     recipe: Recipe,
     baked: Baked,
-    settings: Settings,
+    settings: BakeSettings,
     bytes: u64,
 }
 
@@ -254,7 +254,7 @@ fn bake(
         .map_err(|why| ReportError::Write { name: name(), why })?
         .len() as u64;
     let settings =
-        ron::from_str(&baked.scene.info.recipe).map_err(|why| ReportError::Settings {
+        BakeSettings::from_ron(&baked.scene.info.recipe).map_err(|why| ReportError::Settings {
             name: name(),
             why: why.to_string(),
         })?;

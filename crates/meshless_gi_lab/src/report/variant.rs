@@ -1,9 +1,9 @@
 //! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule
 //! beside ours.
 
-use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::internals::transport::TIERS;
-use meshless_gi::{BounceMode, FrameSettings, Preset, Recipe, TransportMethod};
+use meshless_gi::{FmmRecipe, PcaRecipe, BounceMode, FrameSettings, Preset, Recipe, TransportMethod};
 use serde::Serialize;
 
 /// Reflections that errors are measured for, and that a frame runs where nothing else is said: the
@@ -142,27 +142,16 @@ impl Variant {
         }
         let r = &self.recipe;
         let mut out = vec![format!("preset: {:?}", r.preset)];
-        some(
-            &mut out,
-            "rule",
-            (r.rule != TransportMethod::default()).then_some(r.rule),
-        );
+        out.extend(transport_text(&r.transport));
         some(&mut out, "coarse_radius", r.coarse_radius);
         some(&mut out, "levels", r.levels);
         some(&mut out, "sender_levels", r.sender_levels);
-        some(&mut out, "extra_levels", r.extra_levels);
-        some(&mut out, "extra_points", r.extra_points);
-        some(&mut out, "rays", r.rays);
-        some(&mut out, "places", r.places);
-        some(&mut out, "epsilon", r.epsilon);
-        some(&mut out, "tolerance", r.tolerance);
-        some(&mut out, "coefficients", r.coefficients);
-        some(&mut out, "cluster_points", r.cluster_points);
-        some(&mut out, "lamps", r.lamps);
-        some(&mut out, "order", r.order);
-        some(&mut out, "leaf", r.leaf);
-        some(&mut out, "sources", r.sources);
-        some(&mut out, "pair_rays", r.pair_rays);
+        some(&mut out, "refinement_levels", r.refinement_levels);
+        some(&mut out, "max_refinement_points", r.max_refinement_points);
+        some(&mut out, "rays_per_point", r.rays_per_point);
+        some(&mut out, "samples_per_sender", r.samples_per_sender);
+        some(&mut out, "truncation_error", r.truncation_error);
+        some(&mut out, "receiver_tolerance", r.receiver_tolerance);
         some(&mut out, "bounces", r.bounces);
         let mode = r.bounce_mode;
         some(
@@ -172,6 +161,50 @@ impl Variant {
         );
         format!("({})", out.join(", "))
     }
+}
+
+/// The transport method as a user writes it, with the parameters that are not the default. `None`
+/// for the default method.
+fn transport_text(transport: &TransportMethod) -> Option<String> {
+    let mut out: Vec<String> = Vec::new();
+    match transport {
+        TransportMethod::Bounded => return None,
+        TransportMethod::L08 => return Some("transport: L08".into()),
+        TransportMethod::Pca(pca) => {
+            let usual = PcaRecipe::default();
+            if pca.coefficients != usual.coefficients {
+                out.push(format!("coefficients: {}", pca.coefficients));
+            }
+            out.extend(pca.cluster_size.map(|n| format!("cluster_size: {n}")));
+            if pca.training_lights != usual.training_lights {
+                out.push(format!("training_lights: {}", pca.training_lights));
+            }
+        }
+        TransportMethod::Fmm(fmm) => {
+            let usual = FmmRecipe::default();
+            let fields = [
+                ("order", fmm.order, usual.order),
+                ("leaf_size", fmm.leaf_size, usual.leaf_size),
+                (
+                    "samples_per_sender",
+                    fmm.samples_per_sender,
+                    usual.samples_per_sender,
+                ),
+                (
+                    "visibility_rays",
+                    fmm.visibility_rays,
+                    usual.visibility_rays,
+                ),
+            ];
+            let changed = fields.iter().filter(|(_, value, usual)| value != usual);
+            out.extend(changed.map(|(name, value, _)| format!("{name}: {value}")));
+        }
+    }
+    Some(format!(
+        "transport: {}({})",
+        transport.name(),
+        out.join(", ")
+    ))
 }
 
 /// The baseline: quick to bake, so that many things around it can be tried.
@@ -189,9 +222,9 @@ fn draft() -> Recipe {
 
 fn epsilon(value: f32, cost: f64) -> Variant {
     let recipe = Recipe {
-        epsilon: Some(value),
+        truncation_error: Some(value),
         // As the presets have it.
-        tolerance: Some(2.0 * value),
+        receiver_tolerance: Some(2.0 * value),
         ..draft()
     };
     Variant::new(Factor::Epsilon, format!("ε {value}"), cost, recipe)
@@ -203,14 +236,14 @@ fn plain(value: f32, cost: f64) -> Variant {
     let mut variant = epsilon(value, cost);
     variant.factor = Factor::Plain;
     variant.name = format!("plain ε {value}");
-    variant.recipe.extra_levels = Some(0);
+    variant.recipe.refinement_levels = Some(0);
     variant
 }
 
 fn l08(value: f32, cost: f64) -> Variant {
     let recipe = Recipe {
-        rule: TransportMethod::L08,
-        epsilon: Some(value),
+        transport: TransportMethod::L08,
+        truncation_error: Some(value),
         ..draft()
     };
     Variant::new(Factor::RuleL08, format!("l08 ε {value}"), cost, recipe)
@@ -219,9 +252,11 @@ fn l08(value: f32, cost: f64) -> Variant {
 /// Bases of so many vectors for clusters of so many senders.
 fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
     let recipe = Recipe {
-        rule: TransportMethod::Pca,
-        coefficients: Some(coefficients),
-        cluster_points: Some(cluster_points),
+        transport: TransportMethod::Pca(PcaRecipe {
+            coefficients,
+            cluster_size: Some(cluster_points),
+            ..PcaRecipe::default()
+        }),
         ..draft()
     };
     let name = format!("pca {coefficients} of {cluster_points}");
@@ -232,7 +267,7 @@ fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
 fn pca_preset(preset: Preset, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
-        rule: TransportMethod::Pca,
+        transport: TransportMethod::pca(),
         ..Recipe::default()
     };
     let name = format!("pca, {preset:?}").to_lowercase();
@@ -243,9 +278,11 @@ fn pca_preset(preset: Preset, cost: f64) -> Variant {
 fn fmm(preset: Preset, sender_levels: Option<u32>, sources: Option<u32>, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
-        rule: TransportMethod::Fmm,
+        transport: TransportMethod::Fmm(FmmRecipe {
+            samples_per_sender: sources.unwrap_or(4),
+            ..FmmRecipe::default()
+        }),
         sender_levels,
-        sources,
         ..Recipe::default()
     };
     let mut name = format!("fmm, {preset:?}").to_lowercase();
@@ -260,7 +297,7 @@ fn fmm(preset: Preset, sender_levels: Option<u32>, sources: Option<u32>, cost: f
 
 fn rays(count: u32) -> Variant {
     let recipe = Recipe {
-        rays: Some(count),
+        rays_per_point: Some(count),
         ..draft()
     };
     let cost = 0.4 + 0.6 * f64::from(count) / 256.0;
@@ -268,7 +305,7 @@ fn rays(count: u32) -> Variant {
 }
 
 /// The baseline with so many times its points.
-fn density(base: &Settings, times: f32) -> Variant {
+fn density(base: &BakeSettings, times: f32) -> Variant {
     // Three digits do, and can be read.
     let radius = base.coarse_radius / times.sqrt();
     let unit = libm::powf(10.0, 2.0 - libm::floorf(libm::log10f(radius)));
@@ -318,9 +355,9 @@ fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
     let name = format!("{preset:?}, {rays} rays, ε {epsilon}").to_lowercase();
     let recipe = Recipe {
         preset,
-        rays: Some(rays),
-        epsilon: Some(epsilon),
-        tolerance: Some(2.0 * epsilon),
+        rays_per_point: Some(rays),
+        truncation_error: Some(epsilon),
+        receiver_tolerance: Some(2.0 * epsilon),
         ..Recipe::default()
     };
     Variant::new(Factor::Several, name, cost, recipe)
@@ -329,7 +366,7 @@ fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
 /// A handful of bakes, most important first, for the settings that the baseline got. Those that
 /// need no bake of their own come first.
 #[must_use]
-pub fn quick(base: &Settings) -> Vec<Variant> {
+pub fn quick(base: &BakeSettings) -> Vec<Variant> {
     let mut all = vec![bounces(1), bounces(2), bounces(8)];
     all.extend(tiers(Preset::Draft));
     all.extend([
@@ -350,7 +387,7 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
 
 /// All that is swept, most important first, for the settings that the baseline got.
 #[must_use]
-pub fn full(base: &Settings) -> Vec<Variant> {
+pub fn full(base: &BakeSettings) -> Vec<Variant> {
     let with = |factor, name: &str, cost, recipe| Variant::new(factor, name, cost, recipe);
     let mut all: Vec<Variant> = [1, 2, 3, 6, 8, 16].into_iter().map(bounces).collect();
     all.extend(tiers(Preset::Draft));
@@ -386,7 +423,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
     ]);
     let added = |extra, name| {
         let recipe = Recipe {
-            extra_levels: Some(extra),
+            refinement_levels: Some(extra),
             ..draft()
         };
         with(Factor::Added, name, 1.0, recipe)
@@ -402,7 +439,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
     all.extend([sending(3, "3 sender levels"), sending(5, "5 sender levels")]);
     let lit = |places, name| {
         let recipe = Recipe {
-            places: Some(places),
+            samples_per_sender: Some(places),
             ..draft()
         };
         with(Factor::Places, name, 1.0, recipe)

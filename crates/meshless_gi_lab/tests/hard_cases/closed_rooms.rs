@@ -79,9 +79,9 @@ fn converged_bounces_match_infinite_series() {
 /// However much is truncated, a row keeps its mass; so does the series in the bake.
 #[test]
 fn truncation_and_baked_bounces_conserve_energy() {
-    for (epsilon, bounce_mode) in [(0.5, BounceMode::Live), (0.03, BounceMode::Baked)] {
+    for (epsilon, bounce_mode) in [(0.5, BounceMode::Runtime), (0.03, BounceMode::Baked)] {
         let recipe = Recipe {
-            epsilon: Some(epsilon),
+            truncation_error: Some(epsilon),
             bounces: Some(12),
             bounce_mode,
             ..small()
@@ -159,7 +159,7 @@ fn light_in_sphere_gives_uniform_irradiance() {
 #[test]
 fn lossless_walls_get_lowered_albedo() {
     let white = Material::emissive(Vec3::ONE, Vec3::splat(FRAC_1_PI));
-    for bounce_mode in [BounceMode::Live, BounceMode::Baked] {
+    for bounce_mode in [BounceMode::Runtime, BounceMode::Baked] {
         let recipe = Recipe {
             bounce_mode,
             bounces: Some(12),

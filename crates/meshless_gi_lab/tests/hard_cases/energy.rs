@@ -36,7 +36,7 @@ fn transport_rows_sum_to_hemisphere() {
     }
     // The paper's rule drops links, and its rows miss what they held: the same figure says so.
     let paper = Recipe {
-        rule: TransportMethod::L08,
+        transport: TransportMethod::L08,
         ..small()
     };
     let told = baked(&cornell(1.0, Vec3::ZERO), &paper).stats.energy;
@@ -70,7 +70,10 @@ fn growth(scene: &BakedScene) -> f64 {
 #[test]
 fn spectral_radius_bound_holds_and_is_tight() {
     for rule in [TransportMethod::Bounded, TransportMethod::L08] {
-        let recipe = Recipe { rule, ..small() };
+        let recipe = Recipe {
+            transport: rule,
+            ..small()
+        };
         let bake = baked(&cornell(1.0, Vec3::ZERO), &recipe);
         let (told, growth) = (bake.stats.energy, growth(&bake.scene));
         eprintln!("{rule:?}: grows by {growth:.4}, told {told:?}");
@@ -92,7 +95,7 @@ fn operator_reciprocity_improves_with_rays() {
     let room = closed(Material::default());
     let residual = |rays: u32, extra: u32| {
         let recipe = Recipe {
-            rays: Some(rays),
+            rays_per_point: Some(rays),
             levels: Some(3 + extra),
             sender_levels: Some(2 + extra),
             ..small()

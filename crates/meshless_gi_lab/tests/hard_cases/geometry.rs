@@ -292,7 +292,7 @@ fn thin_sheets_are_lit_per_side() {
     }
     let level = mesh(triangles, half());
     let recipe = Recipe {
-        extra_levels: Some(1),
+        refinement_levels: Some(1),
         ..quick()
     };
     let (e, none) = compared(

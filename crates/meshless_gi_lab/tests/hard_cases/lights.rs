@@ -25,7 +25,7 @@ fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
 #[test]
 fn light_near_surface_conserves_energy() {
     let recipe = Recipe {
-        places: Some(16),
+        samples_per_sender: Some(16),
         ..small()
     };
     let scene = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &recipe).scene;

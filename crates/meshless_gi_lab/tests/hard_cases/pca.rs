@@ -3,16 +3,23 @@
 
 use super::support::{baked, closed, cornell, irradiances, quick, small};
 use glam::Vec3;
-use meshless_gi::{
+use meshless_gi::{PcaRecipe, 
     BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Progress, Recipe, TransportMethod,
     bake_scene,
 };
 
+/// Parameters of the bakes here.
+fn parameters() -> PcaRecipe {
+    PcaRecipe {
+        training_lights: 100,
+        cluster_size: Some(40),
+        ..PcaRecipe::default()
+    }
+}
+
 fn pca() -> Recipe {
     Recipe {
-        rule: TransportMethod::Pca,
-        lamps: Some(100),
-        cluster_points: Some(40),
+        transport: TransportMethod::Pca(parameters()),
         ..quick()
     }
 }
@@ -44,17 +51,22 @@ fn off(values: &[Vec3], right: &[Vec3]) -> f32 {
 #[test]
 fn pca_error_falls_with_vectors() {
     let level = cornell(1.0, Vec3::ZERO);
-    let of = |rule, coefficients| Recipe {
-        rule,
-        coefficients,
-        epsilon: Some(0.0),
+    let of = |transport| Recipe {
+        transport,
+        truncation_error: Some(0.0),
         ..pca()
+    };
+    let with = |coefficients| {
+        TransportMethod::Pca(PcaRecipe {
+            coefficients,
+            ..parameters()
+        })
     };
     // A hundred lamps span clusters of forty: a change of basis, that loses nothing but what
     // sixteen bits do.
-    let whole = baked(&level, &of(TransportMethod::Pca, Some(1000))).scene;
-    let senders = baked(&level, &of(TransportMethod::Bounded, None)).scene;
-    let few = [1, 4, 12].map(|k| baked(&level, &of(TransportMethod::Pca, Some(k))));
+    let whole = baked(&level, &of(with(1000))).scene;
+    let senders = baked(&level, &of(TransportMethod::Bounded)).scene;
+    let few = [1, 4, 12].map(|k| baked(&level, &of(with(k))));
     assert_eq!(senders.points.len(), whole.points.len());
     for bounces in [1, 4] {
         let right = lit(&whole, bounces);
@@ -79,19 +91,21 @@ fn pca_uniform_light_is_exact() {
     // all.
     let white = || closed(Material::diffuse(Vec3::splat(0.8)));
     let cases = [
-        (white(), Some(0), None),
-        (closed(Material::diffuse(Vec3::ZERO)), Some(50), None),
-        (white(), Some(1), None),
-        (white(), Some(5), Some(1)),
-        (white(), Some(50), Some(65_536)),
+        (white(), 0, None),
+        (closed(Material::diffuse(Vec3::ZERO)), 50, None),
+        (white(), 1, None),
+        (white(), 5, Some(1)),
+        (white(), 50, Some(65_536)),
     ];
-    for (k, (level, lamps, cluster_points)) in cases.into_iter().enumerate() {
+    for (k, (level, training_lights, cluster_points)) in cases.into_iter().enumerate() {
         let bake = baked(
             &level,
             &Recipe {
-                lamps,
-                cluster_points: cluster_points.or(Some(40)),
-                rule: TransportMethod::Pca,
+                transport: TransportMethod::Pca(PcaRecipe {
+                    training_lights,
+                    cluster_size: cluster_points.or(Some(40)),
+                    ..PcaRecipe::default()
+                }),
                 ..small()
             },
         );
@@ -138,7 +152,7 @@ fn pca_white_room_is_bounded_and_barely_darkened() {
     let bake = baked(
         &closed(Material::diffuse(Vec3::ONE)),
         &Recipe {
-            rule: TransportMethod::Pca,
+            transport: TransportMethod::pca(),
             ..small()
         },
     );

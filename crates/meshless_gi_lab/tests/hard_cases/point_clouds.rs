@@ -24,18 +24,21 @@ fn cloud(points: PlyPoints) -> TriangleMesh {
 }
 
 fn by(rule: TransportMethod) -> Recipe {
-    Recipe { rule, ..small() }
+    Recipe {
+        transport: rule,
+        ..small()
+    }
 }
 
 /// Bakes by both rules, looks at every number, and at the light of the room.
 fn closed_form(name: &str, level: &TriangleMesh, scale: f32, most: f32) {
-    for rule in [TransportMethod::Bounded, TransportMethod::Fmm] {
+    for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
         let recipe = Recipe {
             coarse_radius: Some(0.3 * scale),
             ..by(rule)
         };
         let scene = baked(level, &recipe).scene;
-        assert_eq!(scene.fmm.is_some(), rule == TransportMethod::Fmm);
+        assert_eq!(scene.fmm.is_some(), rule == TransportMethod::fmm());
         let (one, eight) = lit(&scene, scale);
         eprintln!("{name}, {rule:?}: {one:.4} of one reflection, {eight:.4} of eight");
         assert!((one - 1.0).abs() < most, "{name}, {rule:?}: {one}");
@@ -119,7 +122,7 @@ fn coplanar_points_exchange_no_light() {
         ..PlyPoints::default()
     };
     let level = cloud(flat);
-    for rule in [TransportMethod::Bounded, TransportMethod::Fmm] {
+    for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
         let scene = baked(&level, &by(rule)).scene;
         let mut frame = CpuFrame::new(&scene);
         let lamp = FrameLight::point(Vec3::new(0.9, 1.1, 1.2), Vec3::ONE, f32::INFINITY);

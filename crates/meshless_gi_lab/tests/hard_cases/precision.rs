@@ -154,7 +154,7 @@ impl Exact<'_> {
 fn single_precision_error_is_bounded() {
     let recipe = Recipe {
         levels: Some(4),
-        tolerance: Some(0.5),
+        receiver_tolerance: Some(0.5),
         ..small()
     };
     let scene = baked(&cornell(1.0, Vec3::ZERO), &recipe).scene;

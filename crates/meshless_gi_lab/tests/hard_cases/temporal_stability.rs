@@ -9,7 +9,7 @@ use meshless_gi::{
 fn cornell(places: u32) -> BakedScene {
     let recipe = Recipe {
         preset: Preset::Draft,
-        places: Some(places),
+        samples_per_sender: Some(places),
         ..Recipe::default()
     };
     let mesh = mesh_of_quads(&cornell_box());

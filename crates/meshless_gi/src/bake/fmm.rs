@@ -13,9 +13,7 @@
 //! take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of visibility miss of that, each
 //! point's factor mends.
 
-use super::energy_octree;
-use super::recipe::{Recipe, Settings};
-use super::{BakeError, Baked, Progress, Stage};
+use super::{BakeError, BakeSettings, BakeStage, Baked, FmmRecipe, Progress, energy_fmm};
 use crate::asset::{BakedScene, TierInfo};
 use crate::basis::{CellPart, Hierarchy, find_cells};
 use crate::scene::Geometry;
@@ -24,47 +22,15 @@ use crate::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 use crate::transport::look_out;
 use glam::Vec3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Order where a recipe names none. Areas, visibility and what lies between points are wrong by far
-/// more than what an expansion leaves out behind it (docs/reports/FMM_RULE.md).
-const ORDER: u32 = 2;
-
-/// The octree of a bake by rule `fmm`, everything filled in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct OctreeSettings {
-    /// See [`Recipe::order`].
-    pub order: u32,
-    /// See [`Recipe::leaf`].
-    pub leaf: u32,
-    /// See [`Recipe::sources`].
-    pub sources: u32,
-    /// See [`Recipe::pair_rays`].
-    pub pair_rays: u32,
-    /// See [`Recipe::fallback`].
-    pub fallback: bool,
-}
-
-impl OctreeSettings {
-    /// As a recipe says.
-    pub(super) fn of(recipe: &Recipe) -> Self {
-        let usual = FmmSettings::default();
-        Self {
-            order: recipe.order.unwrap_or(ORDER),
-            leaf: recipe.leaf.unwrap_or(usual.leaf as u32),
-            sources: recipe.sources.unwrap_or(4),
-            pair_rays: recipe.pair_rays.unwrap_or(usual.rays),
-            fallback: recipe.fallback,
-        }
-    }
-
-    /// What the solver needs.
+impl FmmRecipe {
+    /// Settings of the solver.
     fn solver(&self, seed: u64) -> FmmSettings {
         FmmSettings {
             order: self.order as usize,
-            leaf: self.leaf as usize,
-            rays: self.pair_rays,
+            leaf: self.leaf_size as usize,
+            rays: self.visibility_rays,
             seed,
             ..FmmSettings::default()
         }
@@ -85,12 +51,12 @@ impl Cells {
     pub fn find(
         geometry: &dyn Geometry,
         hierarchy: &Hierarchy,
-        settings: &Settings,
+        settings: &BakeSettings,
     ) -> Option<Self> {
-        let octree = settings.octree?;
+        let octree = settings.fmm()?;
         let finest = settings.sender_levels as usize - 1;
         let level = &hierarchy.senders[finest];
-        let (cells, rays) = find_cells(geometry, level, octree.sources, settings.seed);
+        let (cells, rays) = find_cells(geometry, level, octree.samples_per_sender, settings.seed);
         Some(Self {
             first: hierarchy.level(finest).start,
             cells,
@@ -128,30 +94,30 @@ impl Cells {
 
 /// Factors beyond these mend no rounding: what such a point sees is not on any list, or lies in a
 /// crack.
-const MENDED: [f32; 2] = [0.25, 4.0];
+const FACTOR_RANGE: [f32; 2] = [0.25, 4.0];
 
 /// Gives the bake its octree, where there are cells to make it of.
-pub(super) fn grow(
+pub(super) fn build(
     geometry: &dyn Geometry,
-    settings: &Settings,
+    settings: &BakeSettings,
     cells: Option<Cells>,
     mut baked: Baked,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
-    let (Some(cells), Some(own)) = (cells, settings.octree) else {
+    let (Some(cells), Some(own)) = (cells, settings.fmm()) else {
         return Ok(baked);
     };
     let began = Instant::now();
-    if !progress.set(Stage::Transport, 0.9) {
+    if !progress.set(BakeStage::Transport, 0.9) {
         return Err(BakeError::Canceled);
     }
     let scene = &mut baked.scene;
-    let looks = (settings.rays / 4).max(16);
+    let looks = (settings.rays_per_point / 4).max(16);
     let seen: Vec<(Vec3, f32)> = (scene.points.par_iter().enumerate())
         .map(|(i, p)| look_out(geometry, p.x(), p.n(), i, looks, settings.seed))
         .collect();
     baked.stats.rays += cells.rays + seen.len() as u64 * u64::from(looks);
-    if !own.fallback {
+    if !own.fallback_links {
         // Links know the sky by their own rays, and sweeps over them take off the same again.
         for (surface, (sky, _)) in scene.surfaces.iter_mut().zip(&seen) {
             surface.sky = sky.to_array();
@@ -165,10 +131,10 @@ pub(super) fn grow(
         place.sky = scene.surfaces[place.point as usize].sky;
     }
     let unlit: Vec<f32> = seen.iter().map(|s| s.1).collect();
-    mend(&mut operator, scene, &unlit);
+    normalize_to_closed_form(&mut operator, scene, &unlit);
     scene.fmm = Some(operator);
     scene.info.tiers = TierInfo::of(scene);
-    let energy = energy_octree::conserve(scene, &unlit, &cells.areas());
+    let energy = energy_fmm::enforce_energy_bound(scene, &unlit, &cells.areas());
     let senders = scene.senders() as u64;
     (baked.stats.warnings).extend(super::energy::warning(&energy, senders));
     scene.info.energy = energy;
@@ -189,14 +155,14 @@ impl Cells {
 }
 
 /// Sets the factor of every place that receives.
-fn mend(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
-    let even = even(operator, scene);
+fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
+    let unit = unit_response(operator, scene);
     for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
         let i = place.point as usize;
         let sky = Vec3::from_array(place.sky).dot(Vec3::from_array(place.normal));
         let right = 1.0 - sky.max(0.0) - unlit[i];
-        let factor = right / even[i];
-        place.factor = match (MENDED[0]..=MENDED[1]).contains(&factor) {
+        let factor = right / unit[i];
+        place.factor = match (FACTOR_RANGE[0]..=FACTOR_RANGE[1]).contains(&factor) {
             true => factor,
             false => 1.0,
         };
@@ -204,7 +170,7 @@ fn mend(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
 }
 
 /// What senders of radiosity one make of each other along their normals.
-pub(super) fn even(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
+pub(super) fn unit_response(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
     let radiosity = vec![[1.0f32; 4]; scene.senders()];
     let mut passes = Passes::new(Field::of(operator));
     passes.run(&radiosity);

@@ -10,7 +10,7 @@
 
 use super::energy::{GUARDED_FROM, MAX_GAIN};
 use super::energy_components::lower;
-use super::octree::even;
+use super::fmm::unit_response;
 use crate::asset::{BakedScene, EnergyInfo};
 use crate::transport::fmm::passes::{Field, along};
 use crate::transport::fmm::{FmmOperator, Passes};
@@ -23,7 +23,11 @@ const RUNS: usize = 12;
 
 /// Measures the octree of `scene` and guards its albedos; what is known of its links counts too.
 /// `unlit` is what each point sees of unlit backs, `areas` the surface of each sender.
-pub(super) fn conserve(scene: &mut BakedScene, unlit: &[f32], areas: &[f32]) -> EnergyInfo {
+pub(super) fn enforce_energy_bound(
+    scene: &mut BakedScene,
+    unlit: &[f32],
+    areas: &[f32],
+) -> EnergyInfo {
     let before = match scene.link_tiers() {
         0 => EnergyInfo {
             guard_factor: 1.0,
@@ -154,7 +158,7 @@ fn reciprocity(
 /// How far even light and an even sky are from one at the senders: largest, and root mean square.
 fn deviation(scene: &BakedScene, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
     let (mut largest, mut squares) = (0.0f64, 0.0);
-    let even = even(octree, scene);
+    let even = unit_response(octree, scene);
     for (i, (e, point)) in even.iter().zip(&scene.points).enumerate() {
         let sky = Vec3::from_array(scene.surfaces[i].sky).dot(point.n());
         let d = f64::from(e + sky.max(0.0) + unlit[i]) - 1.0;

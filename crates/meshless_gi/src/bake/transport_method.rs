@@ -1,0 +1,144 @@
+//! Representation of light transport: the method of a recipe, with its parameters.
+
+use super::recipe::{RecipeError, in_range};
+use serde::{Deserialize, Serialize};
+
+/// Representation of the transport operator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum TransportMethod {
+    /// Links that keep the mass of each row, with a bound on the truncation error. See
+    /// [`crate::transport::bounded`].
+    #[default]
+    Bounded,
+    /// Links by \[L08\] Figure 5 as published. See [`crate::transport::l08`].
+    L08,
+    /// Bases of direct light for clusters of senders, after \[P14\] §4.3. See
+    /// [`crate::transport::pca`]. Receivers are those of `Bounded`.
+    Pca(PcaRecipe),
+    /// Octree of points in place of links, after \[G08\]. See [`crate::transport::fmm`]. The frame
+    /// computes transport by the fast multipole method.
+    Fmm(FmmRecipe),
+}
+
+impl TransportMethod {
+    /// Method `Pca` with default parameters.
+    #[must_use]
+    pub fn pca() -> Self {
+        Self::Pca(PcaRecipe::default())
+    }
+
+    /// Method `Fmm` with default parameters.
+    #[must_use]
+    pub fn fmm() -> Self {
+        Self::Fmm(FmmRecipe::default())
+    }
+
+    /// Returns `true` if both are the same method, with any parameters.
+    #[must_use]
+    pub fn is_same_method(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+
+    /// Name without parameters, as a recipe spells it.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Bounded => "Bounded",
+            Self::L08 => "L08",
+            Self::Pca(_) => "Pca",
+            Self::Fmm(_) => "Fmm",
+        }
+    }
+
+    /// Checks the parameters.
+    pub(super) fn check(&self) -> Result<(), RecipeError> {
+        match self {
+            Self::Bounded | Self::L08 => Ok(()),
+            Self::Pca(pca) => pca.check(),
+            Self::Fmm(fmm) => fmm.check(),
+        }
+    }
+}
+
+/// Parameters of [`TransportMethod::Pca`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PcaRecipe {
+    /// Vectors of the light basis of a cluster, 1 to 1000. Default 10. More reduce the error and
+    /// add links.
+    pub coefficients: u32,
+    /// Approximate number of senders of a cluster, 1 to 65536. `None` (default) gives about 64
+    /// clusters.
+    #[serde(alias = "cluster_points")]
+    pub cluster_size: Option<u32>,
+    /// Number of lights that the bases are trained on, 0 to 65536. Default 1000.
+    #[serde(alias = "lamps")]
+    pub training_lights: u32,
+}
+
+impl Default for PcaRecipe {
+    fn default() -> Self {
+        Self {
+            coefficients: 10,
+            cluster_size: None,
+            training_lights: 1000,
+        }
+    }
+}
+
+impl PcaRecipe {
+    fn check(&self) -> Result<(), RecipeError> {
+        let coefficients = Some(self.coefficients);
+        in_range("transport.coefficients", coefficients, 1..=1000)?;
+        in_range("transport.cluster_size", self.cluster_size, 1..=65_536)?;
+        let lights = Some(self.training_lights);
+        in_range("transport.training_lights", lights, 0..=65_536)
+    }
+}
+
+/// Parameters of [`TransportMethod::Fmm`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FmmRecipe {
+    /// Order of the expansions, 0 to 16. Default 2. GPU kernels support up to 6. Areas, visibility
+    /// and sampling cause larger errors than the terms beyond order 2
+    /// (docs/reports/FMM_RULE.md).
+    pub order: u32,
+    /// Largest number of points of an octree leaf, 1 to 4096. Default 24.
+    #[serde(alias = "leaf")]
+    pub leaf_size: u32,
+    /// Number of points from which a sender of the finest sender level emits, 1 to 64. Default 4.
+    #[serde(alias = "sources")]
+    pub samples_per_sender: u32,
+    /// Number of rays that determine the visibility between two octree nodes, 1 to 4096. Default
+    /// 16.
+    #[serde(alias = "pair_rays")]
+    pub visibility_rays: u32,
+    /// Adds the links of `Bounded` on the same points. Default `false`. Enable it for devices and
+    /// frames that cannot run the octree.
+    #[serde(alias = "fallback")]
+    pub fallback_links: bool,
+}
+
+impl Default for FmmRecipe {
+    fn default() -> Self {
+        Self {
+            order: 2,
+            leaf_size: 24,
+            samples_per_sender: 4,
+            visibility_rays: 16,
+            fallback_links: false,
+        }
+    }
+}
+
+impl FmmRecipe {
+    fn check(&self) -> Result<(), RecipeError> {
+        in_range("transport.order", Some(self.order), 0..=16)?;
+        in_range("transport.leaf_size", Some(self.leaf_size), 1..=4096)?;
+        let samples = Some(self.samples_per_sender);
+        in_range("transport.samples_per_sender", samples, 1..=64)?;
+        let rays = Some(self.visibility_rays);
+        in_range("transport.visibility_rays", rays, 1..=4096)
+    }
+}
