@@ -81,7 +81,7 @@ fn summary(bake: &BakedScene, bytes: u64) -> String {
 
 /// Returns the preset whose tolerances the bake has; `None` if it has others.
 fn preset_of(bake: &BakedScene) -> Option<Preset> {
-    let found: BakeSettings = BakeSettings::from_ron(&bake.info.recipe).ok()?;
+    let found = BakeSettings::from_ron(&bake.info.recipe).ok()?;
     [Preset::Draft, Preset::Medium, Preset::High]
         .into_iter()
         .find(|preset| {
