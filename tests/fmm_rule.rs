@@ -8,10 +8,10 @@ use glam::{Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
 use meshless_gi::internals::scene::PlyPoints;
-use meshless_gi::{BounceMode, FmmRecipe, 
-    BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Geometry, Irradiance,
-    Light, Limits, Material, PointCloud, Preset, Progress, Quad, Ray, Recipe, ReferenceSettings,
-    TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
+use meshless_gi::{
+    BakedScene, BounceMode, Bounces, CpuFrame, Evaluator, FmmRecipe, FrameLight, FrameSettings,
+    Geometry, Irradiance, Light, Limits, Material, PointCloud, Preset, Progress, Quad, Ray, Recipe,
+    ReferenceSettings, TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
 
 const REFLECTIONS: u32 = 4;

@@ -2,7 +2,7 @@
 
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
-use meshless_gi::{Progress, BakeStage};
+use meshless_gi::{BakeStage, Progress};
 use std::fmt;
 
 /// Progress of the bake of its entity. Added when a bake starts, updated in

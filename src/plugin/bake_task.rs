@@ -37,7 +37,7 @@ use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
 use meshless_gi::{
-    BakeSceneError, Baked, BakedScene, Progress, Recipe, BakeStage, TriangleMesh, bake_scene,
+    BakeSceneError, BakeStage, Baked, BakedScene, Progress, Recipe, TriangleMesh, bake_scene,
 };
 use std::sync::Arc;
 

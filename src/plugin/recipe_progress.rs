@@ -4,7 +4,7 @@ use super::asset::GiBakedScene;
 use bevy::asset::{AssetId, AssetPath, AssetServer};
 use bevy::ecs::prelude::*;
 use bevy::log::info;
-use meshless_gi::{Progress, BakeStage};
+use meshless_gi::{BakeStage, Progress};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

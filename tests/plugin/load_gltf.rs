@@ -17,7 +17,7 @@ use bevy_meshless_gi::prelude::*;
 use level::drop::{Level, Loaded};
 use level::progress::{Bar, Lines, Notice, overall};
 use level::{LevelPlugin, drop};
-use meshless_gi::{BakedScene, Limits, Preset, BakeStage};
+use meshless_gi::{BakeStage, BakedScene, Limits, Preset};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

@@ -10,7 +10,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::{FrameStage, TierCandidate};
 use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::{FmmRecipe, BakedScene, FrameSettings, Recipe, TransportMethod};
+use meshless_gi::{BakedScene, FmmRecipe, FrameSettings, Recipe, TransportMethod};
 use std::sync::Arc;
 use std::time::Duration;
 

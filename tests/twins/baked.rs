@@ -1,8 +1,8 @@
 //! Bakes of the Cornell box, as a game would have them.
 
 use glam::Vec3;
-use meshless_gi::{FmmRecipe, 
-    BakeSource, BakedScene, BounceMode, FrameLight, Light, Preset, Progress, Recipe,
+use meshless_gi::{
+    BakeSource, BakedScene, BounceMode, FmmRecipe, FrameLight, Light, Preset, Progress, Recipe,
     TransportMethod, bake, load_gltf,
 };
 

@@ -44,9 +44,9 @@ pub use scene::{LoadedGeometry, load_geometry, load_gltf};
 
 // Bakes.
 pub use bake::{
-    BakeError, BakeSceneError, BakeSource, BakeStats, Baked, BounceMode, FmmRecipe, OccluderBox, OccluderDesc,
-    PcaRecipe, Preset, ProbeSettings, Progress, Recipe, RecipeError, SkyModel, BakeStage, TransportMethod,
-    VisibilityRecipe, bake, bake_scene,
+    BakeError, BakeSceneError, BakeSource, BakeStage, BakeStats, Baked, BounceMode, FmmRecipe,
+    OccluderBox, OccluderDesc, PcaRecipe, Preset, ProbeSettings, Progress, Recipe, RecipeError,
+    SkyModel, TransportMethod, VisibilityRecipe, bake, bake_scene,
 };
 
 // Baked scenes.

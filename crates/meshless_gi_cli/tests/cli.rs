@@ -474,7 +474,10 @@ fn bake_options_override_recipe() {
         "{info}"
     );
     assert!(
-        info["recipe"].as_str().unwrap().contains("rays_per_point:64"),
+        info["recipe"]
+            .as_str()
+            .unwrap()
+            .contains("rays_per_point:64"),
         "{info}"
     );
 }

@@ -1,8 +1,9 @@
 //! `meshless_gi report` as a user has it, and the sweep behind it on something smaller still.
 
 use meshless_gi::internals::bake::BakeSettings;
-use meshless_gi::{PcaRecipe, 
-    Material, Preset, Progress, Recipe, TransportMethod, TriangleMesh, cornell_box, mesh_of_quads,
+use meshless_gi::{
+    Material, PcaRecipe, Preset, Progress, Recipe, TransportMethod, TriangleMesh, cornell_box,
+    mesh_of_quads,
 };
 use meshless_gi_lab::report::{
     Factor, Ratio, Report, Run, Sweep, TestSetSize, Variant, baseline, choice, compare, figures,

@@ -10,8 +10,8 @@ use glam::Vec3;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::internals::samples::scatter;
 use meshless_gi::internals::scene::{PlyEncoding, parse_ply, statue_room, write_ply};
-use meshless_gi::{FmmRecipe, 
-    CpuFrame, FrameLight, FrameSettings, Light, PointCloud, Preset, Progress, Recipe,
+use meshless_gi::{
+    CpuFrame, FmmRecipe, FrameLight, FrameSettings, Light, PointCloud, Preset, Progress, Recipe,
     TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
 use meshless_gi_lab::report::{

@@ -1,9 +1,9 @@
 //! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and
 //! the sparse operator beside it, each against the reference integrator.
 
-use meshless_gi::{PcaRecipe, 
-    Baked, BakedScene, FrameSettings, Preset, Progress, Recipe, TransportMethod, TriangleMesh,
-    bake_scene,
+use meshless_gi::{
+    Baked, BakedScene, FrameSettings, PcaRecipe, Preset, Progress, Recipe, TransportMethod,
+    TriangleMesh, bake_scene,
 };
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
 use meshless_gi_lab::report::{BOUNCES, TestSet, TestSetSize};

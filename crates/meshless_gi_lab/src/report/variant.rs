@@ -3,7 +3,9 @@
 
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::internals::transport::TIERS;
-use meshless_gi::{FmmRecipe, PcaRecipe, BounceMode, FrameSettings, Preset, Recipe, TransportMethod};
+use meshless_gi::{
+    BounceMode, FmmRecipe, FrameSettings, PcaRecipe, Preset, Recipe, TransportMethod,
+};
 use serde::Serialize;
 
 /// Reflections that errors are measured for, and that a frame runs where nothing else is said: the

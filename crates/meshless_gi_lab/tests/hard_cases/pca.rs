@@ -3,9 +3,9 @@
 
 use super::support::{baked, closed, cornell, irradiances, quick, small};
 use glam::Vec3;
-use meshless_gi::{PcaRecipe, 
-    BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Progress, Recipe, TransportMethod,
-    bake_scene,
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Material, PcaRecipe, Progress, Recipe,
+    TransportMethod, bake_scene,
 };
 
 /// Parameters of the bakes here.
