@@ -479,7 +479,7 @@ fn white_wall_under_sky_matches_bevy_light() {
         viewpoints: vec![[0.0, 0.0, 1.0]],
         coarse_radius: Some(0.5),
         levels: Some(2),
-        rays: Some(1024),
+        rays_per_point: Some(1024),
         ..default()
     };
     let bake = room.bake_as(&bake);
