@@ -1,7 +1,7 @@
 //! Options of `bake` that replace fields of a recipe.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use meshless_gi::{OccluderDesc, Preset, Recipe, Sky, TransportMethod};
+use meshless_gi::{OccluderDesc, Preset, Recipe, SkyModel, TransportMethod};
 
 /// Options of `bake`. One that is not given leaves the recipe's field as it is.
 #[derive(clap::Args)]
@@ -86,7 +86,7 @@ pub struct Options {
     probe_spacing: Option<f32>,
     /// Sky model: uniform (default), or harmonics for a sky that varies with the direction.
     #[arg(long, value_name = "KIND", value_parser = sky())]
-    sky: Option<Sky>,
+    sky: Option<SkyModel>,
     /// Bake the materials of each sender, so that base colors and emission may change at run time.
     #[arg(long, alias = "live-materials")]
     dynamic_materials: bool,
@@ -148,16 +148,16 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
 fn rule() -> impl TypedValueParser<Value = TransportMethod> {
     PossibleValuesParser::new(["bounded", "l08", "pca", "fmm"]).map(|word| match word.as_str() {
         "l08" => TransportMethod::L08,
-        "pca" => TransportMethod::Pca,
-        "fmm" => TransportMethod::Fmm,
+        "pca" => TransportMethod::pca(),
+        "fmm" => TransportMethod::fmm(),
         _ => TransportMethod::Bounded,
     })
 }
 
-fn sky() -> impl TypedValueParser<Value = Sky> {
+fn sky() -> impl TypedValueParser<Value = SkyModel> {
     PossibleValuesParser::new(["uniform", "harmonics"]).map(|word| match word.as_str() {
-        "harmonics" => Sky::Harmonics,
-        _ => Sky::Uniform,
+        "harmonics" => SkyModel::Harmonics,
+        _ => SkyModel::Uniform,
     })
 }
 
@@ -184,7 +184,7 @@ impl Options {
         recipe.preset = self.preset.unwrap_or(recipe.preset);
         recipe.seed = self.seed.unwrap_or(recipe.seed);
         recipe.sky = self.sky.unwrap_or(recipe.sky);
-        recipe.live_materials |= self.dynamic_materials;
+        recipe.dynamic_materials |= self.dynamic_materials;
         for name in &self.occluders {
             // The recipe's own description may have boxes.
             if !recipe.occluders.iter().any(|o| o.name == *name) {
@@ -197,16 +197,16 @@ impl Options {
         set(&mut recipe.coarse_radius, self.coarse_radius);
         set(&mut recipe.levels, self.levels);
         set(&mut recipe.sender_levels, self.sender_levels);
-        set(&mut recipe.rays, self.rays);
+        set(&mut recipe.rays_per_point, self.rays);
         set(&mut recipe.bounces, self.bounces);
-        set(&mut recipe.epsilon, self.epsilon);
-        set(&mut recipe.max_error, self.max_error);
+        set(&mut recipe.truncation_error, self.epsilon);
+        set(&mut recipe.target_nrmse, self.max_error);
         if self.probes || self.probe_spacing.is_some() {
             let probes = recipe.probes.get_or_insert_default();
             set(&mut probes.spacing, self.probe_spacing);
         }
         self.apply_soft_shadows(recipe);
-        self.apply_transport(recipe);
+        self.apply_transport(&mut recipe.transport);
     }
 
     fn apply_soft_shadows(&self, recipe: &mut Recipe) {
@@ -214,20 +214,30 @@ impl Options {
             let soft = recipe.soft_shadows.get_or_insert_default();
             soft.directions = self.visibility_directions.unwrap_or(soft.directions);
             soft.coefficients = self.visibility_coefficients.unwrap_or(soft.coefficients);
-            soft.cluster_points = self.visibility_cluster_size.unwrap_or(soft.cluster_points);
-            soft.error = self.visibility_max_error.unwrap_or(soft.error);
+            soft.cluster_size = self.visibility_cluster_size.unwrap_or(soft.cluster_size);
+            soft.max_cluster_error = self.visibility_max_error.unwrap_or(soft.max_cluster_error);
         }
     }
 
-    fn apply_transport(&self, recipe: &mut Recipe) {
-        recipe.rule = self.rule.unwrap_or(recipe.rule);
-        set(&mut recipe.coefficients, self.pca_coefficients);
-        set(&mut recipe.cluster_points, self.pca_cluster_size);
-        set(&mut recipe.lamps, self.pca_training_lights);
-        set(&mut recipe.order, self.fmm_order);
-        set(&mut recipe.leaf, self.fmm_leaf_size);
-        set(&mut recipe.sources, self.fmm_samples_per_sender);
-        set(&mut recipe.pair_rays, self.fmm_visibility_rays);
-        recipe.fallback |= self.fmm_fallback_links;
+    fn apply_transport(&self, transport: &mut TransportMethod) {
+        if let Some(method) = self.rule.filter(|method| !method.is_same_method(transport)) {
+            *transport = method;
+        }
+        match transport {
+            TransportMethod::Bounded | TransportMethod::L08 => {}
+            TransportMethod::Pca(pca) => {
+                pca.coefficients = self.pca_coefficients.unwrap_or(pca.coefficients);
+                set(&mut pca.cluster_size, self.pca_cluster_size);
+                pca.training_lights = self.pca_training_lights.unwrap_or(pca.training_lights);
+            }
+            TransportMethod::Fmm(fmm) => {
+                let samples = self.fmm_samples_per_sender;
+                fmm.order = self.fmm_order.unwrap_or(fmm.order);
+                fmm.leaf_size = self.fmm_leaf_size.unwrap_or(fmm.leaf_size);
+                fmm.samples_per_sender = samples.unwrap_or(fmm.samples_per_sender);
+                fmm.visibility_rays = self.fmm_visibility_rays.unwrap_or(fmm.visibility_rays);
+                fmm.fallback_links |= self.fmm_fallback_links;
+            }
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::error::ToolError;
 use super::progress;
-use meshless_gi::internals::bake::{Settings, cast_gather_rays};
+use meshless_gi::internals::bake::{BakeSettings, cast_gather_rays};
 use meshless_gi::{BakeStats, BakedScene, TriangleMesh};
 use serde::Serialize;
 use std::time::Instant;
@@ -25,7 +25,7 @@ pub fn measure(
     stats: &BakeStats,
     threads: usize,
 ) -> Result<RayBaseline, ToolError> {
-    let settings: Settings = ron::from_str(&scene.info.recipe)
+    let settings = BakeSettings::from_ron(&scene.info.recipe)
         .map_err(|error| ToolError::Input(format!("settings in the bake: {error}")))?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
