@@ -28,7 +28,8 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{GiBakeTask, GiPointCloudAsset};
+use bevy_meshless_gi::GiBakeTask;
+use bevy_meshless_gi::point_cloud::{GiPointCloud, GiPointCloudAsset};
 use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};

@@ -1,8 +1,9 @@
 //! How many reflections a level's surfaces call for, beside all of them at once: what the picked
 //! number leaves out, on the two rooms that have references, and what it costs.
 
-use bevy_meshless_gi::plan::{
-    BounceSelector, GiBounceCount, MAX_TRUNCATED_FRACTION, bounces_for_spectral_radius,
+use bevy_meshless_gi::GiBounceCount;
+use bevy_meshless_gi::internals::plan::{
+    BounceSelector, MAX_TRUNCATED_FRACTION, bounces_for_spectral_radius,
 };
 use glam::Vec3;
 use meshless_gi::internals::scene::SceneDescription;

@@ -3,7 +3,8 @@
 //! file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail
 //! there.
 
-use bevy_meshless_gi::plan::{GiQuality, TierCandidate, TierController};
+use bevy_meshless_gi::GiQuality;
+use bevy_meshless_gi::internals::plan::{TierCandidate, TierController};
 use glam::{Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};

@@ -3,7 +3,7 @@
 //! say, and every kernel must have a shader and a CPU twin of its name. Each comparison is also run
 //! on a shader that was spoiled, and must object.
 
-use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
+use bevy_meshless_gi::internals::gpu::{KERNELS, Kernel, Kind, Pass};
 use meshless_gi::internals::asset::PointSurface;
 use meshless_gi::internals::basis::{LEAN_FROM, NO_COVER, WeightEntry};
 use meshless_gi::internals::frame::fmm_layout::{

@@ -35,9 +35,8 @@ use meshless_gi_lab::fixtures::synthetic;
 #[path = "twins/volume_sample.rs"]
 mod volume_sample;
 
-use bevy_meshless_gi::gpu::{
-    GpuError, GpuFrame, HeadlessDevice, KernelPipelines, Pass, SceneBuffers,
-};
+use bevy_meshless_gi::gpu::{GpuError, GpuFrame, HeadlessDevice, KernelPipelines, SceneBuffers};
+use bevy_meshless_gi::internals::gpu::Pass;
 use compare::{SINGLE, Scale, differing, same};
 use glam::Vec3;
 use meshless_gi::internals::asset::SkyVisibility;
@@ -670,7 +669,7 @@ fn cornell_box_bakes_match_twin() {
 /// points do, if there are any.
 #[test]
 fn octree_above_limit_falls_back_to_links() {
-    use bevy_meshless_gi::plan::{FmmLimit, falls_back};
+    use bevy_meshless_gi::internals::plan::{FmmLimit, falls_back};
     use meshless_gi::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();

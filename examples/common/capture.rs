@@ -22,7 +22,7 @@ use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_dis
 use bevy::time::TimeUpdateStrategy;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_meshless_gi::plugin::{GiBakeProgress, GiRsmCamera};
+use bevy_meshless_gi::{GiBakeProgress, GiRsmCamera};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;

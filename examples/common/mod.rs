@@ -12,7 +12,7 @@ use bevy::asset::RenderAssetUsages;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{GiGizmos, MeshlessGiPlugin};
+use bevy_meshless_gi::{GiGizmos, MeshlessGiDebugPlugin, MeshlessGiPlugin};
 use capture::{Capture, default_plugins};
 use meshless_gi::{Material, Quad};
 use std::process::ExitCode;
@@ -21,8 +21,12 @@ use std::process::ExitCode;
 /// makes a picture where one is asked for.
 pub fn app(capture: Option<&Capture>) -> App {
     let mut app = App::new();
-    app.add_plugins((default_plugins(capture), MeshlessGiPlugin::default()))
-        .insert_resource(GlobalAmbientLight::NONE);
+    app.add_plugins((
+        default_plugins(capture),
+        MeshlessGiPlugin::default(),
+        MeshlessGiDebugPlugin,
+    ))
+    .insert_resource(GlobalAmbientLight::NONE);
     if let Some(capture) = capture {
         app.add_plugins(capture.clone());
     }

@@ -23,10 +23,10 @@ use bevy::input_focus::InputFocus;
 use bevy::prelude::*;
 use bevy::ui::{Checked, FocusPolicy};
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::plugin::{
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{
     GiActiveTier, GiBounceCount, GiDebugView, GiFrameStats, GiSolver, GiSystems,
 };
-use bevy_meshless_gi::prelude::*;
 use meshless_gi::Preset;
 
 /// Shows the panel and applies its controls.

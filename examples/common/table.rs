@@ -4,7 +4,7 @@
 use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
-use bevy_meshless_gi::plugin::{GiFrameStats, GiSystems};
+use bevy_meshless_gi::{GiFrameStats, GiSystems};
 use std::fmt::Write;
 
 /// Shows the plan; P, for all that has a table.

@@ -7,7 +7,7 @@ use super::progress::Notice;
 use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
-use bevy_meshless_gi::plugin::GiBakeTask;
+use bevy_meshless_gi::GiBakeTask;
 use meshless_gi::{Bounds, Geometry, Light, Recipe, TriangleMesh, load_gltf};
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};

@@ -10,7 +10,8 @@
 
 use meshless_gi_lab::fixtures::fmm as room;
 
-use bevy_meshless_gi::gpu::{GpuCounters, GpuFmm, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{GpuCounters, GpuFmm};
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::frame::fmm_down::fmm_down;

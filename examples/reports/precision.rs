@@ -9,7 +9,8 @@
 //! cargo run --example precision -- draft|medium
 //! ```
 
-use bevy_meshless_gi::gpu::{HeadlessDevice, KERNELS};
+use bevy_meshless_gi::gpu::HeadlessDevice;
+use bevy_meshless_gi::internals::gpu::KERNELS;
 use bytemuck::NoUninit;
 use glam::Vec3;
 use meshless_gi::internals::basis::{NO_COVER, weight};

@@ -13,9 +13,9 @@
 mod depth;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
-use bevy_meshless_gi::gpu::{
-    GpuFrame, HeadlessDevice, KernelPipelines, NodeLights, Pass, RsmBuffers, SplatTargets,
-    SubsplatBuffers, SubsplatTargets, ViewBuffers,
+use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{
+    NodeLights, Pass, RsmBuffers, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
 use half::f16;
 use meshless_gi::internals::frame::{

@@ -44,21 +44,42 @@ mod subtract_shadow;
 mod volume;
 mod vpl_specular;
 
-pub use counters::GpuCounters;
-pub use draw::{draw_composite, draw_shadow, draw_specular};
 pub use error::GpuError;
-pub use fmm::GpuFmm;
-pub use fog::{FogBuffers, FogTextures, draw_fog};
-pub use frame::{GpuFrame, SplatTargets};
+pub use frame::GpuFrame;
 pub use harness::HeadlessDevice;
+pub use pipelines::KernelPipelines;
+pub use scene_buffers::SceneBuffers;
+
+// Items for the plugin and for tests. Exempt from semantic versioning.
+#[doc(hidden)]
+pub use counters::GpuCounters;
+#[doc(hidden)]
+pub use draw::{draw_composite, draw_shadow, draw_specular};
+#[doc(hidden)]
+pub use fmm::GpuFmm;
+#[doc(hidden)]
+pub use fog::{FogBuffers, FogTextures, draw_fog};
+#[doc(hidden)]
+pub use frame::SplatTargets;
+#[doc(hidden)]
 pub use kernel::{Binding, COMPOSITE_ENTRIES, Entry, FOG_ENTRIES, Kernel, Kind};
+#[doc(hidden)]
 pub use kernels::{COMPOSITE, FOG, KERNELS};
+#[doc(hidden)]
 pub use pass::Pass;
-pub use pipelines::{ComputeKernel, Draw, KernelPipelines, RenderKernel};
+#[doc(hidden)]
+pub use pipelines::{ComputeKernel, Draw, RenderKernel};
+#[doc(hidden)]
 pub use rsm::{RsmBuffers, RsmCapture, VplShadows};
-pub use scene_buffers::{SceneBuffers, ViewBuffers};
+#[doc(hidden)]
+pub use scene_buffers::ViewBuffers;
+#[doc(hidden)]
 pub use soft_shadow::SoftShadowBuffers;
+#[doc(hidden)]
 pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};
+#[doc(hidden)]
 pub use subtract_shadow::SubtractShadowBuffers;
+#[doc(hidden)]
 pub use volume::VolumeBuffers;
+#[doc(hidden)]
 pub use vpl_specular::SpecularBuffers;

@@ -15,7 +15,7 @@
 //! pipelined rendering that frame is one behind the main world's.
 
 use crate::plan::{FrameStage, Plan};
-use bevy::app::{App, Plugin, PreUpdate};
+use bevy::app::{App, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::prelude::*;
 use meshless_gi::BakedScene;
@@ -104,32 +104,23 @@ pub fn dispatch_path(stage: FrameStage) -> DiagnosticPath {
     path(&format!("dispatches/{}", stage.name()))
 }
 
-/// Registers the diagnostics and fills them each frame.
-/// [`MeshlessGiPlugin`](super::MeshlessGiPlugin) adds it.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct MeshlessGiDiagnosticsPlugin;
-
-impl Plugin for MeshlessGiDiagnosticsPlugin {
-    fn build(&self, app: &mut App) {
-        app.init_resource::<GiFrameStats>();
-        for name in [
-            "pipelines",
-            "buffers",
-            "bytes",
-            "scenes/active",
-            "slots/projected",
-            "subsplats",
-            "subsplats/saved",
-        ] {
-            app.register_diagnostic(Diagnostic::new(path(name)).with_smoothing_factor(0.0));
-        }
-        for stage in FrameStage::ALL {
-            app.register_diagnostic(
-                Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0),
-            );
-        }
-        app.add_systems(PreUpdate, publish.in_set(super::GiSystems::CollectBakes));
+/// Registers the diagnostics and the system that fills them each frame.
+pub(crate) fn register(app: &mut App) {
+    for name in [
+        "pipelines",
+        "buffers",
+        "bytes",
+        "scenes/active",
+        "slots/projected",
+        "subsplats",
+        "subsplats/saved",
+    ] {
+        app.register_diagnostic(Diagnostic::new(path(name)).with_smoothing_factor(0.0));
     }
+    for stage in FrameStage::ALL {
+        app.register_diagnostic(Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0));
+    }
+    app.add_systems(PreUpdate, publish.in_set(super::GiSystems::CollectBakes));
 }
 
 fn publish(status: Res<GiFrameStats>, mut diagnostics: Diagnostics, mut last: Local<u64>) {

@@ -9,7 +9,7 @@ use super::readback::SharedCoefficients;
 use super::scene::GiScene;
 use super::transform::SimilarityTransform;
 use super::{asset::GiBakedScene, sets::GiSystems};
-use bevy::app::{App, Last, Plugin};
+use bevy::app::{App, Last};
 use bevy::asset::Assets;
 use bevy::camera::visibility::InheritedVisibility;
 use bevy::color::Color;
@@ -61,22 +61,19 @@ pub(crate) fn wants_coefficients((config, group): (&GizmoConfig, &GiGizmos)) -> 
     config.enabled && group.coefficients
 }
 
-pub(crate) struct MeshlessGiGizmosPlugin;
-
-impl Plugin for MeshlessGiGizmosPlugin {
-    fn build(&self, app: &mut App) {
-        // Without Bevy's gizmos there is nothing to draw with.
-        if !app.world().contains_resource::<Assets<GizmoAsset>>() {
-            return;
-        }
-        let off = GizmoConfig {
-            enabled: false,
-            depth_bias: -0.01,
-            ..GizmoConfig::default()
-        };
-        app.insert_gizmo_config(GiGizmos::default(), off)
-            .add_systems(Last, draw.in_set(GiSystems::Validate));
+/// Registers the gizmos' group and the system that draws them.
+pub(crate) fn register(app: &mut App) {
+    // Without Bevy's gizmos there is nothing to draw with.
+    if !app.world().contains_resource::<Assets<GizmoAsset>>() {
+        return;
     }
+    let off = GizmoConfig {
+        enabled: false,
+        depth_bias: -0.01,
+        ..GizmoConfig::default()
+    };
+    app.insert_gizmo_config(GiGizmos::default(), off)
+        .add_systems(Last, draw.in_set(GiSystems::Validate));
 }
 
 /// Red for the coarsest level, blue for the finest.

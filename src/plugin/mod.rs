@@ -1,28 +1,5 @@
 //! [`MeshlessGiPlugin`]: indirect light in a Bevy app.
 //!
-//! ```no_run
-//! use bevy::prelude::*;
-//! use bevy_meshless_gi::prelude::*;
-//!
-//! fn main() {
-//!     App::new()
-//!         .add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
-//!         .insert_resource(GlobalAmbientLight::NONE)
-//!         .add_systems(Startup, setup)
-//!         .run();
-//! }
-//!
-//! fn setup(mut commands: Commands, assets: Res<AssetServer>) {
-//!     // The level, and the light baked for it, on one root.
-//!     commands.spawn((
-//!         WorldAssetRoot(assets.load("level.glb#Scene0")),
-//!         GiScene(assets.load("level.gi.ron")),
-//!     ));
-//!     commands.spawn((PointLight { shadow_maps_enabled: true, ..default() }, Transform::from_xyz(0.0, 2.0, 0.0)));
-//!     commands.spawn((Camera3d::default(), GiCamera::default(), Transform::from_xyz(0.0, 1.5, 4.0)));
-//! }
-//! ```
-//!
 //! # The flow of a frame
 //!
 //! | file | world, schedule | does |
@@ -49,20 +26,6 @@
 //! | `costs` | both | what the device's clock says of the passes, to the next plans |
 //! | `decisions` | main, `PreUpdate` | logs changes of the plan's decisions (DEBUG) |
 //! | `scene_log` | main, `PreUpdate` | logs one line per scene when its light starts (INFO) |
-//!
-//! # What it needs and what it does not do
-//!
-//! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them,
-//!   or there is no renderer, the plugin says so once and stays inert; nothing else of the app
-//!   changes.
-//! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`GiCamera`] brings what that
-//!   takes, and the plugin makes deferred the default for opaque materials
-//!   ([`MeshlessGiPlugin::deferred_by_default`]). Cameras without a deferred prepass draw such materials
-//!   forward, as without the plugin. What is drawn forward, transparent surfaces and whole cameras,
-//!   is lit by [`GiIrradianceVolume`], and so is volumetric fog.
-//! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion.
-//!   What soft shadows take is what Bevy draws without fog.
-//! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
 mod asset;
 #[cfg(feature = "gltf")]
@@ -83,6 +46,7 @@ mod camera;
 mod check_display;
 mod composite;
 mod compute;
+mod debug;
 mod deferred;
 mod diagnostics;
 mod entity_bake;
@@ -106,7 +70,6 @@ mod materials;
 mod occluders;
 mod plan_log;
 mod point_cloud;
-pub mod prelude;
 #[cfg(feature = "gltf")]
 mod process_assets;
 mod quality;
@@ -143,7 +106,8 @@ pub use bake_progress::{GiBakeProgress, GiBakeStage};
 pub use bake_summary::GiBakeSummary;
 pub use bake_task::GiBakeTask;
 pub use camera::{GiCamera, GiDebugView};
-pub use diagnostics::{FrameStats, GiFrameStats, MeshlessGiDiagnosticsPlugin, dispatch_path};
+pub use debug::MeshlessGiDebugPlugin;
+pub use diagnostics::{FrameStats, GiFrameStats, dispatch_path};
 pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarning};
 pub use environment::GiEnvironment;
 pub use forward_camera::GiForwardCamera;
@@ -255,6 +219,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<GiDebugView>()
             .register_type::<GiIrradianceVolume>()
             .register_type::<GiVolumetricFog>()
+            .init_resource::<GiFrameStats>()
             .init_resource::<GiSettings>()
             .init_resource::<GiWarnings>()
             .init_resource::<SolveCostSource>()
@@ -265,11 +230,7 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<gpu_timings::DeviceCosts>()
             .init_asset::<GiPointCloudAsset>()
             .register_asset_loader(GiPointCloudLoader)
-            .add_plugins((
-                asset::BakedAssetPlugin,
-                MeshlessGiDiagnosticsPlugin,
-                gizmos::MeshlessGiGizmosPlugin,
-            ))
+            .add_plugins(asset::BakedAssetPlugin)
             .add_systems(
                 PreUpdate,
                 (

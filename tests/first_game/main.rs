@@ -13,7 +13,7 @@ mod readme;
 mod screen;
 
 use bevy::math::Vec3;
-use bevy_meshless_gi::plugin::{ProcessAssetsOptions, process_assets};
+use bevy_meshless_gi::loader::{ProcessAssetsOptions, process_assets};
 use package::Package;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;

@@ -19,8 +19,8 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, T
 use bevy::render::view::screenshot::{Screenshot, save_to_disk};
 use meshless_gi_lab::accuracy::{Image as LinearImage, flip};
 use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings};
-use bevy_meshless_gi::plan::BounceSelector;
-use bevy_meshless_gi::plugin::{GiFrameStats, GiDebugView};
+use bevy_meshless_gi::internals::plan::BounceSelector;
+use bevy_meshless_gi::{GiFrameStats, GiDebugView};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
 use std::f32::consts::PI;

@@ -19,8 +19,8 @@ use bevy::material::OpaqueRendererMethod;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plugin::{GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiWarning, GiWarnings};
 use meshless_gi::{Preset, ProbeSettings, Recipe};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);

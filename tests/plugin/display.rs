@@ -5,9 +5,9 @@ use crate::support::app::{app, camera, drawable, picture, run};
 use crate::support::flip::{Picture, flip};
 use crate::support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, spawn_room, view};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
 
 /// Pixels of the pictures: enough for all levels.
 const SIZE: UVec2 = UVec2::new(256, 192);

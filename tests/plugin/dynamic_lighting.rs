@@ -8,9 +8,9 @@ use crate::support::stage::{
     MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
 };
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::{FrameStage, bounces_for_spectral_radius};
-use bevy_meshless_gi::plugin::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings};
+use bevy_meshless_gi::internals::plan::{FrameStage, bounces_for_spectral_radius};
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings};
 use glam::Mat3;
 use meshless_gi::internals::frame::materials::live_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, SkyModel, SkyRadiance};

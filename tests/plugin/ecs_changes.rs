@@ -15,9 +15,10 @@ use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass}
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings, SharedCoefficients};
+use bevy_meshless_gi::internals::plan::FrameStage;
+use bevy_meshless_gi::internals::plugin::SharedCoefficients;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiGizmos, GiSettings, GiWarning, GiWarnings};
 use meshless_gi::Light;
 
 fn cpu(lights: &[Light]) -> crate::support::flip::Picture {

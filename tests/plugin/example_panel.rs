@@ -8,8 +8,8 @@ use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::plugin::{GiBounceCount, GiDebugView, GiSolver};
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiBounceCount, GiDebugView, GiSolver};
 use meshless_gi::Preset;
 
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);

@@ -11,9 +11,9 @@ use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{GiDebugView, GiWarning, GiWarnings};
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiDebugView, GiWarning, GiWarnings};
 use meshless_gi::internals::frame::fog_inscatter::fog_inscatter;
 use meshless_gi::internals::frame::volume::volume_texels;
 use meshless_gi::internals::frame::{

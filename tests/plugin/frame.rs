@@ -9,9 +9,10 @@ use crate::support::stage::{
     view, work,
 };
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{GiDebugView, GiGizmos, GiWarning, GiWarnings, SharedCoefficients};
+use bevy_meshless_gi::internals::plan::FrameStage;
+use bevy_meshless_gi::internals::plugin::SharedCoefficients;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiDebugView, GiGizmos, GiWarning, GiWarnings};
 use meshless_gi::{CpuFrame, FrameLight, Light};
 use std::f32::consts::PI;
 
@@ -374,7 +375,7 @@ fn app_without_scenes_has_no_gpu_resources() {
         shown.plan
     );
     app.world_mut()
-        .resource_mut::<bevy_meshless_gi::plugin::GiSettings>()
+        .resource_mut::<bevy_meshless_gi::GiSettings>()
         .unload_after_frames = 3;
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
     run(&mut app, 1);

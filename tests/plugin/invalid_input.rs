@@ -15,9 +15,9 @@ use bevy::light::{EnvironmentMapLight, IrradianceVolume, LightProbe};
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings};
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiGizmos, GiSettings, GiWarning, GiWarnings};
 use meshless_gi::Light;
 
 const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);

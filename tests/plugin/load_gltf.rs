@@ -12,7 +12,7 @@ use bevy::asset::AssetPlugin;
 use bevy::camera::Exposure;
 use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
-use bevy_meshless_gi::plugin::GiBakeTask;
+use bevy_meshless_gi::GiBakeTask;
 use bevy_meshless_gi::prelude::*;
 use level::drop::{Level, Loaded};
 use level::progress::{Bar, Lines, Notice, overall};

@@ -8,7 +8,7 @@ use crate::support::stage::{
     MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
 };
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::FrameStage;
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, CpuFrame, OccluderBox, OccluderDesc, ProbeSettings, Recipe};
 use std::sync::Arc;

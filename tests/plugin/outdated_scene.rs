@@ -9,10 +9,9 @@ use bevy::asset::AssetPath;
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, AssetWatcher};
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{
-    GiStaleBakes, GiWarning, GiWarnings, ProcessAssetsOptions, process_assets,
-};
+use bevy_meshless_gi::loader::{ProcessAssetsOptions, process_assets};
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiStaleBakes, GiWarning, GiWarnings};
 use meshless_gi::internals::bake::Staleness;
 use meshless_gi::{BakedScene, Limits};
 use std::path::{Path, PathBuf};

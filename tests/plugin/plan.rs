@@ -12,13 +12,14 @@ use bevy::light::RectLight;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
-use bevy_meshless_gi::plan::{
+use bevy_meshless_gi::internals::plan::{
     ChangeCounts, ColorUniformity, Cost, DecisionKind, FrameStage, Inventory, LightKind,
     MAX_TRUNCATED_FRACTION, MONOCHROME_HYSTERESIS_FRAMES, Plan, SkipReason, SkyKind, Work,
     bounces_for_spectral_radius,
 };
-use bevy_meshless_gi::plugin::{GiReflectiveShadowMap, GiReflector, SolveCostSource};
+use bevy_meshless_gi::internals::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiReflectiveShadowMap, GiReflector};
 use meshless_gi::{Channels, FrameSettings, Light};
 use std::sync::Arc;
 

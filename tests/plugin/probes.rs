@@ -12,7 +12,7 @@ use bevy::camera::visibility::NoFrustumCulling;
 use bevy::mesh::VertexAttributeValues;
 use bevy::mesh::skinning::{SkinnedMesh, SkinnedMeshInverseBindposes};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::FrameStage;
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
 use std::sync::Arc;

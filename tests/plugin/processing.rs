@@ -15,7 +15,7 @@ use bevy::image::{CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
 use bevy::text::{Font, FontLoader};
 use bevy::world_serialization::WorldSerializationPlugin;
-use bevy_meshless_gi::plugin::{
+use bevy_meshless_gi::loader::{
     GiRecipeProgress, ProcessAssetsError, ProcessAssetsOptions, process_assets,
 };
 use bevy_meshless_gi::prelude::*;

@@ -8,7 +8,8 @@ use bevy::ecs::reflect::{AppTypeRegistry, ReflectComponent, ReflectResource};
 use bevy::prelude::*;
 use bevy::reflect::std_traits::ReflectDefault;
 use bevy::reflect::{PartialReflect, ReflectMut, ReflectRef, TypeRegistration, TypeRegistry};
-use bevy_meshless_gi::plugin::GiPointCloudPart;
+use bevy_meshless_gi::internals::plugin::GiPointCloudPart;
+use bevy_meshless_gi::point_cloud::GiPointCloud;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Preset, Recipe, cornell_box, mesh_of_quads};
 use std::collections::{BTreeMap, BTreeSet};
@@ -37,8 +38,9 @@ fn files_below(folder: &Path, out: &mut Vec<PathBuf>) {
 /// The plugin's sources.
 fn sources() -> Vec<String> {
     let mut files = Vec::new();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/plugin");
-    files_below(&folder, &mut files);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    files_below(&root.join("src/plugin"), &mut files);
+    files.push(root.join("src/plan/settings.rs"));
     let texts = files.iter().map(|f| std::fs::read_to_string(f).unwrap());
     texts.collect()
 }
@@ -49,10 +51,11 @@ fn deriving(of: &str) -> BTreeSet<String> {
     for text in sources() {
         let mut derived = false;
         for line in text.lines().map(str::trim) {
-            if let Some(list) = line.strip_prefix("#[derive(") {
-                let mut names = list.split([',', ')', ' ', '(']);
+            let item = ["pub", "struct", "enum", "impl", "fn"];
+            if let Some(list) = line.trim_start_matches("#[").strip_prefix("derive(") {
+                let mut names = list.split([',', ')', ' ', '(', ':']);
                 derived |= names.any(|name| name == of);
-            } else if !line.starts_with('#') && !line.starts_with("//") {
+            } else if item.iter().any(|word| line.starts_with(word)) {
                 let public = line.strip_prefix("pub struct ");
                 let public = public.or(line.strip_prefix("pub enum "));
                 if let Some(name) = public.filter(|_| derived) {
@@ -86,7 +89,7 @@ fn registration<'a>(registry: &'a TypeRegistry, name: &str) -> &'a TypeRegistrat
     let found = registry.get_with_short_type_path(name);
     let found = found.unwrap_or_else(|| panic!("{name} is not registered"));
     let path = found.type_info().type_path();
-    assert!(path.starts_with("bevy_meshless_gi::plugin::"), "{path}");
+    assert!(path.starts_with("bevy_meshless_gi::"), "{path}");
     found
 }
 

@@ -10,9 +10,9 @@ use crate::support::stage::{
 };
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
 use meshless_gi::Light;
 use std::f32::consts::PI;
 

@@ -13,9 +13,9 @@ use bevy::material::OpaqueRendererMethod;
 use bevy::mesh::PrimitiveTopology;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::FrameStage;
-use bevy_meshless_gi::plugin::{GiSettings, GiWarning, GiWarnings};
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::{GiSettings, GiWarning, GiWarnings};
 use meshless_gi::{
     BakedScene, Preset, ProbeSettings, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
 };

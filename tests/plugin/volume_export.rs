@@ -11,7 +11,7 @@ use bevy::light::IrradianceVolume;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plan::FrameStage;
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
     BakedScene, Bounces, ExportedVolume, ProbeSettings, Recipe, VolumeExport, VolumePlacement,

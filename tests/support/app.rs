@@ -48,9 +48,13 @@ pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
 /// An app with the plugin, ready to run.
 pub fn app() -> App {
     let mut app = App::new();
-    app.add_plugins((headless_plugins(), MeshlessGiPlugin::default()))
-        .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
+    app.add_plugins((
+        headless_plugins(),
+        MeshlessGiPlugin::default(),
+        MeshlessGiDebugPlugin,
+    ))
+    .insert_resource(GlobalAmbientLight::NONE)
+    .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
     ready(&mut app);
     app
 }

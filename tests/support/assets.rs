@@ -2,7 +2,7 @@
 
 use super::app::ready;
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::MeshlessGiPlugin;
+use bevy_meshless_gi::MeshlessGiPlugin;
 use std::path::Path;
 use std::time::Duration;
 

@@ -4,7 +4,8 @@
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{SINGLE, Scale, differing};
 use crate::{VALUES, bend, cpu, harness, output, settings, solve_agrees, solved, synthetic};
-use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass};
+use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::Pass;
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::transport::SenderForm;

@@ -5,7 +5,8 @@ use meshless_gi_lab::fixtures::fmm as room;
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::gpu::{GpuCounters, GpuError, GpuFmm, HeadlessDevice, KernelPipelines, Pass};
+use bevy_meshless_gi::gpu::{GpuError, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{GpuCounters, GpuFmm, Pass};
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::frame::fmm_down::fmm_down;

@@ -7,9 +7,8 @@ use super::harness;
 use super::picture::wide;
 use super::synthetic::Dice;
 use super::volume_sample::{linear, space_of, with_walls};
-use bevy_meshless_gi::gpu::{
-    FogBuffers, FogTextures, HeadlessDevice, KernelPipelines, Pass, draw_fog,
-};
+use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{FogBuffers, FogTextures, Pass, draw_fog};
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
 use meshless_gi::internals::frame::fog_inscatter::fog_inscatter;

@@ -4,7 +4,8 @@
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};
 use crate::{harness, output, projection_problems};
-use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass, SceneBuffers};
+use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, SceneBuffers};
+use bevy_meshless_gi::internals::gpu::Pass;
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::transport::Link;

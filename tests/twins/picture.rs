@@ -3,9 +3,8 @@
 use super::compare::{HALF, Scale, differing};
 use super::screen::{self, SIZE, Screen};
 use super::{cpu, depth, harness, settings, synthetic};
-use bevy_meshless_gi::gpu::{
-    GpuFrame, HeadlessDevice, KernelPipelines, Pass, SplatTargets, ViewBuffers,
-};
+use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{Pass, SplatTargets, ViewBuffers};
 use half::f16;
 use meshless_gi::internals::frame::{
     CompositeParams, SplatParams, VectorIrradiance, composite, splat,

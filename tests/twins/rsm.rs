@@ -7,10 +7,8 @@ use super::picture::wide;
 use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, Dice};
 use super::{cpu, harness, settings};
-use bevy_meshless_gi::gpu::{
-    GpuFrame, HeadlessDevice, KernelPipelines, Pass, RsmBuffers, RsmCapture, SplatTargets,
-    VplShadows,
-};
+use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{Pass, RsmBuffers, RsmCapture, SplatTargets, VplShadows};
 use glam::{Mat4, Vec3};
 use half::f16;
 use meshless_gi::internals::frame::rsm_layout::{

@@ -3,7 +3,8 @@
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::gpu::{KernelPipelines, Pass, SceneBuffers, SoftShadowBuffers};
+use bevy_meshless_gi::gpu::{KernelPipelines, SceneBuffers};
+use bevy_meshless_gi::internals::gpu::{Pass, SoftShadowBuffers};
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::{SoftLight, SoftShadowParams, VectorIrradiance, soft_shadow};

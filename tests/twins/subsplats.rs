@@ -8,9 +8,9 @@ use super::compare::HALF;
 use super::depth::depth_texture;
 use super::picture::wide;
 use super::{baked, cpu, harness, settings, solved};
-use bevy_meshless_gi::gpu::{
-    GpuFrame, HeadlessDevice, KernelPipelines, Pass, SplatTargets, SubsplatBuffers,
-    SubsplatTargets, ViewBuffers,
+use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{
+    Pass, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
 use glam::{Mat4, Vec3};
 use half::f16;

@@ -6,9 +6,9 @@ use super::harness;
 use super::picture::{pixels_differing, wide};
 use super::screen::SIZE;
 use super::soft_shadow::{baked, lights};
-use bevy_meshless_gi::gpu::{
-    HeadlessDevice, KernelPipelines, Pass, SceneBuffers, SoftShadowBuffers, SplatTargets,
-    SubtractShadowBuffers, ViewBuffers, draw_shadow,
+use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines, SceneBuffers};
+use bevy_meshless_gi::internals::gpu::{
+    Pass, SoftShadowBuffers, SplatTargets, SubtractShadowBuffers, ViewBuffers, draw_shadow,
 };
 use glam::{Mat4, Vec3};
 use half::f16;

@@ -6,9 +6,10 @@ use super::depth::depth_texture;
 use super::gloss_support::{Scene, room, virtual_lights};
 use super::picture::wide;
 use super::{harness, synthetic};
-use bevy_meshless_gi::gpu::{
-    Draw, GpuFrame, HeadlessDevice, KernelPipelines, NodeLights, Pass, RsmBuffers, SpecularBuffers,
-    SubsplatTargets, ViewBuffers, VplShadows, draw_specular,
+use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::internals::gpu::{
+    Draw, NodeLights, Pass, RsmBuffers, SpecularBuffers, SubsplatTargets, ViewBuffers, VplShadows,
+    draw_specular,
 };
 use glam::{Mat4, Vec3};
 use half::f16;

@@ -7,7 +7,7 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
-use bevy_meshless_gi::plan::FrameStage;
+use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
     BakedScene, Material, OccluderBox, OccluderDesc, Progress, Quad, Recipe, bake_scene,
