@@ -97,7 +97,7 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
     assert_eq!(
         dark.bounces,
-        bounces_for_spectral_radius(scene.info.energy.gain)
+        bounces_for_spectral_radius(scene.info.energy.spectral_radius_bound)
     );
     for (asked, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
         let picked = pick(GiBounceCount::Fixed(asked));

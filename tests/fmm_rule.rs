@@ -140,7 +140,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
                 scene.info.estimated_nrmse,
                 scene.info.estimated_nrmse_interval,
                 work.last().map_or(0, |tier| tier.work),
-                scene.info.energy.gain,
+                scene.info.energy.spectral_radius_bound,
                 scene.info.energy.reciprocity
             );
             (scene, found, error)
@@ -312,11 +312,11 @@ fn fmm_closed_room_conserves_energy() {
         }
         println!(
             "albedo {albedo}: mean {mean:.4}, worst {worst:.3}, {sweeps} sweeps, gain {:.4}, rows off one {:.1e}",
-            scene.info.energy.gain, scene.info.energy.row_deviation
+            scene.info.energy.spectral_radius_bound, scene.info.energy.row_deviation
         );
         assert!((mean - 1.0).abs() < 0.01, "{mean}");
         assert!(worst < 0.05, "{worst}");
-        assert!((scene.info.energy.gain - albedo).abs() < 0.01);
+        assert!((scene.info.energy.spectral_radius_bound - albedo).abs() < 0.01);
     }
 }
 

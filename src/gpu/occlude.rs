@@ -111,7 +111,7 @@ impl GpuFrame {
                 nodes: Vec::new(),
                 triangles: scene.bvh.triangles[first..].to_vec(),
             };
-            moving.set_gains(&gains);
+            moving.set_transmittances(&gains);
             let triangles: &[u8] = bytemuck::cast_slice(&moving.triangles);
             let size = size_of::<meshless_gi::internals::scene::BvhTriangle>();
             queue.write_buffer(&buffers.triangles, (first * size) as u64, triangles);

@@ -1,6 +1,6 @@
 //! How many diffuse reflections a scene is solved with: as many as its surfaces call for. The bake
 //! has proved what a reflection leaves of the light at most
-//! ([`EnergyInfo::gain`](meshless_gi::EnergyInfo::gain), design D12), so after n of them no
+//! ([`EnergyInfo::spectral_radius_bound`](meshless_gi::EnergyInfo::spectral_radius_bound), design D12), so after n of them no
 //! more than gainⁿ of what all of them give is missing, about: dark levels need two or three, white
 //! rooms ten.
 
@@ -92,7 +92,7 @@ impl BounceSelector {
         if bake.bounces.is_some() {
             return None;
         }
-        let baked = bake.info.energy.gain;
+        let baked = bake.info.energy.spectral_radius_bound;
         let known = baked.is_finite() && baked > 0.0;
         if known && (self.gain < baked || self.factors != factors) {
             self.factors = factors.to_vec();
@@ -116,7 +116,7 @@ impl BounceSelector {
 /// bake's, times the largest factor by which a base color is above the baked one; and never more
 /// than the brightest surface, for a row of the operator holds no more than the hemisphere.
 fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
-    let baked = bake.info.energy.gain;
+    let baked = bake.info.energy.spectral_radius_bound;
     let Some(live) = &bake.materials else {
         return baked;
     };

@@ -203,7 +203,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     };
     let (gray, white) = (reflections(&mut app, 0.7), reflections(&mut app, 0.95));
     assert!(
-        bounces_for_spectral_radius(bake.info.energy.gain) < white && gray <= white,
+        bounces_for_spectral_radius(bake.info.energy.spectral_radius_bound) < white
+            && gray <= white,
         "{gray} {white}"
     );
     assert_eq!(reflections(&mut app, 0.05), white);

@@ -161,7 +161,7 @@ fn expected(
             .push(subtract_shadow::TAKEN * missing.unwrap_or_default());
         let rays = RayVisibility {
             geometry: &room,
-            start: x + n * room.lift(x),
+            start: x + n * room.ray_offset(x),
         };
         out.seen.push(
             match soft_shadow::unshadowed(&many, x, n, extent(bake)) > 0.0 {

@@ -258,7 +258,7 @@ impl Geometry for Room {
     }
 
     /// A quad is its own material.
-    fn coating(&self, _ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
+    fn material_terms(&self, _ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
         Some(MaterialTerms {
             material: hit.primitive,
             albedo: Vec3::ONE,

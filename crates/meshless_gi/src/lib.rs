@@ -35,9 +35,9 @@ mod transport;
 
 // Scenes.
 pub use scene::{
-    Bounds, Bvh, Geometry, Hit, Light, Material, MaterialFactors, Occluder, PointCloud, Quad, Ray,
-    SceneError, Site, SkyRadiance, Surface, Texture, TriangleMesh, TriangleUvs, Wrap, cornell_box,
-    mesh_of_quads,
+    Bounds, Bvh, Geometry, Hit, HitPoint, Light, Material, MaterialFactors, Occluder, PointCloud,
+    Quad, Ray, SceneError, SkyRadiance, Surface, Texture, TriangleMesh, TriangleUvs, Wrap,
+    cornell_box, mesh_of_quads,
 };
 #[cfg(feature = "gltf")]
 pub use scene::{LoadedGeometry, load_geometry, load_gltf};

@@ -253,7 +253,7 @@ fn hit_point_matches_surface_position() {
             _ => inside,
         };
         let hit = mesh.cast(&ray).expect("a sphere");
-        let (site, surface) = (mesh.site(&ray, &hit), mesh.surface(&ray, &hit));
+        let (site, surface) = (mesh.hit_point(&ray, &hit), mesh.surface(&ray, &hit));
         assert_eq!(site.position, surface.position, "ray {k}");
         assert_eq!(site.normal, surface.normal, "ray {k}");
         let lit = surface.front || surface.albedo != Vec3::ZERO;

@@ -65,7 +65,7 @@ pub fn compute(scene: &BakedScene, mesh: &TriangleMesh, view: &View, light: &Dem
     let seconds = began.elapsed().as_secs_f64();
     Frame {
         direct: view.evaluate(|s| {
-            let lifted = s.position + s.normal * mesh.roughness(s.position);
+            let lifted = s.position + s.normal * mesh.surface_relief(s.position);
             frame.direct(scene, lifted, s.normal)
         }),
         indirect: view.evaluate(|s| {

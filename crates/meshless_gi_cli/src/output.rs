@@ -83,17 +83,17 @@ pub fn error(nrmse: f64, interval: f64) -> String {
 /// Formats a gain as "at most 0.6123 (0.5971 found)" and appends the albedo correction.
 pub fn gain(energy: &EnergyInfo) -> String {
     let mut text = match energy.estimated {
-        true => format!("{:.4} found, not bounded", energy.gain_found),
+        true => format!("{:.4} found, not bounded", energy.spectral_radius_estimate),
         false => format!(
             "at most {:.4} ({:.4} found)",
-            energy.gain, energy.gain_found
+            energy.spectral_radius_bound, energy.spectral_radius_estimate
         ),
     };
-    if energy.guarded > 0 {
+    if energy.clamped_senders > 0 {
         text += &format!(
             ", the albedo of {} senders lowered by up to {:.2} %",
-            count(energy.guarded),
-            100.0 * (1.0 - energy.guard_factor)
+            count(energy.clamped_senders),
+            100.0 * (1.0 - energy.albedo_scale)
         );
     }
     text

@@ -5,7 +5,7 @@
 use meshless_gi_lab::fixtures::synthetic;
 
 use glam::Vec3;
-use meshless_gi::internals::asset::{Display, Places, PointSurface};
+use meshless_gi::internals::asset::{FlatBasis, LightSamples, PointSurface};
 use meshless_gi::internals::basis::{Weights, support_bounds};
 use meshless_gi::internals::frame::project;
 use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
@@ -47,7 +47,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         ],
         level_starts: vec![0, SENDERS as u32, POINTS as u32],
         sender_levels: 1,
-        places: Places::default(),
+        places: LightSamples::default(),
         pull: Weights::from_rows((0..SENDERS).map(|_| [])),
         parents: Weights::from_rows((0..POINTS).map(|_| [])),
         operator: Operator {
@@ -71,7 +71,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         sky: None,
         materials: None,
         bounces: None,
-        display: Display {
+        display: FlatBasis {
             radius: 0.9,
             planes: Vec::new(),
             grid: HashedGrid::build(POINTS, 0.9, |i| support_bounds(&points[i])),
@@ -95,7 +95,7 @@ fn furnace(to_sky: bool) -> BakedScene {
 fn sender_light_is_mean_over_samples() {
     let mut scene = furnace(false);
     let place = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
-    scene.places = Places {
+    scene.places = LightSamples {
         per_sender: 4,
         list: (0..4 * SENDERS)
             .map(|k| LightSample::new(place(k), Vec3::Y))
@@ -118,7 +118,7 @@ fn sender_light_is_mean_over_samples() {
     for e in &found[1..] {
         assert!((e - 1.0).abs() < 1e-6, "{found:?}");
     }
-    scene.places = Places::default();
+    scene.places = LightSamples::default();
     let mut own = CpuFrame::new(&scene);
     own.set_lights(&scene, &[sun]);
     assert!(

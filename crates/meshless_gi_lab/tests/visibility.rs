@@ -63,7 +63,7 @@ fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<
             let (x, n) = (p.x(), p.n());
             let rays = RayVisibility {
                 geometry: mesh,
-                start: x + n * mesh.lift(x),
+                start: x + n * mesh.ray_offset(x),
             };
             (
                 soft_shadow::visible_fraction(
@@ -248,7 +248,7 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     let mesh = level();
     let place = Vec3::new(-0.5, 0.0, 0.6);
     let by_rays = |light: &SoftLight| {
-        let start = place + Vec3::Y * mesh.lift(place);
+        let start = place + Vec3::Y * mesh.ray_offset(place);
         let rays = RayVisibility {
             geometry: &mesh,
             start,

@@ -80,7 +80,7 @@ fn key(mesh: &TriangleMesh, recipe: &Recipe) -> String {
     };
     let occluders: Vec<&str> = recipe.occluders.iter().map(|o| o.name.as_str()).collect();
     let mut held = blake3::Hasher::new();
-    for occluder in mesh.hold_out(&occluders).1 {
+    for occluder in mesh.split_occluders(&occluders).1 {
         held.update(&(occluder.triangles.len() as u64).to_le_bytes());
         held.update(bytemuck::cast_slice(&occluder.triangles));
     }

@@ -36,7 +36,7 @@ pub struct PointSurface {
 
 /// The flat display basis (\[L08\] §4.1 "Flattening"): the same points, one level, one radius.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Display {
+pub struct FlatBasis {
     /// Radius of every function, meters (each point's `radius` says the same).
     pub radius: f32,
     /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
@@ -50,14 +50,14 @@ pub struct Display {
 /// mean over its places. Where there are none, and on coarser levels, it is that at the sender's
 /// own point.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Places {
+pub struct LightSamples {
     /// How many each sender has.
     pub per_sender: u32,
     /// Sender after sender, from the first of the finest sender level.
     pub list: Vec<LightSample>,
 }
 
-impl Places {
+impl LightSamples {
     /// Most places of a sender.
     pub const MAX: u32 = 64;
 }
@@ -75,7 +75,7 @@ pub struct BakedScene {
     /// How many of the levels, from the coarsest, are senders.
     pub sender_levels: u32,
     /// Where the senders of the finest sender level are lit.
-    pub places: Places,
+    pub places: LightSamples,
     /// Row k (a sender): which senders of the next level its value is the mean of, with weights
     /// that sum to one. An empty row (and all of the finest sender level) keeps its own light. One
     /// row a sender.
@@ -109,7 +109,7 @@ pub struct BakedScene {
     /// What comes and goes, where the recipe names any.
     pub occluders: Option<Occluders>,
     /// The display basis.
-    pub display: Display,
+    pub display: FlatBasis,
     /// What casts shadows.
     pub bvh: Bvh,
     /// What it was made from, how, and how wrong it is.

@@ -110,16 +110,20 @@ pub struct EnergyInfo {
     /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the
     /// senders) in a frame of any tier: below 1, so that light dies away. No bound but what was
     /// found where `estimated` says so.
-    pub gain: f32,
+    #[serde(alias = "gain")]
+    pub spectral_radius_bound: f32,
     /// The gain is an estimate: operators of components have signs, of which nothing is proved.
     pub estimated: bool,
     /// What a power iteration found it to be.
-    pub gain_found: f32,
+    #[serde(alias = "gain_found")]
+    pub spectral_radius_estimate: f32,
     /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so
     /// white that light would not die away.
-    pub guarded: u64,
+    #[serde(alias = "guarded")]
+    pub clamped_senders: u64,
     /// The smallest factor that an albedo was lowered by; 1 where none was.
-    pub guard_factor: f32,
+    #[serde(alias = "guard_factor")]
+    pub albedo_scale: f32,
     /// Largest deviation of a row from the hemisphere's closed form: links, sky, and what no sender
     /// covers make one.
     pub row_deviation: f32,

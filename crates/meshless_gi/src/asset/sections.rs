@@ -5,7 +5,7 @@
 //! rows start (their lengths are stored), the fields that are not used, and the display's grid,
 //! where building it again gives the same one.
 
-use super::baked::{BakedScene, Display, Places, PointSurface};
+use super::baked::{BakedScene, FlatBasis, LightSamples, PointSurface};
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
@@ -422,7 +422,7 @@ impl BakedScene {
             surfaces,
             level_starts: items(&file, LEVELS, INDEX)?,
             sender_levels,
-            places: Places {
+            places: LightSamples {
                 per_sender,
                 list: items(&file, PLACES, PLACE)?,
             },
@@ -444,7 +444,7 @@ impl BakedScene {
                 false => Vec::new(),
             },
             probes: probes::read(&file, &KINDS[FIRST_PROBES..SKY_PLACE], limits)?,
-            display: Display {
+            display: FlatBasis {
                 radius: f32::from_bits(radius),
                 planes: items(&file, PLANES, PLANE)?,
                 grid,

@@ -1,7 +1,7 @@
 //! Whether a frame can run on a baked scene: every index in range, every number in its range, every
 //! walk finite. Nothing is used before it has passed here (design D10).
 
-use super::baked::{BakedScene, Places};
+use super::baked::{BakedScene, LightSamples};
 use super::stats::BakedStats;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
@@ -138,8 +138,8 @@ impl BakedScene {
             0
         };
         let per_sender = self.places.per_sender;
-        check.whole(per_sender <= Places::MAX, "places", || {
-            format!("{per_sender} a sender, at most {}", Places::MAX)
+        check.whole(per_sender <= LightSamples::MAX, "places", || {
+            format!("{per_sender} a sender, at most {}", LightSamples::MAX)
         });
         let most = Link::MAX_SENDERS - self.sky_terms();
         check.whole(senders <= most, "senders", || {

@@ -44,7 +44,7 @@ pub fn bake_scene(
             return Err(BakeError::Canceled);
         }
         let nodes = node_names(&recipe.occluders);
-        let held = (!nodes.is_empty()).then(|| level.hold_out(&nodes));
+        let held = (!nodes.is_empty()).then(|| level.split_occluders(&nodes));
         let (staying, occluders) = match held {
             Some((rest, held)) => (Some(rest), held),
             None => (None, Vec::new()),

@@ -9,7 +9,7 @@
 
 use super::PcaRecipe;
 use super::training_lights::sample_light_positions;
-use crate::asset::Places;
+use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::{Random, mix, uniform_sphere};
 use crate::scene::Geometry;
@@ -40,7 +40,7 @@ pub fn light_basis(
     gathering: &GatherSettings<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
-    places: &Places,
+    places: &LightSamples,
     pull: &Weights,
     settings: &PcaRecipe,
     drop_first: bool,
@@ -84,7 +84,7 @@ fn examples(
     gathering: &GatherSettings<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
-    places: &Places,
+    places: &LightSamples,
     pull: &Weights,
     own: Vec<u32>,
     settings: &PcaRecipe,
@@ -150,7 +150,7 @@ fn examples(
 /// Radiosity of the senders for each lamp, of the color whose turn it is; `first` is the number of
 /// the first lamp.
 fn radiosity(
-    (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &Places, &Weights),
+    (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &LightSamples, &Weights),
     lamps: &[Lamp],
     first: usize,
 ) -> Vec<[f32; TRAINING_LIGHTS]> {
@@ -195,7 +195,7 @@ fn turn(number: usize, count: usize) -> usize {
 
 /// Irradiance at (x, n), W/m².
 fn shine(geometry: &dyn Geometry, lamp: &Lamp, x: Vec3, n: Vec3, far: f32) -> f32 {
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     match *lamp {
         Lamp::Point(lamp) => {
             let to = lamp - start;

@@ -78,7 +78,7 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
         (gain, found)
     };
     let (mut gain, mut found) = gains(scene);
-    let (mut guarded, mut guard_factor) = (0, 1.0);
+    let (mut clamped_senders, mut albedo_scale) = (0, 1.0);
     if gain > GUARDED_FROM {
         for (j, surface) in scene
             .surfaces
@@ -94,11 +94,11 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
                     let factor = MAX_GAIN / row;
                     // Rounded down, so that the product is no more than it may be.
                     *albedo = (f64::from(*albedo) * factor) as f32 * (1.0 - f32::EPSILON);
-                    guard_factor = f64::min(guard_factor, factor);
+                    albedo_scale = f64::min(albedo_scale, factor);
                     lowered = true;
                 }
             }
-            guarded += u64::from(lowered);
+            clamped_senders += u64::from(lowered);
         }
         (gain, found) = gains(scene);
     }
@@ -106,10 +106,10 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
     EnergyInfo {
         // Rounded up: it is a bound.
         estimated: false,
-        gain: (gain as f32).next_up(),
-        gain_found: found as f32,
-        guarded,
-        guard_factor: guard_factor as f32,
+        spectral_radius_bound: (gain as f32).next_up(),
+        spectral_radius_estimate: found as f32,
+        clamped_senders,
+        albedo_scale: albedo_scale as f32,
         row_deviation: largest as f32,
         row_deviation_rms: rms as f32,
         reciprocity: reciprocity as f32,
@@ -128,11 +128,11 @@ fn conserve_components(
         all.fold(0.0, f64::max)
     };
     let mut found = gain(scene);
-    let (mut guarded, mut guard_factor) = (0, 1.0);
+    let (mut clamped_senders, mut albedo_scale) = (0, 1.0);
     if found > GUARDED_FROM {
-        guard_factor = MAX_GAIN / found;
+        albedo_scale = MAX_GAIN / found;
         let senders = scene.senders();
-        guarded = components::lower(&mut scene.surfaces[..senders], guard_factor);
+        clamped_senders = components::lower(&mut scene.surfaces[..senders], albedo_scale);
         found = gain(scene);
     }
     let (largest, rms) = {
@@ -143,10 +143,10 @@ fn conserve_components(
     };
     EnergyInfo {
         estimated: true,
-        gain: (found as f32).next_up(),
-        gain_found: found as f32,
-        guarded,
-        guard_factor: guard_factor as f32,
+        spectral_radius_bound: (found as f32).next_up(),
+        spectral_radius_estimate: found as f32,
+        clamped_senders,
+        albedo_scale: albedo_scale as f32,
         row_deviation: largest as f32,
         row_deviation_rms: rms as f32,
         reciprocity: components::reciprocity(scene, compression) as f32,
@@ -155,11 +155,11 @@ fn conserve_components(
 
 /// What a bake that was guarded tells its user.
 pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
-    (energy.guarded > 0).then(|| {
+    (energy.clamped_senders > 0).then(|| {
         format!(
             "light would hardly ever die away in so closed and so white a level: the albedo of {} of {senders} senders was lowered, by {:.2} % at most, for a gain of {MAX_GAIN}",
-            energy.guarded,
-            100.0 * (1.0 - energy.guard_factor)
+            energy.clamped_senders,
+            100.0 * (1.0 - energy.albedo_scale)
         )
     })
 }

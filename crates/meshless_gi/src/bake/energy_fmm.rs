@@ -30,7 +30,7 @@ pub(super) fn enforce_energy_bound(
 ) -> EnergyInfo {
     let before = match scene.link_tiers() {
         0 => EnergyInfo {
-            guard_factor: 1.0,
+            albedo_scale: 1.0,
             ..EnergyInfo::default()
         },
         _ => scene.info.energy,
@@ -40,11 +40,12 @@ pub(super) fn enforce_energy_bound(
     };
     let mut passes = Passes::new(Field::of(&octree));
     let mut found = gain(scene, &octree, &mut passes);
-    let (mut guarded, mut guard_factor) = (before.guarded, f64::from(before.guard_factor));
+    let (mut clamped_senders, mut albedo_scale) =
+        (before.clamped_senders, f64::from(before.albedo_scale));
     if found > GUARDED_FROM {
-        guard_factor *= MAX_GAIN / found;
+        albedo_scale *= MAX_GAIN / found;
         let senders = scene.senders();
-        guarded = lower(&mut scene.surfaces[..senders], MAX_GAIN / found);
+        clamped_senders = lower(&mut scene.surfaces[..senders], MAX_GAIN / found);
         found = gain(scene, &octree, &mut passes);
     }
     let reciprocity = reciprocity(scene, &octree, &mut passes, areas);
@@ -53,10 +54,10 @@ pub(super) fn enforce_energy_bound(
     scene.fmm = Some(octree);
     EnergyInfo {
         estimated: true,
-        gain: before.gain.max((found as f32).next_up()),
-        gain_found: before.gain_found.max(found as f32),
-        guarded,
-        guard_factor: guard_factor as f32,
+        spectral_radius_bound: before.spectral_radius_bound.max((found as f32).next_up()),
+        spectral_radius_estimate: before.spectral_radius_estimate.max(found as f32),
+        clamped_senders,
+        albedo_scale: albedo_scale as f32,
         row_deviation: before.row_deviation.max(largest as f32),
         row_deviation_rms: before.row_deviation_rms.max(rms as f32),
         reciprocity: before.reciprocity.max(reciprocity as f32),

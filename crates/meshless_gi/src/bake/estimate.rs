@@ -24,7 +24,9 @@
 use super::Progress;
 use super::progress::BakeStage;
 use crate::asset::BakedScene;
-use crate::eval::{Lit, RAYS_PER_POSITION, ReferenceSettings, irradiance, roomy_places};
+use crate::eval::{
+    NonEmissive, RAYS_PER_POSITION, ReferenceSettings, irradiance, sample_open_positions,
+};
 use crate::frame::{CpuFrame, FrameLight, FrameSettings};
 use crate::samples::{Candidate, Random, morton, tangents, trace_particles};
 use crate::scene::{Geometry, Light};
@@ -128,7 +130,7 @@ fn lamp_errors(
     let mut candidates = traced.candidates;
     let mut random = Random::new(seed, 0, 0);
     let count = COLORS * effort.triples;
-    let lamps = roomy_places(geometry, &candidates, count, TRIED, &mut random);
+    let lamps = sample_open_positions(geometry, &candidates, count, TRIED, &mut random);
     let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_PER_POSITION;
     // Steps along this order spread over the surface.
     let bounds = geometry.bounds();
@@ -326,7 +328,7 @@ impl Question<'_> {
         scores: &[f64],
         drawn: &[usize],
     ) -> (Vec<Halves>, u64) {
-        let lit = Lit {
+        let lit = NonEmissive {
             geometry: self.geometry,
         };
         let bounces = self.scene.info.bounces;

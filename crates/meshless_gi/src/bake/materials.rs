@@ -1,6 +1,6 @@
 //! The bake of live materials: which materials the places of each sender are covered by, and how.
 
-use crate::asset::{DynamicMaterials, MaterialCoverage, Places};
+use crate::asset::{DynamicMaterials, LightSamples, MaterialCoverage};
 use crate::basis::{Hierarchy, Weights};
 use crate::scene::{Geometry, MaterialTerms, Ray};
 use glam::Vec3;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 pub(super) fn cover(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,
-    places: &Places,
+    places: &LightSamples,
     pull: &Weights,
 ) -> (Option<DynamicMaterials>, u64) {
     let (names, factors): (Vec<_>, Vec<_>) = geometry.materials().into_iter().unzip();
@@ -75,8 +75,8 @@ pub(super) fn cover(
 
 /// The material under a place on the surface, seen from its side.
 fn below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<MaterialTerms> {
-    let up = 2.0 * geometry.lift(x);
+    let up = 2.0 * geometry.ray_offset(x);
     let ray = Ray::segment(x + n * up, -n, 2.0 * up);
     let hit = geometry.cast(&ray)?;
-    geometry.coating(&ray, &hit)
+    geometry.material_terms(&ray, &hit)
 }

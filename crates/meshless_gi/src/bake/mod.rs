@@ -45,7 +45,8 @@ pub use transport_method::{FmmRecipe, PcaRecipe, TransportMethod};
 pub use visibility::VisibilityRecipe;
 
 use crate::asset::{
-    BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, SkyVisibility, TierInfo,
+    BakeInfo, BakedScene, EnergyInfo, FlatBasis, LightSamples, PointSurface, SkyVisibility,
+    TierInfo,
 };
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
@@ -442,9 +443,9 @@ fn lit_places(
     hierarchy: &mut Hierarchy,
     settings: &BakeSettings,
     rays: &mut u64,
-) -> Places {
+) -> LightSamples {
     if settings.samples_per_sender <= 1 {
-        return Places::default();
+        return LightSamples::default();
     }
     let finest = settings.sender_levels as usize - 1;
     let level = hierarchy.level(finest);
@@ -456,7 +457,7 @@ fn lit_places(
         settings.seed,
     );
     *rays += cast;
-    Places {
+    LightSamples {
         per_sender: settings.samples_per_sender,
         list,
     }
@@ -474,7 +475,7 @@ fn assemble(
     viewpoints: Vec<Vec3>,
     hierarchy: Hierarchy,
     flat: crate::basis::LevelBasis,
-    places: Places,
+    places: LightSamples,
     pull: Weights,
     parents: Weights,
     mut refined: RefinedOperator,
@@ -577,7 +578,7 @@ fn assemble(
         visibility: None,
         probes: None,
         occluders: None,
-        display: Display {
+        display: FlatBasis {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,
             grid: flat.grid,

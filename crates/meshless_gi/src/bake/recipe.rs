@@ -6,7 +6,7 @@ use super::recipe_text::RecipeText;
 use super::sky::SkyModel;
 use super::transport_method::TransportMethod;
 use super::visibility::VisibilityRecipe;
-use crate::asset::Places;
+use crate::asset::LightSamples;
 use ron::extensions::Extensions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
@@ -201,7 +201,7 @@ impl Recipe {
         in_range("max_refinement_points", added, 0..=1 << 22)?;
         in_range("rays_per_point", self.rays_per_point, 16..=65_536)?;
         let samples = self.samples_per_sender;
-        in_range("samples_per_sender", samples, 1..=Places::MAX)?;
+        in_range("samples_per_sender", samples, 1..=LightSamples::MAX)?;
         in_range("bounces", self.bounces, 1..=64)?;
         in_range("truncation_error", self.truncation_error, 0.0..=1.0)?;
         in_range("receiver_tolerance", self.receiver_tolerance, 0.0..=1.0)?;

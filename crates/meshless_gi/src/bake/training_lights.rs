@@ -1,7 +1,7 @@
 //! Training lamps: what lamps in the level's free space make of the senders' radiosity, see
 //! [`Training`].
 
-use crate::asset::Places;
+use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
@@ -60,7 +60,7 @@ pub fn train(
     gathering: &GatherSettings<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
-    places: &Places,
+    places: &LightSamples,
     pull: &Weights,
     tree: &SenderTree,
     drop_first: bool,
@@ -82,7 +82,7 @@ pub fn train(
     for batch in lamps.chunks(TRAINING_LIGHTS) {
         // The training lamps shine on places, as a frame's do; for the exposures the senders' own
         // points will do.
-        let own = Places::default();
+        let own = LightSamples::default();
         let places = if signals.is_empty() { places } else { &own };
         let mut values = radiosity(hierarchy, geometry, batch, places, pull, senders);
         rays += ((senders + places.list.len()) * batch.len()) as u64;
@@ -113,7 +113,7 @@ fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,
     lamps: &[Vec3],
-    places: &Places,
+    places: &LightSamples,
     pull: &Weights,
     senders: usize,
 ) -> Vec<[f32; TRAINING_LIGHTS]> {
@@ -164,7 +164,7 @@ fn shine(
     share: f32,
     row: &mut [f32; TRAINING_LIGHTS],
 ) {
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     for (value, &lamp) in row.iter_mut().zip(lamps) {
         let to = lamp - start;
         let square = to.length_squared();

@@ -106,9 +106,9 @@ pub fn clip_planes(
 ) -> Vec<[f32; 4]> {
     // Occluders stand open for light, but functions end at them: else what is lit on one side would
     // shine on the other when they shut.
-    let geometry = geometry.shut().unwrap_or(geometry);
+    let geometry = geometry.with_occluders_closed().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
-    let lift = (EYE * radius).max(geometry.lift(x_j));
+    let lift = (EYE * radius).max(geometry.ray_offset(x_j));
     let height = eye_height(geometry, x_j, n_j, radius, rays);
     let eye = x_j + n_j * height;
     let mut places: Vec<Place> = Vec::new();
@@ -151,7 +151,7 @@ pub(super) fn eye_height(
     radius: f32,
     rays: &mut u64,
 ) -> f32 {
-    let lift = geometry.lift(x);
+    let lift = geometry.ray_offset(x);
     let high = (EYE * radius).max(lift);
     *rays += 1;
     let up = Ray::segment(x + n * lift, n, 2.0 * high);
@@ -191,7 +191,7 @@ fn behind_walls(
             let down = Ray::segment(above, -n_j, 2.0 * tall);
             *rays += 1;
             if let Some(hit) = geometry.cast(&down) {
-                let there = geometry.site(&down, &hit);
+                let there = geometry.hit_point(&down, &hit);
                 found.push((there.position, there.normal));
             }
         }

@@ -105,7 +105,7 @@ impl Hierarchy {
                 let start = s.position + across + s.normal * own;
                 let ray = Ray::segment(start, -s.normal, 2.0 * own);
                 let hit = geometry.cast(&ray)?;
-                let there = geometry.site(&ray, &hit);
+                let there = geometry.hit_point(&ray, &hit);
                 Some((there.position, there.normal, own))
             })
             .collect();

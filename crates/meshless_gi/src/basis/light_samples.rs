@@ -49,7 +49,7 @@ pub fn find_places(
             });
             (surface.albedo, surface.emission) = (albedo.min(Vec3::ONE), emission);
             let places = seen.iter().map(|s| {
-                let above = s.normal * geometry.roughness(s.position);
+                let above = s.normal * geometry.surface_relief(s.position);
                 LightSample::new(s.position + above, s.normal)
             });
             (places.collect(), rays)
@@ -78,8 +78,8 @@ fn look_around(
     // Within the support along the normal: [L08] Eq. (10).
     let height = 0.25 * point.radius;
     let mut rays = 0;
-    let lift = geometry.lift(x);
-    let up = match geometry.roughness(x) > 0.0 {
+    let lift = geometry.ray_offset(x);
+    let up = match geometry.surface_relief(x) > 0.0 {
         true => eye_height(geometry, x, n, point.radius, &mut rays).max(lift),
         false => lift,
     };
@@ -278,7 +278,7 @@ mod tests {
             let dark = |(k, place): (usize, &LightSample)| {
                 let (x, n) = (place.x(), place.n());
                 let up = (x.normalize() + 0.9 * on_the_sphere(3, k as u64)).normalize();
-                let start = x + n * (2e-5 + (raised - 1.0) * mesh.roughness(x));
+                let start = x + n * (2e-5 + (raised - 1.0) * mesh.surface_relief(x));
                 up.dot(n) > 0.3 && mesh.cast(&Ray::new(start, up)).is_some()
             };
             places.iter().enumerate().filter(|p| dark(*p)).count()

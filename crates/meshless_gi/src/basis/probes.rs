@@ -93,7 +93,7 @@ fn planes_of(
     radius: f32,
     around: impl Iterator<Item = Vec3>,
 ) -> (Vec<[f32; 4]>, u64) {
-    let geometry = geometry.shut().unwrap_or(geometry);
+    let geometry = geometry.with_occluders_closed().unwrap_or(geometry);
     let mut candidates: Vec<Vec4> = Vec::new();
     let mut rays = 0;
     let mut look = |way: Vec3, length: f32, candidates: &mut Vec<Vec4>| {

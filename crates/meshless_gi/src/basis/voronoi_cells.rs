@@ -59,7 +59,7 @@ fn look_around(
     let (t, b) = tangents(n);
     let turn = Random::new(seed, 0x63_65_6c_6c, i as u64).unit();
     let height = 0.25 * point.radius;
-    let lift = geometry.lift(x);
+    let lift = geometry.ray_offset(x);
     let area = std::f32::consts::PI * point.radius * point.radius / LOOKS as f32;
     let mut seen = Vec::new();
     let mut rays = 0;
@@ -72,7 +72,7 @@ fn look_around(
         let Some(hit) = geometry.cast(&ray) else {
             continue;
         };
-        let there = geometry.site(&ray, &hit);
+        let there = geometry.hit_point(&ray, &hit);
         let cosine = there.normal.dot(n);
         found.clear();
         level.raw_weights(there.position, there.normal, found);

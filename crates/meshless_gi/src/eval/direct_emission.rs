@@ -79,10 +79,10 @@ impl<'a> EmissionIntegrator<'a> {
         }
     }
 
-    /// How far what is near `x` rises over it, meters; see [`Geometry::roughness`].
+    /// How far what is near `x` rises over it, meters; see [`Geometry::surface_relief`].
     #[must_use]
-    pub fn roughness(&self, x: Vec3) -> f32 {
-        let rises = self.meshes.iter().map(|m| m.roughness(x));
+    pub fn surface_relief(&self, x: Vec3) -> f32 {
+        let rises = self.meshes.iter().map(|m| m.surface_relief(x));
         rises.fold(0.0, f32::max)
     }
 
@@ -99,7 +99,11 @@ impl<'a> EmissionIntegrator<'a> {
         if self.is_dark() {
             return Vec3::ZERO;
         }
-        let lift = self.meshes.iter().map(|m| m.lift(x)).fold(0.0, f32::max);
+        let lift = self
+            .meshes
+            .iter()
+            .map(|m| m.ray_offset(x))
+            .fold(0.0, f32::max);
         let start = x + n * lift;
         let mut random = Random::new(0x67_6c_6f_77, stream, 0);
         let mut shift = || Vec2::new(random.unit(), random.unit());

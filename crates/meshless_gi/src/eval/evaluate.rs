@@ -147,7 +147,7 @@ impl<'a> Evaluator<'a> {
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
         let scene = self.scene;
         let extent = project::extent(scene);
-        let above = x + n * self.glow.roughness(x);
+        let above = x + n * self.glow.surface_relief(x);
         let lamps: Vec3 = self
             .lamps
             .iter()

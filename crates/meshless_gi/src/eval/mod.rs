@@ -12,4 +12,4 @@ pub(crate) use evaluate::{PATCHES, solve};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
-pub use test_lights::{Lit, RAYS_PER_POSITION, roomy_places};
+pub use test_lights::{NonEmissive, RAYS_PER_POSITION, sample_open_positions};

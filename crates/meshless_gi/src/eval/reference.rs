@@ -9,7 +9,7 @@
 //! reflected once or more.
 //!
 //! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
-//! surface ([`Geometry::lift`]): Russian roulette divides what goes on by the probability with
+//! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability with
 //! which it does. A path's first direction comes from a lattice, shifted at random for each place,
 //! which makes the mean less noisy than independent paths; the standard error is that of
 //! independent paths and so rather too large than too small.
@@ -121,7 +121,7 @@ pub fn direct_irradiance(
                 center + u * (2.0 * random.unit() - 1.0) + v * (2.0 * random.unit() - 1.0);
             let facing = u.cross(v);
             // The lamp's own model may lie in its plane: the shadow ray ends a little before it.
-            let position = position + facing.normalize_or_zero() * geometry.lift(position);
+            let position = position + facing.normalize_or_zero() * geometry.ray_offset(position);
             // Area 4 |u × v| and the emitter's cosine together: 4 (u × v) · direction.
             shadowed(
                 lamp(position, radiance, f32::INFINITY).map(|(e, toward, position)| {
@@ -161,7 +161,7 @@ pub fn irradiance(
     let mut sums = [glam::DVec3::ZERO; 4];
     for path in 0..settings.paths {
         let mut random = Random::new(settings.seed ^ 0x72_65_66, stream, u64::from(path));
-        let mut position = x + n * geometry.lift(x);
+        let mut position = x + n * geometry.ray_offset(x);
         let mut normal = n;
         let mut throughput = Vec3::ONE;
         let mut direct = lamps(position, normal, &mut random);
@@ -205,7 +205,7 @@ pub fn irradiance(
             if throughput == Vec3::ZERO {
                 break;
             }
-            position = seen.position + seen.normal * geometry.lift(seen.position);
+            position = seen.position + seen.normal * geometry.ray_offset(seen.position);
             normal = seen.normal;
             indirect += throughput * lamps(position, normal, &mut random);
         }

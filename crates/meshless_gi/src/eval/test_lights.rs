@@ -9,14 +9,14 @@ use glam::{Vec2, Vec3};
 /// Directions in which that room is looked for.
 const LOOKS: u32 = 96;
 
-/// Rays that [`roomy_places`] casts for each place that it tries.
+/// Rays that [`sample_open_positions`] casts for each place that it tries.
 pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
 /// Places in free space for lamps, each the one with the most room around it of `tried`: what a
 /// lamp a hair's breadth from a wall lights says little of the level, and no reference is sure of
 /// it. As many as `count`, or none where there are no candidates.
 #[must_use]
-pub fn roomy_places(
+pub fn sample_open_positions(
     geometry: &dyn Geometry,
     candidates: &[Candidate],
     count: usize,
@@ -47,12 +47,12 @@ pub fn roomy_places(
 }
 
 /// The geometry without its own emission: errors are of lamps' light.
-pub struct Lit<'a> {
+pub struct NonEmissive<'a> {
     /// What it is of.
     pub geometry: &'a dyn Geometry,
 }
 
-impl Geometry for Lit<'_> {
+impl Geometry for NonEmissive<'_> {
     fn bounds(&self) -> Bounds {
         self.geometry.bounds()
     }
@@ -72,11 +72,11 @@ impl Geometry for Lit<'_> {
         }
     }
 
-    fn lift(&self, p: Vec3) -> f32 {
-        self.geometry.lift(p)
+    fn ray_offset(&self, p: Vec3) -> f32 {
+        self.geometry.ray_offset(p)
     }
 
-    fn roughness(&self, p: Vec3) -> f32 {
-        self.geometry.roughness(p)
+    fn surface_relief(&self, p: Vec3) -> f32 {
+        self.geometry.surface_relief(p)
     }
 }

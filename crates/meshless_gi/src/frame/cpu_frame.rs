@@ -180,7 +180,7 @@ impl CpuFrame {
         let passing = occluder_set_transmittances(known, &gains);
         occlude(&known.links, &passing, &mut occluded.links);
         occlude(&known.probes, &passing, &mut occluded.probe_links);
-        occluded.bvh.set_gains(&gains);
+        occluded.bvh.set_transmittances(&gains);
         occluded.gains = gains;
         self.paint(scene);
         self.projected_for.fill(FrameLight::default());
@@ -298,7 +298,7 @@ impl CpuFrame {
         let params = shape.params(&one, self.lights.len());
         let steps = SolveSchedule::new(&shape, &one);
         let mut octree = octree(scene, &steps);
-        let gain = scene.info.energy.gain;
+        let gain = scene.info.energy.spectral_radius_bound;
         let gain = if gain.is_finite() { gain } else { 1.0 };
         let enough = f64::from(tolerance) * f64::from(1.0 - gain.clamp(0.0, 0.9995));
         // Sums of a few hundred links round by so much.

@@ -53,7 +53,7 @@ pub struct SolveParams {
     /// How many points there are.
     pub points: u32,
     /// How many places each sender of the finest sender level is lit at
-    /// ([`Places`](crate::asset::Places)).
+    /// ([`LightSamples`](crate::asset::LightSamples)).
     pub places: u32,
     /// How many of them are senders.
     pub senders: u32,

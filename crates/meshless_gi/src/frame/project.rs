@@ -22,7 +22,7 @@ pub fn extent(scene: &BakedScene) -> f32 {
 }
 
 /// How far a shadow ray's start is lifted off the surface at `x`, meters; the rule of
-/// [`Geometry::lift`](crate::scene::Geometry::lift).
+/// [`Geometry::ray_offset`](crate::scene::Geometry::ray_offset).
 #[must_use]
 #[inline]
 pub fn ray_offset(x: Vec3, extent: f32) -> f32 {
@@ -166,7 +166,7 @@ fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32
         return 0.0;
     }
     match shadow_ray(light, x, n, extent) {
-        Some(ray) => e * bvh.passes(&ray),
+        Some(ray) => e * bvh.transmittance(&ray),
         None => e,
     }
 }

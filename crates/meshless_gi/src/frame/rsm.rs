@@ -164,7 +164,7 @@ pub fn light_transmittance(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel
     let n = local.transform_vector3(texel.normal.into());
     let n = n / n.length().max(f32::MIN_POSITIVE);
     // What moves is not in the tree: the lift is for rounding alone.
-    shadow_ray(&params.light, x, n, params.extent).map_or(1.0, |ray| bvh.passes(&ray))
+    shadow_ray(&params.light, x, n, params.extent).map_or(1.0, |ray| bvh.transmittance(&ray))
 }
 
 /// Takes the flux from the texels that a baked scene keeps the light from. Once for each scene.

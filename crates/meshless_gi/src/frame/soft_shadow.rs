@@ -465,7 +465,7 @@ pub struct RayVisibility<'a> {
 impl VisibilityQuery for RayVisibility<'_> {
     fn sees(&self, direction: Vec3, distance: f32, _: Vec3) -> f32 {
         let end = self.start + direction * distance;
-        let end = end - direction * self.geometry.lift(end);
+        let end = end - direction * self.geometry.ray_offset(end);
         if self.geometry.occluded(self.start, end) {
             0.0
         } else {

@@ -14,7 +14,7 @@
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::subsplat::{SubsplatNode, state};
-use crate::asset::{BakedScene, Display};
+use crate::asset::{BakedScene, FlatBasis};
 use crate::basis::{NO_COVER, weight};
 use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -58,7 +58,7 @@ pub fn share(cover: f32, seam: f32) -> f32 {
 #[must_use]
 pub fn splat_vector(
     points: &[Point],
-    display: &Display,
+    display: &FlatBasis,
     values: &[VectorIrradiance],
     x: Vec3,
     n: Vec3,
@@ -71,7 +71,7 @@ pub fn splat_vector(
 #[must_use]
 pub fn splat_covered(
     points: &[Point],
-    display: &Display,
+    display: &FlatBasis,
     values: &[VectorIrradiance],
     x: Vec3,
     n: Vec3,
@@ -105,7 +105,7 @@ pub fn splat_covered(
 #[must_use]
 pub fn splat(
     points: &[Point],
-    display: &Display,
+    display: &FlatBasis,
     values: &[VectorIrradiance],
     x: Vec3,
     n: Vec3,

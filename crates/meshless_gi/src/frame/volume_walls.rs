@@ -13,7 +13,7 @@
 
 use super::splat::SEAM;
 use super::volume_weights::{MAX_WEIGHTS, VoxelGrid};
-use crate::asset::Display;
+use crate::asset::FlatBasis;
 use crate::basis::weight;
 use crate::samples::Point;
 use bytemuck::{Pod, Zeroable};
@@ -106,7 +106,7 @@ impl WallSamples {
         &mut self,
         beside: &[Beside],
         points: &[Point],
-        display: &Display,
+        display: &FlatBasis,
         x: Vec3,
     ) -> u64 {
         let mut looks = 0;
@@ -125,7 +125,7 @@ impl WallSamples {
     }
 
     /// Adds a face at `x`, a place on a wall with this normal, if functions cover it well.
-    fn add(&mut self, points: &[Point], display: &Display, x: Vec3, n: Vec3) -> bool {
+    fn add(&mut self, points: &[Point], display: &FlatBasis, x: Vec3, n: Vec3) -> bool {
         let mut cover = 0.0;
         let mut weights: Vec<WallWeight> = Vec::new();
         for &j in display.grid.near(x) {
@@ -207,7 +207,7 @@ impl WallIndex {
         &mut self,
         shape: &VoxelGrid,
         points: &[Point],
-        display: &Display,
+        display: &FlatBasis,
         most: u64,
     ) -> u64 {
         self.nearest

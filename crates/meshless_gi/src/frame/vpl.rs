@@ -175,7 +175,7 @@ pub fn vpl_transmittance(
     let length = ray.length();
     let max_t = length - ray_offset(end, params.extent);
     match max_t > 0.0 {
-        true => bvh.passes(&Ray::segment(start, ray / length, max_t)),
+        true => bvh.transmittance(&Ray::segment(start, ray / length, max_t)),
         false => 1.0,
     }
 }

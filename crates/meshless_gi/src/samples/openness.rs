@@ -20,7 +20,7 @@ pub fn openness(
 ) -> f32 {
     let reach = 3.0 * radius;
     let (t, b) = tangents(n);
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     let shift = Vec2::new(random.unit(), random.unit());
     let mut inverse = 0.0;
     for i in 0..OPENNESS_RAYS {

@@ -100,7 +100,7 @@ fn trace_one(
         }
         let (t, b) = tangents(surface.normal);
         let d = cosine_hemisphere(Vec2::new(random.unit(), random.unit()));
-        let start = surface.position + surface.normal * geometry.lift(surface.position);
+        let start = surface.position + surface.normal * geometry.ray_offset(surface.position);
         ray = Ray::new(
             start,
             (t * d.x + b * d.y + surface.normal * d.z).normalize(),
@@ -129,7 +129,7 @@ pub fn local_candidates(
                 let surface = &surfaces[i];
                 let mut random = Random::new(seed, 0x6c_6f_63_61 + round, i as u64);
                 let (t, b) = tangents(surface.normal);
-                let lift = geometry.lift(surface.position);
+                let lift = geometry.ray_offset(surface.position);
                 let up = Ray::segment(
                     surface.position + surface.normal * lift,
                     surface.normal,

@@ -60,7 +60,7 @@ pub fn fill_free_space(
 ) -> ProbePlacement {
     let mut out = ProbePlacement::default();
     // Both sides of an occluder get their own, for when it is shut.
-    let shut = geometry.shut().unwrap_or(geometry);
+    let shut = geometry.with_occluders_closed().unwrap_or(geometry);
     let spacing = settings.spacing;
     let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
     let cell = |x: Vec3| (x / spacing).floor().as_ivec3();
@@ -130,7 +130,7 @@ fn candidates(
     let stride = traced.candidates.len().div_ceil(MAX_CANDIDATES / 2).max(1);
     let few: Vec<_> = traced.candidates.iter().step_by(stride).collect();
     let reach = 0.5 * settings.spacing;
-    let shut = geometry.shut().unwrap_or(geometry);
+    let shut = geometry.with_occluders_closed().unwrap_or(geometry);
     let found: Vec<[(f32, Vec3); 2]> = few
         .par_iter()
         .enumerate()
@@ -144,7 +144,7 @@ fn candidates(
             let (t, b) = tangents(n);
             let d = cosine_hemisphere(Vec2::new(random.unit(), random.unit()));
             let way = (t * d.x + b * d.y + n * d.z).normalize_or(n);
-            let up = Ray::segment(x + n * geometry.lift(x), way, 2.0 * settings.spacing);
+            let up = Ray::segment(x + n * geometry.ray_offset(x), way, 2.0 * settings.spacing);
             let room = geometry
                 .cast(&up)
                 .map_or(2.0 * settings.spacing, |hit| hit.t);

@@ -59,7 +59,7 @@ impl Bvh {
     /// Which part of the light passes along `ray` with t in (0, `ray.max_t`): 0 behind any triangle
     /// that stays, else the product of the gains of the occluders in between, each once.
     #[must_use]
-    pub fn passes(&self, ray: &Ray) -> f32 {
+    pub fn transmittance(&self, ray: &Ray) -> f32 {
         let (mut passes, mut crossed) = (1.0, 0u64);
         self.walk(ray, |triangle| {
             let bit = bit_of(triangle);
@@ -78,7 +78,7 @@ impl Bvh {
     /// The occluders that `ray` crosses with t in (0, `ray.max_t`), bit k for number k; what stays
     /// is looked through.
     #[must_use]
-    pub fn crossed(&self, ray: &Ray) -> u64 {
+    pub fn crossed_occluders(&self, ray: &Ray) -> u64 {
         let mut crossed = 0;
         self.walk(ray, |triangle| {
             crossed |= bit_of(triangle);
@@ -105,7 +105,7 @@ impl Bvh {
     /// True when no light passes along `ray` with t in (0, `ray.max_t`).
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        self.passes(ray) <= 0.0
+        self.transmittance(ray) <= 0.0
     }
 
     /// Where the occluders' triangles start.
@@ -115,7 +115,7 @@ impl Bvh {
     }
 
     /// Sets what passes each occluder, by number; those that are missing are open.
-    pub fn set_gains(&mut self, gains: &[f32]) {
+    pub fn set_transmittances(&mut self, gains: &[f32]) {
         let first = self.first_occluder();
         for triangle in &mut self.triangles[first..] {
             let k = triangle.occluder as usize - 1;

@@ -343,19 +343,23 @@ mod tests {
         assert_eq!(bvh.first_occluder(), 18);
         let from = |z: f32, length| Ray::segment(Vec3::new(-1.0, 0.9, z), Vec3::X, length);
         for (length, crossed) in [(2.0, 0b00), (3.0, 0b01), (4.5, 0b11), (9.0, 0b11)] {
-            assert_eq!(bvh.crossed(&from(1.1, length)), crossed, "{length} m");
-            assert_eq!(bvh.passes(&from(1.1, length)), 1.0);
+            assert_eq!(
+                bvh.crossed_occluders(&from(1.1, length)),
+                crossed,
+                "{length} m"
+            );
+            assert_eq!(bvh.transmittance(&from(1.1, length)), 1.0);
         }
-        assert_eq!(bvh.passes(&from(3.1, 0.5)), 1.0);
-        assert_eq!(bvh.passes(&from(3.1, 1.5)), 0.0);
+        assert_eq!(bvh.transmittance(&from(3.1, 0.5)), 1.0);
+        assert_eq!(bvh.transmittance(&from(3.1, 1.5)), 0.0);
         // The second has two sides, and holds back once.
-        bvh.set_gains(&[0.5, 0.25]);
-        assert_eq!(bvh.passes(&from(1.1, 3.0)), 0.5);
-        assert_eq!(bvh.passes(&from(1.1, 9.0)), 0.125);
-        bvh.set_gains(&[0.0]);
+        bvh.set_transmittances(&[0.5, 0.25]);
+        assert_eq!(bvh.transmittance(&from(1.1, 3.0)), 0.5);
+        assert_eq!(bvh.transmittance(&from(1.1, 9.0)), 0.125);
+        bvh.set_transmittances(&[0.0]);
         assert!(bvh.occluded(&from(1.1, 3.0)) && bvh.occluded(&from(1.1, 9.0)));
         let alone = Bvh::default().with_occluders(&doors);
-        assert_eq!(alone.crossed(&from(1.1, 9.0)), 0b11);
+        assert_eq!(alone.crossed_occluders(&from(1.1, 9.0)), 0b11);
         assert_eq!(
             Bvh::build(&level).0.with_occluders(&[]),
             Bvh::build(&level).0

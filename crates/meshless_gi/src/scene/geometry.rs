@@ -107,7 +107,7 @@ pub struct Surface {
 
 /// The part of a [`Surface`] that a gather needs of each of its hits: no texture is read for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Site {
+pub struct HitPoint {
     /// Position in meters.
     pub position: Vec3,
     /// Unit geometric normal on the side the ray came from.
@@ -160,9 +160,9 @@ pub trait Geometry: Sync {
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface;
 
     /// The place and side of [`surface`](Self::surface) alone, with the same bits.
-    fn site(&self, ray: &Ray, hit: &Hit) -> Site {
+    fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
         let surface = self.surface(ray, hit);
-        Site {
+        HitPoint {
             position: surface.position,
             normal: surface.normal,
             lit: surface.front || surface.albedo != Vec3::ZERO,
@@ -171,11 +171,11 @@ pub trait Geometry: Sync {
 
     /// The material where `ray` met `hit`; none where the geometry has no materials that could
     /// change.
-    fn coating(&self, _ray: &Ray, _hit: &Hit) -> Option<MaterialTerms> {
+    fn material_terms(&self, _ray: &Ray, _hit: &Hit) -> Option<MaterialTerms> {
         None
     }
 
-    /// The materials that [`coating`](Self::coating) names: names and factors. The same names may
+    /// The materials that [`material_terms`](Self::material_terms) names: names and factors. The same names may
     /// come again.
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         Vec::new()
@@ -183,13 +183,13 @@ pub trait Geometry: Sync {
 
     /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and
     /// [`cast`](Self::cast) knows nothing of them.
-    fn crossed(&self, _ray: &Ray) -> u64 {
+    fn crossed_occluders(&self, _ray: &Ray) -> u64 {
         0
     }
 
     /// The same geometry with all occluders shut, where there are any: functions end at them as at
     /// walls, open or not.
-    fn shut(&self) -> Option<&dyn Geometry> {
+    fn with_occluders_closed(&self) -> Option<&dyn Geometry> {
         None
     }
 
@@ -205,19 +205,19 @@ pub trait Geometry: Sync {
 
     /// A length, in meters, by which a ray's start is lifted off a surface at `p` so that it cannot
     /// meet it again.
-    fn lift(&self, p: Vec3) -> f32 {
-        mesh_lift(self.bounds().size().max_element(), p)
+    fn ray_offset(&self, p: Vec3) -> f32 {
+        mesh_ray_offset(self.bounds().size().max_element(), p)
     }
 
-    /// What of [`lift`](Self::lift) is due to parts of the surface near `p` that rise over it,
+    /// What of [`ray_offset`](Self::ray_offset) is due to parts of the surface near `p` that rise over it,
     /// meters; 0 for smooth surfaces. A frame knows no geometry but triangles, and lifts its shadow
     /// rays for rounding alone: places that are to be lit by one stand so far above the surface.
-    fn roughness(&self, _p: Vec3) -> f32 {
+    fn surface_relief(&self, _p: Vec3) -> f32 {
         0.0
     }
 }
 
 /// The lift off exact surfaces at `p` of a geometry of this size, meters.
-pub(super) fn mesh_lift(size: f32, p: Vec3) -> f32 {
+pub(super) fn mesh_ray_offset(size: f32, p: Vec3) -> f32 {
     (1e-5 * size).max(8.0 * f32::EPSILON * p.abs().max_element().max(size))
 }

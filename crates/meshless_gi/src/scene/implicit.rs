@@ -317,7 +317,7 @@ impl Geometry for ImplicitScene {
         }
     }
 
-    fn lift(&self, p: Vec3) -> f32 {
+    fn ray_offset(&self, p: Vec3) -> f32 {
         let size = self.bounds.size().max_element().max(p.abs().max_element());
         (1e-5 * size).max(16.0 * self.tolerance)
     }
@@ -399,7 +399,7 @@ mod tests {
             met[hit.primitive as usize] += 1;
             let s = room.surface(&ray, &hit);
             assert!(room.distance(s.position).0.abs() < 1e-5);
-            let start = s.position + s.normal * room.lift(s.position);
+            let start = s.position + s.normal * room.ray_offset(s.position);
             assert!(room.distance(start).0 > 0.0, "lifted off on the free side");
             assert!(
                 room.occluded(start, start - s.normal * 0.01),

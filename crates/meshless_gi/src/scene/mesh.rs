@@ -7,13 +7,13 @@
 //! order of traversal.
 
 use super::bvh_build::build_wide;
-use super::geometry::mesh_lift;
+use super::geometry::mesh_ray_offset;
 use super::occluder::MeshNode;
 use super::points::Lifts;
 use super::watertight::{TriangleHit, WatertightRay};
 use super::{
-    Bounds, Bvh, Geometry, Hit, Material, MaterialFactors, MaterialTerms, MeshProblems, Ray, Site,
-    Surface, Texture,
+    Bounds, Bvh, Geometry, Hit, HitPoint, Material, MaterialFactors, MaterialTerms, MeshProblems,
+    Ray, Surface, Texture,
 };
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
@@ -269,7 +269,7 @@ impl TriangleMesh {
         (&self.nodes, &self.node_of)
     }
 
-    /// Assigns a node to every triangle, by its index; [`Self::hold_out`] reads the names of nodes.
+    /// Assigns a node to every triangle, by its index; [`Self::split_occluders`] reads the names of nodes.
     /// `node_of` has an entry for each triangle that the mesh keeps ([`Self::keeps`]).
     pub fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
         (self.nodes, self.node_of) = (nodes, node_of);
@@ -293,7 +293,7 @@ impl TriangleMesh {
         mesh
     }
 
-    /// Lifts that rays need on top of [`Geometry::lift`]'s own.
+    /// Lifts that rays need on top of [`Geometry::ray_offset`]'s own.
     pub(super) fn set_lifts(&mut self, lifts: impl IntoIterator<Item = Lifts>) {
         self.lifts = lifts.into_iter().collect();
     }
@@ -643,7 +643,7 @@ impl Geometry for TriangleMesh {
         }
     }
 
-    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
+    fn material_terms(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
         let face = &self.faces[*self.place.get(hit.primitive as usize)? as usize];
         let (_, _, front) = arrive(face, ray, hit);
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
@@ -663,9 +663,9 @@ impl Geometry for TriangleMesh {
         all.map(|m| (m.name.clone(), m.factors())).collect()
     }
 
-    fn site(&self, ray: &Ray, hit: &Hit) -> Site {
+    fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
         let Some(&place) = self.place.get(hit.primitive as usize) else {
-            return Site {
+            return HitPoint {
                 position: ray.at(hit.t),
                 normal: -ray.direction,
                 lit: true,
@@ -673,19 +673,19 @@ impl Geometry for TriangleMesh {
         };
         let face = &self.faces[place as usize];
         let (position, normal, front) = arrive(face, ray, hit);
-        Site {
+        HitPoint {
             position,
             normal,
             lit: front || self.materials[face.material as usize].double_sided,
         }
     }
 
-    fn lift(&self, p: Vec3) -> f32 {
-        self.roughness(p)
-            .max(mesh_lift(self.bounds.size().max_element(), p))
+    fn ray_offset(&self, p: Vec3) -> f32 {
+        self.surface_relief(p)
+            .max(mesh_ray_offset(self.bounds.size().max_element(), p))
     }
 
-    fn roughness(&self, p: Vec3) -> f32 {
+    fn surface_relief(&self, p: Vec3) -> f32 {
         self.lifts.iter().map(|l| l.at(p)).fold(0.0, f32::max)
     }
 }

@@ -34,7 +34,7 @@ pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "json")]
 pub use description::SceneDescription;
 pub use error::SceneError;
-pub use geometry::{Barrier, Bounds, Geometry, Hit, MaterialTerms, Ray, Site, Surface};
+pub use geometry::{Barrier, Bounds, Geometry, Hit, HitPoint, MaterialTerms, Ray, Surface};
 #[cfg(feature = "gltf")]
 pub use gltf::{
     LoadedScene, Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within,

@@ -4,7 +4,7 @@
 
 use super::mesh::{FaceParts, is_usable};
 use super::{
-    Barrier, Bounds, Bvh, Geometry, Hit, Material, MaterialFactors, MaterialTerms, Ray, Site,
+    Barrier, Bounds, Bvh, Geometry, Hit, HitPoint, Material, MaterialFactors, MaterialTerms, Ray,
     Surface, TriangleMesh,
 };
 use glam::Vec3;
@@ -140,7 +140,7 @@ impl TriangleMesh {
     /// occluder a name, empty where no node is called so. A triangle below several of them belongs
     /// to the nearest.
     #[must_use]
-    pub fn hold_out(&self, names: &[&str]) -> (Self, Vec<Occluder>) {
+    pub fn split_occluders(&self, names: &[&str]) -> (Self, Vec<Occluder>) {
         let mut out: Vec<Occluder> = (names.iter())
             .map(|&name| Occluder {
                 name: name.into(),
@@ -245,7 +245,7 @@ impl Shut<'_> {
                 }
             }
             None => {
-                let start = surface.position - surface.normal * self.lift(surface.position);
+                let start = surface.position - surface.normal * self.ray_offset(surface.position);
                 let through = Ray::new(start, -surface.normal);
                 let out = self.doors.cast(&through).filter(|_| surface.front);
                 let out = out.filter(|out| !self.doors.surface(&through, out).front);
@@ -277,32 +277,32 @@ impl Geometry for OccluderGeometry<'_> {
         self.shut.open.surface(ray, hit)
     }
 
-    fn site(&self, ray: &Ray, hit: &Hit) -> Site {
-        self.shut.open.site(ray, hit)
+    fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
+        self.shut.open.hit_point(ray, hit)
     }
 
-    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
-        self.shut.open.coating(ray, hit)
+    fn material_terms(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
+        self.shut.open.material_terms(ray, hit)
     }
 
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         self.shut.open.materials()
     }
 
-    fn crossed(&self, ray: &Ray) -> u64 {
-        self.bvh.crossed(ray)
+    fn crossed_occluders(&self, ray: &Ray) -> u64 {
+        self.bvh.crossed_occluders(ray)
     }
 
-    fn shut(&self) -> Option<&dyn Geometry> {
+    fn with_occluders_closed(&self) -> Option<&dyn Geometry> {
         Some(&self.shut)
     }
 
-    fn lift(&self, p: Vec3) -> f32 {
-        self.shut.open.lift(p)
+    fn ray_offset(&self, p: Vec3) -> f32 {
+        self.shut.open.ray_offset(p)
     }
 
-    fn roughness(&self, p: Vec3) -> f32 {
-        self.shut.open.roughness(p)
+    fn surface_relief(&self, p: Vec3) -> f32 {
+        self.shut.open.surface_relief(p)
     }
 }
 
@@ -346,12 +346,12 @@ impl Geometry for Shut<'_> {
         }
     }
 
-    fn lift(&self, p: Vec3) -> f32 {
-        self.open.lift(p)
+    fn ray_offset(&self, p: Vec3) -> f32 {
+        self.open.ray_offset(p)
     }
 
-    fn roughness(&self, p: Vec3) -> f32 {
-        self.open.roughness(p)
+    fn surface_relief(&self, p: Vec3) -> f32 {
+        self.open.surface_relief(p)
     }
 }
 
@@ -403,7 +403,7 @@ mod tests {
 
     #[test]
     fn split_occluders_takes_node_with_descendants() {
-        let (rest, held) = level().hold_out(&["lift", "door"]);
+        let (rest, held) = level().split_occluders(&["lift", "door"]);
         assert_eq!(rest.len(), 2);
         assert_eq!(
             [rest.triangle(0), rest.triangle(1)],
@@ -412,35 +412,36 @@ mod tests {
         assert!(held[0].triangles.is_empty());
         assert_eq!(held[1].triangles, [tile(1.0), tile(2.0)]);
         // What is left still knows its nodes; joined with another, too.
-        let (none, held) = rest.hold_out(&["back"]);
+        let (none, held) = rest.split_occluders(&["back"]);
         assert_eq!((none.len(), held[0].triangles.len()), (1, 1));
-        let (rest, held) = TriangleMesh::joined(vec![none, level()]).hold_out(&["room", "handle"]);
+        let (rest, held) =
+            TriangleMesh::joined(vec![none, level()]).split_occluders(&["room", "handle"]);
         assert_eq!(rest.len(), 2);
         assert_eq!([held[0].triangles.len(), held[1].triangles.len()], [2, 1]);
     }
 
     #[test]
     fn occluder_geometry_is_open_to_rays_and_closed_on_request() {
-        let (rest, held) = level().hold_out(&["door"]);
+        let (rest, held) = level().split_occluders(&["door"]);
         let doorways = OccluderGeometry::new(&rest, &held);
         let ray = Ray::new(Vec3::new(0.0, 0.0, 2.5), Vec3::NEG_Z);
         let hit = doorways.cast(&ray).unwrap();
         assert_eq!(hit.t, 2.5);
         assert_eq!(
-            doorways.crossed(&Ray::segment(ray.origin, ray.direction, hit.t)),
+            doorways.crossed_occluders(&Ray::segment(ray.origin, ray.direction, hit.t)),
             1
         );
         assert_eq!(
-            doorways.crossed(&Ray::segment(ray.origin, ray.direction, 0.4)),
+            doorways.crossed_occluders(&Ray::segment(ray.origin, ray.direction, 0.4)),
             0
         );
-        let shut = doorways.shut().unwrap();
+        let shut = doorways.with_occluders_closed().unwrap();
         let hit = shut.cast(&ray).unwrap();
         assert_eq!(hit.t, 0.5);
         assert_eq!(shut.surface(&ray, &hit).normal, Vec3::Z);
         assert!(shut.occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
         assert!(!doorways.occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
-        assert!(rest.shut().is_none());
+        assert!(rest.with_occluders_closed().is_none());
     }
 
     /// A box in a frame is its middle; with nothing around it, its sides too, and both hold back
@@ -469,7 +470,7 @@ mod tests {
             let doorways = OccluderGeometry::new(&none, &[occluder]);
             let through = |x: f32, from: f32, to: f32| {
                 let start = Vec3::new(x, 1.0, from);
-                doorways.crossed(&Ray::segment(start, Vec3::Z, to - from))
+                doorways.crossed_occluders(&Ray::segment(start, Vec3::Z, to - from))
             };
             assert_eq!(through(0.3, -1.0, 1.0), 1);
             assert_eq!(through(0.6, -1.0, 1.0), 0);
@@ -479,7 +480,7 @@ mod tests {
                 (0, 1)
             );
             let ray = Ray::new(Vec3::new(0.3, 1.0, -1.0), Vec3::Z);
-            let shut = doorways.shut().unwrap();
+            let shut = doorways.with_occluders_closed().unwrap();
             let barrier = shut.barrier(&ray, &shut.cast(&ray).unwrap());
             assert_eq!((barrier.normal, barrier.position.z), (Vec3::NEG_Z, 0.0));
             assert!((barrier.half_thickness.unwrap() - 0.1).abs() < 1e-6);
@@ -501,7 +502,7 @@ mod tests {
         let ray = Ray::new(Vec3::new(0.0, 0.0, 2.0), Vec3::NEG_Z);
         for (triangles, half) in [(thick, 0.1), (vec![tile(1.0)], 0.0)] {
             let doorways = OccluderGeometry::new(&none, &[occluder(triangles)]);
-            let shut = doorways.shut().unwrap();
+            let shut = doorways.with_occluders_closed().unwrap();
             let barrier = shut.barrier(&ray, &shut.cast(&ray).unwrap());
             let found = barrier.half_thickness.unwrap();
             assert!((found - half).abs() < 1e-3, "{found}");

@@ -10,7 +10,7 @@
 use super::occluded_links::Part;
 use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
-use crate::scene::{Geometry, Ray, Site, SkyRadiance};
+use crate::scene::{Geometry, HitPoint, Ray, SkyRadiance};
 use glam::{Vec2, Vec3, Vec3A};
 
 /// Which sender levels a hit is written to.
@@ -92,7 +92,7 @@ pub struct Gathered {
 
 /// What a ray met.
 struct Hit {
-    site: Site,
+    site: HitPoint,
     /// Direction × weight.
     value: Vec3A,
     /// 0 for an even ray, 1 for an odd one.
@@ -166,7 +166,7 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     let surface = &scene.hierarchy.surfaces[i];
     let (x, n) = (surface.position, surface.normal);
     let (t, b) = tangents(n);
-    let start = x + n * scene.geometry.lift(x);
+    let start = x + n * scene.geometry.ray_offset(x);
     let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
     // The lattice misses the hemisphere's closed form Σ w cos θ = 1 by rounding and discrepancy;
@@ -184,19 +184,19 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         let value = Vec3A::from(direction) * (w * norm);
         let Some(hit) = scene.geometry.cast(&ray) else {
             out.sky += value;
-            let crossed = scene.geometry.crossed(&ray);
+            let crossed = scene.geometry.crossed_occluders(&ray);
             if crossed != 0 {
                 out.part(out.sums.len() as u32, crossed, value);
             }
             continue;
         };
         hits.push(Hit {
-            site: scene.geometry.site(&ray, &hit),
+            site: scene.geometry.hit_point(&ray, &hit),
             value,
             half: k & 1,
             crossed: scene
                 .geometry
-                .crossed(&Ray::segment(start, direction, hit.t)),
+                .crossed_occluders(&Ray::segment(start, direction, hit.t)),
         });
     }
     let mut found = std::mem::take(&mut out.found);
@@ -245,7 +245,7 @@ pub fn look_out(
     seed: u64,
 ) -> (Vec3, f32) {
     let (t, b) = tangents(n);
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
     let (mut sky, mut unlit, mut whole) = (Vec3::ZERO, 0.0, 0.0);
@@ -256,7 +256,7 @@ pub fn look_out(
         let ray = Ray::new(start, direction);
         match geometry.cast(&ray) {
             None => sky += direction * weight,
-            Some(hit) if !geometry.site(&ray, &hit).lit => unlit += weight * d.z,
+            Some(hit) if !geometry.hit_point(&ray, &hit).lit => unlit += weight * d.z,
             Some(_) => {}
         }
     }
@@ -277,7 +277,7 @@ pub fn look_up(
     mut part: impl FnMut(u64, &[Vec3; SkyRadiance::TERMS]),
 ) -> [Vec3; SkyRadiance::TERMS] {
     let (t, b) = tangents(n);
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
     let directions: Vec<(Vec3, f32)> = (0..rays)
@@ -293,7 +293,7 @@ pub fn look_up(
             for (term, p) in terms.iter_mut().zip(&parts) {
                 *term += *p;
             }
-            let crossed = geometry.crossed(&ray);
+            let crossed = geometry.crossed_occluders(&ray);
             if crossed != 0 {
                 part(crossed, &parts.map(|p| p / whole));
             }
@@ -307,7 +307,7 @@ pub fn look_up(
 #[must_use]
 pub fn cast_only(geometry: &dyn Geometry, x: Vec3, n: Vec3, i: usize, rays: u32, seed: u64) -> u64 {
     let (t, b) = tangents(n);
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
     (0..rays)

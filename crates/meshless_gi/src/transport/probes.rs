@@ -167,7 +167,7 @@ fn one(
                 let terms = row.iter_mut().zip(SkyRadiance::polynomials(way));
                 terms.for_each(|(t, p)| *t += part * p);
             }
-            let crossed = scene.geometry.crossed(&ray);
+            let crossed = scene.geometry.crossed_occluders(&ray);
             if crossed != 0 {
                 // The sky, and its terms behind it.
                 let factors = [1.0].into_iter().chain(SkyRadiance::polynomials(way));
@@ -177,7 +177,7 @@ fn one(
             }
             continue;
         };
-        let site = scene.geometry.site(&ray, &hit);
+        let site = scene.geometry.hit_point(&ray, &hit);
         let covering = (0..scene.sender_levels).rev().find(|&l| {
             scene.hierarchy.senders[l].weights(site.position, site.normal, &mut room.found)
         });
@@ -185,7 +185,9 @@ fn one(
             out.lost += weight;
             continue;
         };
-        let crossed = scene.geometry.crossed(&Ray::segment(x, way, hit.t));
+        let crossed = scene
+            .geometry
+            .crossed_occluders(&Ray::segment(x, way, hit.t));
         let first = scene.hierarchy.level_starts[l];
         for entry in &room.found {
             let (j, w) = (first + entry.index, entry.weight * weight);

@@ -276,7 +276,7 @@ pub fn race(
         let (rays, truth) = time(&|&(_, x, n)| {
             let sight = RayVisibility {
                 geometry: mesh,
-                start: x + n * mesh.lift(x),
+                start: x + n * mesh.ray_offset(x),
             };
             soft_shadow::visible_fraction(&lamp, x, n, &sight).0
         });

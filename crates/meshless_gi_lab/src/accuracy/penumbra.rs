@@ -63,7 +63,7 @@ pub fn shadowed_irradiance(
     else {
         return 0.0;
     };
-    let start = x + n * mesh.lift(x);
+    let start = x + n * mesh.ray_offset(x);
     let mut random = Random::new(9, stream, 0);
     let at = |i: i32| (2 * i + 1) as f32 / STRATA as f32 - 1.0;
     let mut sum = 0.0;
@@ -130,7 +130,7 @@ pub fn deficits_by_rays(
             let (x, n) = (point.x(), point.n());
             let rays = RayVisibility {
                 geometry: mesh,
-                start: x + n * mesh.lift(x),
+                start: x + n * mesh.ray_offset(x),
             };
             let d = soft_shadow::occluded_irradiance(&params, light, x, n, &rays);
             let e = unshadowed(light, x, n, params.extent);

@@ -7,7 +7,7 @@ use super::{
     SurfaceField, check_samples,
 };
 use glam::Vec3;
-use meshless_gi::internals::asset::Display;
+use meshless_gi::internals::asset::FlatBasis;
 use meshless_gi::internals::basis::{Hierarchy, HierarchySettings, LevelBasis};
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::frame::splat::{splat, splat_vector};
@@ -82,7 +82,7 @@ pub struct PointSet {
     /// Levels of which the finest has the same points.
     levels: Hierarchy,
     flat: Vec<Point>,
-    display: Display,
+    display: FlatBasis,
 }
 
 impl PointSet {
@@ -122,7 +122,7 @@ impl PointSet {
             spacing,
             single,
             levels,
-            display: Display {
+            display: FlatBasis {
                 radius: points.first().map_or(0.0, |p| p.radius),
                 planes,
                 grid,

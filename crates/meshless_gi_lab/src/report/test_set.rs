@@ -4,7 +4,7 @@
 
 use crate::accuracy::{Errors, errors};
 use glam::Vec3;
-use meshless_gi::internals::eval::{Lit, irradiance_at_all, roomy_places};
+use meshless_gi::internals::eval::{NonEmissive, irradiance_at_all, sample_open_positions};
 use meshless_gi::internals::samples::{Random, find_viewpoints, trace_particles};
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Irradiance, Light,
@@ -110,8 +110,8 @@ impl TestSet {
             return None;
         }
         let mut random = Random::new(SEED, 0, 0);
-        let lamps = roomy_places(geometry, &candidates, size.lamps, TRIED, &mut random);
-        let lit = Lit { geometry };
+        let lamps = sample_open_positions(geometry, &candidates, size.lamps, TRIED, &mut random);
+        let lit = NonEmissive { geometry };
         let questions: Vec<Question> = (0..)
             .zip(lamps)
             .filter_map(|(k, position)| {

@@ -9,7 +9,8 @@ use meshless_gi_lab::fixtures::by_hand;
 use by_hand::operator;
 use glam::Vec3;
 use meshless_gi::internals::asset::{
-    Display, DynamicMaterials, MaterialCoverage, Occluders, Places, PointSurface, SkyVisibility,
+    DynamicMaterials, FlatBasis, LightSamples, MaterialCoverage, Occluders, PointSurface,
+    SkyVisibility,
 };
 use meshless_gi::internals::basis::{WeightEntry, Weights, support_bounds};
 use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
@@ -265,7 +266,7 @@ pub fn build(make: &Make) -> BakedScene {
         }
     }
     let finest = senders - starts[make.sender_levels as usize - 1];
-    let places = Places {
+    let places = LightSamples {
         per_sender: 2,
         list: (0..2 * finest)
             .map(|_| LightSample::new(r.signed(), r.signed().normalize()))
@@ -372,7 +373,7 @@ pub fn build(make: &Make) -> BakedScene {
             ..BakeInfo::default()
         },
         operator,
-        display: Display {
+        display: FlatBasis {
             radius,
             planes,
             grid,

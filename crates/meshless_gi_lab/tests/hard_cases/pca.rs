@@ -158,8 +158,8 @@ fn pca_white_room_is_bounded_and_barely_darkened() {
     );
     let energy = bake.stats.energy;
     eprintln!("{energy:?}");
-    assert!(energy.guarded > 0 && energy.guard_factor > 0.97);
-    assert!((energy.gain_found - 0.999).abs() < 1e-3);
+    assert!(energy.clamped_senders > 0 && energy.albedo_scale > 0.97);
+    assert!((energy.spectral_radius_estimate - 0.999).abs() < 1e-3);
     assert_eq!(bake.stats.warnings.len(), 1);
     let lamp = FrameLight::point(Vec3::ONE, Vec3::ONE, f32::INFINITY);
     let mut frame = CpuFrame::new(&bake.scene);

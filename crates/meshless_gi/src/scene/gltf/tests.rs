@@ -140,7 +140,7 @@ fn gltf_nodes_keep_names_and_descendants() {
     ));
     let mesh = load(&bytes).unwrap().mesh;
     assert_eq!(mesh.len(), 8);
-    let (rest, held) = mesh.hold_out(&["door", "handle", "gate"]);
+    let (rest, held) = mesh.split_occluders(&["door", "handle", "gate"]);
     assert_eq!(rest.len(), 2);
     let counts: Vec<usize> = held.iter().map(|o| o.triangles.len()).collect();
     assert_eq!(counts, [4, 2, 0]);

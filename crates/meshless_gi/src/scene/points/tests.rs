@@ -203,7 +203,7 @@ fn point_cloud_ray_origins_clear_neighbor_cells() {
             mesh.cast(&Ray::new(seen.position + seen.normal * lift, up))
                 .is_none()
         };
-        blocked += u32::from(!leaves(mesh.lift(seen.position)));
+        blocked += u32::from(!leaves(mesh.ray_offset(seen.position)));
         unlifted += u32::from(!leaves(1e-7));
     }
     println!("{blocked} of {met} blocked, {unlifted} without the lift");
@@ -242,7 +242,7 @@ fn point_cloud_degenerate_input_builds() {
         let (mesh, _) = cloud.mesh();
         let ray = Ray::new(Vec3::splat(5.0), Vec3::splat(-0.577_350_26));
         assert!(mesh.cast(&ray).is_none_or(|hit| hit.t.is_finite()));
-        assert!(mesh.lift(cloud.positions[0]).is_finite());
+        assert!(mesh.ray_offset(cloud.positions[0]).is_finite());
     };
     let random = |i: u64| unit_square(i).extend(unit_square(i + 77).x);
     assert!(matches!(

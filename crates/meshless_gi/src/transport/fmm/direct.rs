@@ -103,7 +103,7 @@ fn irradiance(x: &FmmPoint, sources: &[Source<'_>], rules: &Rules<'_>) -> DVec3 
 
 fn hidden(geometry: &dyn Geometry, x: &FmmPoint, y: &FmmPoint) -> bool {
     let lifted = |p: &FmmPoint| {
-        let lift = geometry.lift(p.position);
+        let lift = geometry.ray_offset(p.position);
         (p.position + p.normal.normalize() * lift, lift)
     };
     let ((from, la), (to, lb)) = (lifted(x), lifted(y));

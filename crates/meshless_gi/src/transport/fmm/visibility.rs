@@ -28,7 +28,7 @@ impl Visibility<'_> {
         let lifted = |i: usize| {
             let p = &self.points[tree.order[i] as usize];
             let n = tree.points[i].normal.as_vec3();
-            let lift = self.geometry.lift(p.position);
+            let lift = self.geometry.ray_offset(p.position);
             (p.position + n * lift, lift)
         };
         let ((from, la), (to, lb)): ((Vec3, f32), (Vec3, f32)) = (lifted(a), lifted(b));

@@ -118,7 +118,7 @@ pub fn depths(
     grid: HemisphereGrid,
     out: &mut [f32],
 ) {
-    let start = x + n * geometry.lift(x);
+    let start = x + n * geometry.ray_offset(x);
     let (t, b) = frame(tangent, n);
     for (i, depth) in out.iter_mut().enumerate() {
         let d = grid.direction(i);
