@@ -30,7 +30,6 @@ mod common;
 use bevy::prelude::*;
 use bevy_meshless_gi::GiBakeTask;
 use bevy_meshless_gi::point_cloud::{GiPointCloud, GiPointCloudAsset};
-use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};

@@ -6,60 +6,62 @@ use super::camera::GiCamera;
 use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
 use super::settings::GiSettings;
-use super::validation::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, add_warnings};
 use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Camera, Camera3d};
 use bevy::core_pipeline::prepass::DeferredPrepass;
 use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
 
-/// Frames without a display that are waited for: cameras, volumes and bakes of a level that is
-/// loading come in any order.
-const PATIENCE: u32 = 16;
+/// Number of frames without a display before the warning. Cameras, volumes and bakes of a scene that
+/// is loading appear in any order.
+const GRACE_FRAMES: u32 = 16;
 
-/// The game's cameras.
-type Cameras<'w, 's> = Query<
-    'w,
-    's,
-    (
-        &'static Camera,
-        Has<DeferredPrepass>,
-        Option<&'static RenderLayers>,
-    ),
-    (With<Camera3d>, Without<GiRsmCamera>),
->;
+/// Baked scenes, and cameras and volumes that may display them.
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct Displays<'w, 's> {
+    roots: Query<'w, 's, (&'static GiScene, Option<&'static RenderLayers>)>,
+    bakes: Res<'w, Assets<GiBakedScene>>,
+    displays: Query<'w, 's, (), With<GiCamera>>,
+    volumes: Query<'w, 's, (), With<GiIrradianceVolume>>,
+    cameras: Query<
+        'w,
+        's,
+        (
+            &'static Camera,
+            Has<DeferredPrepass>,
+            Option<&'static RenderLayers>,
+        ),
+        (With<Camera3d>, Without<GiRsmCamera>),
+    >,
+}
 
-/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
+/// Warns once if no camera displays a bake. Runs in
+/// [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_display(
     settings: Res<GiSettings>,
-    roots: Query<(&GiScene, Option<&RenderLayers>)>,
-    assets: Res<Assets<GiBakedScene>>,
-    displays: Query<(), With<GiCamera>>,
-    volumes: Query<(), With<GiIrradianceVolume>>,
-    cameras: Cameras,
+    scene: Displays,
     mut frames: Local<u32>,
-    mut findings: ResMut<GiWarnings>,
+    mut warnings: ResMut<GiWarnings>,
 ) {
-    let shown = !displays.is_empty() || !volumes.is_empty();
+    let shown = !scene.displays.is_empty() || !scene.volumes.is_empty();
     if !settings.warn_double_counting || shown {
         *frames = 0;
         return;
     }
     let layers = |own: Option<&RenderLayers>| own.cloned().unwrap_or_default();
-    let baked: Vec<RenderLayers> = (roots.iter())
-        .filter(|(gi, _)| assets.contains(&gi.0))
+    let baked: Vec<RenderLayers> = (scene.roots.iter())
+        .filter(|(gi, _)| scene.bakes.contains(&gi.0))
         .map(|(_, own)| layers(own))
         .collect();
     let sees = |own| {
         let own = layers(own);
         baked.iter().any(|root| root.intersects(&own))
     };
-    let mut looking = (cameras.iter())
+    let mut looking = (scene.cameras.iter())
         .filter(|(camera, _, own)| camera.is_active && sees(*own))
         .map(|(_, deferred, _)| deferred)
         .peekable();
@@ -68,10 +70,10 @@ pub(crate) fn check_display(
         return;
     }
     *frames = frames.saturating_add(1);
-    let told = [GiWarning::NoDisplay, GiWarning::NoDeferredDisplay];
-    if *frames <= PATIENCE || findings.0.iter().any(|found| told.contains(found)) {
+    let kinds = [GiWarning::NoDisplay, GiWarning::NoDeferredDisplay];
+    if *frames <= GRACE_FRAMES || warnings.0.iter().any(|w| kinds.contains(w)) {
         return;
     }
     let all_deferred = looking.all(|deferred| deferred);
-    tell(vec![told[usize::from(all_deferred)]], &mut findings);
+    add_warnings(vec![kinds[usize::from(all_deferred)]], &mut warnings);
 }

@@ -573,7 +573,7 @@ impl SceneRuntime {
     /// How many occluders do not stand as the device has them.
     fn moved(&self, scene: &ExtractedScene) -> usize {
         let has = |k: usize| self.gains.get(k).copied().unwrap_or(1.0);
-        let now = scene.gains.iter().enumerate();
+        let now = scene.transmittances.iter().enumerate();
         now.filter(|&(k, &gain)| gain != has(k)).count()
     }
 
@@ -610,9 +610,9 @@ impl SceneRuntime {
         }
         if plan.find(FrameStage::OCCLUDE, id).is_some() {
             let timed = recorder.time_span(encoder, span(FrameStage::OCCLUDE, id));
-            frame.set_occluders(kernels, queue, encoder, &self.bake, &scene.gains);
+            frame.set_occluders(kernels, queue, encoder, &self.bake, &scene.transmittances);
             timed.end(encoder);
-            self.gains.clone_from(&scene.gains);
+            self.gains.clone_from(&scene.transmittances);
         }
         if plan.find(FrameStage::APPLY, id).is_some() {
             frame.set_lights(kernels, queue, &self.slots.lights())?;

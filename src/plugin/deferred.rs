@@ -44,23 +44,21 @@ type Lit = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
 
 /// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one
 /// of ours, and has what that takes compiled before. Runs behind Bevy's choice of that pipeline.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
 pub(crate) fn leave_volumes_out(
     mut commands: Commands,
     mut made: ResMut<WithoutVolumes>,
     ready: Res<ReadyDisplays>,
     world: Res<ExtractedVolumes>,
     pipelines: Res<PipelineCache>,
-    layout: Option<Res<DeferredLightingLayout>>,
-    keys: Option<Res<ViewKeyCache>>,
+    bevy: (
+        Option<Res<DeferredLightingLayout>>,
+        Option<Res<ViewKeyCache>>,
+    ),
     views: Query<(Entity, &ExtractedView), Lit>,
 ) {
     let mut ready = ready.0.lock().unwrap_or_else(PoisonError::into_inner);
     ready.clear();
-    let (Some(layout), Some(keys)) = (layout, keys) else {
+    let (Some(layout), Some(keys)) = bevy else {
         return;
     };
     for (entity, view) in &views {

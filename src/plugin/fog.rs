@@ -11,7 +11,7 @@ use super::extract::{ExtractedGi, in_view};
 use super::gpu_timings::view_span;
 use super::rsm::GiRsmCamera;
 use super::settings::GiSettings;
-use super::validation::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, add_warnings};
 use super::volume::{DisplayParts, ExtractedVolumes, FoundParts, Voxels, displays};
 use super::volumetric_fog::GiVolumetricFog;
 use crate::gpu::{FogTextures, draw_fog};
@@ -426,7 +426,7 @@ pub(crate) fn check_fog(
         && lit.iter().any(|fog| fog.intensity > 0.0)
         && cameras.iter().any(shines)
     {
-        tell(vec![GiWarning::FogAmbient], &mut findings);
+        add_warnings(vec![GiWarning::FogAmbient], &mut findings);
     }
 }
 

@@ -178,17 +178,17 @@ pub(crate) fn open_phases(
     }
 }
 
-/// Takes those phases away again, and adds the meshes to the prepasses that the views have.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
+/// Phases of opaque meshes and of meshes with an alpha mask.
+type Phases<'w, O, M> = (
+    ResMut<'w, ViewBinnedRenderPhases<O>>,
+    ResMut<'w, ViewBinnedRenderPhases<M>>,
+);
+
+/// Removes those phases again, and adds the meshes to the prepasses that the views have.
 pub(crate) fn queue_prepasses(
     borrowed: Res<BorrowedPhases>,
-    mut opaque_deferred: ResMut<ViewBinnedRenderPhases<Opaque3dDeferred>>,
-    mut masked_deferred: ResMut<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
-    mut opaque: ResMut<ViewBinnedRenderPhases<Opaque3dPrepass>>,
-    mut masked: ResMut<ViewBinnedRenderPhases<AlphaMask3dPrepass>>,
+    (mut opaque_deferred, mut masked_deferred): Phases<Opaque3dDeferred, AlphaMask3dDeferred>,
+    (mut opaque, mut masked): Phases<Opaque3dPrepass, AlphaMask3dPrepass>,
     pipelines: Res<SpecializedPrepassMaterialPipelineCache>,
     pending: Res<PendingPrepassMeshMaterialQueues>,
     views: Query<(&ExtractedView, &RenderVisibleEntities)>,

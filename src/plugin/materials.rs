@@ -1,7 +1,7 @@
 //! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in
 //! the frame in which they change.
 
-use super::validation::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
@@ -119,7 +119,7 @@ pub(crate) fn check_textures(
         let was = before.insert(id, now);
         let live = || named.iter().any(|n| n.0.iter().any(|(_, h)| h.id() == id));
         if !new && was.is_some_and(|was| was != now) && live() {
-            tell(vec![GiWarning::LiveTexture], &mut findings);
+            add_warnings(vec![GiWarning::LiveTexture], &mut findings);
         }
     }
 }

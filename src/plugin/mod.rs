@@ -53,6 +53,7 @@ mod entity_bake;
 mod environment;
 mod evaluate;
 mod extract;
+mod extract_lights;
 mod fog;
 mod fog_order;
 mod forward_camera;
@@ -241,17 +242,23 @@ impl Plugin for MeshlessGiPlugin {
                 )
                     .in_set(GiSystems::CollectBakes),
             )
-            .add_systems(PostUpdate, quality::pick.in_set(GiSystems::SelectTiers))
+            .add_systems(
+                PostUpdate,
+                quality::select_tiers.in_set(GiSystems::SelectTiers),
+            )
             // After assets have come, and before transforms and bounds of new meshes are made.
             .add_systems(
                 Update,
-                (point_cloud::draw, point_cloud::follow)
+                (
+                    point_cloud::spawn_point_cloud_meshes,
+                    point_cloud::sync_point_cloud_parts,
+                )
                     .chain()
                     .in_set(GiSystems::UpdatePointClouds),
             )
             .add_systems(
                 PostUpdate,
-                (rsm::mark, rsm::aim)
+                (rsm::update_rsm_layers, rsm::update_rsm_cameras)
                     .chain()
                     .in_set(GiSystems::UpdateRsmCameras)
                     .after(TransformSystems::Propagate)
@@ -262,8 +269,8 @@ impl Plugin for MeshlessGiPlugin {
             )
             .add_systems(
                 PostUpdate,
-                rsm::settle
-                    .after(rsm::aim)
+                rsm::detect_dynamic_changes
+                    .after(rsm::update_rsm_cameras)
                     .after(AssetEventSystems)
                     // An app that draws nothing has none of these.
                     .run_if(resource_exists::<Assets<Mesh>>)
@@ -273,7 +280,7 @@ impl Plugin for MeshlessGiPlugin {
             .add_systems(
                 PostUpdate,
                 (
-                    volume::shape
+                    volume::update_irradiance_volumes
                         .in_set(GiSystems::UpdateVolumes)
                         .before(TransformSystems::Propagate)
                         .before(AssetEventSystems)
@@ -281,7 +288,7 @@ impl Plugin for MeshlessGiPlugin {
                     volume_shader::replace
                         .in_set(GiSystems::UpdateVolumes)
                         .before(AssetEventSystems),
-                    volume::hide
+                    volume::hide_irradiance_volumes
                         .in_set(GiSystems::FilterVolumes)
                         .after(VisibilitySystems::CheckVisibility),
                 ),

@@ -1,24 +1,25 @@
-//! Occluders: doors and lifts of a bake that a game opens and shuts, in the frame in which they
-//! move.
+//! [`GiOccluder`]: doors and other occluders of a bake that a game opens and closes.
 
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::internals::asset::Occluders;
 
-/// How far an occluder of a bake stands open. Goes on any entity, the door's own as a rule; it
-/// lights nothing and is found by its name in every bake that knows it. Needs a bake whose recipe
-/// names it (`occluders: [(name: "door")]`, or `--occluder door`).
+/// Transmittance of an occluder of a bake. Goes on any entity, usually the door itself. The occluder
+/// is identified by its name, in every bake that has it.
 ///
-/// What passes it is a share, the same all over it: a door half open lets half of the light
-/// through. Where several entities have the same name, the least open of them counts; an occluder
-/// that no entity names stands open. The indirect light follows; direct light and its shadows are
-/// Bevy's own, of the mesh that is drawn.
+/// The recipe of the bake must list the occluder (`occluders: [(name: "door")]`, or
+/// `--occluder door`). Indirect light follows in the frame of the change. Direct light and its
+/// shadows come from the mesh that Bevy draws.
+///
+/// If several entities have the same name, the smallest transmittance applies. An occluder without
+/// an entity is open.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiOccluder {
-    /// Its name in the recipe.
+    /// Name of the occluder in the recipe.
     pub name: String,
-    /// From 0, shut, to 1, open. What is no number is shut.
+    /// Fraction of the light that passes, the same everywhere on the occluder: 0 (closed) to 1
+    /// (open). Values outside are clamped, NaN counts as 0. Default: 1.
     pub transmittance: f32,
 }
 
@@ -31,20 +32,23 @@ impl Default for GiOccluder {
     }
 }
 
-/// What passes the occluders of a bake now: the least of all that is said of each.
-pub(crate) fn gains<'a>(known: &Occluders, said: impl Iterator<Item = &'a GiOccluder>) -> Vec<f32> {
-    let mut gains = vec![1.0f32; known.names.len()];
-    for occluder in said {
-        let called = known.names.iter().position(|name| *name == occluder.name);
-        if let Some(gain) = called.and_then(|k| gains.get_mut(k)) {
-            let open = match occluder.transmittance.is_nan() {
+/// Transmittances of a bake's occluders: the smallest value of all components with the name.
+pub(crate) fn transmittances<'a>(
+    occluders: &Occluders,
+    components: impl Iterator<Item = &'a GiOccluder>,
+) -> Vec<f32> {
+    let mut transmittances = vec![1.0f32; occluders.names.len()];
+    for occluder in components {
+        let index = occluders.names.iter().position(|n| *n == occluder.name);
+        if let Some(smallest) = index.and_then(|k| transmittances.get_mut(k)) {
+            let transmittance = match occluder.transmittance.is_nan() {
                 true => 0.0,
                 false => occluder.transmittance.clamp(0.0, 1.0),
             };
-            *gain = gain.min(open);
+            *smallest = smallest.min(transmittance);
         }
     }
-    gains
+    transmittances
 }
 
 #[cfg(test)]
@@ -68,7 +72,7 @@ mod tests {
             name: name.into(),
             transmittance,
         });
-        assert_eq!(gains(&known, said.iter()), [0.25, 1.0, 0.0]);
-        assert_eq!(gains(&known, [].iter()), [1.0; 3]);
+        assert_eq!(transmittances(&known, said.iter()), [0.25, 1.0, 0.0]);
+        assert_eq!(transmittances(&known, [].iter()), [1.0; 3]);
     }
 }

@@ -201,7 +201,7 @@ pub struct GiPointCloudPart;
 
 /// Gives point clouds what they are drawn as, and takes it from those that are none any more.
 #[allow(clippy::type_complexity, reason = "what a query reads")]
-pub(crate) fn draw(
+pub(crate) fn spawn_point_cloud_meshes(
     mut commands: Commands,
     assets: Res<Assets<GiPointCloudAsset>>,
     mut events: MessageReader<AssetEvent<GiPointCloudAsset>>,
@@ -263,8 +263,8 @@ type Drawn = (
 );
 
 /// Parts of clouds are drawn as their clouds are, whatever a game makes of these. Runs behind
-/// [`draw`].
-pub(crate) fn follow(
+/// [`spawn_point_cloud_meshes`].
+pub(crate) fn sync_point_cloud_parts(
     mut commands: Commands,
     parts: Query<(Entity, &ChildOf, Drawn), With<GiPointCloudPart>>,
     clouds: Query<Drawn, Without<GiPointCloudPart>>,

@@ -1,17 +1,17 @@
-//! Which tier of its bake's operator a scene is lit with (design D11): asks the
-//! [picker](crate::plan::TierController) of each root, and tells it what solves cost.
+//! Selection of the operator's tier for each scene (design D11): runs the
+//! [`TierController`] of each root and passes it the measured costs of solves.
 //!
-//! The request stands on the level's root and not on a camera: a scene is solved once for all
-//! cameras that show it.
+//! The quality is set on the root and not on a camera, because a scene is solved once for all
+//! cameras.
 //!
-//! The cost of a solve is what the device's clock says, by way of Bevy's `RenderDiagnosticsPlugin`,
-//! which the app has to add: the span `render/meshless_gi_compute/solve_<root>/elapsed_gpu` holds
-//! projection and solve of one root. Where there are no such timestamps (Metal and WebGPU have none
-//! in Bevy) nothing is known of the cost, and the picker stays with all links and says so.
+//! The cost of a solve is measured by GPU timestamps. The app must add Bevy's
+//! `RenderDiagnosticsPlugin`. Its span `render/meshless_gi_compute/solve_<root>/elapsed_gpu` contains
+//! projection and solve of one root. Without timestamps (Bevy has none on Metal and WebGPU) the
+//! controller keeps all links.
 
 use super::asset::GiBakedScene;
 use super::compute::largest_binding;
-use super::diagnostics::GiFrameStats;
+use super::diagnostics::{FrameStats, GiFrameStats};
 use super::scene::GiScene;
 use super::solver::GiSolver;
 use crate::plan::{
@@ -21,8 +21,10 @@ use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::entity::EntityHashMap;
 use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
 use bevy::reflect::prelude::*;
 use bevy::render::renderer::RenderDevice;
+use meshless_gi::BakedScene;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
@@ -70,8 +72,8 @@ impl GiActiveTier {
 }
 
 impl From<&TierController> for GiActiveTier {
-    fn from(picker: &TierController) -> Self {
-        let picked = picker.picked();
+    fn from(controller: &TierController) -> Self {
+        let picked = controller.picked();
         Self {
             tier: picked.tier,
             tiers: picked.tiers,
@@ -79,33 +81,79 @@ impl From<&TierController> for GiActiveTier {
             work: picked.work,
             forced: picked.forced,
             why: picked.why,
-            changes: picker.changes(),
+            changes: controller.changes(),
         }
     }
 }
 
-/// The picker of one scene.
-pub(crate) struct Picking {
-    picker: TierController,
-    /// Bake, quality, sweeps and transport that the picker was made for.
-    made_for: (usize, [u64; 2], u32, bool),
-    /// Time of the last cost that was measured.
-    seen: Option<Instant>,
+/// Inputs of a tier selection. A change of one of them starts a new selection.
+#[derive(Clone, Copy, PartialEq)]
+struct SelectionInputs {
+    /// Address of the bake.
+    bake: usize,
+    quality: [u64; 2],
+    sweeps: u32,
+    /// The octree of method `Fmm` exceeds a limit of the device, so links are used.
+    links_only: bool,
 }
 
-/// What a solve costs, milliseconds, by the links that it reads.
+impl SelectionInputs {
+    fn new(
+        bake: &Arc<BakedScene>,
+        quality: GiQuality,
+        solver: &GiSolver,
+        max_binding: u64,
+    ) -> Self {
+        let sweeps = match bake.bounces {
+            Some(_) => 0,
+            // Dynamic materials may need more. The measured cost of solves includes them.
+            None => {
+                let selected = BounceSelector::new().pick(solver.bounces, bake, &[]);
+                selected.map_or(0, |selected| selected.bounces - 1)
+            }
+        };
+        Self {
+            bake: Arc::as_ptr(bake) as usize,
+            quality: bits(quality),
+            sweeps,
+            links_only: falls_back(bake, max_binding).is_some(),
+        }
+    }
+}
+
+/// Tier selection of one scene.
+struct Selection {
+    controller: TierController,
+    inputs: SelectionInputs,
+    /// Time of the last measured cost.
+    last_sample: Option<Instant>,
+}
+
+impl Selection {
+    fn new(inputs: SelectionInputs, quality: GiQuality, bake: &BakedScene) -> Self {
+        let mut candidates = TierCandidate::of(bake, inputs.sweeps);
+        candidates.retain(|candidate| !(inputs.links_only && candidate.octree));
+        Self {
+            controller: TierController::new(quality, candidates),
+            inputs,
+            last_sample: None,
+        }
+    }
+}
+
+/// Cost of a solve in milliseconds as a function of the links that it reads.
 pub type SolveCostFn = dyn Fn(u64) -> f32 + Send + Sync;
 
-/// Where the cost of solves is known from.
+/// Source of the cost of solves.
 #[derive(Resource, Reflect, Clone, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Clone, Debug)]
 pub enum SolveCostSource {
-    /// The device's timestamps.
+    /// GPU timestamps.
     #[default]
     Timestamps,
-    /// A function of the links that a solve reads, those of the sweeps as often as they run; asked
-    /// after each frame that solved the scene. For a game that measures by itself, and for tests.
+    /// Function of the number of links that a solve reads. Links of a sweep count once per sweep. It
+    /// is called after each frame that solved the scene. For tests.
     Given(Arc<SolveCostFn>),
 }
 
@@ -123,73 +171,29 @@ pub(crate) fn span_name(root: u64) -> String {
     format!("solve_{root:x}")
 }
 
-/// Runs in [`GiSystems::SelectTiers`](super::GiSystems::SelectTiers).
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
-pub(crate) fn pick(
-    mut roots: Query<(Entity, &GiScene, &GiQuality, &GiSolver, &mut GiActiveTier)>,
-    assets: Res<Assets<GiBakedScene>>,
-    status: Res<GiFrameStats>,
-    store: Option<Res<DiagnosticsStore>>,
-    cost: Res<SolveCostSource>,
-    device: Option<Res<RenderDevice>>,
-    mut pickings: Local<EntityHashMap<Picking>>,
-    mut last_frame: Local<u64>,
-) {
-    pickings.retain(|root, _| roots.contains(*root));
-    // Only a budget asks what was solved.
-    let asks = |q: &GiQuality| matches!(q, GiQuality::GpuBudget(_));
-    let counters = roots
-        .iter()
-        .any(|(_, _, quality, ..)| asks(quality))
-        .then(|| status.get())
-        .filter(|c| c.frame != *last_frame);
-    for (root, gi, quality, solver, mut tier) in &mut roots {
-        let Some(asset) = assets.get(&gi.0) else {
-            pickings.remove(&root);
-            tier.set_if_neq(GiActiveTier::default());
-            continue;
-        };
-        let bake = &asset.scene;
-        let sweeps = match bake.bounces {
-            Some(_) => 0,
-            // Live materials may ask for more: what a solve takes says so.
-            None => {
-                let picked = BounceSelector::new().pick(solver.bounces, bake, &[]);
-                picked.map_or(0, |picked| picked.bounces - 1)
-            }
-        };
-        let room = device.as_ref().map_or(u64::MAX, |d| largest_binding(d));
-        // What does not run is no choice.
-        let linked = falls_back(bake, room).is_some();
-        let made_for = (Arc::as_ptr(bake) as usize, bits(*quality), sweeps, linked);
-        if pickings.get(&root).map(|picking| picking.made_for) != Some(made_for) {
-            let mut choices = TierCandidate::of(bake, sweeps);
-            choices.retain(|choice| !(linked && choice.octree));
-            let picking = Picking {
-                picker: TierController::new(*quality, choices),
-                made_for,
-                seen: None,
-            };
-            tier.set_if_neq((&picking.picker).into());
-            pickings.insert(root, picking);
-        }
-        let picking = pickings.get_mut(&root).filter(|_| asks(quality));
-        let Some(Picking { picker, seen, .. }) = picking else {
-            continue;
-        };
-        let sample = match &*cost {
-            SolveCostSource::Given(of) => {
-                let solved = counters
-                    .as_ref()
-                    .and_then(|c| c.solved.get(&root.to_bits()));
-                let choice = solved.and_then(|&t| {
-                    let last = picker.tiers().len().checked_sub(1)?;
-                    picker.tiers().get((t.max(1) as usize - 1).min(last))
-                });
-                choice.map(|choice| of(choice.work))
+/// Measured costs of solves.
+#[derive(SystemParam)]
+pub(crate) struct SolveCosts<'w> {
+    source: Res<'w, SolveCostSource>,
+    stats: Res<'w, GiFrameStats>,
+    diagnostics: Option<Res<'w, DiagnosticsStore>>,
+}
+
+impl SolveCosts<'_> {
+    /// Cost of the root's last solve in milliseconds. `None` if there is no new measurement.
+    fn sample(
+        &self,
+        root: Entity,
+        solved: Option<&FrameStats>,
+        selection: &mut Selection,
+    ) -> Option<f32> {
+        match &*self.source {
+            SolveCostSource::Given(cost) => {
+                let &tier = solved?.solved.get(&root.to_bits())?;
+                let tiers = selection.controller.tiers();
+                let last = tiers.len().checked_sub(1)?;
+                let candidate = tiers.get((tier.max(1) as usize - 1).min(last))?;
+                Some(cost(candidate.work))
             }
             SolveCostSource::Timestamps => {
                 let path = DiagnosticPath::from_components([
@@ -198,22 +202,69 @@ pub(crate) fn pick(
                     &span_name(root.to_bits()),
                     "elapsed_gpu",
                 ]);
-                let measured = store.as_ref().and_then(|s| s.get(&path)?.measurement());
-                measured
-                    .filter(|m| seen.replace(m.time) != Some(m.time))
-                    .map(|m| m.value as f32)
+                let measured = self.diagnostics.as_ref()?.get(&path)?.measurement()?;
+                let new = selection.last_sample.replace(measured.time) != Some(measured.time);
+                new.then_some(measured.value as f32)
             }
-        };
-        let Some(sample) = sample else { continue };
-        picker.measured(sample);
-        tier.set_if_neq((&*picker).into());
-    }
-    if let Some(counters) = counters {
-        *last_frame = counters.frame;
+        }
     }
 }
 
-/// A request as bits, so that one that is no number equals itself.
+/// State that [`select_tiers`] keeps between frames.
+#[derive(Default)]
+pub(crate) struct Selections {
+    of_roots: EntityHashMap<Selection>,
+    last_frame: u64,
+}
+
+/// Selects the tier of each root. Runs in
+/// [`GiSystems::SelectTiers`](super::GiSystems::SelectTiers).
+pub(crate) fn select_tiers(
+    mut roots: Query<(Entity, &GiScene, &GiQuality, &GiSolver, &mut GiActiveTier)>,
+    assets: Res<Assets<GiBakedScene>>,
+    costs: SolveCosts,
+    device: Option<Res<RenderDevice>>,
+    mut selections: Local<Selections>,
+) {
+    let Selections {
+        of_roots,
+        last_frame,
+    } = &mut *selections;
+    of_roots.retain(|root, _| roots.contains(*root));
+    // Only a budget reads the solves of the last frame.
+    let has_budget = |q: &GiQuality| matches!(q, GiQuality::GpuBudget(_));
+    let solved = roots
+        .iter()
+        .any(|(_, _, quality, ..)| has_budget(quality))
+        .then(|| costs.stats.get())
+        .filter(|stats| stats.frame != *last_frame);
+    let max_binding = device.as_ref().map_or(u64::MAX, |d| largest_binding(d));
+    for (root, gi, quality, solver, mut tier) in &mut roots {
+        let Some(asset) = assets.get(&gi.0) else {
+            of_roots.remove(&root);
+            tier.set_if_neq(GiActiveTier::default());
+            continue;
+        };
+        let inputs = SelectionInputs::new(&asset.scene, *quality, solver, max_binding);
+        if of_roots.get(&root).map(|selection| selection.inputs) != Some(inputs) {
+            let selection = Selection::new(inputs, *quality, &asset.scene);
+            tier.set_if_neq((&selection.controller).into());
+            of_roots.insert(root, selection);
+        }
+        let Some(selection) = of_roots.get_mut(&root).filter(|_| has_budget(quality)) else {
+            continue;
+        };
+        if let Some(sample) = costs.sample(root, solved.as_ref(), selection) {
+            selection.controller.measured(sample);
+            tier.set_if_neq((&selection.controller).into());
+        }
+    }
+    if let Some(stats) = solved {
+        *last_frame = stats.frame;
+    }
+}
+
+/// Bits of a quality, so that NaN equals NaN.
 fn bits(quality: GiQuality) -> [u64; 2] {
     match quality {
         GiQuality::Full => [0, 0],

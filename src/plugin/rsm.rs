@@ -11,7 +11,7 @@
 //! meshes below a bouncer get beside theirs.
 
 use super::camera::GiCamera;
-use super::extract::{LightKey, LightKind, LightParts};
+use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
 use crate::plan::{Lens, MapView, SkipReason, map_views};
 use bevy::asset::{AssetEvent, Assets};
 use bevy::camera::primitives::{Aabb, MeshAabb};
@@ -115,29 +115,39 @@ pub(crate) struct Marked {
     bare: bool,
 }
 
-/// Gives the meshes below bouncers their layer, and takes it from those that are no longer.
-#[allow(
-    clippy::too_many_arguments,
-    clippy::type_complexity,
-    reason = "a system's parameters are its inputs"
-)]
-pub(crate) fn mark(
+/// Dynamic objects and their meshes.
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct DynamicMeshes<'w, 's> {
+    reflectors: Query<'w, 's, Entity, With<GiReflector>>,
+    children: Query<'w, 's, &'static Children>,
+    meshes: Query<'w, 's, (Option<&'static RenderLayers>, Has<Marked>), With<Mesh3d>>,
+    marked: Query<'w, 's, (Entity, &'static Marked, Option<&'static RenderLayers>)>,
+    without_bounds: Query<'w, 's, (Entity, &'static Mesh3d), (With<Marked>, Without<Aabb>)>,
+}
+
+/// Adds the render layer of dynamic objects to the meshes below [`GiReflector`]s, and removes it
+/// from other meshes.
+pub(crate) fn update_rsm_layers(
     mut commands: Commands,
-    bouncers: Query<Entity, With<GiReflector>>,
-    children: Query<&Children>,
-    meshes: Query<(Option<&RenderLayers>, Has<Marked>), With<Mesh3d>>,
-    marked: Query<(Entity, &Marked, Option<&RenderLayers>)>,
-    boxless: Query<(Entity, &Mesh3d), (With<Marked>, Without<Aabb>)>,
+    dynamic: DynamicMeshes,
     assets: Option<Res<Assets<Mesh>>>,
     mut below: Local<EntityHashSet>,
 ) {
-    if bouncers.is_empty() && marked.is_empty() {
+    let DynamicMeshes {
+        reflectors,
+        children,
+        meshes,
+        marked,
+        without_bounds,
+    } = dynamic;
+    if reflectors.is_empty() && marked.is_empty() {
         return;
     }
     let capture = RenderLayers::layer(RSM_RENDER_LAYER);
     below.clear();
-    for bouncer in &bouncers {
-        let family = std::iter::once(bouncer).chain(children.iter_descendants(bouncer));
+    for reflector in &reflectors {
+        let family = std::iter::once(reflector).chain(children.iter_descendants(reflector));
         below.extend(family.filter(|e| meshes.contains(*e)));
     }
     for &entity in below.iter() {
@@ -150,8 +160,8 @@ pub(crate) fn mark(
             commands.entity(entity).insert((layers, Marked { bare }));
         }
     }
-    // Bevy makes no boxes for meshes that it is not to cull; maps are aimed by them.
-    for (entity, mesh) in &boxless {
+    // Bevy computes no bounds for meshes that it does not cull. The cameras need them.
+    for (entity, mesh) in &without_bounds {
         if let Some(aabb) = (assets.as_ref()).and_then(|a| a.get(mesh)?.compute_aabb()) {
             commands.entity(entity).insert(aabb);
         }
@@ -272,61 +282,135 @@ type Captures<'w, 's> = Query<
     ),
 >;
 
-/// Aims the cameras of the lights that ask, and switches off those that have nothing to show.
-#[allow(
-    clippy::too_many_arguments,
-    clippy::type_complexity,
-    reason = "a system's parameters are its inputs"
-)]
-pub(crate) fn aim(
+/// Lights with [`GiReflectiveShadowMap`].
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct RsmLights<'w, 's> {
+    points: Query<
+        'w,
+        's,
+        (
+            LightParts,
+            &'static PointLight,
+            &'static GiReflectiveShadowMap,
+        ),
+        Without<GiRsmCamera>,
+    >,
+    spots: Query<
+        'w,
+        's,
+        (
+            LightParts,
+            &'static SpotLight,
+            &'static GiReflectiveShadowMap,
+        ),
+        Without<GiRsmCamera>,
+    >,
+    directionals: Query<
+        'w,
+        's,
+        (
+            LightParts,
+            &'static DirectionalLight,
+            &'static GiReflectiveShadowMap,
+        ),
+        Without<GiRsmCamera>,
+    >,
+}
+
+impl RsmLights<'_, '_> {
+    /// Returns all lights, sorted by their keys. The order of the world's entities varies.
+    fn collect(&self) -> Vec<AskingLight> {
+        let mut lights = Vec::new();
+        let mut add = |kind, parts: &LightPartsItem, light, settings: &GiReflectiveShadowMap| {
+            lights.push(AskingLight {
+                key: (parts.entity.to_bits(), kind),
+                light: FrameLight::expand(&light, 1)[0],
+                layers: parts.layers.cloned().unwrap_or_default(),
+                settings: settings.clone(),
+                views: Vec::new(),
+                maps: Err(SkipReason::NotInView),
+            });
+        };
+        for (parts, light, settings) in &self.points {
+            add(LightKind::Point, &parts, parts.point(light), settings);
+        }
+        for (parts, light, settings) in &self.spots {
+            add(LightKind::Spot, &parts, parts.spot(light), settings);
+        }
+        for (parts, light, settings) in &self.directionals {
+            let light = parts.directional(light);
+            add(LightKind::Directional, &parts, light, settings);
+        }
+        lights.sort_unstable_by_key(|light| light.key);
+        lights
+    }
+}
+
+type DynamicBounds<'w, 's> = Query<
+    'w,
+    's,
+    (
+        &'static GlobalTransform,
+        &'static Aabb,
+        &'static InheritedVisibility,
+    ),
+    (With<Marked>, Without<GiRsmCamera>),
+>;
+
+/// Places the camera of one map, or spawns it, and returns it.
+fn place_camera(
+    commands: &mut Commands,
+    captures: &mut Captures,
+    capture: GiRsmCamera,
+    view: &MapView,
+    texels: u32,
+    order: isize,
+) -> Entity {
+    let existing = captures.iter_mut().find(|(_, c, ..)| **c == capture);
+    let Some((entity, _, mut camera, mut target, mut lens, mut at, mut global)) = existing else {
+        return commands
+            .spawn((capture, camera_bundle(view, texels, order)))
+            .id();
+    };
+    if !camera.is_active || camera.order != order {
+        (camera.is_active, camera.order) = (true, order);
+    }
+    let size = UVec2::splat(texels);
+    if !matches!(*target, RenderTarget::None { size: old } if old == size) {
+        *target = RenderTarget::None { size };
+        // Bevy reads the size of a target without an image when the projection changes.
+        lens.set_changed();
+    }
+    set_lens(&mut lens, view.lens);
+    let to = transform(view);
+    if *at != to {
+        (*at, *global) = (to, to.into());
+    }
+    entity
+}
+
+/// Places the cameras of the reflective shadow maps, and deactivates those that have nothing to
+/// draw.
+pub(crate) fn update_rsm_cameras(
     mut commands: Commands,
     mut asking: ResMut<AskingLights>,
     cameras: Query<(&Camera, &GiCamera), Without<GiRsmCamera>>,
-    points: Query<(LightParts, &PointLight, &GiReflectiveShadowMap), Without<GiRsmCamera>>,
-    spots: Query<(LightParts, &SpotLight, &GiReflectiveShadowMap), Without<GiRsmCamera>>,
-    directionals: Query<
-        (LightParts, &DirectionalLight, &GiReflectiveShadowMap),
-        Without<GiRsmCamera>,
-    >,
-    moving: Query<
-        (&GlobalTransform, &Aabb, &InheritedVisibility),
-        (With<Marked>, Without<GiRsmCamera>),
-    >,
+    lights: RsmLights,
+    dynamic: DynamicBounds,
     mut captures: Captures,
 ) {
-    let before = match asking.lights.is_empty() {
+    let lights = lights.collect();
+    let before = match asking.lights.is_empty() && lights.is_empty() {
         true => Vec::new(),
-        false => std::mem::take(&mut asking.lights),
+        false => std::mem::replace(&mut asking.lights, lights),
     };
-    let shown = cameras.iter().any(|(c, gi)| c.is_active && gi.enabled);
-    let mut ask = |kind, parts: &_, light, settings: &GiReflectiveShadowMap| {
-        let parts: &super::extract::LightPartsItem = parts;
-        asking.lights.push(AskingLight {
-            key: (parts.entity.to_bits(), kind),
-            light: FrameLight::expand(&light, 1)[0],
-            layers: parts.layers.cloned().unwrap_or_default(),
-            settings: settings.clone(),
-            views: Vec::new(),
-            maps: Err(SkipReason::NotInView),
-        });
-    };
-    for (parts, light, settings) in &points {
-        ask(LightKind::Point, &parts, parts.point(light), settings);
-    }
-    for (parts, light, settings) in &spots {
-        ask(LightKind::Spot, &parts, parts.spot(light), settings);
-    }
-    for (parts, light, settings) in &directionals {
-        let sun = parts.directional(light);
-        ask(LightKind::Directional, &parts, sun, settings);
-    }
     if asking.lights.is_empty() && captures.is_empty() {
         return;
     }
-    // The same order in every run, whatever order the world keeps its entities in.
-    asking.lights.sort_unstable_by_key(|light| light.key);
+    let shown = cameras.iter().any(|(c, gi)| c.is_active && gi.enabled);
     let boxes: Vec<Bounds> = match shown && !asking.lights.is_empty() {
-        true => (moving.iter())
+        true => (dynamic.iter())
             .filter(|(.., visible)| visible.get())
             .map(|(at, aabb, _)| bounds(at, aabb))
             .collect(),
@@ -335,43 +419,19 @@ pub(crate) fn aim(
 
     let mut order = RSM_CAMERA_ORDER;
     let asking = &mut *asking;
-    for light in &mut asking.lights {
-        if !shown {
-            continue;
-        }
+    for light in asking.lights.iter_mut().filter(|_| shown) {
         let texels = light.settings.texels();
         light.maps = map_views(&light.light, &boxes, texels).map(|views| {
-            let mut drawn = Vec::with_capacity(views.len());
-            for (map, view) in views.iter().enumerate() {
+            let mut place = |(map, view): (usize, &MapView)| {
                 order += 1;
                 let capture = GiRsmCamera {
                     light: Entity::from_bits(light.key.0),
                     kind: light.key.1,
                     map: map as u32,
                 };
-                let there = captures.iter_mut().find(|(_, c, ..)| **c == capture);
-                let Some((entity, _, mut camera, mut target, mut lens, mut at, mut global)) = there
-                else {
-                    let bundle = camera_bundle(view, texels, order);
-                    drawn.push(commands.spawn((capture, bundle)).id());
-                    continue;
-                };
-                drawn.push(entity);
-                if !camera.is_active || camera.order != order {
-                    (camera.is_active, camera.order) = (true, order);
-                }
-                let size = UVec2::splat(texels);
-                if !matches!(*target, RenderTarget::None { size: old } if old == size) {
-                    *target = RenderTarget::None { size };
-                    // Bevy looks at a target without a picture when the lens changes.
-                    lens.set_changed();
-                }
-                set_lens(&mut lens, view.lens);
-                let to = transform(view);
-                if *at != to {
-                    (*at, *global) = (to, to.into());
-                }
-            }
+                place_camera(&mut commands, &mut captures, capture, view, texels, order)
+            };
+            let drawn = views.iter().enumerate().map(&mut place).collect();
             light.views = views;
             drawn
         });
@@ -395,8 +455,9 @@ pub(crate) fn aim(
     }
 }
 
-/// After [`aim`], and after the frame's news of assets: whether what the maps show stands still.
-pub(crate) fn settle(mut asking: ResMut<AskingLights>, mut motion: Motion) {
+/// Resets the count of unchanged frames if the content of the maps may have changed. Runs after
+/// [`update_rsm_cameras`] and after the frame's asset events.
+pub(crate) fn detect_dynamic_changes(mut asking: ResMut<AskingLights>, mut motion: Motion) {
     if motion.any() && asking.still > 0 {
         asking.still = 0;
     }

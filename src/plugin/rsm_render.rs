@@ -178,7 +178,7 @@ fn shadowers(
         |id: &SceneId| (scenes.get(id)).map_or(0, |s| std::sync::Arc::as_ptr(&s.bake) as usize);
     let gains = |id: &SceneId| {
         let scene = world.scenes.iter().find(|s| s.id == *id);
-        scene.map_or_else(Vec::new, |s| s.gains.clone())
+        scene.map_or_else(Vec::new, |s| s.transmittances.clone())
     };
     bakes(world, scenes)
         .map(|(id, local, _)| (id, address(&id), local, gains(&id)))

@@ -11,7 +11,7 @@ use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
 use super::scene::GiScene;
 use super::settings::GiSettings;
 use super::transform::SimilarityTransform;
-use super::validation::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, add_warnings};
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers, SplatTargets,
     SubtractShadowBuffers, ViewBuffers,
@@ -103,7 +103,7 @@ pub(crate) fn extract_soft(
         });
     };
     for (parts, light, soft) in &points {
-        if parts.shines() && !light.shadow_maps_enabled {
+        if parts.is_visible() && !light.shadow_maps_enabled {
             let core = parts.point_times(light, 1.0);
             push(&parts, LightKind::Point, sphere(&core, light.radius, soft));
         }
@@ -112,7 +112,7 @@ pub(crate) fn extract_soft(
     let few = all_rects.iter().filter(|v| v.get()).count() <= MAX_RECT_LIGHTS;
     if few && drawn {
         for (parts, light, soft) in &rects {
-            if let (true, Some(core)) = (parts.shines(), parts.rect_times(light, 1.0)) {
+            if let (true, Some(core)) = (parts.is_visible(), parts.rect_times(light, 1.0)) {
                 let light = rectangle(&core, light.range, soft);
                 push(&parts, LightKind::Rect, light);
             }
@@ -402,5 +402,5 @@ pub(crate) fn check_soft(
     if scenes.iter().any(forgetful) {
         found.push(GiWarning::NoVisibility);
     }
-    tell(found, &mut findings);
+    add_warnings(found, &mut findings);
 }

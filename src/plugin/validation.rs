@@ -1,7 +1,7 @@
-//! Says what would be counted twice, and what would show nothing.
+//! Warnings about light that is counted twice and about settings without effect.
 //!
-//! Indirect light replaces Bevy's ambient light and diffuse light probes. Left on, they are added
-//! on top: pictures become too bright and flat. Each finding is told once, with what to set.
+//! Indirect light replaces Bevy's ambient light and diffuse light probes. If they are left on, they
+//! are added and pictures become too bright and flat. Each warning is logged once.
 
 use super::camera::GiCamera;
 use super::extract::{Brought, draws_gbuffer};
@@ -12,6 +12,7 @@ use super::volume::Voxels;
 use bevy::asset::Assets;
 use bevy::camera::Camera;
 use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
 use bevy::light::{
     AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume, LightProbe,
 };
@@ -21,49 +22,48 @@ use bevy::pbr::{DefaultOpaqueRendererMethod, MeshMaterial3d, StandardMaterial};
 use bevy::reflect::prelude::*;
 use bevy::render::view::Msaa;
 
-/// What a check may find. Kept as data so that tests read it.
+/// A warning about settings of the game.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[reflect(Clone, Debug, PartialEq, Hash)]
 #[non_exhaustive]
 pub enum GiWarning {
-    /// `GlobalAmbientLight` shines in a camera that shows indirect light.
+    /// `GlobalAmbientLight` lights a camera that shows indirect light.
     GlobalAmbient,
-    /// The camera's own `AmbientLight` shines.
+    /// A camera has `AmbientLight` and [`GiCamera`].
     CameraAmbient,
     /// The camera has an `EnvironmentMapLight` with diffuse light.
     EnvironmentMap,
-    /// An `IrradianceVolume` shines beside a baked scene.
+    /// An `IrradianceVolume` of the game and a baked scene are both visible.
     IrradianceVolume,
     /// A light probe has an `EnvironmentMapLight` with diffuse light.
     LightProbe,
-    /// A camera has [`GiCamera`] but not what that brought: a prepass is gone, or it takes several
-    /// samples a pixel.
+    /// A camera has [`GiCamera`], and a prepass was removed or MSAA is on.
     NoGbuffer,
-    /// Opaque materials are drawn forward, where the composite cannot reach them.
+    /// Opaque materials are drawn forward and get no indirect light.
     ForwardMaterials,
-    /// A mesh has a material that is asked to be drawn forward: it gets no indirect light, and
-    /// reflects none.
+    /// A mesh has a forward material. It gets no indirect light and reflects none.
     ForwardMaterial,
-    /// A mesh has a material that lets light through: it is drawn over the picture that indirect
-    /// light is in, and gets none itself.
+    /// A mesh has a transparent material. It is drawn after the composite and gets no indirect
+    /// light.
     TransparentMaterial,
-    /// A lamp casts soft shadows, and a bake does not remember what its points see.
+    /// A light has [`GiSoftShadow`](super::GiSoftShadow), and a bake has no visibility data.
     NoVisibility,
-    /// [`GiSoftShadow`](super::GiSoftShadow) is on something that casts no soft shadows.
+    /// [`GiSoftShadow`](super::GiSoftShadow) is on an entity that casts no soft shadows.
     SoftShadowKind,
     /// A point light has both a shadow map and [`GiSoftShadow`](super::GiSoftShadow).
     SoftShadowTwice,
-    /// There are more rectangle lights than Bevy draws.
+    /// The number of rectangle lights exceeds the number that Bevy draws.
     SoftShadowCount,
-    /// A scene is to have a volume for forward cameras, and its bake knows no light in free space.
+    /// A root has [`GiIrradianceVolume`](super::GiIrradianceVolume), and its bake has no probes.
     NoFreeSpace,
-    /// The camera's volumetric fog has ambient light, and a level lights it.
+    /// A camera's volumetric fog has ambient light, and [`GiVolumetricFog`](super::GiVolumetricFog)
+    /// lights it too.
     FogAmbient,
     /// A material of [`GiDynamicMaterials`](super::GiDynamicMaterials) got another texture.
     LiveTexture,
-    /// Bevy's shader module for irradiance volumes is not the one that ours takes the place of.
+    /// Bevy's shader module for irradiance volumes is not the supported one.
     VolumeShader,
-    /// An entity uses a bake whose level, recipe or bake version has changed since, see
+    /// An entity uses a bake whose scene, recipe or bake version has changed, see
     /// [`GiStaleBakes`](super::GiStaleBakes).
     StaleBake,
     /// No camera displays a bake, and some camera that sees its root is not deferred.
@@ -73,198 +73,244 @@ pub enum GiWarning {
 }
 
 impl GiWarning {
-    /// What is wrong and what to set.
+    /// Returns the problem and the remedy.
     #[must_use]
-    pub fn advice(self) -> &'static str {
+    pub fn message(self) -> &'static str {
         match self {
             Self::GlobalAmbient => {
-                "Bevy's ambient light is added to indirect light: insert `GlobalAmbientLight::NONE` \
-                 (for light from the sky set `GiEnvironment::sky`, which knows where the walls are)."
+                "`GlobalAmbientLight` is added to indirect light; insert \
+                 `GlobalAmbientLight::NONE` (for light from the sky set `GiEnvironment::sky`)"
             }
             Self::CameraAmbient => {
-                "A camera has both `AmbientLight` and `GiCamera`: set the former's `brightness` to 0 \
-                 (for light from the sky set `GiEnvironment::sky`)."
+                "a camera has `AmbientLight` and `GiCamera`, and both are added; set the \
+                 `brightness` of `AmbientLight` to 0 (for light from the sky set \
+                 `GiEnvironment::sky`)"
             }
             Self::EnvironmentMap => {
-                "A camera has both `EnvironmentMapLight` and `GiCamera`: its diffuse part is added to indirect light. \
-                 Give it a black `diffuse_map` and keep its reflections."
+                "a camera has `EnvironmentMapLight` and `GiCamera`: the map's diffuse light is \
+                 added to indirect light; set a black `diffuse_map`, which keeps the \
+                 reflections"
             }
             Self::IrradianceVolume => {
-                "An `IrradianceVolume` of the game's and a baked scene are both visible: deferred pixels get both, unless a `GiIrradianceVolume` is in view. Remove the volume, or set its \
-                 `intensity` to 0."
+                "an `IrradianceVolume` of the game and a baked scene are both visible: deferred \
+                 pixels get both, unless a `GiIrradianceVolume` is in view; remove the volume, \
+                 or set its `intensity` to 0"
             }
             Self::LightProbe => {
-                "A light probe with an `EnvironmentMapLight` and a baked scene are both visible: its diffuse part is added to \
-                 indirect light. Give it a black `diffuse_map` and keep its reflections."
+                "a light probe with an `EnvironmentMapLight` and a baked scene are both \
+                 visible: the map's diffuse light is added to indirect light; set a black \
+                 `diffuse_map`, which keeps the reflections"
             }
             Self::NoGbuffer => {
-                "A camera with `GiCamera` shows no indirect light: it must keep the `Hdr`, `DepthPrepass`, `NormalPrepass`, \
-                 `DeferredPrepass` and `Msaa::Off` that the component brings."
+                "a camera with `GiCamera` shows no indirect light; keep the `Hdr`, \
+                 `DepthPrepass`, `NormalPrepass`, `DeferredPrepass` and `Msaa::Off` that the \
+                 component adds"
             }
             Self::ForwardMaterials => {
-                "`DefaultOpaqueRendererMethod` is forward: only materials with `opaque_render_method: Deferred` receive indirect \
-                 light. Insert `DefaultOpaqueRendererMethod::deferred()`."
+                "`DefaultOpaqueRendererMethod` is forward: only materials with \
+                 `opaque_render_method: Deferred` receive indirect light; insert \
+                 `DefaultOpaqueRendererMethod::deferred()`"
             }
             Self::ForwardMaterial => {
-                "A mesh's material has `opaque_render_method: Forward`: it is not in the G-buffer, so it gets no indirect light, and below a \
-                 `GiReflector` it reflects none. Make it `Deferred`, or `unlit`, or light it by a `GiIrradianceVolume` on the level's root."
+                "a material has `opaque_render_method: Forward`: its meshes get no indirect \
+                 light, and below a `GiReflector` they reflect none; make it `Deferred` or \
+                 `unlit`, or add `GiIrradianceVolume` to the root of the scene"
             }
             Self::TransparentMaterial => {
-                "A mesh's material is transparent (`AlphaMode` other than `Opaque`, `Mask` and `AlphaToCoverage`, or `specular_transmission`): it is drawn \
-                 after indirect light was added, over the surfaces behind it, and gets none itself. Put a `GiIrradianceVolume` on the level's root, which lights it; `AlphaMode::Mask` needs none."
+                "a material is transparent (`AlphaMode` other than `Opaque`, `Mask` and \
+                 `AlphaToCoverage`, or `specular_transmission`): its meshes are drawn after the \
+                 composite and get no indirect light; add `GiIrradianceVolume` to the root of \
+                 the scene, or use `AlphaMode::Mask`"
             }
             Self::NoVisibility => {
-                "A light has `GiSoftShadow`, and a bake holds no visibility: it casts no soft shadows there, and Bevy's light stays as it is. \
-                 Bake the level with `soft_shadows: ()` in its recipe, or with `--soft-shadows`."
+                "a light has `GiSoftShadow`, and a bake has no visibility data: the light casts \
+                 no soft shadows there; bake with `soft_shadows: ()` in the recipe, or with \
+                 `--soft-shadows`"
             }
             Self::SoftShadowKind => {
-                "`GiSoftShadow` is on what is neither a `RectLight` nor a `PointLight`: nothing is done. Spot and directional lights have Bevy's \
-                 shadow maps."
+                "`GiSoftShadow` is on an entity without `RectLight` and `PointLight` and has no \
+                 effect; remove it (spot and directional lights have Bevy's shadow maps)"
             }
             Self::SoftShadowTwice => {
-                "A `PointLight` has both `shadow_maps_enabled` and `GiSoftShadow`: only its shadow map is used. Set `shadow_maps_enabled` to false \
-                 for soft shadows."
+                "a `PointLight` has `shadow_maps_enabled` and `GiSoftShadow`: only the shadow \
+                 map is used; set `shadow_maps_enabled` to false for soft shadows"
             }
             Self::SoftShadowCount => {
-                "There are more than eight `RectLight`s, of which Bevy draws eight: which ones is not known, so none of them casts soft shadows. Hide those \
-                 that are far away."
+                "there are more than eight `RectLight`s, and Bevy draws eight of them: none \
+                 casts soft shadows; hide distant ones"
             }
             Self::NoFreeSpace => {
-                "A root has `GiIrradianceVolume`, and its bake knows no light in free space: forward cameras and transparent surfaces show none. Bake the level with `probes: ()` in its \
-                 recipe, or with `--probes`."
+                "a root has `GiIrradianceVolume`, and its bake has no probes: forward cameras \
+                 and transparent surfaces show no indirect light; bake with `probes: ()` in the \
+                 recipe, or with `--probes`"
             }
             Self::FogAmbient => {
-                "A camera's `VolumetricFog` has ambient light, and a `GiIrradianceVolume` lights the fog: both are added. Set `ambient_intensity` to 0, or the volume's `fog` to 0."
+                "a camera's `VolumetricFog` has ambient light, and `GiVolumetricFog` lights the \
+                 fog: both are added; set `ambient_intensity` to 0, or \
+                 `GiVolumetricFog::intensity` to 0"
             }
             Self::LiveTexture => {
-                "A material that `GiDynamicMaterials` names got another texture for its base color or its emission: indirect light keeps that of the bake. Change `base_color` or \
-                 `emissive`, which multiply it, or bake the level again."
+                "a material of `GiDynamicMaterials` got another texture for its base color or \
+                 its emission: indirect light keeps the baked one; change `base_color` or \
+                 `emissive`, which multiply it, or bake the scene again"
             }
             Self::NoDisplay => {
-                "No camera displays a baked scene, so there is no indirect light in the picture. Put `GiIrradianceVolume` on the scene's root, which lights \
-                 cameras that are not deferred (the bake needs `probes: ()` in its recipe, or `--probes`), or add `GiCamera` to the camera, which makes \
-                 it deferred and displays the whole bake."
+                "no camera displays a baked scene; add `GiIrradianceVolume` to the root of the \
+                 scene for forward cameras (the bake needs `probes: ()` in the recipe, or \
+                 `--probes`), or add `GiCamera` to the camera, which makes it deferred"
             }
             Self::NoDeferredDisplay => {
-                "No camera displays a baked scene, so there is no indirect light in the picture. Add `GiCamera` to the camera, which displays the whole \
-                 bake. For cameras that are not deferred, put `GiIrradianceVolume` on the scene's root (the bake needs `probes: ()` in its recipe, or `--probes`)."
+                "no camera displays a baked scene; add `GiCamera` to the camera (for forward \
+                 cameras add `GiIrradianceVolume` to the root of the scene; the bake needs \
+                 `probes: ()` in the recipe, or `--probes`)"
             }
             Self::VolumeShader => {
-                "The shader module `bevy_pbr::irradiance_volume` is not that of the Bevy release that this plugin was written for, and stays as it is: a `GiIrradianceVolume` lets light of the next \
-                 room through walls thinner than two voxels. Use the Bevy release that the plugin's documentation names, or smaller voxels."
+                "the shader module `bevy_pbr::irradiance_volume` is not the one of the \
+                 supported Bevy release, and is kept: `GiIrradianceVolume` leaks light through \
+                 walls thinner than two voxels; use the Bevy release of the compatibility \
+                 table, or smaller voxels"
             }
             Self::StaleBake => {
-                "A bake is stale: its level, its recipe or the bake version has changed since. The log names it. Bake it again."
+                "a bake is stale: its scene, recipe or bake version has changed (see the log); \
+                 bake it again"
             }
         }
     }
 }
 
-/// What the check found so far; each finding is told once in the log.
+/// Warnings so far. Each is logged once.
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(Resource, Default, Clone, Debug)]
 pub struct GiWarnings(pub Vec<GiWarning>);
 
-/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
-#[allow(
-    clippy::too_many_arguments,
-    clippy::type_complexity,
-    reason = "a system's parameters are its inputs"
-)]
-pub(crate) fn check(
-    settings: Res<GiSettings>,
-    scenes: Query<(), With<GiScene>>,
+/// Cameras with [`GiCamera`] and Bevy's lights that would be added to indirect light.
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct OtherLight<'w, 's> {
     cameras: Query<
+        'w,
+        's,
         (
-            &Camera,
-            &GiCamera,
-            Option<&AmbientLight>,
-            Option<&EnvironmentMapLight>,
-            Option<&Msaa>,
+            &'static Camera,
+            &'static GiCamera,
+            Option<&'static AmbientLight>,
+            Option<&'static EnvironmentMapLight>,
+            Option<&'static Msaa>,
             Brought,
         ),
         Without<GiRsmCamera>,
     >,
-    probes: Query<&EnvironmentMapLight, With<LightProbe>>,
-    ambient: Option<Res<GlobalAmbientLight>>,
-    volumes: Query<&IrradianceVolume, Without<Voxels>>,
-    ours: Query<(), With<Voxels>>,
-    method: Option<Res<DefaultOpaqueRendererMethod>>,
-    bouncers: Query<(), With<GiReflector>>,
-    materials: Option<Res<Assets<StandardMaterial>>>,
-    meshes: Query<&MeshMaterial3d<StandardMaterial>>,
-    changed: Query<(), Changed<MeshMaterial3d<StandardMaterial>>>,
-    mut look: Local<bool>,
-    mut findings: ResMut<GiWarnings>,
+    probes: Query<'w, 's, &'static EnvironmentMapLight, With<LightProbe>>,
+    ambient: Option<Res<'w, GlobalAmbientLight>>,
+    volumes: Query<'w, 's, &'static IrradianceVolume, Without<Voxels>>,
+    method: Option<Res<'w, DefaultOpaqueRendererMethod>>,
+}
+
+impl OtherLight<'_, '_> {
+    fn has_display(&self) -> bool {
+        let mut cameras = self.cameras.iter();
+        cameras.any(|(c, gi, ..)| c.is_active && gi.enabled)
+    }
+
+    fn check(&self, found: &mut Vec<GiWarning>) {
+        for (_, _, own, environment, msaa, brought) in self
+            .cameras
+            .iter()
+            .filter(|(c, gi, ..)| c.is_active && gi.enabled)
+        {
+            if !draws_gbuffer(brought, msaa) {
+                found.push(GiWarning::NoGbuffer);
+                continue;
+            }
+            // A camera's own ambient light replaces the global one.
+            match own {
+                Some(own) if own.brightness > 0.0 => found.push(GiWarning::CameraAmbient),
+                None if self.ambient.as_ref().is_some_and(|a| a.brightness > 0.0) => {
+                    found.push(GiWarning::GlobalAmbient)
+                }
+                _ => {}
+            }
+            if environment.is_some_and(|e| e.intensity > 0.0) {
+                found.push(GiWarning::EnvironmentMap);
+            }
+            if self.probes.iter().any(|e| e.intensity > 0.0) {
+                found.push(GiWarning::LightProbe);
+            }
+            if self.volumes.iter().any(|v| v.intensity > 0.0) {
+                found.push(GiWarning::IrradianceVolume);
+            }
+            if self.method.as_ref().is_some_and(|m| is_forward(m)) {
+                found.push(GiWarning::ForwardMaterials);
+            }
+        }
+    }
+}
+
+/// Materials of meshes.
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct MeshMaterials<'w, 's> {
+    assets: Option<Res<'w, Assets<StandardMaterial>>>,
+    meshes: Query<'w, 's, &'static MeshMaterial3d<StandardMaterial>>,
+    changed: Query<'w, 's, (), Changed<MeshMaterial3d<StandardMaterial>>>,
+}
+
+impl MeshMaterials<'_, '_> {
+    fn is_changed(&self) -> bool {
+        self.assets.as_ref().is_some_and(|m| m.is_changed()) || !self.changed.is_empty()
+    }
+}
+
+/// Warns about light that is counted twice and about materials without indirect light. Runs in
+/// [`GiSystems::Validate`](super::GiSystems::Validate).
+pub(crate) fn check(
+    settings: Res<GiSettings>,
+    scenes: Query<(), With<GiScene>>,
+    reflectors: Query<(), With<GiReflector>>,
+    gi_volumes: Query<(), With<Voxels>>,
+    (other, materials): (OtherLight, MeshMaterials),
+    mut materials_changed: Local<bool>,
+    mut warnings: ResMut<GiWarnings>,
 ) {
-    // What changed while nothing was asked of it is looked at later.
-    *look |= materials.as_ref().is_some_and(|m| m.is_changed()) || !changed.is_empty();
-    if !settings.warn_double_counting || scenes.is_empty() && bouncers.is_empty() {
+    // A change in a frame without a check is checked later.
+    *materials_changed |= materials.is_changed();
+    if !settings.warn_double_counting || scenes.is_empty() && reflectors.is_empty() {
         return;
     }
     let mut found = Vec::new();
-    let shows = cameras.iter().any(|(c, gi, ..)| c.is_active && gi.enabled);
-    if let (true, true, Some(materials)) = (shows, *look, materials) {
-        *look = false;
-        // A volume lights what no G-buffer holds; what moves is drawn by lamps as it is in the
-        // G-buffer.
-        let lit = |finding: &GiWarning| {
-            !ours.is_empty() && (*finding == GiWarning::TransparentMaterial || bouncers.is_empty())
+    if let (true, true, Some(assets)) = (
+        other.has_display(),
+        *materials_changed,
+        materials.assets.as_ref(),
+    ) {
+        *materials_changed = false;
+        // A volume lights surfaces that are in no G-buffer. Reflective shadow maps draw dynamic
+        // objects from the G-buffer.
+        let is_lit = |warning: &GiWarning| {
+            !gi_volumes.is_empty()
+                && (*warning == GiWarning::TransparentMaterial || reflectors.is_empty())
         };
-        let dark = meshes
-            .iter()
-            .filter_map(|m| without_light(materials.get(&m.0)?));
-        found.extend(dark.filter(|finding| !lit(finding)));
+        let dark = (materials.meshes.iter()).filter_map(|m| without_light(assets.get(&m.0)?));
+        found.extend(dark.filter(|warning| !is_lit(warning)));
     }
-    if scenes.is_empty() {
-        // Nothing to count twice: what moves bounces light once, and ambient light may stand for
-        // the rest.
-        tell(found, &mut findings);
-        return;
+    // Without a baked scene nothing is counted twice.
+    if !scenes.is_empty() {
+        other.check(&mut found);
     }
-    for (_, _, own, environment, msaa, brought) in cameras
-        .iter()
-        .filter(|(c, gi, ..)| c.is_active && gi.enabled)
-    {
-        if !draws_gbuffer(brought, msaa) {
-            found.push(GiWarning::NoGbuffer);
-            continue;
-        }
-        // A camera's own ambient light takes the place of the global one.
-        match own {
-            Some(own) if own.brightness > 0.0 => found.push(GiWarning::CameraAmbient),
-            None if ambient.as_ref().is_some_and(|a| a.brightness > 0.0) => {
-                found.push(GiWarning::GlobalAmbient)
-            }
-            _ => {}
-        }
-        if environment.is_some_and(|e| e.intensity > 0.0) {
-            found.push(GiWarning::EnvironmentMap);
-        }
-        if probes.iter().any(|e| e.intensity > 0.0) {
-            found.push(GiWarning::LightProbe);
-        }
-        if volumes.iter().any(|v| v.intensity > 0.0) {
-            found.push(GiWarning::IrradianceVolume);
-        }
-        if method.as_ref().is_some_and(|m| is_forward(m)) {
-            found.push(GiWarning::ForwardMaterials);
-        }
-    }
-    tell(found, &mut findings);
+    add_warnings(found, &mut warnings);
 }
 
-/// Keeps and tells what was not found before.
-pub(super) fn tell(found: Vec<GiWarning>, findings: &mut GiWarnings) {
-    for finding in found {
-        if !findings.0.contains(&finding) {
-            warn!("{}", finding.advice());
-            findings.0.push(finding);
+/// Logs and stores the warnings that are new.
+pub(super) fn add_warnings(found: Vec<GiWarning>, warnings: &mut GiWarnings) {
+    for warning in found {
+        if !warnings.0.contains(&warning) {
+            warn!("{}", warning.message());
+            warnings.0.push(warning);
         }
     }
 }
 
-/// Why surfaces of this material get no indirect light, if they do not and should.
+/// Reason that surfaces of this material get no indirect light. `None` if they get it or need none.
 fn without_light(material: &StandardMaterial) -> Option<GiWarning> {
     let solid = matches!(
         material.alpha_mode,
@@ -281,7 +327,8 @@ fn without_light(material: &StandardMaterial) -> Option<GiWarning> {
     }
 }
 
-/// The resource hides its value; its debug text does not.
+/// Returns `true` for the forward method. The resource has no accessor, but its debug text has the
+/// value.
 fn is_forward(method: &DefaultOpaqueRendererMethod) -> bool {
     format!("{method:?}").contains("Forward")
 }

@@ -13,7 +13,7 @@ use super::fog::ExtractedFogs;
 use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
 use super::settings::GiSettings;
-use super::validation::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, add_warnings};
 use crate::gpu::{GpuFrame, KernelPipelines, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
@@ -131,7 +131,7 @@ impl Voxels {
 
 /// Makes, replaces and removes the volumes of roots. Runs in
 /// [`GiSystems::UpdateVolumes`](super::GiSystems::UpdateVolumes).
-pub(crate) fn shape(
+pub(crate) fn update_irradiance_volumes(
     roots: Query<(Entity, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)>,
     made: Query<(Entity, &ChildOf, &Voxels, &RenderLayers)>,
     assets: Res<Assets<GiBakedScene>>,
@@ -200,7 +200,7 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
 /// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them
 /// out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display
 /// is off or cannot be. Runs in [`GiSystems::FilterVolumes`](super::GiSystems::FilterVolumes).
-pub(crate) fn hide(
+pub(crate) fn hide_irradiance_volumes(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
     mut cameras: Query<(Entity, &mut VisibleEntities, DisplayParts), WithDisplay>,
@@ -462,6 +462,6 @@ pub(crate) fn check_volumes(
 ) {
     let empty = |gi: &GiScene| (assets.get(&gi.0)).is_some_and(|a| a.scene.probes.is_none());
     if settings.warn_double_counting && roots.iter().any(empty) {
-        tell(vec![GiWarning::NoFreeSpace], &mut findings);
+        add_warnings(vec![GiWarning::NoFreeSpace], &mut findings);
     }
 }

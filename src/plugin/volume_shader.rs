@@ -10,7 +10,7 @@
 //! room through.
 
 use super::forward_camera::GiForwardCamera;
-use super::validation::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, add_warnings};
 use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
@@ -65,7 +65,7 @@ pub(crate) fn replace(
     };
     if *module == Module::Theirs && !is_known(theirs) {
         *module = Module::Unknown;
-        tell(vec![GiWarning::VolumeShader], &mut findings);
+        add_warnings(vec![GiWarning::VolumeShader], &mut findings);
         return;
     }
     let ours = ours(theirs, display);

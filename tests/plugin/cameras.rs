@@ -543,7 +543,7 @@ fn bake_without_gi_camera_warns_once() {
 #[test]
 fn missing_camera_message_names_remedies_volume_first_for_forward() {
     let places = |finding: GiWarning| {
-        ["GiIrradianceVolume", "GiCamera"].map(|cure| finding.advice().find(cure))
+        ["GiIrradianceVolume", "GiCamera"].map(|cure| finding.message().find(cure))
     };
     let [Some(volume), Some(camera)] = places(GiWarning::NoDisplay) else {
         panic!("both cures");

@@ -643,8 +643,8 @@ fn double_counting_warns_once() {
     let found = &app.world().resource::<GiWarnings>().0;
     assert_eq!(found, &[GiWarning::GlobalAmbient, GiWarning::CameraAmbient]);
     assert!(
-        found.iter().all(|f| f.advice().contains("brightness")
-            || f.advice().contains("GlobalAmbientLight::NONE"))
+        found.iter().all(|f| f.message().contains("brightness")
+            || f.message().contains("GlobalAmbientLight::NONE"))
     );
 }
 
