@@ -9,7 +9,7 @@ use super::compute::GiRender;
 use super::extract::{ExtractedGi, ExtractedGiView};
 use super::gpu_timings::view_span;
 use super::rsm_render::{bakes, lights_view};
-use super::splatting::{GiSplatting, ViewLights, ViewSubsplats};
+use super::splatting::{GiSplatting, SubsplatView, ViewLights, ViewSubsplats};
 use super::vpl_specular::{SpecularView, ViewSpecular};
 use crate::gpu::{GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
 use crate::plan::{FrameStage, SceneId, ViewId};
@@ -269,14 +269,16 @@ pub(super) fn evaluate(
                 kernels,
                 queue,
                 ctx.command_encoder(),
-                &params,
-                &SubsplatTargets {
-                    depth,
-                    gbuffer,
-                    output: &first,
+                &SubsplatView {
+                    params: &params,
+                    targets: &SubsplatTargets {
+                        depth,
+                        gbuffer,
+                        output: &first,
+                    },
+                    scenes: &on,
+                    lights: lights.as_ref(),
                 },
-                &on,
-                lights.as_ref(),
             );
             render.retired.add(&recorded);
             runtime.irradiance[1] = None;

@@ -67,6 +67,7 @@ mod level_check;
 mod level_files;
 mod light;
 mod loader;
+mod main_schedule;
 mod materials;
 mod occluders;
 mod plan_log;
@@ -79,6 +80,8 @@ mod readback;
 mod recipe_loader;
 #[cfg(feature = "gltf")]
 mod recipe_progress;
+mod registration;
+mod render_schedule;
 mod rsm;
 mod rsm_render;
 mod scene;
@@ -150,30 +153,19 @@ pub use volume::GiIrradianceVolume;
 pub use volumetric_fog::GiVolumetricFog;
 pub use vpl_specular::GiSpecular;
 
-use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
-use bevy::asset::{AssetApp, AssetEventSystems, Assets};
-use bevy::camera::CameraUpdateSystems;
-use bevy::camera::visibility::VisibilitySystems;
-use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
-use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
-use bevy::ecs::prelude::*;
-use bevy::image::Image;
-use bevy::log::warn;
-use bevy::mesh::Mesh;
-use bevy::pbr::deferred::prepare_deferred_lighting_pipelines;
-use bevy::pbr::{DefaultOpaqueRendererMethod, StandardMaterial, main_transmissive_pass_3d};
-use bevy::render::renderer::{RenderDevice, RenderGraph, RenderGraphSystems};
-use bevy::render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems};
-use bevy::transform::TransformSystems;
+use bevy::app::{App, Plugin};
+use bevy::pbr::DefaultOpaqueRendererMethod;
 
-/// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
+/// Indirect light in an app. Add it after `DefaultPlugins`.
 #[derive(Clone, Debug)]
 pub struct MeshlessGiPlugin {
-    /// Makes deferred the default for opaque materials, as the composite needs it. Views without a
-    /// deferred prepass draw such materials forward, as they do without the plugin, so forward
-    /// cameras need nothing set here. Turn it off to choose material by material, or to keep a
-    /// [`DefaultOpaqueRendererMethod`] that was inserted before the plugin; one that is inserted
-    /// after it stays in any case.
+    /// Makes deferred the default render method of opaque materials, which the composite needs.
+    /// Default: `true`.
+    ///
+    /// Views without a deferred prepass draw such materials forward, as without the plugin, so
+    /// forward cameras need no setting. Set `false` to choose per material, or to keep a
+    /// [`DefaultOpaqueRendererMethod`] that was inserted before the plugin. One that is inserted
+    /// after the plugin is kept in any case.
     pub deferred_by_default: bool,
 }
 
@@ -187,233 +179,15 @@ impl Default for MeshlessGiPlugin {
 
 impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
-        app.register_type::<GiScene>()
-            .register_type::<GiBakeExclude>()
-            .register_type::<GiBakeRequest>()
-            .register_type::<GiStaleBakes>()
-            .register_type::<GiBakeProgress>()
-            .register_type::<GiReflector>()
-            .register_type::<GiCamera>()
-            .register_type::<GiRsmCamera>()
-            .register_type::<SolveCostSource>()
-            .register_type::<GiSplatting>()
-            .register_type::<GiWarnings>()
-            .register_type::<GiGizmos>()
-            .register_type::<GiForwardCamera>()
-            .register_type::<GiSpecular>()
-            .register_type::<GiLight>()
-            .register_type::<GiEnvironment>()
-            .register_type::<GiSolver>()
-            .register_type::<GiBakedSceneLoaderSettings>()
-            .register_type::<GiDynamicMaterials>()
-            .register_type::<GiOccluder>()
-            .register_type::<GiColorMode>()
-            .register_type::<GiPointCloud>()
-            .register_type::<GiPointCloudPart>()
-            .register_type::<GiPointCloudLoaderSettings>()
-            .register_type::<GiQuality>()
-            .register_type::<GiReflectiveShadowMap>()
-            .register_type::<GiSettings>()
-            .register_type::<GiSky>()
-            .register_type::<GiSoftShadow>()
-            .register_type::<GiActiveTier>()
-            .register_type::<GiDebugView>()
-            .register_type::<GiIrradianceVolume>()
-            .register_type::<GiVolumetricFog>()
-            .init_resource::<GiFrameStats>()
-            .init_resource::<GiSettings>()
-            .init_resource::<GiWarnings>()
-            .init_resource::<SolveCostSource>()
-            .init_resource::<deferred::ReadyDisplays>()
-            .init_resource::<SharedCoefficients>()
-            .init_resource::<rsm::AskingLights>()
-            .init_resource::<inventory::NormalMaps>()
-            .init_resource::<gpu_timings::DeviceCosts>()
-            .init_asset::<GiPointCloudAsset>()
-            .register_asset_loader(GiPointCloudLoader)
-            .add_plugins(asset::BakedAssetPlugin)
-            .add_systems(
-                PreUpdate,
-                (
-                    bake_task::collect_bakes,
-                    gpu_timings::learn,
-                    plan_log::log_decisions,
-                    scene_log::log_scenes,
-                )
-                    .in_set(GiSystems::CollectBakes),
-            )
-            .add_systems(
-                PostUpdate,
-                quality::select_tiers.in_set(GiSystems::SelectTiers),
-            )
-            // After assets have come, and before transforms and bounds of new meshes are made.
-            .add_systems(
-                Update,
-                (
-                    point_cloud::spawn_point_cloud_meshes,
-                    point_cloud::sync_point_cloud_parts,
-                )
-                    .chain()
-                    .in_set(GiSystems::UpdatePointClouds),
-            )
-            .add_systems(
-                PostUpdate,
-                (rsm::update_rsm_layers, rsm::update_rsm_cameras)
-                    .chain()
-                    .in_set(GiSystems::UpdateRsmCameras)
-                    .after(TransformSystems::Propagate)
-                    .after(VisibilitySystems::VisibilityPropagate)
-                    .before(CameraUpdateSystems)
-                    .before(VisibilitySystems::UpdateFrusta)
-                    .before(VisibilitySystems::CheckVisibility),
-            )
-            .add_systems(
-                PostUpdate,
-                rsm::detect_dynamic_changes
-                    .after(rsm::update_rsm_cameras)
-                    .after(AssetEventSystems)
-                    // An app that draws nothing has none of these.
-                    .run_if(resource_exists::<Assets<Mesh>>)
-                    .run_if(resource_exists::<Assets<Image>>)
-                    .run_if(resource_exists::<Assets<StandardMaterial>>),
-            )
-            .add_systems(
-                PostUpdate,
-                (
-                    volume::update_irradiance_volumes
-                        .in_set(GiSystems::UpdateVolumes)
-                        .before(TransformSystems::Propagate)
-                        .before(AssetEventSystems)
-                        .run_if(resource_exists::<Assets<Image>>),
-                    volume_shader::replace
-                        .in_set(GiSystems::UpdateVolumes)
-                        .before(AssetEventSystems),
-                    volume::hide_irradiance_volumes
-                        .in_set(GiSystems::FilterVolumes)
-                        .after(VisibilitySystems::CheckVisibility),
-                ),
-            )
-            .add_systems(
-                PostUpdate,
-                inventory::follow_materials
-                    .after(AssetEventSystems)
-                    .run_if(resource_exists::<Assets<StandardMaterial>>),
-            )
-            .add_systems(
-                Last,
-                (
-                    validation::check,
-                    check_display::check_display,
-                    soft_shadow::check_soft,
-                    volume::check_volumes,
-                    fog::check_fog,
-                    materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
-                )
-                    .chain()
-                    .in_set(GiSystems::Validate),
-            )
-            .add_systems(
-                Last,
-                (
-                    entity_bake::systems::start_bakes.run_if(any_with_component::<GiBakeRequest>),
-                    entity_bake::stale::compare_bakes.run_if(entity_bake::stale::has_comparison),
-                )
-                    .chain()
-                    .in_set(GiSystems::StartBakes)
-                    .before(GiSystems::Validate),
-            )
-            .add_systems(
-                Last,
-                entity_bake::wrong_file::check_files.in_set(GiSystems::Validate),
-            );
-        #[cfg(feature = "gltf")]
-        app.register_type::<GiBakeSettings>();
+        registration::register_types(app);
+        registration::add_resources(app);
+        main_schedule::add_systems(app);
         if self.deferred_by_default {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }
     }
 
     fn finish(&self, app: &mut App) {
-        let status = app.world().resource::<GiFrameStats>().clone();
-        let costs = app.world().resource::<gpu_timings::DeviceCosts>().clone();
-        let coefficients = app.world().resource::<SharedCoefficients>().clone();
-        let ready = app.world().resource::<deferred::ReadyDisplays>().clone();
-        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
-            warn!("MeshlessGiPlugin: there is no renderer, indirect light stays off.");
-            return;
-        };
-        // Also where indirect light stays off: deferred is the default for opaque materials there
-        // too.
-        forward_views::add_systems(render_app);
-        let world = render_app.world();
-        let Some(device) = world.get_resource::<RenderDevice>() else {
-            warn!("MeshlessGiPlugin: the renderer has no device, indirect light stays off.");
-            return;
-        };
-        if let Err(why) = compute::device_able(device) {
-            warn!("MeshlessGiPlugin: indirect light stays off, because {why}.");
-            return;
-        }
-        forward_display::add_systems(render_app);
-        render_app
-            .insert_resource(status)
-            .insert_resource(costs)
-            .insert_resource(coefficients)
-            .init_resource::<extract::ExtractedGi>()
-            .init_resource::<soft_shadow::ExtractedSoft>()
-            .init_resource::<volume::ExtractedVolumes>()
-            .init_resource::<fog::ExtractedFogs>()
-            .init_resource::<compute::GiRender>()
-            .init_resource::<rsm_render::LightMaps>()
-            .add_schedule(rsm_render::schedule())
-            .add_systems(
-                ExtractSchedule,
-                (
-                    extract::extract,
-                    rsm_render::extract_maps,
-                    soft_shadow::extract_soft,
-                    (fog::extract_fogs, volume::extract_volumes)
-                        .chain()
-                        .after(extract::extract),
-                    inventory::take_inventory.after(extract::extract),
-                )
-                    .in_set(GiRenderSystems::Extract),
-            )
-            .add_systems(
-                RenderGraph,
-                compute::compute
-                    .in_set(GiRenderSystems::Solve)
-                    .in_set(RenderGraphSystems::Render)
-                    .before(camera_driver),
-            )
-            .init_gpu_resource::<deferred::WithoutVolumes>()
-            .insert_resource(ready)
-            .add_systems(
-                Render,
-                (
-                    deferred::leave_volumes_out
-                        .in_set(RenderSystems::Prepare)
-                        .after(prepare_deferred_lighting_pipelines),
-                    compute::publish.in_set(RenderSystems::Cleanup),
-                ),
-            )
-            .add_systems(
-                Core3d,
-                composite::composite
-                    .in_set(GiRenderSystems::Composite)
-                    .in_set(Core3dSystems::MainPass)
-                    .after(main_opaque_pass_3d)
-                    .before(main_transmissive_pass_3d)
-                    .before(main_transparent_pass_3d),
-            )
-            .edit_schedule(Core3d, |schedule| {
-                schedule.add_build_pass(fog_order::FogFirst::default());
-            })
-            .add_systems(
-                Core3d,
-                fog::draw
-                    .in_set(GiRenderSystems::CompositeFog)
-                    .in_set(Core3dSystems::EarlyPostProcess),
-            );
+        render_schedule::build(app);
     }
 }

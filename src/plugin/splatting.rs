@@ -1,8 +1,5 @@
-//! How a camera shows indirect light: by subsplats (\[N09\]), which evaluate the baked basis and
-//! virtual lights at a fraction of the pixels, or at every pixel, the reference.
-//!
-//! The components mirror [`SubsplatSettings`]; what a view holds for it on the device, and how many
-//! subsplats there were, is here too.
+//! Evaluation of indirect light in a camera: by subsplats (\[N09\]), which evaluate the baked basis
+//! and virtual lights at a fraction of the pixels, or at every pixel.
 
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, NodeLights, RsmBuffers, SceneBuffers, SubsplatBuffers,
@@ -18,14 +15,15 @@ use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Where a camera evaluates indirect light. Goes beside [`GiCamera`](super::GiCamera), which brings
-/// the default.
+/// Pixels at which a camera evaluates indirect light. Goes next to [`GiCamera`](super::GiCamera),
+/// which adds the default.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub enum GiSplatting {
-    /// At a fraction of the pixels, and in between by interpolation that keeps to each surface.
+    /// Evaluates a fraction of the pixels and interpolates within surfaces (\[N09\], multiresolution
+    /// splatting). The default.
     Multiresolution(GiSubsplatSettings),
-    /// At every pixel: the reference, and many times as dear.
+    /// Evaluates every pixel. This is the reference; it costs several times more.
     PerPixel,
 }
 
@@ -132,7 +130,7 @@ impl From<GiSubsplatSettings> for SubsplatSettings {
     }
 }
 
-/// Virtual lights of the frame, as a view needs them.
+/// Virtual lights of the frame for a view.
 pub(crate) struct ViewLights<'a> {
     pub maps: &'a RsmBuffers,
     pub view: VplViewParams,
@@ -140,16 +138,25 @@ pub(crate) struct ViewLights<'a> {
     pub shadows: Option<VplShadows<'a>>,
 }
 
-/// What a view holds on the device for its subsplats.
+/// Inputs of a view's subsplats.
+pub(crate) struct SubsplatView<'a> {
+    pub params: &'a SubsplatParams,
+    pub targets: &'a SubsplatTargets<'a>,
+    pub scenes: &'a [(&'a SceneBuffers, &'a ViewBuffers)],
+    /// Virtual lights of the frame, if it has any.
+    pub lights: Option<&'a ViewLights<'a>>,
+}
+
+/// GPU resources of a view's subsplats.
 pub(crate) struct ViewSubsplats {
     buffers: SubsplatBuffers,
-    /// Parameters of virtual lights, where there were any: of the view, and of the lights.
+    /// Parameters of virtual lights: of the view, and of the lights. `None` without virtual lights.
     lights: Option<[wgpu::Buffer; 2]>,
     counted: CountReadback,
 }
 
 impl ViewSubsplats {
-    /// Makes room, or keeps what is there and fits.
+    /// Returns `before` if it has the right size, and creates new buffers otherwise.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], see [`SubsplatBuffers::new`].
@@ -169,7 +176,7 @@ impl ViewSubsplats {
         }
     }
 
-    /// Buffers, and bytes of them.
+    /// Number of buffers and their bytes.
     pub fn size(&self) -> (u32, u64) {
         let lights = self.lights.iter().flatten();
         let own = lights.chain([&self.counted.staging]);
@@ -177,26 +184,25 @@ impl ViewSubsplats {
         (self.buffers.count() + count, self.buffers.bytes() + bytes)
     }
 
-    /// How many subsplats a frame not long ago had.
+    /// Counts of subsplats of a recent frame.
     pub fn counts(&self) -> Option<SubsplatCounts> {
         self.counted.latest()
     }
 
-    /// Records the view, and says what was recorded.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a view, what lights it, and what it is recorded with"
-    )]
+    /// Records the view and returns the counters of what was recorded.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
-        params: &SubsplatParams,
-        targets: &SubsplatTargets<'_>,
-        scenes: &[(&SceneBuffers, &ViewBuffers)],
-        lights: Option<&ViewLights<'_>>,
+        view: &SubsplatView<'_>,
     ) -> GpuCounters {
+        let SubsplatView {
+            params,
+            targets,
+            scenes,
+            lights,
+        } = *view;
         let before = self.buffers.counters();
         self.buffers.write(queue, params);
         if lights.is_none() {
@@ -228,17 +234,16 @@ impl ViewSubsplats {
         self.buffers.counters().since(&before)
     }
 
-    /// After the submission: maps the counts.
+    /// Maps the counts. Call it after the submission.
     pub fn fetch(&mut self) {
         self.counted.fetch();
     }
 }
 
-/// Bytes of a level's count that are read back.
+/// Bytes of a level's count in the readback.
 const COUNT: u64 = 32;
 
-/// Counts of subsplats on their way back from the device, one copy at a time. Nothing waits for
-/// them.
+/// Asynchronous readback of subsplat counts, one copy at a time.
 struct CountReadback {
     staging: wgpu::Buffer,
     levels: SubsplatLevels,
@@ -301,8 +306,8 @@ impl CountReadback {
     }
 }
 
-/// Evaluations from the counts of all levels: each cell that was divided lists one child whose node
-/// is its own.
+/// Number of evaluations from the counts of all levels. Each divided cell lists one child that uses
+/// the cell's own node.
 fn counts(levels: &SubsplatLevels, words: &[u32]) -> SubsplatCounts {
     let mut evaluated = [0; LEVELS];
     for (k, count) in words.chunks_exact(COUNT as usize / 4).enumerate() {

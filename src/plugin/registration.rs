@@ -1,0 +1,60 @@
+//! Types, resources and assets of the main world.
+
+use super::*;
+use bevy::app::App;
+use bevy::asset::AssetApp;
+
+/// Registers the plugin's types for reflection.
+pub(super) fn register_types(app: &mut App) {
+    app.register_type::<GiScene>()
+        .register_type::<GiBakeExclude>()
+        .register_type::<GiBakeRequest>()
+        .register_type::<GiStaleBakes>()
+        .register_type::<GiBakeProgress>()
+        .register_type::<GiReflector>()
+        .register_type::<GiCamera>()
+        .register_type::<GiRsmCamera>()
+        .register_type::<SolveCostSource>()
+        .register_type::<GiSplatting>()
+        .register_type::<GiWarnings>()
+        .register_type::<GiGizmos>()
+        .register_type::<GiForwardCamera>()
+        .register_type::<GiSpecular>()
+        .register_type::<GiLight>()
+        .register_type::<GiEnvironment>()
+        .register_type::<GiSolver>()
+        .register_type::<GiBakedSceneLoaderSettings>()
+        .register_type::<GiDynamicMaterials>()
+        .register_type::<GiOccluder>()
+        .register_type::<GiColorMode>()
+        .register_type::<GiPointCloud>()
+        .register_type::<GiPointCloudPart>()
+        .register_type::<GiPointCloudLoaderSettings>()
+        .register_type::<GiQuality>()
+        .register_type::<GiReflectiveShadowMap>()
+        .register_type::<GiSettings>()
+        .register_type::<GiSky>()
+        .register_type::<GiSoftShadow>()
+        .register_type::<GiActiveTier>()
+        .register_type::<GiDebugView>()
+        .register_type::<GiIrradianceVolume>()
+        .register_type::<GiVolumetricFog>();
+    #[cfg(feature = "gltf")]
+    app.register_type::<GiBakeSettings>();
+}
+
+/// Adds the plugin's resources, assets and loaders.
+pub(super) fn add_resources(app: &mut App) {
+    app.init_resource::<GiFrameStats>()
+        .init_resource::<GiSettings>()
+        .init_resource::<GiWarnings>()
+        .init_resource::<SolveCostSource>()
+        .init_resource::<deferred::ReadyDisplays>()
+        .init_resource::<SharedCoefficients>()
+        .init_resource::<rsm::AskingLights>()
+        .init_resource::<inventory::NormalMaps>()
+        .init_resource::<gpu_timings::DeviceCosts>()
+        .init_asset::<GiPointCloudAsset>()
+        .register_asset_loader(GiPointCloudLoader)
+        .add_plugins(asset::BakedAssetPlugin);
+}
