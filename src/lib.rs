@@ -132,6 +132,33 @@ pub mod internals {
 #[cfg(all(doctest, feature = "bevy"))]
 #[doc = include_str!("../README.md")]
 struct Readme;
-#[cfg(all(doctest, feature = "bevy"))]
-#[doc = include_str!("../docs/GUIDE.md")]
-struct Guide;
+// Chapters of the book with Rust examples.
+#[cfg(all(doctest, feature = "bevy", feature = "gltf"))]
+mod book {
+    #[doc = include_str!("../docs/book/src/cameras/dynamic_objects.md")]
+    struct DynamicObjects;
+    #[doc = include_str!("../docs/book/src/cameras/exported_volume.md")]
+    struct ExportedVolume;
+    #[doc = include_str!("../docs/book/src/cameras/forward.md")]
+    struct Forward;
+    #[doc = include_str!("../docs/book/src/getting_started/bevy_meshes.md")]
+    struct BevyMeshes;
+    #[doc = include_str!("../docs/book/src/getting_started/first_scene.md")]
+    struct FirstScene;
+    #[doc = include_str!("../docs/book/src/getting_started/library.md")]
+    struct Library;
+    #[doc = include_str!("../docs/book/src/getting_started/recipes.md")]
+    struct Recipes;
+    #[doc = include_str!("../docs/book/src/lighting/fog.md")]
+    struct Fog;
+    #[doc = include_str!("../docs/book/src/lighting/materials.md")]
+    struct Materials;
+    #[doc = include_str!("../docs/book/src/lighting/occluders.md")]
+    struct Occluders;
+    #[doc = include_str!("../docs/book/src/lighting/point_clouds.md")]
+    struct PointClouds;
+    #[doc = include_str!("../docs/book/src/lighting/sky.md")]
+    struct Sky;
+    #[doc = include_str!("../docs/book/src/lighting/soft_shadows.md")]
+    struct SoftShadows;
+}

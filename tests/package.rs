@@ -19,7 +19,7 @@ fn package_contains_only_build_files() {
         "LICENSE-APACHE",
         "LICENSE-MIT",
         "README.md",
-        "docs/GUIDE.md",
+        "docs/book/src/SUMMARY.md",
         "src/lib.rs",
         "shaders/volume.wgsl",
         "shaders/lib/layout.wgsl",

@@ -152,7 +152,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
         "# Light between points: the fast multipole method, measured\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example fmm -- -o docs/reports` on {} threads. Do not edit.\n\n\
          The method is [G08]'s (`crates/meshless_gi/src/transport/fmm/`), in double precision, with results in single precision; what is compared here is one implementation with itself and with the sum over all pairs.\n\
-         What a bake by rule `fmm` makes of it, beside links, and which to use when: [FMM_RULE.md](FMM_RULE.md). On a device: [METHODS.md](../METHODS.md#the-fast-multipole-method-between-points-g08).\n\n\
+         What a bake by rule `fmm` makes of it, beside links, and which to use when: [FMM_RULE.md](FMM_RULE.md). On a device: [MEASUREMENTS.md](MEASUREMENTS.md#fast-multipole-method-on-a-device).\n\n\
          ## Error by order\n\n\
          The Cornell box and a ball, turned so that nothing lies along an axis: {POINTS} points of uneven radiosity, everything sees everything that it faces. NRMSE of the irradiance at\n\
          {RECEIVERS} of them, against the sum over all pairs with [G08] Eq. (4) as it stands. No slack: pairs that look away from each other are left out exactly.\n\

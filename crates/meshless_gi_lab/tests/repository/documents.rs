@@ -66,15 +66,26 @@ fn dead_links(text: &str, exists: impl Fn(&str) -> bool) -> Vec<String> {
     dead
 }
 
-/// Names of the public fields of `pub struct <name>`.
-fn fields(source: &str, name: &str) -> Vec<String> {
-    let head = format!("pub struct {name} {{");
-    let body = source
-        .split_once(&head)
-        .map_or("", |(_, rest)| rest.split("\n}").next().unwrap_or(""));
-    body.lines()
-        .filter_map(|l| l.trim().strip_prefix("pub ")?.split(':').next())
-        .map(String::from)
+/// Relative links with an anchor: file (empty for the same page) and anchor.
+fn anchors(text: &str) -> Vec<(&str, &str)> {
+    text.match_indices("](")
+        .filter_map(|(i, _)| text[i + 2..].split(')').next()?.split_once('#'))
+        .filter(|(file, _)| !file.contains("://"))
+        .collect()
+}
+
+/// Anchors of the headings of a Markdown text.
+fn slugs(text: &str) -> BTreeSet<String> {
+    text.lines()
+        .filter(|line| line.starts_with('#'))
+        .map(|line| {
+            let words = line.trim_start_matches('#').trim().to_lowercase();
+            words
+                .chars()
+                .filter(|c| c.is_alphanumeric() || [' ', '-', '_'].contains(c))
+                .map(|c| if c == ' ' { '-' } else { c })
+                .collect()
+        })
         .collect()
 }
 
@@ -210,14 +221,28 @@ fn readme_scripts_exist_and_stop_on_errors() {
 fn relative_links_of_documents_exist() {
     let mut found = Vec::new();
     let mut pages = files("docs", &["md"]);
-    for page in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"] {
+    for page in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+    ] {
         pages.push((page.into(), read(page)));
     }
     for (path, text) in &pages {
         let folder = root().join(path);
         let folder = folder.parent().expect("a folder");
         for dead in dead_links(text, |target| folder.join(target).exists()) {
-            found.push(format!("{path}: {dead} is not there"));
+            found.push(format!("{path}: {dead} does not exist"));
+        }
+        for (file, anchor) in anchors(text) {
+            let target = match file {
+                "" => Some(text.clone()),
+                _ => fs::read_to_string(folder.join(file)).ok(),
+            };
+            if target.is_some_and(|target| !slugs(&target).contains(anchor)) {
+                found.push(format!("{path}: {file} has no heading #{anchor}"));
+            }
         }
     }
     none(found);
@@ -226,30 +251,33 @@ fn relative_links_of_documents_exist() {
 }
 
 #[test]
-fn guide_lists_every_recipe_field() {
-    let source = read("crates/meshless_gi/src/bake/recipe.rs");
-    let guide = read("docs/GUIDE.md");
-    let names = fields(&source, "Recipe");
-    assert!(
-        names.len() > 10 && names.contains(&"preset".to_string()),
-        "{names:?}"
-    );
-    for name in names {
-        assert!(
-            guide.contains(&format!("| `{name}` |")),
-            "docs/GUIDE.md has no row for the recipe's `{name}`"
-        );
-    }
+fn anchors_are_slugs_of_headings() {
     assert_eq!(
-        fields("pub struct A {\n    /// x\n    pub b: u8,\n}\n", "A"),
-        ["b"]
+        anchors("[a](b.md#c-d) [e](#f) [g](h.md)"),
+        [("b.md", "c-d"), ("", "f")]
+    );
+    let slugs = slugs("# A `b`: C ([L08])\n## d");
+    assert!(
+        slugs.contains("a-b-c-l08") && slugs.contains("d"),
+        "{slugs:?}"
     );
 }
 
 #[test]
-fn guide_presets_equal_the_source() {
+fn book_summary_lists_every_chapter() {
+    let summary = read("docs/book/src/SUMMARY.md");
+    let missing: Vec<String> = files("docs/book/src", &["md"])
+        .into_iter()
+        .filter_map(|(path, _)| path.strip_prefix("docs/book/src/").map(String::from))
+        .filter(|path| path != "SUMMARY.md" && !summary.contains(&format!("]({path})")))
+        .collect();
+    none(missing);
+}
+
+#[test]
+fn book_presets_equal_the_source() {
     let source = read("crates/meshless_gi/src/bake/quality_level.rs");
-    let guide = read("docs/GUIDE.md");
+    let guide = read("docs/book/src/performance/quality.md");
     for name in ["Draft", "Medium", "High"] {
         let numbers = preset(&source, name);
         assert!(
@@ -259,7 +287,7 @@ fn guide_presets_equal_the_source() {
         assert_eq!(
             row(&guide, name),
             numbers,
-            "docs/GUIDE.md, row `{name}`: the source says the second"
+            "performance/quality.md of the book, row `{name}`: the source has the second"
         );
     }
     let source = "Self::A => QualityParameters {\n points: 1_000.0,\n rays: 2,\n },";

@@ -4,11 +4,13 @@
 //! |---|---|
 //! | `imports` | dependencies between folders and crates |
 //! | `documents` | citations, decisions, links, tables that repeat the source |
+//! | `generated` | chapters of the book that repeat doc comments |
 //! | `figures` | lengths of files, functions and lines |
 //! | `words` | writing rules of comments and documents |
 
 mod documents;
 mod figures;
+mod generated;
 mod imports;
 mod words;
 

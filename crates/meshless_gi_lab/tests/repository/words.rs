@@ -89,7 +89,12 @@ fn texts() -> Vec<(String, String)> {
     for folder in ["src", "crates", "shaders", "examples", "tests", "docs"] {
         all.extend(files(folder, &["rs", "wgsl", "md", "toml", "ron"]));
     }
-    for page in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"] {
+    for page in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+    ] {
         all.push((page.into(), read(page)));
     }
     all.retain(|(path, _)| !path.contains("tests/repository/words.rs"));
