@@ -6,29 +6,31 @@ use meshless_gi::{OccluderDesc, Preset, Recipe, SkyModel, TransportMethod};
 /// Options of `bake`. One that is not given leaves the recipe's field as it is.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Quality level: draft, medium (default) or high.
+    /// Quality level: draft, medium (default) or high. It sets every value that is left out.
     #[arg(long, hide_possible_values = true, value_parser = preset())]
     preset: Option<Preset>,
-    /// Position in free space, in meters, from which light is visible. Repeat for several.
-    /// Points without normals face it. Default: found by a search.
+    /// Positions in open space from which lit surfaces are visible, in meters ([L08] §2.3). Repeat
+    /// the option for several. Points without normals face them. Default: found automatically.
     #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
     viewpoints: Vec<[f32; 3]>,
-    /// Disk radius of the coarsest level, in meters. Default: from the scene's size.
+    /// Poisson-disk radius of the coarsest level, in meters, 1e-9 to 1e9. Default: from the lit
+    /// area and the preset.
     #[arg(long, value_name = "R", allow_hyphen_values = true)]
     coarse_radius: Option<f32>,
-    /// Number of levels of points, 1 to 12. Default 5.
+    /// Number of hierarchy levels, 1 to 12. Default 5.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     levels: Option<u32>,
-    /// Number of levels, counted from the coarsest, whose points send light. Default: the preset's.
+    /// Number of levels, from the coarsest, whose points are senders, 1 to levels. Default: from
+    /// the preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     sender_levels: Option<u32>,
-    /// Gather rays per point, 16 to 65536. Default: the preset's.
+    /// Number of gather rays per point, 16 to 65536. Default: from the preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     rays: Option<u32>,
-    /// Diffuse reflections, 1 to 64. Default 4.
+    /// Number of diffuse bounces, 1 to 64. Default 4.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     bounces: Option<u32>,
-    /// Transport method: bounded (default), l08, pca or fmm.
+    /// Representation of the transport operator: bounded (default), l08, pca or fmm.
     #[arg(long, hide_possible_values = true, value_parser = rule())]
     rule: Option<TransportMethod>,
     /// Method pca: vectors in a cluster's basis of direct light, 1 to 1000. Default 10.
@@ -70,11 +72,11 @@ pub struct Options {
     /// Method fmm: also bake the links of method bounded, for devices that cannot hold the octree.
     #[arg(long, alias = "fallback")]
     fmm_fallback_links: bool,
-    /// Truncation threshold of the transport method, 0 to 1. Default: the preset's.
+    /// Relative truncation threshold of links, 0 to 1. Default: from the preset.
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     epsilon: Option<f32>,
-    /// Target of the estimated error (NRMSE; 0.05 is 5 %). Bakes again at finer quality levels
-    /// until the estimate is at most this.
+    /// Largest estimated NRMSE, 0.0001 to 1. The bake starts coarse and repeats with finer
+    /// parameters until it is met.
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     max_error: Option<f32>,
     /// Bake probes, which light dynamic objects, fog and forward cameras.
@@ -84,14 +86,15 @@ pub struct Options {
     /// bounding box of the scene.
     #[arg(long, value_name = "M", allow_hyphen_values = true)]
     probe_spacing: Option<f32>,
-    /// Sky model: uniform (default), or harmonics for a sky that varies with the direction.
+    /// Sky model: uniform (default) or harmonics. Harmonics are for skies that vary with the
+    /// direction.
     #[arg(long, value_name = "KIND", value_parser = sky())]
     sky: Option<SkyModel>,
-    /// Bake the materials of each sender, so that base colors and emission may change at run time.
+    /// Support for base colors and emission that change at run time.
     #[arg(long, alias = "live-materials")]
     dynamic_materials: bool,
-    /// Name of a node of the scene that opens and closes at run time, such as a door or a lift.
-    /// Repeat for several, up to 64.
+    /// Parts of the scene that open and close at run time, such as doors. Name of a node of the
+    /// scene. Repeat the option for several, up to 64.
     #[arg(long = "occluder", value_name = "NAME")]
     occluders: Vec<String>,
     /// Bake the visibility of points, for lights with soft shadows.

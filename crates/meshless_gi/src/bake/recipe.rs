@@ -24,7 +24,7 @@ pub enum Preset {
     High,
 }
 
-/// BakeStage that computes the second and later bounces (design D2).
+/// Stage that computes the second and later bounces (design D2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum BounceMode {
     /// The frame, by sweeps over the senders. Materials can change at run time.
@@ -72,7 +72,7 @@ pub struct Recipe {
     pub samples_per_sender: Option<u32>,
     /// Number of diffuse bounces, 1 to 64. Default 4.
     pub bounces: Option<u32>,
-    /// BakeStage that computes later bounces: `Runtime` (default) or `Baked`. `Baked` requires
+    /// Stage that computes later bounces: `Runtime` (default) or `Baked`. `Baked` requires
     /// `Bounded`.
     pub bounce_mode: BounceMode,
     /// Representation of the transport operator: `Bounded` (default), `L08`, `Pca(..)` or
