@@ -15,14 +15,19 @@ fn whole_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
 }
 
-// Gloss needs no albedo: what is bound as `irradiance` is the radiance that `gloss` made.
-@fragment
-fn composite_specular(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let pixel = vec2u(position.xy);
+// Texel of `irradiance`, or zero for sky and pixels that are not deferred (lighting pass 0).
+fn light_of(pixel: vec2u) -> vec4f {
     if textureLoad(lighting_passes, pixel, 0).r == 0u {
         return vec4f(0.0);
     }
-    let radiance = textureLoad(irradiance, pixel, 0);
+    return textureLoad(irradiance, pixel, 0);
+}
+
+// Specular radiance needs no albedo: `irradiance` is the output of `vpl_specular`.
+@fragment
+fn composite_specular(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let pixel = vec2u(position.xy);
+    let radiance = light_of(pixel);
     let texel = textureLoad(gbuffer, pixel, 0);
     if radiance.a == 0.0 || gbuffer_is_unlit(texel) {
         return vec4f(0.0);
@@ -30,25 +35,17 @@ fn composite_specular(@builtin(position) position: vec4f) -> @location(0) vec4f 
     return vec4f(params.scale * gbuffer_occlusion(texel) * radiance.rgb, 0.0);
 }
 
-// Blended by subtraction: what is bound as `irradiance` is the radiance that `shade` made, of light
-// that does not get there. No occlusion: the light that it is taken from has none.
+// Blended by subtraction: `irradiance` is the output of `subtract_shadow`, radiance of light that is
+// occluded. Without ambient occlusion, as the light that it is subtracted from.
 @fragment
 fn composite_shadow(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let pixel = vec2u(position.xy);
-    if textureLoad(lighting_passes, pixel, 0).r == 0u {
-        return vec4f(0.0);
-    }
-    return vec4f(textureLoad(irradiance, pixel, 0).rgb, 0.0);
+    return vec4f(light_of(vec2u(position.xy)).rgb, 0.0);
 }
 
 @fragment
 fn composite(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);
-    // Lighting pass 0: sky, or a pixel that is not deferred.
-    if textureLoad(lighting_passes, pixel, 0).r == 0u {
-        return vec4f(0.0);
-    }
-    let e = textureLoad(irradiance, pixel, 0);
+    let e = light_of(pixel);
     let texel = textureLoad(gbuffer, pixel, 0);
     if e.a == 0.0 || gbuffer_is_unlit(texel) {
         return vec4f(0.0);

@@ -6,12 +6,6 @@ struct FmmEntry {
     weight: f32,
 }
 
-@group(0) @binding(0) var<uniform> params: FmmParams;
-@group(0) @binding(1) var<uniform> span: Span;
-@group(0) @binding(2) var<storage, read> nodes: array<FmmNode>;
-@group(0) @binding(3) var<storage, read> places: array<FmmPlace>;
-@group(0) @binding(4) var<storage, read> terms: array<FmmTerm>;
-@group(0) @binding(5) var<storage, read> radiosity: array<vec4f>;
 @group(0) @binding(6) var<storage, read> expansions: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> locals: array<vec4f>;
 @group(0) @binding(8) var<storage, read> entries: array<FmmEntry>;
@@ -100,8 +94,8 @@ fn loaded(t: u32) -> Spectrum {
     return Spectrum(scaled[3u * t], scaled[3u * t + 1u], scaled[3u * t + 2u]);
 }
 
-fn nothing() -> Spectrum {
-    return Spectrum(vec3f(0.0), vec3f(0.0), vec3f(0.0));
+fn local_at(base: u32) -> Spectrum {
+    return Spectrum(locals[base].xyz, locals[base + 1u].xyz, locals[base + 2u].xyz);
 }
 
 // A workgroup a node, a thread a term; two rounds at most.
@@ -171,11 +165,7 @@ fn receive(
                 for (var a = 0u; a < last; a += 1u) {
                     let d = exponents_of(terms[a].exponents);
                     let base = 3u * (node.parent * params.terms + term_at(e + d));
-                    moved = plus(moved, monomial(v, d), Spectrum(
-                        locals[base].xyz,
-                        locals[base + 1u].xyz,
-                        locals[base + 2u].xyz,
-                    ));
+                    moved = plus(moved, monomial(v, d), local_at(base));
                 }
                 own = plus(own, power(ratio, terms[t].degree), moved);
             }
@@ -262,11 +252,7 @@ fn evaluate(
         var f = near_by(node, place);
         for (var t = 0u; t < params.terms; t += 1u) {
             let base = 3u * (at * params.terms + t);
-            f = plus(f, monomial(v, exponents_of(terms[t].exponents)), Spectrum(
-                locals[base].xyz,
-                locals[base + 1u].xyz,
-                locals[base + 2u].xyz,
-            ));
+            f = plus(f, monomial(v, exponents_of(terms[t].exponents)), local_at(base));
         }
         if node.multipole < node.near {
             let far = values[place.point];

@@ -1,14 +1,11 @@
 // fmm_up: S-expansions of a level's nodes, from their points or their children. Twin:
 // crates/meshless_gi/src/frame/fmm_up.rs.
 
-@group(0) @binding(0) var<uniform> params: FmmParams;
-// Nodes of a level.
-@group(0) @binding(1) var<uniform> span: Span;
-@group(0) @binding(2) var<storage, read> nodes: array<FmmNode>;
-@group(0) @binding(3) var<storage, read> places: array<FmmPlace>;
-@group(0) @binding(4) var<storage, read> terms: array<FmmTerm>;
-@group(0) @binding(5) var<storage, read> radiosity: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> expansions: array<vec4f>;
+
+fn expansion_at(base: u32) -> Spectrum {
+    return Spectrum(expansions[base].xyz, expansions[base + 1u].xyz, expansions[base + 2u].xyz);
+}
 
 // A workgroup a node, a thread a term.
 @compute @workgroup_size(64)
@@ -25,7 +22,7 @@ fn up(
     let node = nodes[at];
     for (var t = local; t < params.terms; t += 64u) {
         let e = exponents_of(terms[t].exponents);
-        var sum = Spectrum(vec3f(0.0), vec3f(0.0), vec3f(0.0));
+        var sum = nothing();
         if node.children == 0u {
             for (var i = node.start; i < node.sources; i += 1u) {
                 let place = places[i];
@@ -43,11 +40,7 @@ fn up(
                         for (var z = 0u; z <= e.z; z += 1u) {
                             let base = 3u * (c * params.terms + term_at(vec3u(x, y, z)));
                             let factor = power(ratio, x + y + z) * monomial(v, e - vec3u(x, y, z));
-                            sum = plus(sum, factor, Spectrum(
-                                expansions[base].xyz,
-                                expansions[base + 1u].xyz,
-                                expansions[base + 2u].xyz,
-                            ));
+                            sum = plus(sum, factor, expansion_at(base));
                         }
                     }
                 }

@@ -10,8 +10,7 @@
 
 const NOTHING: f32 = 1e30;
 const STEEPEST: f32 = 1e9;
-// Of no normal: what `min` and `max` leave as it is.
-const EMPTY_LOW: u32 = 0x007f7f7fu;
+// `high` of a cell without a normal: `max` leaves other values unchanged.
 const EMPTY_HIGH: u32 = 0x00818181u;
 
 fn linear_depth(pixel: vec2u, depth: f32) -> f32 {
@@ -78,11 +77,6 @@ fn measure(pixel: vec2u) -> CellRange {
         }
     }
     return out;
-}
-
-// The four bytes of a word as signed numbers.
-fn signed_bytes(word: u32) -> vec4i {
-    return vec4i(bitcast<i32>(word << 24u), bitcast<i32>(word << 16u), bitcast<i32>(word << 8u), bitcast<i32>(word)) >> vec4u(24u);
 }
 
 fn pack_bytes(v: vec4i) -> u32 {

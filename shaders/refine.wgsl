@@ -12,11 +12,6 @@
 @group(0) @binding(8) var<storage, read_write> next: array<atomic<u32>>;
 
 const FLOOR: f32 = 0.1;
-const EMPTY_LOW: u32 = 0x007f7f7fu;
-
-fn signed_bytes(word: u32) -> vec4i {
-    return vec4i(bitcast<i32>(word << 24u), bitcast<i32>(word << 16u), bitcast<i32>(word << 8u), bitcast<i32>(word)) >> vec4u(24u);
-}
 
 fn breaks(k: u32, at: vec2u) -> bool {
     let cell = cells[cell_index(k, at)];

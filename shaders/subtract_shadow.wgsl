@@ -2,16 +2,7 @@
 // get there. Twin: crates/meshless_gi/src/frame/subtract_shadow.rs. `shade` starts a view; `subtract_shadow_over` goes
 // on with another baked scene where an earlier one left pixels uncovered.
 
-@group(0) @binding(0) var<uniform> params: SplatParams;
-@group(0) @binding(1) var depths: texture_depth_2d;
-@group(0) @binding(2) var gbuffer: texture_2d<u32>;
-@group(0) @binding(3) var<storage, read> points: array<Point>;
-@group(0) @binding(4) var<storage, read> planes: array<vec4f>;
-@group(0) @binding(5) var<storage, read> grid_slots: array<GridSlot>;
-@group(0) @binding(6) var<storage, read> grid_entries: array<u32>;
 @group(0) @binding(7) var<storage, read> occluded_irradiances: array<VectorIrradiance>;
-@group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
-@group(0) @binding(9) var earlier: texture_2d<f32>;
 @group(0) @binding(10) var<uniform> wanted: SubtractShadowParams;
 @group(0) @binding(11) var<storage, read> lights: array<SoftLight>;
 @group(0) @binding(12) var tables: texture_2d_array<f32>;
@@ -30,20 +21,17 @@ struct Missing {
 }
 
 fn missing_at(x: vec3f, n: vec3f) -> Missing {
-    let near = grid_near(x, params.cell_size, params.slot_mask);
+    let range = grid_range(x);
     var hidden = vec3f(0.0);
     var whole = vec3f(0.0);
     var cover = 0.0;
-    for (var at = near.x; at < near.x + near.y; at++) {
-        let j = grid_entries[at];
-        let point = points[j];
-        let w = weight(point, x, n);
-        if w > 0.0 {
-            let v = (w / point.radius) * (w / point.radius);
-            let d = occluded_irradiances[j];
-            cover += w;
-            hidden += v * max(irradiance_dot(d, point.normal), vec3f(0.0));
-            whole += v * vec3f(d.x.w, d.y.w, d.z.w);
+    for (var at = range.x; at < range.y; at++) {
+        let f = basis_function(at, x, n);
+        if f.weight > 0.0 {
+            let d = occluded_irradiances[f.index];
+            cover += f.weight;
+            hidden += f.flat_weight * max(irradiance_dot(d, f.normal), vec3f(0.0));
+            whole += f.flat_weight * vec3f(d.x.w, d.y.w, d.z.w);
         }
     }
     if cover <= NO_COVER {
@@ -150,14 +138,14 @@ fn drawn_at(x: vec3f, surface: Surface, f0: vec3f) -> vec3f {
     return sum;
 }
 
-fn subtract_shadow_pixel(pixel: vec2u) -> vec4f {
-    let depth = textureLoad(depths, pixel, 0);
-    let texel = textureLoad(gbuffer, pixel, 0);
-    // Reversed depth: 0 is infinitely far, where nothing was drawn.
-    if depth <= 0.0 || gbuffer_is_unlit(texel) {
+fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f {
+    if before.a != 0.0 {
+        return before;
+    }
+    let at = pixel_position(pixel);
+    if !at.lit {
         return vec4f(0.0);
     }
-    let at = pixel_position(pixel, depth, texel);
     let missing = missing_at(at.x, at.n);
     if !missing.covered {
         return vec4f(0.0);
@@ -165,28 +153,9 @@ fn subtract_shadow_pixel(pixel: vec2u) -> vec4f {
     if all(missing.share == vec3f(0.0)) {
         return vec4f(vec3f(0.0), 1.0);
     }
+    let texel = textureLoad(gbuffer, pixel, 0);
     let surface = Surface(at.n, eye_from(pixel, at.x), gbuffer_diffuse(texel), gbuffer_roughness(texel));
     let drawn = drawn_at(at.x, surface, gbuffer_f0(texel));
     let radiance = TAKEN * params.scale * missing.share * drawn;
     return vec4f(min(radiance, vec3f(LARGEST_HALF)), 1.0);
-}
-
-@compute @workgroup_size(8, 8)
-fn subtract_shadow(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= params.size) {
-        return;
-    }
-    textureStore(output, id.xy, subtract_shadow_pixel(id.xy));
-}
-
-@compute @workgroup_size(8, 8)
-fn subtract_shadow_over(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= params.size) {
-        return;
-    }
-    var texel = textureLoad(earlier, id.xy, 0);
-    if texel.a == 0.0 {
-        texel = subtract_shadow_pixel(id.xy);
-    }
-    textureStore(output, id.xy, texel);
 }

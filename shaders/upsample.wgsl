@@ -12,7 +12,6 @@
 @group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(8) var<storage, read> counted: array<u32>;
 
-const PLANE: f32 = 0.01;
 const MIN_NORMAL_COSINE: f32 = 0.5;
 const FULL_NORMAL_COSINE: f32 = 0.9;
 const CUBIC_MIN_SIMILARITY: f32 = 0.9;
@@ -36,8 +35,7 @@ fn visible_surface(pixel: vec2u) -> VisibleSurface {
 }
 
 fn surface_similarity(a: VisibleSurface, b: VisibleSurface) -> f32 {
-    let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
-    let plane = clamp(2.0 - 2.0 * off / (PLANE * a.reach), 0.0, 1.0);
+    let plane = plane_similarity(a.x, a.n, b.x, b.n, a.reach);
     let normal = clamp((dot(a.n, b.n) - MIN_NORMAL_COSINE) / (FULL_NORMAL_COSINE - MIN_NORMAL_COSINE), 0.0, 1.0);
     return plane * normal;
 }

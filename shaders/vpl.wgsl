@@ -1,6 +1,5 @@
-// vpl: the irradiance of each pixel from virtual point lights. Twin:
-// crates/meshless_gi/src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked
-// scenes gave; `vpl_nodes` adds to the subsplats of a list.
+// vpl: irradiance of pixels and subsplats from virtual point lights, added to that of baked scenes.
+// Twin: crates/meshless_gi/src/frame/vpl.rs. Entry points: lib/pixel_pass and lib/listed.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -9,13 +8,8 @@
 @group(0) @binding(4) var<storage, read> vpls: array<Vpl>;
 @group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
-@group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
-@group(0) @binding(8) var earlier: texture_2d<f32>;
-@group(0) @binding(9) var<uniform> screen: SubsplatParams;
-@group(0) @binding(10) var<uniform> span: Span;
-@group(0) @binding(11) var<storage, read_write> subsplats: array<SubsplatNode>;
-@group(0) @binding(12) var<storage, read> lists: array<u32>;
-@group(0) @binding(13) var<storage, read> counted: array<u32>;
+@group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(9) var earlier: texture_2d<f32>;
 
 // Place of a pixel in the space of the lights.
 fn light_place(pixel: vec2u, depth: f32) -> vec3f {
@@ -24,7 +18,7 @@ fn light_place(pixel: vec2u, depth: f32) -> vec3f {
     return h.xyz / h.w;
 }
 
-fn vpl_pixel(pixel: vec2u, before: vec4f) -> vec4f {
+fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f {
     let depth = textureLoad(depths, pixel, 0);
     let texel = textureLoad(gbuffer, pixel, 0);
     if depth <= 0.0 || gbuffer_is_unlit(texel) {
@@ -38,24 +32,12 @@ fn vpl_pixel(pixel: vec2u, before: vec4f) -> vec4f {
     return vec4f(min(before.rgb + e, vec3f(LARGEST_HALF)), 1.0);
 }
 
-@compute @workgroup_size(8, 8)
-fn vpl(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= params.size) {
-        return;
-    }
-    textureStore(output, id.xy, vpl_pixel(id.xy, vec4f(0.0)));
-}
-
-@compute @workgroup_size(8, 8)
-fn vpl_over(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= params.size) {
-        return;
-    }
-    textureStore(output, id.xy, vpl_pixel(id.xy, textureLoad(earlier, id.xy, 0)));
-}
-
 // What a baked scene gave a node, if any was asked, and the lights.
-fn vpl_node(pixel: vec2u, depth: f32, node: SubsplatNode) -> SubsplatNode {
+fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
+    let depth = lit_depth(pixel);
+    if depth <= 0.0 {
+        return node;
+    }
     var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var state = EVALUATED | KNOWN;
     // Else it holds what was foretold.
@@ -69,22 +51,4 @@ fn vpl_node(pixel: vec2u, depth: f32, node: SubsplatNode) -> SubsplatNode {
         state |= COVERED;
     }
     return node_new(light, node_predicted_luminance(node), state);
-}
-
-@compute @workgroup_size(64)
-fn vpl_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let k = span.first;
-    let count = min(counted[3], span.count);
-    for (var i = id.x; i < count; i += groups.x * ITEMS) {
-        let item = listed(k, i);
-        if item.at == NOWHERE {
-            continue;
-        }
-        let pixel = item.cell << vec2u(k);
-        let depth = lit_depth(pixel);
-        if depth <= 0.0 {
-            continue;
-        }
-        subsplats[item.at] = vpl_node(pixel, depth, subsplats[item.at]);
-    }
 }

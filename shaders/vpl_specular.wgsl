@@ -23,7 +23,6 @@ const NORMAL_COSINE_FROM: f32 = 0.85;
 const NORMAL_COSINE_TO: f32 = 0.97;
 const VIEW_COSINE_TOLERANCE: f32 = 0.15;
 const ROUGHNESS_TOLERANCE: f32 = 0.1;
-const PLANE: f32 = 0.01;
 const FLOOR: f32 = 0.1;
 const MIN: f32 = 1e-15;
 
@@ -104,8 +103,7 @@ fn slant(there: Glossy) -> f32 {
 }
 
 fn surface_similarity(a: Glossy, b: Glossy) -> f32 {
-    let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
-    let plane = clamp(2.0 - 2.0 * off / (PLANE * depth_reach(a.x.z, a.depth)), 0.0, 1.0);
+    let plane = plane_similarity(a.x, a.n, b.x, b.n, depth_reach(a.x.z, a.depth));
     let normal = clamp((dot(a.n, b.n) - NORMAL_COSINE_FROM) / (NORMAL_COSINE_TO - NORMAL_COSINE_FROM), 0.0, 1.0);
     let apart = abs(gbuffer_roughness(a.texel) - gbuffer_roughness(b.texel));
     let rough = clamp(2.0 - 2.0 * apart / ROUGHNESS_TOLERANCE, 0.0, 1.0);

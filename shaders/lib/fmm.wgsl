@@ -1,5 +1,5 @@
-// What the kernels of the fast multipole method share. Expansions are three vec4f a term: x, y and
-// z, each in red, green and blue.
+// Inputs and expansions of the kernels of the fast multipole method. An expansion has three vec4f a
+// term: x, y and z, each in red, green and blue.
 
 struct FmmNode {
     center: vec3f,
@@ -45,6 +45,14 @@ struct FmmParams {
     pad1: u32,
     pad2: u32,
 }
+
+@group(0) @binding(0) var<uniform> params: FmmParams;
+// Nodes of a level.
+@group(0) @binding(1) var<uniform> span: Span;
+@group(0) @binding(2) var<storage, read> nodes: array<FmmNode>;
+@group(0) @binding(3) var<storage, read> places: array<FmmPlace>;
+@group(0) @binding(4) var<storage, read> terms: array<FmmTerm>;
+@group(0) @binding(5) var<storage, read> radiosity: array<vec4f>;
 
 // Three components in three colors.
 struct Spectrum {
@@ -96,6 +104,10 @@ fn monomial(v: vec3f, e: vec3u) -> f32 {
 fn source_of(place: FmmPlace, radiosity: vec3f) -> Spectrum {
     let q = -place.share * radiosity;
     return Spectrum(place.normal.x * q, place.normal.y * q, place.normal.z * q);
+}
+
+fn nothing() -> Spectrum {
+    return Spectrum(vec3f(0.0), vec3f(0.0), vec3f(0.0));
 }
 
 fn plus(a: Spectrum, factor: f32, b: Spectrum) -> Spectrum {

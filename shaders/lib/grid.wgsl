@@ -1,5 +1,8 @@
-// The hashed grid: which functions may cover a place. Twin: crates/meshless_gi/src/samples/grid.rs.
-// Needs `grid_slots` and `grid_entries`.
+// The hashed grid: candidates among the functions that cover a point. Twin:
+// crates/meshless_gi/src/samples/grid.rs. Needs lib/pixel_position.
+
+@group(0) @binding(5) var<storage, read> grid_slots: array<GridSlot>;
+@group(0) @binding(6) var<storage, read> grid_entries: array<u32>;
 
 const EMPTY_SLOT: u32 = 0xffffffffu;
 const CELL_LIMIT: f32 = 1073741824.0;
@@ -17,9 +20,10 @@ fn grid_cell(p: vec3f, cell_size: f32) -> vec3i {
     return vec3i(clamp(floor(p / cell_size), vec3f(-CELL_LIMIT), vec3f(CELL_LIMIT)));
 }
 
-// Where the list of the cell of `p` is in `grid_entries`: first index and length.
-fn grid_near(p: vec3f, cell_size: f32, slot_mask: u32) -> vec2u {
-    let cell = grid_cell(p, cell_size);
+// Range of the list of the cell of `p` in `grid_entries`: first index and end.
+fn grid_range(p: vec3f) -> vec2u {
+    let slot_mask = params.slot_mask;
+    let cell = grid_cell(p, params.cell_size);
     var at = grid_hash(cell) & slot_mask;
     // The table is at most half full, so a free slot ends the search.
     for (var i = 0u; i <= slot_mask; i++) {
@@ -28,7 +32,8 @@ fn grid_near(p: vec3f, cell_size: f32, slot_mask: u32) -> vec2u {
             break;
         }
         if all(slot.cell == cell) {
-            return vec2u(slot.start + 1u, grid_entries[slot.start]);
+            let first = slot.start + 1u;
+            return vec2u(first, first + grid_entries[slot.start]);
         }
         at = (at + 1u) & slot_mask;
     }

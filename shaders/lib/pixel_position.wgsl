@@ -1,16 +1,29 @@
-// Where a pixel is in a bake's local space, and how vectors come back from there. Twin: `place` and
-// `to_world` of crates/meshless_gi/src/frame/splat.rs. Needs `params`: SplatParams.
+// Surface points of a view's pixels in a bake's local space, and vectors from there back to the
+// world's axes. Twin: `lit_pixel`, `pixel_position` and `to_world` of
+// crates/meshless_gi/src/frame/splat.rs. Needs lib/gbuffer.
 
-// Place and normal of a pixel in the bake's local space.
+@group(0) @binding(0) var<uniform> params: SplatParams;
+@group(0) @binding(1) var depths: texture_depth_2d;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(9) var earlier: texture_2d<f32>;
+
+// Position and normal of a pixel's surface in the bake's local space.
 struct PixelPosition {
     x: vec3f,
     n: vec3f,
+    // False for the background and for unlit materials. x and n are undefined then.
+    lit: bool,
 }
 
-fn pixel_position(pixel: vec2u, depth: f32, texel: vec4u) -> PixelPosition {
+fn pixel_position(pixel: vec2u) -> PixelPosition {
+    let depth = textureLoad(depths, pixel, 0);
+    let texel = textureLoad(gbuffer, pixel, 0);
     let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
     let h = params.local_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
-    return PixelPosition(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel));
+    // Reversed depth: 0 is infinitely far, where nothing was drawn.
+    let lit = depth > 0.0 && !gbuffer_is_unlit(texel);
+    return PixelPosition(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel), lit);
 }
 
 // One axis of the world, of vectors in the bake's local space.

@@ -33,6 +33,15 @@ fn depth_reach(z: f32, depth: f32) -> f32 {
     return min(abs(z), REACH * width);
 }
 
+const PLANE: f32 = 0.01;
+
+// Similarity of two surface points by the distance of each from the plane of the other: 1 up to half
+// of PLANE times `reach`, 0 from PLANE times `reach` on.
+fn plane_similarity(x: vec3f, n: vec3f, other_x: vec3f, other_n: vec3f, reach: f32) -> f32 {
+    let off = max(abs(dot(other_x - x, n)), abs(dot(other_x - x, other_n)));
+    return clamp(2.0 - 2.0 * off / (PLANE * reach), 0.0, 1.0);
+}
+
 fn view_place(pixel: vec2u, depth: f32) -> vec3f {
     let at = (vec2f(pixel) + 0.5 - screen.viewport.xy) / screen.viewport.zw;
     let h = screen.view_from_clip * vec4f(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0, depth, 1.0);

@@ -1,5 +1,8 @@
 // The weight function of the basis, [L08] Eqs. (8)-(10). Twin:
-// crates/meshless_gi/src/basis/kernel.rs. Needs `planes`.
+// crates/meshless_gi/src/basis/kernel.rs. Needs lib/grid.
+
+@group(0) @binding(3) var<storage, read> points: array<Point>;
+@group(0) @binding(4) var<storage, read> planes: array<vec4f>;
 
 const F_SQUASH: f32 = 2.0;
 const NO_COVER: f32 = 1e-6;
@@ -17,12 +20,24 @@ fn dist(v: vec3f, n_j: vec3f) -> f32 {
 // The squared length of the normal of a clip plane from where on it has a lean.
 const LEAN_FROM: f32 = 1.001;
 
-// Whether the place is on the function's side of clip plane `i`; that of an occluder moves with the
+// True where x is on the function's side of clip plane `i`. The plane of an occluder moves with the
 // normal.
 fn is_before(i: u32, x: vec3f, n: vec3f, radius: f32) -> bool {
     let plane = planes[i];
     let lean = max(dot(plane.xyz, plane.xyz) - LEAN_FROM, 0.0) * radius;
     return dot(plane, vec4f(x, 1.0)) + lean * dot(plane.xyz, n) >= 0.0;
+}
+
+// True where x is on the function's side of all its clip planes.
+fn is_inside(point: Point, x: vec3f, n: vec3f) -> bool {
+    let first = point.planes & 0x00ffffffu;
+    let end = first + (point.planes >> 24u);
+    for (var i = first; i < end; i++) {
+        if !is_before(i, x, n, point.radius) {
+            return false;
+        }
+    }
+    return true;
 }
 
 fn weight(point: Point, x: vec3f, n: vec3f) -> f32 {
@@ -34,12 +49,27 @@ fn weight(point: Point, x: vec3f, n: vec3f) -> f32 {
     if r >= point.radius {
         return 0.0;
     }
-    let first = point.planes & 0x00ffffffu;
-    let end = first + (point.planes >> 24u);
-    for (var i = first; i < end; i++) {
-        if !is_before(i, x, n, point.radius) {
-            return 0.0;
-        }
+    if !is_inside(point, x, n) {
+        return 0.0;
     }
     return kernel(r / point.radius) * cosine * cosine;
+}
+
+// A function of the flat basis at a surface point.
+struct BasisFunction {
+    // Index of its point.
+    index: u32,
+    normal: vec3f,
+    // [L08] Eq. (8); 0 where the function does not reach.
+    weight: f32,
+    // The weight over the squared radius: narrow functions count more.
+    flat_weight: f32,
+}
+
+// The function of entry `at` of the grid, at (x, n).
+fn basis_function(at: u32, x: vec3f, n: vec3f) -> BasisFunction {
+    let j = grid_entries[at];
+    let point = points[j];
+    let w = weight(point, x, n);
+    return BasisFunction(j, point.normal, w, (w / point.radius) * (w / point.radius));
 }

@@ -61,7 +61,7 @@ const LOOK_UP: [Binding; 15] = [
     bind(9, "earlier", Float),
     bind(10, "screen", SCREEN),
     bind(11, "span", Span),
-    bind(12, "nodes", Write(NODE)),
+    bind(12, "subsplats", Write(NODE)),
     bind(13, "lists", Read(4)),
     bind(14, "counted", Read(4)),
 ];
@@ -152,7 +152,7 @@ pub const KERNELS: [Kernel; 26] = [
     },
     Kernel {
         name: "apply",
-        source: shader!("apply"),
+        source: shader!("apply", "apply"),
         bindings: &[
             SPAN,
             bind(2, "rows", Read(size_of::<Row>())),
@@ -171,7 +171,7 @@ pub const KERNELS: [Kernel; 26] = [
     },
     Kernel {
         name: "apply_one",
-        source: shader!("apply_one"),
+        source: shader!("apply_one", "apply"),
         bindings: &[
             PARAMS,
             SPAN,
@@ -256,6 +256,7 @@ pub const KERNELS: [Kernel; 26] = [
         name: "splat",
         source: shader!(
             "splat",
+            "pixel_pass",
             "grid",
             "weight",
             "gbuffer",
@@ -269,13 +270,13 @@ pub const KERNELS: [Kernel; 26] = [
         entries: &[
             each(
                 Pass::SplatNodes,
-                "nodes_of",
+                "evaluate_list",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
             ),
-            tile(Pass::Splat, "splat", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
+            tile(Pass::Splat, "first_scene", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
             tile(
                 Pass::SplatOver,
-                "splat_over",
+                "next_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
         ],
@@ -298,12 +299,12 @@ pub const KERNELS: [Kernel; 26] = [
         entries: &[
             each(
                 Pass::ProbeNodes,
-                "probe_nodes",
+                "evaluate_list",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
             ),
             tile(
                 Pass::ProbeOver,
-                "probe_over",
+                "next_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
         ],
@@ -361,7 +362,17 @@ pub const KERNELS: [Kernel; 26] = [
     Kernel {
         name: "vpl",
         source: shader!(
-            "vpl", "rsm", "gbuffer", "bvh", "shadow", "vpl", "screen", "list", "listed", "node"
+            "vpl",
+            "pixel_pass",
+            "rsm",
+            "gbuffer",
+            "bvh",
+            "shadow",
+            "vpl",
+            "screen",
+            "list",
+            "listed",
+            "node"
         ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<VplViewParams>())),
@@ -371,27 +382,27 @@ pub const KERNELS: [Kernel; 26] = [
             bind(4, "vpls", Read(size_of::<Vpl>())),
             bind(5, "nodes", Read(size_of::<BvhNode>())),
             bind(6, "triangles", Read(size_of::<BvhTriangle>())),
-            bind(7, "output", Output),
-            bind(8, "earlier", Float),
-            bind(9, "screen", SCREEN),
-            bind(10, "span", Span),
-            bind(11, "subsplats", Write(NODE)),
-            bind(12, "lists", Read(4)),
-            bind(13, "counted", Read(4)),
+            bind(8, "output", Output),
+            bind(9, "earlier", Float),
+            bind(10, "screen", SCREEN),
+            bind(11, "span", Span),
+            bind(12, "subsplats", Write(NODE)),
+            bind(13, "lists", Read(4)),
+            bind(14, "counted", Read(4)),
         ],
         entries: &[
             each(
                 Pass::VplNodes,
-                "vpl_nodes",
-                &[0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13],
+                "evaluate_list",
+                &[0, 1, 2, 3, 4, 5, 6, 10, 11, 12, 13, 14],
             ),
-            tile(Pass::Vpl, "vpl", &[0, 1, 2, 3, 4, 5, 6, 7]),
-            tile(Pass::VplOver, "vpl_over", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
+            tile(Pass::Vpl, "first_scene", &[0, 1, 2, 3, 4, 5, 6, 8]),
+            tile(Pass::VplOver, "next_scene", &[0, 1, 2, 3, 4, 5, 6, 8, 9]),
         ],
     },
     Kernel {
         name: "pyramid",
-        source: shader!("pyramid", "gbuffer", "screen"),
+        source: shader!("pyramid", "cell_range", "gbuffer", "screen"),
         bindings: &[
             bind(0, "screen", SCREEN),
             bind(1, "span", Span),
@@ -406,7 +417,15 @@ pub const KERNELS: [Kernel; 26] = [
     },
     Kernel {
         name: "refine",
-        source: shader!("refine", "gbuffer", "screen", "list", "node", "luminance"),
+        source: shader!(
+            "refine",
+            "cell_range",
+            "gbuffer",
+            "screen",
+            "list",
+            "node",
+            "luminance"
+        ),
         bindings: &[
             bind(0, "screen", SCREEN),
             bind(1, "span", Span),
@@ -489,6 +508,7 @@ pub const KERNELS: [Kernel; 26] = [
         name: "subtract_shadow",
         source: shader!(
             "subtract_shadow",
+            "pixel_pass",
             "grid",
             "weight",
             "gbuffer",
@@ -513,12 +533,12 @@ pub const KERNELS: [Kernel; 26] = [
         entries: &[
             tile(
                 Pass::SubtractShadow,
-                "subtract_shadow",
+                "first_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
             ),
             tile(
                 Pass::SubtractShadowOver,
-                "subtract_shadow_over",
+                "next_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
             ),
         ],

@@ -269,10 +269,10 @@ impl RsmBuffers {
             (4, self.vpls.as_entire_binding()),
             (5, nodes.as_entire_binding()),
             (6, triangles.as_entire_binding()),
-            (7, texture(targets.output)),
+            (8, texture(targets.output)),
         ];
         if let Some(earlier) = targets.earlier {
-            resources.push((8, texture(earlier)));
+            resources.push((9, texture(earlier)));
         }
         let bind = kernels.bind(which, &resources);
         let groups = [width.div_ceil(8), height.div_ceil(8)];
