@@ -3,10 +3,8 @@
 //! coarsest points only (\[L08\] §3.2; design D2 (a)).
 
 use super::layout::{SolveParams, VectorIrradiance};
-use super::radiosity::sky_at;
-use crate::asset::PointSurface;
+use super::radiosity::{SenderInputs, sky_at};
 use crate::basis::Weights;
-use crate::samples::Point;
 use crate::transport::BounceLink;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -15,12 +13,9 @@ use std::ops::Range;
 /// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for
 /// those of coarser ones that `pull` leaves alone. What E⃗_j has straight from the sky is left out:
 /// f⁰_j reflects it already. (Rows of differences have no link to the sky.)
-#[expect(clippy::too_many_arguments, reason = "a kernel's bindings")]
 pub fn sweep(
     params: &SolveParams,
-    points: &[Point],
-    surfaces: &[PointSurface],
-    seen: &[[f32; 8]],
+    inputs: &SenderInputs<'_>,
     pull: &Weights,
     direct: &[[f32; 4]],
     irradiance: &[VectorIrradiance],
@@ -30,12 +25,12 @@ pub fn sweep(
         if (j as u32) < params.finest_sender && !pull.row(j).is_empty() {
             continue;
         }
-        let mut e = irradiance[j].dot(points[j].n());
+        let mut e = irradiance[j].dot(inputs.points[j].n());
         if params.differences == 0 {
-            e -= sky_at(params, &points[j], &surfaces[j], seen, j);
+            e -= sky_at(params, inputs, j);
         }
         let e = e.max(Vec3::ZERO);
-        let further = Vec3::from_array(surfaces[j].albedo) * e;
+        let further = Vec3::from_array(inputs.surfaces[j].albedo) * e;
         senders[j] = (Vec4::from_array(direct[j]) + further.extend(0.0)).to_array();
     }
 }

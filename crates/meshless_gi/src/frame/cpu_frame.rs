@@ -1,22 +1,22 @@
 //! A whole frame on the CPU: owns every intermediate array, runs what changed. The same answer for
 //! any number of threads, for no sum is shared between threads.
 
-use super::anderson::Anderson;
 use super::materials::{current_surfaces, sanitize_factors};
 use super::occlude::{occlude, occluder_set_transmittances, sanitize_transmittances};
+use super::radiosity::SenderInputs;
 use super::{
-    FrameLight, FrameSettings, ProbeIrradiance, SceneDimensions, SolveParams, SolveSchedule,
-    VectorIrradiance, apply, apply_one, bounce, compress, flatten, fmm_down, fmm_up, probe,
-    project, pull, push, radiosity, splat,
+    FrameLight, FrameSettings, SceneDimensions, SolveSchedule, VectorIrradiance, bounce, project,
+    pull, radiosity,
 };
 use crate::asset::BakedScene;
 use crate::asset::PointSurface;
 use crate::scene::{Bvh, MaterialFactors};
-use crate::transport::fmm::Passes;
-use crate::transport::fmm::passes::Field;
-use crate::transport::{Link, Row};
-use glam::Vec3;
-use std::ops::Range;
+use crate::transport::Link;
+use transport::{Whom, octree};
+
+mod converge;
+mod results;
+mod transport;
 
 /// What a frame has run since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -203,28 +203,6 @@ impl CpuFrame {
         self.solved = None;
     }
 
-    /// The scene's BVH with the gains that its occluders have now.
-    #[must_use]
-    pub fn bvh<'a>(&'a self, scene: &'a BakedScene) -> &'a Bvh {
-        bvh(&self.occluded, scene)
-    }
-
-    /// The operator's links and the probes' as the occluders let them be.
-    #[must_use]
-    pub fn links<'a>(&'a self, scene: &'a BakedScene) -> [&'a [Link]; 2] {
-        let probes = scene.probes.as_ref().map_or(&[][..], |p| &p.links);
-        match &self.occluded {
-            Some(o) => [&o.links, &o.probe_links],
-            None => [&scene.operator.links, probes],
-        }
-    }
-
-    /// The senders' surfaces as they are now.
-    #[must_use]
-    pub fn surfaces<'a>(&'a self, scene: &'a BakedScene) -> &'a [PointSurface] {
-        surfaces(&self.surfaces, scene)
-    }
-
     /// Carries the light on to all points, unless lights and settings are those of the last solve.
     /// Returns whether anything ran.
     pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
@@ -240,9 +218,7 @@ impl CpuFrame {
             &params,
             &self.lights,
             &self.projected,
-            &scene.points,
-            surfaces(&self.surfaces, scene),
-            seen(&self.occluded, scene),
+            &sender_inputs(&self.surfaces, &self.occluded, scene),
             &mut self.senders,
         );
         for level in &steps.pull {
@@ -276,305 +252,6 @@ impl CpuFrame {
         true
     }
 
-    /// As [`solve`](Self::solve) with as many sweeps as change anything, whatever `settings` says
-    /// of them: until what further ones would add, by the bake's own bound on the gain of a
-    /// reflection, is below `tolerance` times the light, or single precision says no more. The
-    /// sweeps are accelerated: they are no single reflections, but end where all of those would.
-    /// Returns how many ran, at most [`MAX_ACCELERATED`](Self::MAX_ACCELERATED).
-    pub fn converge(
-        &mut self,
-        scene: &BakedScene,
-        settings: &FrameSettings,
-        tolerance: f32,
-    ) -> u32 {
-        let one = FrameSettings {
-            sweeps: 1,
-            baked_bounces: false,
-            ..*settings
-        };
-        self.solved = None;
-        self.solve(scene, &one);
-        let shape = SceneDimensions::new(scene);
-        let params = shape.params(&one, self.lights.len());
-        let steps = SolveSchedule::new(&shape, &one);
-        let mut octree = octree(scene, &steps);
-        let gain = scene.info.energy.spectral_radius_bound;
-        let gain = if gain.is_finite() { gain } else { 1.0 };
-        let enough = f64::from(tolerance) * f64::from(1.0 - gain.clamp(0.0, 0.9995));
-        // Sums of a few hundred links round by so much.
-        let enough = enough.max(3e-7);
-        let finest = params.finest_sender as usize;
-        let own: Vec<usize> = (0..scene.senders())
-            .filter(|&j| j >= finest || scene.pull.row(j).is_empty())
-            .collect();
-        // Colors have nothing to do with one another.
-        let mut memory: [Anderson; 3] = Default::default();
-        let values = |senders: &[[f32; 4]], c: usize| -> Vec<f32> {
-            own.iter().map(|&j| senders[j][c]).collect()
-        };
-        let mut sweeps = 1;
-        let mut x = [0, 1, 2].map(|c| values(&self.senders, c));
-        loop {
-            self.sweep(scene, &params, &steps, &mut octree);
-            sweeps += 1;
-            let g = [0, 1, 2].map(|c| values(&self.senders, c));
-            let mut change = 0.0f64;
-            for ((memory, x), g) in memory.iter_mut().zip(&mut x).zip(&g) {
-                change = change.max(memory.step(x, g));
-            }
-            // The sweep's own result is light that arrived; what lies beyond it is a guess.
-            if change <= enough || sweeps >= Self::MAX_ACCELERATED {
-                break;
-            }
-            for (c, x) in x.iter_mut().enumerate() {
-                for (&j, x) in own.iter().zip(x) {
-                    *x = x.max(0.0);
-                    self.senders[j][c] = *x;
-                }
-            }
-            for level in &steps.pull {
-                pull::pull(&scene.pull, level.clone(), &mut self.senders);
-            }
-        }
-        self.transport(scene, &params, &steps, &mut octree, Whom::All);
-        self.light_space(scene, &params, &steps);
-        // No plain solve is like this one.
-        self.solved = None;
-        self.counters.sweeps += u64::from(sweeps - 1);
-        sweeps
-    }
-
-    /// Most sweeps of [`converge`](Self::converge).
-    pub const MAX_ACCELERATED: u32 = 200;
-
-    /// One reflection: the senders' light carried to them again, and added to their direct light.
-    fn sweep(
-        &mut self,
-        scene: &BakedScene,
-        params: &SolveParams,
-        steps: &SolveSchedule,
-        octree: &mut Option<Passes<'_, f32>>,
-    ) {
-        self.transport(scene, params, steps, octree, Whom::Senders);
-        bounce::sweep(
-            params,
-            &scene.points,
-            surfaces(&self.surfaces, scene),
-            seen(&self.occluded, scene),
-            &scene.pull,
-            &self.direct,
-            &self.values,
-            &mut self.senders,
-        );
-        for level in &steps.pull {
-            pull::pull(&scene.pull, level.clone(), &mut self.senders);
-        }
-    }
-
-    /// Push or compress, apply and flatten; or up and down the octree.
-    fn transport(
-        &mut self,
-        scene: &BakedScene,
-        params: &SolveParams,
-        steps: &SolveSchedule,
-        octree: &mut Option<Passes<'_, f32>>,
-        whom: Whom,
-    ) {
-        let operator = &scene.operator;
-        let (points, levels): (Range<usize>, _) = match whom {
-            Whom::All => (0..scene.points.len(), &steps.levels),
-            Whom::Senders => (0..scene.senders(), &steps.senders),
-        };
-        if let (Some(passes), Some(operator)) = (octree, &scene.fmm) {
-            fmm_up::fmm_up(passes, &self.senders);
-            let sky = scene.senders();
-            fmm_down::fmm_down(passes, operator, &self.senders, sky, &mut self.values);
-            // Finer points than senders take their parents' mean: no row is used.
-            for level in levels.iter().skip(steps.senders.len()) {
-                let rows = &scene.operator.rows;
-                flatten::averages(
-                    params,
-                    rows,
-                    &scene.parents,
-                    level.clone(),
-                    &mut self.values,
-                );
-            }
-        } else if steps.differences {
-            for level in &steps.senders {
-                push::push(
-                    &scene.parents,
-                    level.clone(),
-                    &self.senders,
-                    &mut self.differences,
-                );
-            }
-            // The sky is no function of any level.
-            let sky = scene.senders();
-            self.differences[sky] = self.senders[sky];
-            operate(
-                steps,
-                params,
-                &operator.rows,
-                &operator.links,
-                points.clone(),
-                &self.differences,
-                &mut self.applied,
-            );
-            flatten::differences(&scene.parents, points, &self.applied, &mut self.values);
-        } else {
-            let coefficients = match &operator.compression {
-                Some(compression) => {
-                    compress::compress(compression, &self.senders, &mut self.components);
-                    &self.components
-                }
-                None => &self.senders,
-            };
-            let links = match &self.occluded {
-                Some(occluded) => &occluded.links,
-                None => &operator.links,
-            };
-            operate(
-                steps,
-                params,
-                &operator.rows,
-                links,
-                points,
-                coefficients,
-                &mut self.values,
-            );
-            for level in levels {
-                flatten::averages(
-                    params,
-                    &operator.rows,
-                    &scene.parents,
-                    level.clone(),
-                    &mut self.values,
-                );
-            }
-        }
-    }
-
-    /// The senders' light at the probes.
-    fn light_space(&mut self, scene: &BakedScene, params: &SolveParams, steps: &SolveSchedule) {
-        if let Some(probes) = &scene.probes {
-            let all = 0..probes.rows.len();
-            let links = match &self.occluded {
-                Some(occluded) => &occluded.probe_links,
-                None => &probes.links,
-            };
-            let rows = &probes.rows;
-            let (senders, out) = (&self.senders, &mut self.probes);
-            operate(steps, params, rows, links, all, senders, out);
-        }
-    }
-
-    /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero
-    /// for the nearer one); None where no probe reaches, or the scene has none.
-    #[must_use]
-    pub fn probe_irradiance(
-        &self,
-        scene: &BakedScene,
-        x: Vec3,
-        n: Vec3,
-    ) -> Option<ProbeIrradiance> {
-        probe::probe(scene.probes.as_ref()?, &self.probes, x, n)
-    }
-
-    /// The probes' values, three each, W/m².
-    #[must_use]
-    pub fn probes(&self) -> &[VectorIrradiance] {
-        &self.probes
-    }
-
-    /// Indirect irradiance at (x, n), W/m²; None where no basis function covers the place. What the
-    /// sky and emissive surfaces send is in it.
-    #[must_use]
-    pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
-        splat::splat(&scene.points, &scene.display, &self.values, x, n)
-    }
-
-    /// Direct irradiance at (x, n) from the lights set, W/m²: shadows included, the sky and
-    /// emissive surfaces not.
-    #[must_use]
-    pub fn direct(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
-        let extent = project::extent(scene);
-        let mut e = Vec3::ZERO;
-        for light in &self.lights {
-            e += Vec3::from_array(light.color)
-                * project::project_at(self.bvh(scene), extent, light, x, n);
-        }
-        e
-    }
-
-    /// The lights, slot by slot.
-    #[must_use]
-    pub fn lights(&self) -> &[FrameLight] {
-        &self.lights
-    }
-
-    /// Irradiance of the senders from the light of `slot` with color one.
-    #[must_use]
-    pub fn projected(&self, slot: usize) -> &[f32] {
-        let senders = self.made_for[1];
-        &self.projected[slot * senders..(slot + 1) * senders]
-    }
-
-    /// The senders' coefficients after all bounces, the sky's behind them, W/m².
-    #[must_use]
-    pub fn senders(&self) -> &[[f32; 4]] {
-        &self.senders
-    }
-
-    /// The senders' coefficients of direct light, W/m²; only where there was more than one bounce.
-    #[must_use]
-    pub fn direct_senders(&self) -> &[[f32; 4]] {
-        &self.direct
-    }
-
-    /// The baked bounces' further radiosity at the senders, W/m².
-    #[must_use]
-    pub fn multibounce_radiosity(&self) -> &[[f32; 4]] {
-        &self.further
-    }
-
-    /// The senders' differences, where the operator is in that form, W/m².
-    #[must_use]
-    pub fn differences(&self) -> &[[f32; 4]] {
-        &self.differences
-    }
-
-    /// The senders' light in bases of direct light, the sky's behind them, where the operator is in
-    /// that form, W/m² (times a dimensionless vector's unit).
-    #[must_use]
-    pub fn components(&self) -> &[[f32; 4]] {
-        &self.components
-    }
-
-    /// What the operator alone gives each point, where it is in the form of differences, W/m².
-    #[must_use]
-    pub fn applied(&self) -> &[VectorIrradiance] {
-        &self.applied
-    }
-
-    /// Vector irradiance at every point, W/m².
-    #[must_use]
-    pub fn values(&self) -> &[VectorIrradiance] {
-        &self.values
-    }
-
-    /// What has run so far.
-    #[must_use]
-    pub fn counters(&self) -> CpuFrameStats {
-        self.counters
-    }
-
-    /// The parameters of a solve with these settings and the lights set.
-    #[must_use]
-    pub fn params(&self, scene: &BakedScene, settings: &FrameSettings) -> SolveParams {
-        SceneDimensions::new(scene).params(settings, self.lights.len())
-    }
-
     /// Starts anew where the scene has another size.
     fn check(&mut self, scene: &BakedScene) {
         if self.made_for != size(scene) {
@@ -606,49 +283,25 @@ fn surfaces<'a>(own: &'a [PointSurface], scene: &'a BakedScene) -> &'a [PointSur
     }
 }
 
-/// What the senders see of the sky's terms; nothing where the bake knows a uniform sky only.
-fn seen<'a>(occluded: &'a Option<Occluded>, scene: &'a BakedScene) -> &'a [[f32; 8]] {
-    match occluded {
-        Some(o) => &o.seen,
-        None => scene.sky.as_ref().map_or(&[], |sky| &sky.senders),
+/// The senders as the frame's materials and occluders leave them.
+fn sender_inputs<'a>(
+    own: &'a [PointSurface],
+    occluded: &'a Option<Occluded>,
+    scene: &'a BakedScene,
+) -> SenderInputs<'a> {
+    SenderInputs {
+        points: &scene.points,
+        surfaces: surfaces(own, scene),
+        sky: match occluded {
+            Some(o) => &o.seen,
+            None => scene.sky.as_ref().map_or(&[], |sky| &sky.senders),
+        },
     }
 }
 
 /// The BVH: that of the frame, where it has one.
 fn bvh<'a>(occluded: &'a Option<Occluded>, scene: &'a BakedScene) -> &'a Bvh {
     occluded.as_ref().map_or(&scene.bvh, |o| &o.bvh)
-}
-
-/// Who is to get light.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Whom {
-    /// All points.
-    All,
-    /// The senders, for their next reflection.
-    Senders,
-}
-
-/// The operator, in as many channels as the frame takes.
-fn operate(
-    steps: &SolveSchedule,
-    params: &SolveParams,
-    rows: &[Row],
-    links: &[Link],
-    points: Range<usize>,
-    coefficients: &[[f32; 4]],
-    out: &mut [VectorIrradiance],
-) {
-    let apply = match steps.one {
-        true => apply_one::apply_one,
-        false => apply::apply,
-    };
-    apply(params, rows, links, points, coefficients, out);
-}
-
-/// Room for the passes, where the octree carries the light.
-fn octree<'a>(scene: &'a BakedScene, steps: &SolveSchedule) -> Option<Passes<'a, f32>> {
-    let operator = scene.fmm.as_ref().filter(|_| steps.octree)?;
-    Some(Passes::new(Field::of(operator)))
 }
 
 /// Columns of an operator of components, the sky's among them.

@@ -9,24 +9,29 @@ use crate::samples::Point;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-/// What sender `j` has straight from the sky, W/m². `seen` holds the sender's numbers of the sky's
-/// terms, where the bake has them.
+/// Points, surfaces and sky visibility of the senders.
+#[derive(Clone, Copy, Debug)]
+pub struct SenderInputs<'a> {
+    /// Points of the scene, senders first.
+    pub points: &'a [Point],
+    /// Surfaces of the senders.
+    pub surfaces: &'a [PointSurface],
+    /// Visibility of the sky's further terms, one row per sender. Empty if the bake supports a
+    /// uniform sky only.
+    pub sky: &'a [[f32; 8]],
+}
+
+/// Irradiance of sender `j` directly from the sky, W/m².
 #[must_use]
 #[inline]
-pub fn sky_at(
-    params: &SolveParams,
-    point: &Point,
-    surface: &PointSurface,
-    seen: &[[f32; 8]],
-    j: usize,
-) -> Vec3 {
-    let mut e =
-        Vec3::from_array(params.sky) * Vec3::from_array(surface.sky).dot(point.n()).max(0.0);
+pub fn sky_at(params: &SolveParams, inputs: &SenderInputs<'_>, j: usize) -> Vec3 {
+    let cosine = Vec3::from_array(inputs.surfaces[j].sky).dot(inputs.points[j].n());
+    let mut e = Vec3::from_array(params.sky) * cosine.max(0.0);
     if params.sky_terms == 0 {
         return e;
     }
-    for (term, seen) in params.sky_more.iter().zip(&seen[j]) {
-        e += Vec4::from_array(*term).truncate() * *seen;
+    for (term, visible) in params.sky_more.iter().zip(&inputs.sky[j]) {
+        e += Vec4::from_array(*term).truncate() * *visible;
     }
     // The series may fall below zero.
     e.max(Vec3::ZERO)
@@ -40,28 +45,24 @@ pub fn radiosity_at(
     params: &SolveParams,
     lights: &[FrameLight],
     projected: &[f32],
-    point: &Point,
-    surface: &PointSurface,
-    seen: &[[f32; 8]],
+    inputs: &SenderInputs<'_>,
     j: usize,
 ) -> Vec3 {
+    let surface = &inputs.surfaces[j];
     let mut e = Vec3::ZERO;
     for (slot, light) in lights[..params.slots as usize].iter().enumerate() {
         e += Vec3::from_array(light.color) * projected[slot * params.senders as usize + j];
     }
-    e += sky_at(params, point, surface, seen, j);
+    e += sky_at(params, inputs, j);
     Vec3::from_array(surface.albedo) * e + Vec3::from_array(surface.emission) * params.emission
 }
 
-/// Fills the senders' first coefficients, those of the sky behind them, W/m². `seen` is empty where
-/// the bake knows a uniform sky only.
+/// Fills the senders' first coefficients and behind them those of the sky, W/m².
 pub fn radiosity(
     params: &SolveParams,
     lights: &[FrameLight],
     projected: &[f32],
-    points: &[Point],
-    surfaces: &[PointSurface],
-    seen: &[[f32; 8]],
+    inputs: &SenderInputs<'_>,
     senders: &mut [[f32; 4]],
 ) {
     senders[..params.senders as usize]
@@ -69,7 +70,7 @@ pub fn radiosity(
         .with_min_len(256)
         .enumerate()
         .for_each(|(j, b)| {
-            *b = radiosity_at(params, lights, projected, &points[j], &surfaces[j], seen, j)
+            *b = radiosity_at(params, lights, projected, inputs, j)
                 .extend(0.0)
                 .to_array();
         });

@@ -22,24 +22,24 @@
 //! subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
 //! how much of a light arrives, and from where.
 
-use super::brdf::{self, ShadingPoint, SpecularTerms};
+use super::brdf;
 use super::gbuffer;
 use super::pyramid::{GbufferView, VisibleSurface, visible_surface};
 use super::refine::FLOOR;
-use super::rsm_layout::{Vpl, VplParams, VplViewParams};
+use super::rsm_layout::VplViewParams;
 use super::splat::LARGEST_HALF;
-use super::subsplat::{COARSEST, LUMINANCE, SubsplatLevels, SubsplatParams, SubsplatSettings};
+use super::subsplat::{LUMINANCE, SubsplatLevels, SubsplatParams};
 use super::upsample::PLANE;
-use super::vpl::{pixel_position, start, vpl_contribution, vpl_transmittance};
-use crate::scene::Bvh;
-#[cfg(feature = "bevy_reflect")]
-use bevy_reflect::std_traits::ReflectDefault;
-use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec2, Vec3, Vec4};
-use half::f16;
+use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::{FRAC_1_PI, PI};
+use std::f32::consts::FRAC_1_PI;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+mod receiver;
+mod settings;
+
+pub use receiver::{MIN, Receiver, VplSet, receiver, specular_at, specular_of_light};
+pub use settings::{SpecularNode, SpecularParams, SpecularRadiance, SpecularSettings};
 
 /// Bits of a surprise: more lights than that share them in groups of neighbors.
 pub const LIGHT_GROUPS: u32 = 128;
@@ -54,258 +54,12 @@ pub const VIEW_COSINE_TOLERANCE: f32 = 0.15;
 /// Difference of perceptual roughness from which they say nothing of one another.
 pub const ROUGHNESS_TOLERANCE: f32 = 0.1;
 
-/// Which surfaces show the gloss of virtual lights, and where it is evaluated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "bevy_reflect",
-    derive(bevy_reflect::Reflect),
-    reflect(Default, Clone, Debug, PartialEq)
-)]
-pub struct SpecularSettings {
-    /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to
-    /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
-    pub coarsest: u32,
-    /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
-    pub finest: u32,
-    /// A light is evaluated further where it is this far from what was foretold, in parts of the
-    /// gloss of all lights.
-    pub light: f32,
-    /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
-    pub roughest: f32,
-    /// Refine by the sum of the lights: one list for all of them. For comparison.
-    pub together: bool,
-}
-
-impl Default for SpecularSettings {
-    fn default() -> Self {
-        Self {
-            coarsest: 4,
-            finest: 1,
-            light: 0.02,
-            roughest: 0.6,
-            together: false,
-        }
-    }
-}
-
-impl SpecularSettings {
-    /// What the kernel is told: the view as for subsplats, and the rest.
-    #[must_use]
-    pub fn params(
-        &self,
-        view_from_clip: Mat4,
-        view_from_world: Mat4,
-        viewport: [f32; 4],
-        size: [u32; 2],
-    ) -> (SubsplatParams, SpecularParams) {
-        let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
-        let screen = SubsplatSettings {
-            coarsest: self.coarsest.clamp(2, COARSEST),
-            finest: self.finest,
-            light: positive(self.light),
-            ..SubsplatSettings::default()
-        };
-        let params = SpecularParams {
-            roughest: positive(self.roughest).min(1.0 + ROUGHNESS_FADE),
-            together: u32::from(self.together),
-            ..SpecularParams::default()
-        };
-        let screen = SubsplatParams::new(&screen, view_from_clip, view_from_world, viewport, size);
-        (screen, params)
-    }
-}
-
-/// What `gloss` is told beside the view. 16 bytes.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct SpecularParams {
-    /// See [`SpecularSettings::roughest`].
-    pub roughest: f32,
-    /// 1 to refine by the sum of the lights.
-    pub together: u32,
-    /// Not used.
-    pub pad0: u32,
-    /// Not used.
-    pub pad1: u32,
-}
-
-/// Gloss at a node, as half floats. 16 bytes.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct SpecularNode {
-    /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the
-    /// last word is 1 where something is known.
-    pub words: [u32; 4],
-}
-
-impl SpecularNode {
-    /// A node of this light.
-    #[must_use]
-    pub fn new(light: &SpecularRadiance) -> Self {
-        let pack = |a: f32, b: f32| {
-            let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, LARGEST_HALF)).to_bits());
-            bits(a) | bits(b) << 16
-        };
-        let [a, b] = [light.f0, light.f90];
-        Self {
-            words: [pack(a.x, a.y), pack(a.z, b.x), pack(b.y, b.z), 1],
-        }
-    }
-
-    /// Its light, if any is known.
-    #[must_use]
-    pub fn light(&self) -> Option<SpecularRadiance> {
-        let half = |i: usize| {
-            let word = self.words[i / 2] >> (16 * (i % 2));
-            f16::from_bits(word as u16).to_f32()
-        };
-        (self.words[3] == 1).then(|| SpecularRadiance {
-            f0: Vec3::new(half(0), half(1), half(2)),
-            f90: Vec3::new(half(3), half(4), half(5)),
-        })
-    }
-}
-
-/// Radiance times the view's scale, over f₀ and over f₉₀.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SpecularRadiance {
-    /// Over f₀.
-    pub f0: Vec3,
-    /// Over f₉₀.
-    pub f90: Vec3,
-}
-
-impl SpecularRadiance {
-    fn add(&mut self, weight: f32, other: &Self) {
-        self.f0 += weight * other.f0;
-        self.f90 += weight * other.f90;
-    }
-
-    /// What a surface with this f₀ shows of it.
-    #[must_use]
-    pub fn of(&self, f0: Vec3) -> Vec3 {
-        f0 * self.f0 + brdf::f90(f0) * self.f90
-    }
-}
-
 /// How much of the gloss a texel shows, 0 to 1: all of a metal's; of others what their roughness
 /// leaves.
 #[must_use]
 pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
     let smooth = (params.roughest - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
     gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
-}
-
-/// Lights, and what shadows them.
-#[derive(Clone, Copy)]
-pub struct VplSet<'a> {
-    /// How many, and the bake's place.
-    pub lit: &'a VplParams,
-    /// The lights.
-    pub vpls: &'a [Vpl],
-    /// The bake's tree.
-    pub bvh: &'a Bvh,
-}
-
-impl VplSet<'_> {
-    /// Lights that share a bit.
-    #[must_use]
-    pub fn a_group(&self) -> u32 {
-        self.lit.vpls.div_ceil(LIGHT_GROUPS).max(1)
-    }
-}
-
-/// A surface that lights shine on, in their space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Receiver {
-    /// Where, meters.
-    pub x: Vec3,
-    /// Normal, eye, roughness.
-    pub facet: ShadingPoint,
-    /// Where shadow rays start, in the bake's space.
-    pub start: Vec3,
-}
-
-/// What a pixel shows.
-#[must_use]
-pub fn receiver(
-    view: &VplViewParams,
-    lights: &VplSet<'_>,
-    pixel: [u32; 2],
-    depth: f32,
-    texel: [u32; 4],
-) -> Receiver {
-    let x = pixel_position(view, pixel, depth);
-    let n = gbuffer::normal(texel);
-    Receiver {
-        x,
-        facet: ShadingPoint {
-            n,
-            v: toward_eye(view, pixel),
-            roughness: gbuffer::roughness(texel),
-        },
-        start: start(lights.lit, x, n),
-    }
-}
-
-/// From a pixel's surface to the eye, unit: along the line of the pixel's places of all depths,
-/// whatever the projection.
-fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
-    let [left, top, width, height] = view.viewport;
-    let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
-        / Vec2::new(width, height);
-    let m = Mat4::from_cols_array_2d(&view.space_from_clip);
-    let far = m * Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0);
-    let near = far + m.z_axis;
-    // The difference of the two places, times both w: the far one may be infinite.
-    (near.truncate() * far.w - far.truncate() * near.w).normalize_or_zero()
-}
-
-/// Light over flux, 1/m², below which there is none.
-pub const MIN: f32 = 1e-15;
-
-/// How much brighter than by a white matt surface a light may be seen in this gloss: what the
-/// threshold of shadow rays is compared with.
-fn brightest(gloss: &SpecularTerms) -> f32 {
-    (PI * (gloss.f0 + gloss.f90)).max(1.0)
-}
-
-/// What one light gives to the eye, over its flux.
-#[must_use]
-pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
-    let light = &lights.vpls[i as usize];
-    let n = at.facet.n;
-    let g = vpl_contribution(light, at.x, n);
-    let arrives = n.dot(g);
-    // Less than this is nothing, and has no direction in single precision.
-    if arrives.is_nan() || arrives <= MIN {
-        return SpecularTerms::default();
-    }
-    let toward = Vec3::from_array(light.position) - at.x;
-    let spread = light.square / (toward.dot(toward) + light.square);
-    let found = brdf::specular_terms(&at.facet, g / g.length(), spread);
-    if found.f0 + found.f90 <= 0.0 {
-        return SpecularTerms::default();
-    }
-    let bright = arrives * brightest(&found);
-    let arrives = arrives * vpl_transmittance(lights.lit, lights.bvh, light, at.start, bright);
-    SpecularTerms {
-        f0: arrives * found.f0,
-        f90: arrives * found.f90,
-    }
-}
-
-/// What all lights give to the eye, unscaled.
-#[must_use]
-pub fn specular_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
-    let mut sum = SpecularRadiance::default();
-    for i in 0..lights.lit.vpls {
-        let flux = Vec3::from_array(lights.vpls[i as usize].flux);
-        let found = specular_of_light(lights, i, at);
-        sum.f0 += found.f0 * flux;
-        sum.f90 += found.f90 * flux;
-    }
-    sum
 }
 
 /// Everything that a view's gloss is made of.

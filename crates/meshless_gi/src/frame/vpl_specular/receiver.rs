@@ -1,0 +1,123 @@
+//! Specular reflection of single virtual lights at a surface point.
+
+use super::LIGHT_GROUPS;
+use super::settings::SpecularRadiance;
+use crate::frame::brdf::{self, ShadingPoint, SpecularTerms};
+use crate::frame::gbuffer;
+use crate::frame::rsm_layout::{Vpl, VplParams, VplViewParams};
+use crate::frame::vpl::{pixel_position, start, vpl_contribution, vpl_transmittance};
+use crate::scene::Bvh;
+use glam::{Mat4, Vec2, Vec3, Vec4};
+use std::f32::consts::PI;
+
+/// Lights, and what shadows them.
+#[derive(Clone, Copy)]
+pub struct VplSet<'a> {
+    /// How many, and the bake's place.
+    pub lit: &'a VplParams,
+    /// The lights.
+    pub vpls: &'a [Vpl],
+    /// The bake's tree.
+    pub bvh: &'a Bvh,
+}
+
+impl VplSet<'_> {
+    /// Lights that share a bit.
+    #[must_use]
+    pub fn a_group(&self) -> u32 {
+        self.lit.vpls.div_ceil(LIGHT_GROUPS).max(1)
+    }
+}
+
+/// A surface that lights shine on, in their space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Receiver {
+    /// Where, meters.
+    pub x: Vec3,
+    /// Normal, eye, roughness.
+    pub facet: ShadingPoint,
+    /// Where shadow rays start, in the bake's space.
+    pub start: Vec3,
+}
+
+/// What a pixel shows.
+#[must_use]
+pub fn receiver(
+    view: &VplViewParams,
+    lights: &VplSet<'_>,
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+) -> Receiver {
+    let x = pixel_position(view, pixel, depth);
+    let n = gbuffer::normal(texel);
+    Receiver {
+        x,
+        facet: ShadingPoint {
+            n,
+            v: toward_eye(view, pixel),
+            roughness: gbuffer::roughness(texel),
+        },
+        start: start(lights.lit, x, n),
+    }
+}
+
+/// From a pixel's surface to the eye, unit: along the line of the pixel's places of all depths,
+/// whatever the projection.
+fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
+    let [left, top, width, height] = view.viewport;
+    let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
+        / Vec2::new(width, height);
+    let m = Mat4::from_cols_array_2d(&view.space_from_clip);
+    let far = m * Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0);
+    let near = far + m.z_axis;
+    // The difference of the two places, times both w: the far one may be infinite.
+    (near.truncate() * far.w - far.truncate() * near.w).normalize_or_zero()
+}
+
+/// Light over flux, 1/m², below which there is none.
+pub const MIN: f32 = 1e-15;
+
+/// How much brighter than by a white matt surface a light may be seen in this gloss: what the
+/// threshold of shadow rays is compared with.
+fn brightest(gloss: &SpecularTerms) -> f32 {
+    (PI * (gloss.f0 + gloss.f90)).max(1.0)
+}
+
+/// What one light gives to the eye, over its flux.
+#[must_use]
+pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
+    let light = &lights.vpls[i as usize];
+    let n = at.facet.n;
+    let g = vpl_contribution(light, at.x, n);
+    let arrives = n.dot(g);
+    // Less than this is nothing, and has no direction in single precision.
+    if arrives.is_nan() || arrives <= MIN {
+        return SpecularTerms::default();
+    }
+    let toward = Vec3::from_array(light.position) - at.x;
+    let spread = light.square / (toward.dot(toward) + light.square);
+    let found = brdf::specular_terms(&at.facet, g / g.length(), spread);
+    if found.f0 + found.f90 <= 0.0 {
+        return SpecularTerms::default();
+    }
+    let bright = arrives * brightest(&found);
+    let arrives = arrives * vpl_transmittance(lights.lit, lights.bvh, light, at.start, bright);
+    SpecularTerms {
+        f0: arrives * found.f0,
+        f90: arrives * found.f90,
+    }
+}
+
+/// What all lights give to the eye, unscaled.
+#[must_use]
+pub fn specular_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
+    let mut sum = SpecularRadiance::default();
+    for i in 0..lights.lit.vpls {
+        let flux = Vec3::from_array(lights.vpls[i as usize].flux);
+        let found = specular_of_light(lights, i, at);
+        sum.f0 += found.f0 * flux;
+        sum.f90 += found.f90 * flux;
+    }
+    sum
+}

@@ -1,0 +1,145 @@
+//! Settings of specular reflections of virtual lights, and the nodes that store them.
+
+use super::ROUGHNESS_FADE;
+use crate::frame::brdf;
+use crate::frame::splat::LARGEST_HALF;
+use crate::frame::subsplat::{COARSEST, SubsplatParams, SubsplatSettings};
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec3};
+use half::f16;
+
+/// Which surfaces show the gloss of virtual lights, and where it is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
+pub struct SpecularSettings {
+    /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to
+    /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
+    pub coarsest: u32,
+    /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
+    pub finest: u32,
+    /// A light is evaluated further where it is this far from what was foretold, in parts of the
+    /// gloss of all lights.
+    pub light: f32,
+    /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
+    pub roughest: f32,
+    /// Refine by the sum of the lights: one list for all of them. For comparison.
+    pub together: bool,
+}
+
+impl Default for SpecularSettings {
+    fn default() -> Self {
+        Self {
+            coarsest: 4,
+            finest: 1,
+            light: 0.02,
+            roughest: 0.6,
+            together: false,
+        }
+    }
+}
+
+impl SpecularSettings {
+    /// What the kernel is told: the view as for subsplats, and the rest.
+    #[must_use]
+    pub fn params(
+        &self,
+        view_from_clip: Mat4,
+        view_from_world: Mat4,
+        viewport: [f32; 4],
+        size: [u32; 2],
+    ) -> (SubsplatParams, SpecularParams) {
+        let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
+        let screen = SubsplatSettings {
+            coarsest: self.coarsest.clamp(2, COARSEST),
+            finest: self.finest,
+            light: positive(self.light),
+            ..SubsplatSettings::default()
+        };
+        let params = SpecularParams {
+            roughest: positive(self.roughest).min(1.0 + ROUGHNESS_FADE),
+            together: u32::from(self.together),
+            ..SpecularParams::default()
+        };
+        let screen = SubsplatParams::new(&screen, view_from_clip, view_from_world, viewport, size);
+        (screen, params)
+    }
+}
+
+/// What `gloss` is told beside the view. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SpecularParams {
+    /// See [`SpecularSettings::roughest`].
+    pub roughest: f32,
+    /// 1 to refine by the sum of the lights.
+    pub together: u32,
+    /// Not used.
+    pub pad0: u32,
+    /// Not used.
+    pub pad1: u32,
+}
+
+/// Gloss at a node, as half floats. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct SpecularNode {
+    /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the
+    /// last word is 1 where something is known.
+    pub words: [u32; 4],
+}
+
+impl SpecularNode {
+    /// A node of this light.
+    #[must_use]
+    pub fn new(light: &SpecularRadiance) -> Self {
+        let pack = |a: f32, b: f32| {
+            let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, LARGEST_HALF)).to_bits());
+            bits(a) | bits(b) << 16
+        };
+        let [a, b] = [light.f0, light.f90];
+        Self {
+            words: [pack(a.x, a.y), pack(a.z, b.x), pack(b.y, b.z), 1],
+        }
+    }
+
+    /// Its light, if any is known.
+    #[must_use]
+    pub fn light(&self) -> Option<SpecularRadiance> {
+        let half = |i: usize| {
+            let word = self.words[i / 2] >> (16 * (i % 2));
+            f16::from_bits(word as u16).to_f32()
+        };
+        (self.words[3] == 1).then(|| SpecularRadiance {
+            f0: Vec3::new(half(0), half(1), half(2)),
+            f90: Vec3::new(half(3), half(4), half(5)),
+        })
+    }
+}
+
+/// Radiance times the view's scale, over f₀ and over f₉₀.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpecularRadiance {
+    /// Over f₀.
+    pub f0: Vec3,
+    /// Over f₉₀.
+    pub f90: Vec3,
+}
+
+impl SpecularRadiance {
+    pub(super) fn add(&mut self, weight: f32, other: &Self) {
+        self.f0 += weight * other.f0;
+        self.f90 += weight * other.f90;
+    }
+
+    /// What a surface with this f₀ shows of it.
+    #[must_use]
+    pub fn of(&self, f0: Vec3) -> Vec3 {
+        f0 * self.f0 + brdf::f90(f0) * self.f90
+    }
+}
