@@ -8,12 +8,14 @@
 //! it: relative to the root mean square of its irradiance over the coarsest points.
 
 use super::PcaRecipe;
+use super::point_set::PointSet;
+use super::survey::Survey;
 use super::training_lights::sample_light_positions;
 use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::{Random, mix, uniform_sphere};
 use crate::scene::Geometry;
-use crate::transport::pca::{Clusters, Examples, LightBasis, cluster};
+use crate::transport::pca::{Examples, LightBasis, cluster};
 use crate::transport::{GatherSettings, TRAINING_LIGHTS, coarse_rows, mean_squares};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -34,62 +36,47 @@ enum Lamp {
     Sun(Vec3),
 }
 
-/// Bases of direct light for clusters of the senders, and how many rays they took.
-#[must_use]
-pub fn light_basis(
+/// Light bases of the sender clusters, and the number of rays cast.
+pub(super) fn light_basis(
     gathering: &GatherSettings<'_>,
-    hierarchy: &Hierarchy,
-    viewpoints: &[Vec3],
-    places: &LightSamples,
-    pull: &Weights,
+    points: &PointSet,
+    survey: &Survey,
     settings: &PcaRecipe,
-    drop_first: bool,
 ) -> (LightBasis, u64) {
+    let PointSet {
+        hierarchy, pull, ..
+    } = points;
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
     let own: Vec<u32> = (0..pull.len())
         .filter(|&j| j >= finest || pull.row(j).is_empty())
         .map(|j| j as u32)
         .collect();
-    let points: Vec<(Vec3, Vec3)> = (own.iter())
+    let positions: Vec<(Vec3, Vec3)> = (own.iter())
         .map(|&j| &hierarchy.surfaces[j as usize])
         .map(|s| (s.position, s.normal))
         .collect();
-    let clusters = cluster(
-        &points,
-        settings.cluster_size.unwrap_or(1) as usize,
-        gathering.seed,
-    );
-    let (examples, rays) = examples(
-        gathering, hierarchy, viewpoints, places, pull, own, settings, drop_first,
-    );
-    (
-        basis_of(&examples, &clusters, settings, pull, gathering.seed),
-        rays,
-    )
-}
-
-fn basis_of(
-    examples: &Examples,
-    clusters: &Clusters,
-    settings: &PcaRecipe,
-    pull: &Weights,
-    seed: u64,
-) -> LightBasis {
+    let cluster_size = settings.cluster_size.unwrap_or(1) as usize;
+    let clusters = cluster(&positions, cluster_size, gathering.seed);
+    let (examples, rays) = training_set(gathering, points, survey, own, settings.training_lights);
     let coefficients = settings.coefficients as usize;
-    LightBasis::new(examples, clusters, coefficients, pull, seed)
+    let basis = LightBasis::new(&examples, &clusters, coefficients, pull, gathering.seed);
+    (basis, rays)
 }
 
-#[expect(clippy::too_many_arguments, reason = "what a level consists of")]
-fn examples(
+/// Light of the training lights on the senders `own`, and the number of rays cast.
+fn training_set(
     gathering: &GatherSettings<'_>,
-    hierarchy: &Hierarchy,
-    viewpoints: &[Vec3],
-    places: &LightSamples,
-    pull: &Weights,
+    points: &PointSet,
+    survey: &Survey,
     own: Vec<u32>,
-    settings: &PcaRecipe,
-    drop_first: bool,
+    lights: u32,
 ) -> (Examples, u64) {
+    let PointSet {
+        hierarchy,
+        pull,
+        light_samples,
+        ..
+    } = points;
     let geometry = gathering.geometry;
     let senders = pull.len();
     // Not the training lamps, which judge the rows.
@@ -99,10 +86,10 @@ fn examples(
     let open = rows.iter().any(|row| row.1 > 0.0);
     let (free, cast) = sample_light_positions(
         geometry,
-        viewpoints,
-        settings.training_lights as usize,
+        &survey.viewpoints,
+        lights as usize,
         seed,
-        drop_first,
+        survey.drop_first,
     );
     rays += cast;
     let mut random = Random::new(seed, 0, 0);
@@ -115,7 +102,7 @@ fn examples(
     let mut light = Vec::with_capacity(own.len() * lamps.len());
     let mut powers: Vec<[f64; 2]> = Vec::with_capacity(lamps.len());
     for (batch, lamps) in lamps.chunks(TRAINING_LIGHTS).enumerate() {
-        let scene = (hierarchy, geometry, places, pull);
+        let scene = (hierarchy, geometry, light_samples, pull);
         let values = radiosity(scene, lamps, batch * TRAINING_LIGHTS);
         rays += (own.len() * lamps.len()) as u64;
         let back = mean_squares(&rows, &values);

@@ -13,7 +13,8 @@
 //! take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of visibility miss of that, each
 //! point's factor mends.
 
-use super::{BakeError, BakeSettings, BakeStage, Baked, FmmRecipe, Progress, energy_fmm};
+use super::context::BakeContext;
+use super::{BakeError, BakeSettings, BakeStage, BakeStats, FmmRecipe, energy_fmm};
 use crate::asset::{BakedScene, TierInfo};
 use crate::basis::{CellPart, Hierarchy, find_cells};
 use crate::scene::Geometry;
@@ -38,7 +39,7 @@ impl FmmRecipe {
 }
 
 /// The cells of the senders that shine.
-pub(super) struct Cells {
+pub(super) struct SenderCells {
     /// The first of those senders.
     first: usize,
     /// Pieces of each.
@@ -46,7 +47,7 @@ pub(super) struct Cells {
     rays: u64,
 }
 
-impl Cells {
+impl SenderCells {
     /// Nothing but under rule `fmm`.
     pub fn find(
         geometry: &dyn Geometry,
@@ -96,57 +97,61 @@ impl Cells {
 /// crack.
 const FACTOR_RANGE: [f32; 2] = [0.25, 4.0];
 
-/// Gives the bake its octree, where there are cells to make it of.
-pub(super) fn build(
-    geometry: &dyn Geometry,
+/// Adds the octree of method `fmm` to a scene with `cells`.
+pub(super) fn add_octree(
+    context: &BakeContext<'_>,
     settings: &BakeSettings,
-    cells: Option<Cells>,
-    mut baked: Baked,
-    progress: &Progress,
-) -> Result<Baked, BakeError> {
-    let (Some(cells), Some(own)) = (cells, settings.fmm()) else {
-        return Ok(baked);
+    cells: Option<SenderCells>,
+    scene: BakedScene,
+    stats: &mut BakeStats,
+) -> Result<BakedScene, BakeError> {
+    let (Some(cells), Some(recipe)) = (cells, settings.fmm()) else {
+        return Ok(scene);
     };
     let began = Instant::now();
-    if !progress.set(BakeStage::Transport, 0.9) {
-        return Err(BakeError::Canceled);
-    }
-    let scene = &mut baked.scene;
-    let looks = (settings.rays_per_point / 4).max(16);
-    let seen: Vec<(Vec3, f32)> = (scene.points.par_iter().enumerate())
-        .map(|(i, p)| look_out(geometry, p.x(), p.n(), i, looks, settings.seed))
+    context.report(BakeStage::Transport, 0.9)?;
+    let geometry = context.source.geometry;
+    let rays = (settings.rays_per_point / 4).max(16);
+    let sky_rays: Vec<(Vec3, f32)> = (scene.points.par_iter().enumerate())
+        .map(|(i, p)| look_out(geometry, p.x(), p.n(), i, rays, settings.seed))
         .collect();
-    baked.stats.rays += cells.rays + seen.len() as u64 * u64::from(looks);
-    if !own.fallback_links {
-        // Links know the sky by their own rays, and sweeps over them take off the same again.
-        for (surface, (sky, _)) in scene.surfaces.iter_mut().zip(&seen) {
-            surface.sky = sky.to_array();
-        }
-    }
-    let (points, of) = cells.points(scene);
-    let fmm = Fmm::new(&points, &own.solver(settings.seed), Some(geometry))?;
-    baked.stats.rays += fmm.lists().counts.rays;
+    stats.rays += cells.rays + sky_rays.len() as u64 * u64::from(rays);
+    let mut scene = match recipe.fallback_links {
+        // Links gathered their own sky visibility, which sweeps over them subtract.
+        true => scene,
+        false => with_sky(scene, &sky_rays),
+    };
+    let (points, of) = cells.points(&scene);
+    let fmm = Fmm::new(&points, &recipe.solver(settings.seed), Some(geometry))?;
+    stats.rays += fmm.lists().counts.rays;
     let mut operator = fmm.operator(|at| of[at as usize]);
     for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
         place.sky = scene.surfaces[place.point as usize].sky;
     }
-    let unlit: Vec<f32> = seen.iter().map(|s| s.1).collect();
-    normalize_to_closed_form(&mut operator, scene, &unlit);
+    let unlit: Vec<f32> = sky_rays.iter().map(|s| s.1).collect();
+    normalize_to_closed_form(&mut operator, &scene, &unlit);
+    stats.octree_bytes = operator.bytes();
+    stats.octree_entries = operator.entries.len() as u64;
     scene.fmm = Some(operator);
-    scene.info.tiers = TierInfo::of(scene);
-    let energy = energy_fmm::enforce_energy_bound(scene, &unlit, &cells.areas());
+    scene.info.tiers = TierInfo::of(&scene);
+    let energy = energy_fmm::enforce_energy_bound(&mut scene, &unlit, &cells.areas());
     let senders = scene.senders() as u64;
-    (baked.stats.warnings).extend(super::energy::warning(&energy, senders));
+    (stats.warnings).extend(super::energy::warning(&energy, senders));
     scene.info.energy = energy;
-    baked.stats.energy = energy;
-    let octree = scene.fmm.as_ref();
-    baked.stats.octree_bytes = octree.map_or(0, FmmOperator::bytes);
-    baked.stats.octree_entries = octree.map_or(0, |o| o.entries.len() as u64);
-    baked.stats.seconds.octree = began.elapsed().as_secs_f64();
-    Ok(baked)
+    stats.energy = energy;
+    stats.seconds.octree = began.elapsed().as_secs_f64();
+    Ok(scene)
 }
 
-impl Cells {
+/// The scene with the sky visibility of `sky_rays`.
+fn with_sky(mut scene: BakedScene, sky_rays: &[(Vec3, f32)]) -> BakedScene {
+    for (surface, (sky, _)) in scene.surfaces.iter_mut().zip(sky_rays) {
+        surface.sky = sky.to_array();
+    }
+    scene
+}
+
+impl SenderCells {
     /// The surface of each sender, m²; nothing for those that do not shine.
     fn areas(&self) -> Vec<f32> {
         let own = (self.cells.iter()).map(|cell| cell.iter().map(|p| p.area).sum());

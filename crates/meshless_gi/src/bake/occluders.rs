@@ -131,7 +131,7 @@ pub(super) fn find(
 
 /// What the scene knows of `occluders`: which parts of the operator's links and of the probes'
 /// cross them. None where there are none.
-pub(super) fn known(
+pub(super) fn index_terms(
     occluders: &[Occluder],
     passing: &[UnindexedLinkTerm],
     space: &[UnindexedLinkTerm],

@@ -61,8 +61,8 @@ impl ProbeSettings {
     }
 }
 
-/// What the bake of probes needs of the bake that it is part of.
-pub(super) struct Room<'a> {
+/// Input of the probes' bake.
+pub(super) struct ProbeInput<'a> {
     pub gathering: &'a GatherSettings<'a>,
     pub hierarchy: &'a Hierarchy,
     pub viewpoints: &'a [Vec3],
@@ -71,77 +71,87 @@ pub(super) struct Room<'a> {
     pub epsilon: f32,
     pub sky_terms: bool,
     pub drop_first: bool,
-    pub stats: &'a mut BakeStats,
 }
 
-/// Spreads probes over free space and gathers their rows. Also says what of their links crosses
-/// occluders.
-pub(super) fn bake(
-    light: &ProbeSettings,
-    room: &mut Room<'_>,
+/// Probes of a bake.
+pub(super) struct BakedProbes {
+    pub probes: Probes,
+    /// Terms of the links that cross occluders.
+    pub occluded: Vec<UnindexedLinkTerm>,
+}
+
+/// Places probes in open space and gathers their rows.
+pub(super) fn bake_probes(
+    recipe: &ProbeSettings,
+    input: &ProbeInput<'_>,
+    stats: &mut BakeStats,
     progress: &Progress,
-) -> Result<(Probes, Vec<UnindexedLinkTerm>), BakeError> {
+) -> Result<BakedProbes, BakeError> {
     let began = Instant::now();
-    let geometry = room.gathering.geometry;
-    let settings = light.settings(&geometry.bounds(), room.gathering.rays);
+    let geometry = input.gathering.geometry;
+    let settings = recipe.settings(&geometry.bounds(), input.gathering.rays);
     if !progress.set(BakeStage::Probes, 0.0) {
         return Err(BakeError::Canceled);
     }
-    let space = fill_free_space(
+    let placement = fill_free_space(
         geometry,
-        room.viewpoints,
+        input.viewpoints,
         &PlaceSettings {
             spacing: settings.spacing,
             most: Probes::MAX,
-            seed: room.gathering.seed,
-            drop_first: room.drop_first,
+            seed: input.gathering.seed,
+            drop_first: input.drop_first,
         },
     );
-    if space.truncated {
-        room.stats.warnings.push(format!(
-            "probes {} m apart would be more than {}: free space is not filled. Make `probes.spacing` larger",
+    if placement.truncated {
+        stats.warnings.push(format!(
+            "probes: a spacing of {} m needs more than {} probes, some of the open space has none; increase `probes.spacing`",
             settings.spacing,
             Probes::MAX
         ));
     }
-    let (basis, rays) = probe_basis(geometry, &space.probes, &space.crossed, settings.spacing);
+    let (basis, rays) = probe_basis(
+        geometry,
+        &placement.probes,
+        &placement.crossed,
+        settings.spacing,
+    );
     let gathering = GatherSettings {
         rays: settings.rays,
-        ..*room.gathering
+        ..*input.gathering
     };
-    let told = |done| progress.set(BakeStage::Probes, done);
     let gathered = probe_rows(
-        &gathering.scene(room.hierarchy),
-        &space.probes,
-        room.tree,
-        room.training,
-        room.epsilon,
-        room.sky_terms,
-        &told,
+        &gathering.scene(input.hierarchy),
+        &placement.probes,
+        input.tree,
+        input.training,
+        input.epsilon,
+        input.sky_terms,
+        &|done| progress.set(BakeStage::Probes, done),
     )
     .ok_or(BakeError::Canceled)?;
     let tiers = vec![1; gathered.rows.len()];
-    let senders = room.tree.parent.len();
     let packed = pack(
         &gathered.rows,
         &tiers,
         &gathered.sky,
         &gathered.terms,
-        senders,
+        input.tree.parent.len(),
         SenderForm::Averages,
     );
-    let stats = &mut *room.stats;
-    stats.rays += space.rays + rays + gathered.rays;
+    stats.rays += placement.rays + rays + gathered.rays;
     stats.probes = basis.points.len() as u64;
     stats.probe_links = packed.operator.links.len() as u64;
     stats.probes_lost = gathered.lost;
     stats.seconds.probes = began.elapsed().as_secs_f64();
-    let probes = Probes {
-        points: basis.points,
-        planes: basis.planes,
-        grid: basis.grid,
-        rows: packed.operator.rows,
-        links: packed.operator.links,
-    };
-    Ok((probes, packed.passing))
+    Ok(BakedProbes {
+        probes: Probes {
+            points: basis.points,
+            planes: basis.planes,
+            grid: basis.grid,
+            rows: packed.operator.rows,
+            links: packed.operator.links,
+        },
+        occluded: packed.passing,
+    })
 }

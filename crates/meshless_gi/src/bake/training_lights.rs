@@ -1,7 +1,9 @@
 //! Training lamps: what lamps in the level's free space make of the senders' radiosity, see
 //! [`Training`].
 
-use crate::asset::LightSamples;
+use super::point_set::PointSet;
+use super::survey::Survey;
+use crate::asset::Places;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
@@ -53,26 +55,23 @@ pub fn sample_light_positions(
     (places, traced.rays)
 }
 
-/// Trains on white point lamps of 1 W/sr at free places, pulled to the senders ([L08] §2.1). Also
-/// says how many rays it took.
-#[must_use]
-pub fn train(
+/// Trains on white point lights of 1 W/sr at open positions, pulled to the senders (\[L08\] §2.1).
+/// Returns the training and the number of rays cast.
+pub(super) fn train(
     gathering: &GatherSettings<'_>,
-    hierarchy: &Hierarchy,
-    viewpoints: &[Vec3],
-    places: &LightSamples,
-    pull: &Weights,
+    points: &PointSet,
+    survey: &Survey,
     tree: &SenderTree,
-    drop_first: bool,
 ) -> (Training, u64) {
     let geometry = gathering.geometry;
+    let hierarchy = &points.hierarchy;
     let senders = tree.parent.len();
     let (lamps, mut rays) = sample_light_positions(
         geometry,
-        viewpoints,
+        &survey.viewpoints,
         BATCHES * TRAINING_LIGHTS,
         gathering.seed,
-        drop_first,
+        survey.drop_first,
     );
     let rows = coarse_rows(&gathering.scene(hierarchy), senders);
     rays += rows.len() as u64 * u64::from(gathering.rays);
@@ -82,9 +81,13 @@ pub fn train(
     for batch in lamps.chunks(TRAINING_LIGHTS) {
         // The training lamps shine on places, as a frame's do; for the exposures the senders' own
         // points will do.
-        let own = LightSamples::default();
-        let places = if signals.is_empty() { places } else { &own };
-        let mut values = radiosity(hierarchy, geometry, batch, places, pull, senders);
+        let own = Places::default();
+        let places = if signals.is_empty() {
+            &points.light_samples
+        } else {
+            &own
+        };
+        let mut values = radiosity(hierarchy, geometry, batch, places, &points.pull, senders);
         rays += ((senders + places.list.len()) * batch.len()) as u64;
         let scale = mean_squares(&rows, &values).map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
         counted += scale.iter().filter(|&&s| s > 0.0).count();

@@ -1,8 +1,10 @@
 //! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in
 //! how many numbers.
 
+use super::context::BakeContext;
 use super::recipe::{RecipeError, in_range};
-use super::{BakeError, BakeSettings, BakeSource, BakeStage, Baked, Progress};
+use super::{BakeError, BakeSettings, BakeStage, BakeStats};
+use crate::asset::BakedScene;
 use crate::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
 };
@@ -71,42 +73,43 @@ impl VisibilityRecipe {
     }
 }
 
-/// What the points see, where the recipe asks for it: the senders and one level behind them, for
-/// edges of shadows are finer than what senders are spread for.
-pub(super) fn bake_point_visibility(
-    source: &BakeSource<'_>,
+/// Adds the visibility of the senders and of one finer level, if the recipe has soft shadows:
+/// shadow edges are finer than the spacing of senders.
+pub(super) fn add_visibility(
+    context: &BakeContext<'_>,
     settings: &BakeSettings,
-    mut baked: Baked,
-    progress: &Progress,
-) -> Result<Baked, BakeError> {
+    scene: BakedScene,
+    stats: &mut BakeStats,
+) -> Result<BakedScene, BakeError> {
     let Some(soft) = &settings.soft_shadows else {
-        return Ok(baked);
+        return Ok(scene);
     };
     let began = Instant::now();
-    let levels = (baked.scene.sender_levels as usize + 1).min(baked.scene.levels());
-    let known = baked.scene.level_starts[levels] as usize;
-    let points: Vec<(Vec3, Vec3)> = (baked.scene.points[..known].iter())
+    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
+    let count = scene.level_starts[levels] as usize;
+    let points: Vec<(Vec3, Vec3)> = (scene.points[..count].iter())
         .map(|p| (p.x(), p.n()))
         .collect();
-    let told = |done| progress.set(BakeStage::Visibility, done);
     let (visibility, rays) = bake_visibility(
-        source.geometry,
+        context.source.geometry,
         &points,
         &soft.settings(settings.seed),
-        &told,
+        &|done| context.progress.set(BakeStage::Visibility, done),
     )
-    .map_err(|e| match e {
+    .map_err(|error| match error {
         VisibilityError::Stopped => BakeError::Canceled,
-        e @ VisibilityError::TooLarge { .. } => BakeError::Visibility(e),
+        error @ VisibilityError::TooLarge { .. } => BakeError::Visibility(error),
     })?;
-    baked.stats.rays += rays;
-    baked.stats.visibility_bytes = visibility.bytes() as u64;
-    baked.stats.visibility_kept = visibility.kept();
-    baked.stats.seconds.visibility = began.elapsed().as_secs_f64();
-    baked.scene.visibility = Some(visibility);
-    if !source.occluders.is_empty() {
-        let note = "what points see for soft shadows is seen with all occluders open: such lamps' direct light passes them when they shut";
-        baked.stats.warnings.push(note.into());
+    stats.rays += rays;
+    stats.visibility_bytes = visibility.bytes() as u64;
+    stats.visibility_kept = visibility.kept();
+    stats.seconds.visibility = began.elapsed().as_secs_f64();
+    if !context.source.occluders.is_empty() {
+        let note = "soft shadows: visibility is baked with all occluders open; direct light of soft lights passes closed occluders";
+        stats.warnings.push(note.into());
     }
-    Ok(baked)
+    Ok(BakedScene {
+        visibility: Some(visibility),
+        ..scene
+    })
 }

@@ -1,0 +1,106 @@
+//! Second stage: points, their hierarchy, light samples of senders, and weights between levels.
+
+use super::context::BakeContext;
+use super::survey::Survey;
+use super::{BakeError, BakeSettings, BakeStage, BakeStats};
+use crate::asset::Places;
+use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
+use crate::scene::Geometry;
+
+/// Result of the stage.
+pub(super) struct PointSet {
+    /// Points and basis functions of all levels.
+    pub hierarchy: Hierarchy,
+    /// Settings that the hierarchy was built with.
+    pub building: HierarchySettings,
+    /// Light samples of the finest senders.
+    pub light_samples: Places,
+    /// Weights that fill coarse senders from finer ones.
+    pub pull: Weights,
+    /// Weights that fill points from coarser levels.
+    pub parents: Weights,
+    /// Parent of each sender in the tree of senders.
+    pub tree: Vec<u32>,
+    /// For each level, the area that each sender shows to receivers beyond the level's functions.
+    /// Empty without a tree.
+    pub visible_areas: Vec<Vec<f32>>,
+}
+
+/// Scatters points and connects their levels.
+pub(super) fn build_points(
+    context: &BakeContext<'_>,
+    survey: &Survey,
+    stats: &mut BakeStats,
+) -> Result<PointSet, BakeError> {
+    let Survey {
+        viewpoints,
+        settings,
+        method,
+        ..
+    } = survey;
+    let geometry = context.source.geometry;
+    let building = HierarchySettings {
+        coarse_radius: settings.coarse_radius,
+        levels: settings.levels as usize,
+        sender_levels: settings.sender_levels as usize,
+        most: settings.max_points(),
+        seed: settings.seed,
+        sender_overlap: method.sender_overlap(),
+        clip: settings.clip_planes,
+        drop_first: survey.drop_first,
+    };
+    let mut hierarchy = Hierarchy::build(geometry, viewpoints, &building, &|done| {
+        context.progress.set(BakeStage::Points, 0.9 * done)
+    })
+    .ok_or(BakeError::Canceled)?;
+    stats.rays += hierarchy.rays;
+    if hierarchy.is_empty() {
+        return Err(BakeError::NoReachableSurface {
+            viewpoints: viewpoints.len(),
+        });
+    }
+    let (light_samples, rays) = sample_senders(geometry, &mut hierarchy, settings);
+    stats.rays += rays;
+    let tree = hierarchy.tree();
+    let (pull, visible_areas) = if method.has_sender_tree() {
+        let (areas, rays) = hierarchy.shown_areas(geometry, viewpoints, &tree, &building);
+        stats.rays += rays;
+        (hierarchy.tree_pull(&tree, &areas), areas)
+    } else {
+        (hierarchy.pull(), Vec::new())
+    };
+    let parents = hierarchy.parents(method.has_all_parents());
+    Ok(PointSet {
+        hierarchy,
+        building,
+        light_samples,
+        pull,
+        parents,
+        tree,
+        visible_areas,
+    })
+}
+
+/// Light samples of the finest senders, and the number of rays cast. Surfaces of these senders get
+/// the mean reflectance and emission of their samples. One sample per sender is the sender's own
+/// point, as in \[L08\], and is not stored.
+fn sample_senders(
+    geometry: &dyn Geometry,
+    hierarchy: &mut Hierarchy,
+    settings: &BakeSettings,
+) -> (Places, u64) {
+    if settings.samples_per_sender <= 1 {
+        return (Places::default(), 0);
+    }
+    let finest = settings.sender_levels as usize - 1;
+    let level = hierarchy.level(finest);
+    let (list, rays) = find_places(
+        geometry,
+        &hierarchy.senders[finest],
+        &mut hierarchy.surfaces[level],
+        settings.samples_per_sender,
+        settings.seed,
+    );
+    let per_sender = settings.samples_per_sender;
+    (Places { per_sender, list }, rays)
+}
