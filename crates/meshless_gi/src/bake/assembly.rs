@@ -35,6 +35,7 @@ pub(super) fn assemble(
 ) -> Result<Assembled, BakeError> {
     let source = context.source;
     let settings = &survey.settings;
+    count(&transport, settings.sender_levels as usize, stats);
     let surfaces = sender_surfaces(&transport, settings.sender_levels as usize);
     let Transport {
         points,
@@ -83,19 +84,8 @@ pub(super) fn assemble(
         false => (None, 0),
     };
     stats.rays += rays;
-    stats.gather_rays = refined.rays;
-    stats.gathered = refined.gathered;
-    stats.senders = senders as u64;
-    let level_sizes = hierarchy.level_starts.windows(2);
-    stats.points_per_level = level_sizes.map(|w| u64::from(w[1] - w[0])).collect();
-    stats.truncated_levels = hierarchy.truncated.iter().map(|&l| l as u64).collect();
     stats.links = packed.operator.links.len() as u64;
-    stats.active_rows = refined.rows.iter().filter(|r| r.active).count() as u64;
-    stats.uncovered = refined.uncovered;
-    stats.largest_row_sum = f64::from(refined.largest_row_sum);
     stats.link_error = f64::from(packed.error);
-    stats.clip_planes = flat.planes.len() as u64;
-
     let (probes, probe_terms) = probes.map_or((None, Vec::new()), |baked| {
         (Some(baked.probes), baked.occluded)
     });
@@ -137,6 +127,23 @@ pub(super) fn assemble(
         rows: refined.rows,
         missed: refined.missed,
     })
+}
+
+/// Writes the numbers of points, rows and rays to `stats`.
+fn count(transport: &Transport, sender_levels: usize, stats: &mut BakeStats) {
+    let refined = &transport.refined;
+    let hierarchy = &transport.points.hierarchy;
+    let senders = hierarchy.level_starts[sender_levels];
+    stats.gather_rays = refined.rays;
+    stats.gathered = refined.gathered;
+    stats.senders = u64::from(senders);
+    let level_sizes = hierarchy.level_starts.windows(2);
+    stats.points_per_level = level_sizes.map(|w| u64::from(w[1] - w[0])).collect();
+    stats.truncated_levels = hierarchy.truncated.iter().map(|&l| l as u64).collect();
+    stats.active_rows = refined.rows.iter().filter(|r| r.active).count() as u64;
+    stats.uncovered = refined.uncovered;
+    stats.largest_row_sum = f64::from(refined.largest_row_sum);
+    stats.clip_planes = transport.flat.planes.len() as u64;
 }
 
 /// Surfaces of all points. Coarse senders get the mean albedo of their part of the surface, not the

@@ -38,11 +38,83 @@ pub fn neighbors(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> V
         .collect()
 }
 
-/// Row, sky, uncovered and unlit part, row sum, and the time of gathering and of deciding.
-type Gathered1 = (RawRow, Vec3A, [f32; 2], f32, [Duration; 2]);
+/// Result of one receiver.
+struct ReceiverRow {
+    row: RawRow,
+    sky: Vec3A,
+    uncovered: f32,
+    unlit: f32,
+    row_sum: f32,
+    /// Times of the gather and of everything else.
+    times: [Duration; 2],
+}
 
-/// The rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser
-/// levels.
+/// Input of all receivers of a level.
+struct ReceiverLevel<'a> {
+    scene: &'a GatherScene<'a>,
+    parents: &'a Weights,
+    neighbors: &'a [Vec<u32>],
+    epsilon: f32,
+    /// Rows of coarser levels.
+    rows: &'a [RawRow],
+}
+
+impl ReceiverLevel<'_> {
+    /// Gathers receiver `i` and keeps its links. `links` is zero for all senders before and after.
+    fn receive(&self, i: usize, gathered: &mut Gathered, links: &mut [Vec3A]) -> ReceiverRow {
+        let began = Instant::now();
+        gather(self.scene, i, gathered);
+        let gather_time = began.elapsed();
+        let coarsest = self.scene.hierarchy.level_starts[1];
+        let mut touched = gathered.touched.clone();
+        for &j in &touched {
+            links[j as usize] = gathered.link(j);
+        }
+        // The coarsest level partitions the hits, so its links sum to the row's mass.
+        let sum: Vec3A = touched
+            .iter()
+            .filter(|&&j| j < coarsest)
+            .map(|&j| links[j as usize])
+            .sum();
+        // [L08] Eq. (17): subtract the parents' prediction.
+        for w in self.parents.row(i) {
+            for &(j, link) in &self.rows[w.index as usize].links {
+                links[j as usize] -= w.weight * link;
+                touched.push(j);
+            }
+        }
+        touched.sort_unstable();
+        touched.dedup();
+        let mut kept = Vec::new();
+        for &j in &touched {
+            let link = links[j as usize];
+            let varies = |k: &u32| (link - links[*k as usize]).length() > self.epsilon;
+            let keep = link.length() > self.epsilon
+                && (j < coarsest || self.neighbors[j as usize].iter().any(varies));
+            if keep {
+                kept.push((j, link));
+            }
+        }
+        for &j in &touched {
+            links[j as usize] = Vec3A::ZERO;
+        }
+        ReceiverRow {
+            row: RawRow {
+                active: !kept.is_empty(),
+                links: kept,
+                ..RawRow::default()
+            },
+            sky: gathered.sky,
+            uncovered: gathered.uncovered,
+            unlit: gathered.unlit,
+            row_sum: sum.dot(self.scene.hierarchy.surfaces[i].normal.into()),
+            times: [gather_time, began.elapsed() - gather_time],
+        }
+    }
+}
+
+/// Rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
+/// `progress` gets the completed part and returns false to cancel. Returns `None` if canceled.
 pub fn refine_l08(
     scene: &GatherScene<'_>,
     parents: &Weights,
@@ -53,7 +125,6 @@ pub fn refine_l08(
     let hierarchy = scene.hierarchy;
     let points = hierarchy.len();
     let senders = neighbors.len();
-    let coarsest = hierarchy.level_starts[1];
     let mut out = RefinedOperator {
         rows: Vec::with_capacity(points),
         sky: Vec::with_capacity(points),
@@ -62,99 +133,39 @@ pub fn refine_l08(
     let mut uncovered = 0.0f64;
     let mut times = [Duration::ZERO; 2];
     let mut queued = vec![false; points];
-    queued[..coarsest as usize].fill(true);
+    queued[..hierarchy.level_starts[1] as usize].fill(true);
     for l in 0..hierarchy.levels.len() {
         let level = hierarchy.level(l);
-        let mut results: Vec<Option<Gathered1>> = Vec::with_capacity(level.len());
+        let input = ReceiverLevel {
+            scene,
+            parents,
+            neighbors,
+            epsilon,
+            rows: &out.rows,
+        };
+        let mut results: Vec<Option<ReceiverRow>> = Vec::with_capacity(level.len());
         for chunk in level.clone().collect::<Vec<_>>().chunks(1024) {
-            let rows = &out.rows;
             results.par_extend(chunk.par_iter().map_init(
                 || (Gathered::new(senders), vec![Vec3A::ZERO; senders]),
-                |(gathered, links), &i| {
-                    if !queued[i] {
-                        return None;
-                    }
-                    let began = Instant::now();
-                    gather(scene, i, gathered);
-                    let gather_time = began.elapsed();
-                    let mut touched = gathered.touched.clone();
-                    for &j in &touched {
-                        links[j as usize] = gathered.link(j);
-                    }
-                    // The coarsest level partitions what was seen, so its links sum to the row's
-                    // mass.
-                    let sum: Vec3A = touched
-                        .iter()
-                        .filter(|&&j| j < coarsest)
-                        .map(|&j| links[j as usize])
-                        .sum();
-                    // [L08] Eq. (17): subtract what the parents already say.
-                    for w in parents.row(i) {
-                        for &(j, link) in &rows[w.index as usize].links {
-                            links[j as usize] -= w.weight * link;
-                            touched.push(j);
-                        }
-                    }
-                    touched.sort_unstable();
-                    touched.dedup();
-                    let mut kept = Vec::new();
-                    for &j in &touched {
-                        let link = links[j as usize];
-                        let keep = link.length() > epsilon
-                            && (j < coarsest
-                                || neighbors[j as usize]
-                                    .iter()
-                                    .any(|&k| (link - links[k as usize]).length() > epsilon));
-                        if keep {
-                            kept.push((j, link));
-                        }
-                    }
-                    for &j in &touched {
-                        links[j as usize] = Vec3A::ZERO;
-                    }
-                    let row = RawRow {
-                        active: !kept.is_empty(),
-                        links: kept,
-                        ..RawRow::default()
-                    };
-                    let row_sum = sum.dot(hierarchy.surfaces[i].normal.into());
-                    Some((
-                        row,
-                        gathered.sky,
-                        [gathered.uncovered, gathered.unlit],
-                        row_sum,
-                        [gather_time, began.elapsed() - gather_time],
-                    ))
-                },
+                |(gathered, links), &i| queued[i].then(|| input.receive(i, gathered, links)),
             ));
             if !progress((level.start + results.len()) as f32 / points as f32) {
                 return None;
             }
         }
         for (i, result) in level.clone().zip(results) {
-            if let Some((row, sky, [missed, unlit], row_sum, spent)) = result {
-                times[0] += spent[0];
-                times[1] += spent[1];
-                out.gathered += 1;
-                uncovered += f64::from(missed);
-                out.missed.push(missed + unlit);
-                out.largest_row_sum = out.largest_row_sum.max(row_sum);
-                out.sky.push(sky.into());
-                out.rows.push(row);
-            } else {
-                // Not looked at: the sky as the parents see it, level weights summing to one over
-                // the coarser levels that cover it.
-                out.missed.push(0.0);
-                let row = parents.row(i);
-                let total: f32 = row.iter().map(|w| w.weight).sum();
-                let sum: Vec3 = row
-                    .iter()
-                    .map(|w| w.weight * out.sky[w.index as usize])
-                    .sum();
-                out.sky
-                    .push(if total > 0.0 { sum / total } else { Vec3::ZERO });
-                out.rows.push(RawRow::default());
-            }
+            let Some(one) = result else {
+                inherit(&mut out, parents, i);
+                continue;
+            };
+            times[0] += one.times[0];
+            times[1] += one.times[1];
+            out.gathered += 1;
+            uncovered += f64::from(one.uncovered);
+            out.missed.push(one.uncovered + one.unlit);
+            out.largest_row_sum = out.largest_row_sum.max(one.row_sum);
+            out.sky.push(one.sky.into());
+            out.rows.push(one.row);
         }
         if l + 1 < hierarchy.levels.len() {
             for child in hierarchy.level(l + 1) {
@@ -168,4 +179,19 @@ pub fn refine_l08(
     out.uncovered = uncovered / out.gathered.max(1) as f64;
     out.gather_share = share(times);
     Some(out)
+}
+
+/// Stores an empty row for point `i`, which is not gathered. Its sky visibility is the parents'. The
+/// weights of each coarser level that covers the point sum to one.
+fn inherit(out: &mut RefinedOperator, parents: &Weights, i: usize) {
+    out.missed.push(0.0);
+    let row = parents.row(i);
+    let total: f32 = row.iter().map(|w| w.weight).sum();
+    let sum: Vec3 = row
+        .iter()
+        .map(|w| w.weight * out.sky[w.index as usize])
+        .sum();
+    out.sky
+        .push(if total > 0.0 { sum / total } else { Vec3::ZERO });
+    out.rows.push(RawRow::default());
 }

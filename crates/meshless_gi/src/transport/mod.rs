@@ -1,6 +1,7 @@
 //! How light travels: the gather, which receivers get a row, what a row keeps, and the sparse
 //! operator that comes out.
 
+mod added_level;
 pub mod bounded;
 pub mod fmm;
 mod gather;
@@ -12,7 +13,9 @@ mod pack;
 pub mod pca;
 mod probes;
 mod quantized_row;
+mod receiver;
 mod refine;
+mod residual;
 mod tiers;
 mod training;
 mod truncation_mass;

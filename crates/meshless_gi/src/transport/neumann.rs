@@ -32,24 +32,7 @@ pub struct BounceScene<'a> {
 #[must_use]
 pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> BounceOperator {
     let coarsest = scene.normals.len();
-    // How much each coarsest point counts in a sender's interpolated value.
-    let mut lift: Vec<Vec<(u32, f32)>> = Vec::with_capacity(scene.senders);
-    for j in 0..scene.senders {
-        if j < coarsest {
-            lift.push(vec![(j as u32, 1.0)]);
-            continue;
-        }
-        let mut sums: Vec<(u32, f32)> = Vec::new();
-        for w in scene.parents.row(j) {
-            for &(k, v) in &lift[w.index as usize] {
-                match sums.binary_search_by_key(&k, |s| s.0) {
-                    Ok(at) => sums[at].1 += w.weight * v,
-                    Err(at) => sums.insert(at, (k, w.weight * v)),
-                }
-            }
-        }
-        lift.push(sums);
-    }
+    let lift = interpolation(scene);
     // R = ρG of the coarsest rows, without albedo: k ← sender.
     let gain = |k: usize| {
         let n = Vec3A::from(scene.normals[k]);
@@ -106,6 +89,41 @@ pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> B
             sum
         })
         .collect();
+    truncate(&channels, scene.senders, bounces, epsilon)
+}
+
+/// Weights of the coarsest points in the interpolated value of each sender.
+fn interpolation(scene: &BounceScene<'_>) -> Vec<Vec<(u32, f32)>> {
+    let coarsest = scene.normals.len();
+    let mut lift: Vec<Vec<(u32, f32)>> = Vec::with_capacity(scene.senders);
+    for j in 0..scene.senders {
+        if j < coarsest {
+            lift.push(vec![(j as u32, 1.0)]);
+            continue;
+        }
+        let mut sums: Vec<(u32, f32)> = Vec::new();
+        for w in scene.parents.row(j) {
+            for &(k, v) in &lift[w.index as usize] {
+                match sums.binary_search_by_key(&k, |s| s.0) {
+                    Ok(at) => sums[at].1 += w.weight * v,
+                    Err(at) => sums.insert(at, (k, w.weight * v)),
+                }
+            }
+        }
+        lift.push(sums);
+    }
+    lift
+}
+
+/// Entries of at least `epsilon` times the largest of their row and channel, scaled so that each row
+/// keeps its sum.
+fn truncate(
+    channels: &[Vec<Vec<f32>>],
+    senders: usize,
+    bounces: u32,
+    epsilon: f32,
+) -> BounceOperator {
+    let coarsest = channels[0].len();
     let mut out = BounceOperator {
         starts: vec![0],
         links: Vec::new(),
@@ -120,13 +138,10 @@ pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> B
         let kept = |j: usize| (0..3).any(|c| channels[c][k][j].abs() > threshold[c]);
         for (channel, rows) in channels.iter().enumerate() {
             let all: f32 = rows[k].iter().sum();
-            let some: f32 = (0..scene.senders)
-                .filter(|&j| kept(j))
-                .map(|j| rows[k][j])
-                .sum();
+            let some: f32 = (0..senders).filter(|&j| kept(j)).map(|j| rows[k][j]).sum();
             keep_scale[channel] = if some > 0.0 { all / some } else { 1.0 };
         }
-        for j in (0..scene.senders).filter(|&j| kept(j)) {
+        for j in (0..senders).filter(|&j| kept(j)) {
             out.links.push(BounceLink {
                 gain: [0, 1, 2].map(|c| channels[c][k][j] * keep_scale[c]),
                 sender: j as u32,

@@ -9,6 +9,7 @@ mod light_basis;
 mod truncate;
 mod visibility;
 mod visibility_bake;
+mod visibility_compress;
 
 pub use cluster::{Clusters, cluster};
 pub use compression::{Column, Compression};

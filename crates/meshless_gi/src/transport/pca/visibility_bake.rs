@@ -23,10 +23,9 @@
 //! - **Coefficients too small to move a depth** by [`VisibilitySettings::tolerance`] are left out,
 //!   and components that no point keeps.
 
-use super::visibility::{encode, from_short, from_snorm, pack, to_short, to_snorm};
-use super::{
-    HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint, cluster, decompose, frame,
-};
+use super::visibility::{encode, pack};
+use super::visibility_compress::{ClusterDepths, CompressedCluster, compress};
+use super::{HemisphereGrid, Visibility, VisiblePoint, cluster, frame};
 use crate::samples::tangents;
 use crate::scene::{Geometry, Ray};
 use glam::Vec3;
@@ -127,34 +126,6 @@ pub fn depths(
     }
 }
 
-/// What the points of a cluster see.
-struct Seen {
-    members: Vec<u32>,
-    tangent: Vec3,
-    /// s of the rows, meters.
-    near: f32,
-    /// e of each member, row after row.
-    rows: Vec<f32>,
-}
-
-/// A cluster before all are put together.
-struct Part {
-    members: Vec<u32>,
-    cluster: VisibilityCluster,
-    /// The mean's, the error's, then each component's.
-    scales: Vec<f32>,
-    basis: Vec<u32>,
-    /// One a member.
-    points: Vec<Kept>,
-}
-
-/// A point's coefficients: a mask, what it says is there, and how wrong they are.
-struct Kept {
-    mask: [u32; 4],
-    coefficients: Vec<u16>,
-    error: u32,
-}
-
 /// Bakes the visibility of `points`, places (meters) and unit normals. Also says how many rays it
 /// took. `told` hears how much is done, and says false to stop.
 ///
@@ -185,7 +156,7 @@ pub fn bake_visibility(
         AtomicBool::new(false),
         AtomicUsize::new(0),
     );
-    let parts: Option<Vec<Vec<Part>>> = (0..clusters.len())
+    let parts: Option<Vec<Vec<CompressedCluster>>> = (0..clusters.len())
         .into_par_iter()
         .map(|c| {
             let share = done.load(Ordering::Relaxed) as f32 / clusters.len() as f32;
@@ -244,7 +215,7 @@ fn look(
     root: Vec3,
     size: f32,
     grid: HemisphereGrid,
-) -> Seen {
+) -> ClusterDepths {
     let length = grid.len();
     let tangent = tangents(root).0;
     let mut rows = vec![0.0f32; members.len() * length];
@@ -259,7 +230,7 @@ fn look(
     };
     let near = near.max(MIN_NEAR * size);
     rows.iter_mut().for_each(|d| *d = encode(*d, near));
-    Seen {
+    ClusterDepths {
         members: members.to_vec(),
         tangent,
         near,
@@ -270,11 +241,11 @@ fn look(
 /// Compresses what is seen, in as many clusters as its error asks for. None where all that is
 /// there, with the `words` of others, is too much.
 fn divide(
-    seen: Seen,
+    seen: ClusterDepths,
     settings: &VisibilitySettings,
     seed: u64,
     words: &AtomicUsize,
-) -> Option<Vec<Part>> {
+) -> Option<Vec<CompressedCluster>> {
     let length = settings.grid.len();
     let (mut todo, mut out) = (vec![seen], Vec::new());
     while let Some(seen) = todo.pop() {
@@ -300,7 +271,7 @@ fn divide(
         for half in [high, low] {
             let mut half = half.to_vec();
             half.sort_unstable();
-            todo.push(Seen {
+            todo.push(ClusterDepths {
                 members: half.iter().map(|&m| seen.members[m]).collect(),
                 rows: (half.iter())
                     .flat_map(|&m| &seen.rows[m * length..(m + 1) * length])
@@ -311,139 +282,4 @@ fn divide(
         }
     }
     Some(out)
-}
-
-/// One cluster, its error, and the coefficient of each member of the first component.
-fn compress(seen: &Seen, settings: &VisibilitySettings, seed: u64) -> (Part, f32, Vec<f32>) {
-    let grid = settings.grid;
-    let length = grid.len();
-    let members = seen.members.len();
-    let mut rows = seen.rows.clone();
-    let mut mean = vec![0.0f64; length];
-    for row in rows.chunks_exact(length) {
-        mean.iter_mut()
-            .zip(row)
-            .for_each(|(m, e)| *m += f64::from(*e));
-    }
-    let mean: Vec<f32> = mean.iter().map(|m| (m / members as f64) as f32).collect();
-    for row in rows.chunks_exact_mut(length) {
-        row.iter_mut().zip(&mean).for_each(|(e, m)| *e -= m);
-    }
-    let most = settings.components.min(Visibility::MAX_COMPONENTS) as usize;
-    // Directions count as irradiance counts them.
-    let weights = weights(grid);
-    for row in rows.chunks_exact_mut(length) {
-        row.iter_mut().zip(&weights).for_each(|(e, w)| *e *= w);
-    }
-    let found = decompose(&rows, length, most, seed);
-    let stride = found.count();
-    let component = |j: usize, i: usize| found.vector(j)[i] / weights[i];
-
-    // [P14] Eq. (8).
-    let coefficients: Vec<f32> = rows
-        .chunks_exact(length)
-        .flat_map(|row| {
-            (0..stride).map(|j| {
-                let products = row.iter().zip(found.vector(j));
-                products
-                    .map(|(e, v)| f64::from(*e) * f64::from(*v))
-                    .sum::<f64>() as f32
-            })
-        })
-        .collect();
-    let first: Vec<f32> = match stride {
-        0 => vec![0.0; members],
-        _ => coefficients.iter().copied().step_by(stride).collect(),
-    };
-    let largest_of = |j: usize| {
-        let all = coefficients.iter().skip(j).step_by(stride.max(1));
-        all.fold(0.0f32, |most, v| most.max(v.abs()))
-    };
-    let most: Vec<f32> = (0..stride).map(largest_of).collect();
-    // Components are of length one: a coefficient moves e by its own value over the root of the
-    // number of directions, in the mean.
-    let least = settings.tolerance * (length as f32).sqrt();
-    // Components that no point keeps are not stored.
-    let used = (most.iter()).rposition(|&v| v >= least && v > 0.0);
-    let count = used.map_or(0, |last| last + 1);
-    // Components of largest number one, and what that took goes to their coefficients.
-    let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
-    let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
-    let basis_scale: Vec<f32> = (0..count)
-        .map(|j| (0..length).fold(0.0f32, |most, i| most.max(component(j, i).abs())))
-        .collect();
-    // As they are stored, component after component.
-    let stored: Vec<u8> = (0..count)
-        .flat_map(|j| (0..length).map(move |i| (j, i)))
-        .map(|(j, i)| to_short(over(component(j, i), basis_scale[j])))
-        .collect();
-    // What is left of the rows when all that is stored is taken off is the error.
-    let mut squares = Vec::with_capacity(members);
-    let mut points: Vec<Kept> = rows
-        .chunks_exact_mut(length)
-        .enumerate()
-        .map(|(m, row)| {
-            (row.iter_mut().zip(&weights)).for_each(|(e, w)| *e /= w);
-            let mut mask = [0u32; 4];
-            let mut kept = Vec::new();
-            for j in 0..count {
-                let v = coefficients[m * stride + j];
-                if v.abs() >= least && v != 0.0 {
-                    mask[j / 32] |= 1 << (j % 32);
-                    let bits = to_snorm(v / most[j]);
-                    kept.push(bits);
-                    let factor = from_snorm(bits) * most[j] * basis_scale[j];
-                    let numbers = &stored[j * length..(j + 1) * length];
-                    (row.iter_mut().zip(numbers)).for_each(|(e, c)| *e -= factor * from_short(*c));
-                }
-            }
-            let own = row.iter().zip(&weights).map(|(e, w)| (e * w) * (e * w));
-            squares.push(own.sum::<f32>());
-            Kept {
-                mask,
-                coefficients: kept,
-                error: 0,
-            }
-        })
-        .collect();
-    let mean_square = squares.iter().sum::<f32>() / members as f32;
-    for (point, square) in points.iter_mut().zip(&squares) {
-        point.error = VisiblePoint::error_of(*square, mean_square);
-    }
-    let weighed: f32 = weights.iter().map(|w| w * w).sum();
-    let whole = (mean_square / weighed).sqrt();
-    let mut error = vec![0.0f32; length];
-    for row in rows.chunks_exact(length) {
-        (error.iter_mut().zip(row)).for_each(|(s, e)| *s += e * e / members as f32);
-    }
-    error.iter_mut().for_each(|s| *s = s.sqrt());
-
-    let mut scales = vec![largest(&mean), largest(&error)];
-    scales.extend((0..count).map(|j| most[j] * basis_scale[j]));
-    let mut basis = Vec::with_capacity(length * (count.div_ceil(4) + 1));
-    for i in 0..length {
-        let first = [
-            to_snorm(over(mean[i], scales[0])),
-            to_snorm(over(error[i], scales[1])),
-        ];
-        basis.extend(pack(&first));
-        basis.extend((0..count).step_by(4).map(|j| {
-            let of = |k: usize| (j + k < count).then(|| stored[(j + k) * length + i]);
-            u32::from_le_bytes([0, 1, 2, 3].map(|k| of(k).unwrap_or(0)))
-        }));
-    }
-    let cluster = VisibilityCluster {
-        tangent: seen.tangent.to_array(),
-        components: count as u32,
-        near: seen.near,
-        ..VisibilityCluster::default()
-    };
-    let part = Part {
-        members: seen.members.clone(),
-        cluster,
-        scales,
-        basis,
-        points,
-    };
-    (part, whole, first)
 }
