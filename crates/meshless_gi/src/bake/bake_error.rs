@@ -2,54 +2,54 @@
 
 use super::RecipeError;
 
-/// Why there is no bake.
+/// Error of a bake.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BakeError {
-    /// The recipe makes no sense.
+    /// Invalid recipe.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
-    /// No surface was found that light can reach.
+    /// No surface that light can reach.
     #[error(
-        "no surface was reached by light from {viewpoints} viewpoints: the level is empty, or the viewpoints lie outside of it"
+        "no surface was reached by light from {viewpoints} viewpoints: the scene is empty, or the viewpoints lie outside of it"
     )]
     NoReachableSurface {
-        /// How many were tried.
+        /// Number of viewpoints tried.
         viewpoints: usize,
     },
-    /// The level lies so far from its origin that single precision cannot tell its places apart.
+    /// Scene too far from the origin for single precision.
     #[error(
-        "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: move it to its origin, and place its root instead"
+        "the scene of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: move it to its origin, and transform its root instead"
     )]
     PrecisionLoss {
-        /// Largest coordinate, meters.
+        /// Largest coordinate, in meters.
         far: f32,
-        /// Largest edge of the box around it, meters.
+        /// Largest edge of the bounding box, in meters.
         size: f32,
-        /// Distance between neighboring coordinates there, meters.
+        /// Distance between neighboring coordinates there, in meters.
         spacing: f32,
     },
-    /// An occluder that the level has no part for.
+    /// Occluder without geometry in the scene.
     #[error(
-        "the level has nothing called `{name}` for the occluder of that name: it must be the name of a node with triangles, or have boxes"
+        "the scene has nothing called `{name}` for the occluder of that name: name a node with triangles, or add boxes"
     )]
     UnknownOccluder {
-        /// The occluder's name.
+        /// Name of the occluder.
         name: String,
     },
-    /// More sets of occluders that light passes one after the other than can be told apart.
-    #[error("light passes the occluders in more than {most} combinations")]
+    /// Too many sets of occluders along one path of light.
+    #[error("light passes the occluders in more than {most} combinations; use fewer occluders")]
     TooManyOccluderSets {
-        /// How many can be told apart.
+        /// Largest number of sets.
         most: usize,
     },
-    /// What points see for soft shadows is too much.
+    /// Visibility data for soft shadows exceeds its limit.
     #[error("soft shadows: {0}")]
     Visibility(crate::transport::pca::VisibilityError),
-    /// The points make no octree.
+    /// Points without an octree.
     #[error("the octree: {0}")]
     Octree(#[from] crate::transport::fmm::FmmError),
-    /// Somebody asked it to stop.
+    /// Cancelled through [`Progress::cancel`](super::Progress::cancel).
     #[error("the bake was canceled")]
     Canceled,
 }

@@ -1,5 +1,4 @@
-//! A level's bake from the outside: threads of its own, and no panic that reaches the caller. What
-//! the tool and the plugin share.
+//! Bake of a scene on its own thread pool, for the tool and the plugin. Panics become errors.
 
 use super::occluders::node_names;
 use super::{BakeError, BakeSource, BakeStage, Baked, Progress, Recipe, bake};
@@ -7,23 +6,23 @@ use crate::scene::TriangleMesh;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
-/// Why a level's bake gave nothing.
+/// Error of [`bake_scene`].
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BakeSceneError {
-    /// The bake says why.
+    /// Error of the bake.
     #[error(transparent)]
     Bake(#[from] BakeError),
-    /// No threads to bake on.
+    /// No threads could be started.
     #[error("no threads could be started for the bake: {0}")]
     Threads(String),
-    /// A defect of this crate: the bake panicked. Please report it with the level.
+    /// Defect of this crate: the bake panicked. Please report it with the scene.
     #[error("the bake panicked: {0}")]
     Panicked(String),
 }
 
-/// Bakes `level` on `threads` threads of its own (0: one for each processor) and turns a panic into
-/// an error: neither a game nor an asset processor may hang on it.
+/// Bakes a scene on its own pool of `threads` threads. 0 uses one thread per processor. A panic
+/// becomes an error, so that a game or an asset processor does not hang.
 ///
 /// # Errors
 /// See [`BakeSceneError`].

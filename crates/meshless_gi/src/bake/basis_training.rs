@@ -1,11 +1,11 @@
-//! Example lamps and the light they put on the senders: what bases of direct light are made from
-//! ([P14] §4.3.1). Serves rule `pca`.
+//! Training set of the light bases of method `pca` ([P14] §4.3.1): lights and the radiosity that
+//! they cause on senders.
 //!
-//! Where \[P14\] places point lights uniformly, these stand at free places with room around them,
-//! as the training lamps do; where a level sees the sky, every fourth is a sun. A sender of several
-//! places is lit at one of them, another one under each lamp: shadows' edges then lie as a frame
-//! finds them in the mean, at the price of a single place. Each lamp counts by what comes back of
-//! it: relative to the root mean square of its irradiance over the coarsest points.
+//! \[P14\] places point lights uniformly. Here they are at open positions with large clearance,
+//! like the training lights of refinement. Every fourth is a sun if the scene has sky. Each light
+//! uses one light sample per sender, a different one for each light, so that shadow edges are
+//! correct in the mean at the cost of a single sample. Each light is scaled by the root mean square
+//! of its irradiance over the coarsest points.
 
 use super::PcaRecipe;
 use super::point_set::PointSet;
@@ -20,17 +20,16 @@ use crate::transport::{GatherSettings, TRAINING_LIGHTS, coarse_rows, mean_square
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Every so-manyth lamp is a sun, in levels that see the sky.
+/// Every light whose index is a multiple of this is a sun, in scenes with sky.
 const SUN_OF: usize = 4;
 
-/// A lamp of whose light less comes back than this share of what comes back of the usual one's
-/// counts as if that share did.
+/// Lower limit of a light's returned part, relative to the median light.
 const MIN_BACK: f64 = 0.5;
 
-/// A light of unit strength.
+/// Light of unit strength.
 #[derive(Clone, Copy, Debug)]
 enum Lamp {
-    /// 1 W/sr at this place.
+    /// 1 W/sr at this position.
     Point(Vec3),
     /// 1 W/m² from this direction.
     Sun(Vec3),
@@ -79,7 +78,7 @@ fn training_set(
     } = points;
     let geometry = gathering.geometry;
     let senders = pull.len();
-    // Not the training lamps, which judge the rows.
+    // These differ from the training lights of refinement, which estimate the error of rows.
     let seed = gathering.seed ^ 0x65_78_61_6d;
     let rows = coarse_rows(&gathering.scene(hierarchy), senders);
     let mut rays = rows.len() as u64 * u64::from(gathering.rays);
@@ -113,8 +112,7 @@ fn training_set(
             powers.push([f64::from(back), square / own.len().max(1) as f64].map(f64::sqrt));
         }
     }
-    // One that shines into the open, or on the back of things, would speak for all if it counted by
-    // what comes back alone.
+    // A light that shines out of the scene, or on back sides, would dominate without a lower limit.
     let mut shares: Vec<f64> = (powers.iter())
         .filter(|[_, direct]| *direct > 0.0)
         .map(|[back, direct]| back / direct)
@@ -134,8 +132,8 @@ fn training_set(
     (Examples { own, light }, rays)
 }
 
-/// Radiosity of the senders for each lamp, of the color whose turn it is; `first` is the number of
-/// the first lamp.
+/// Radiosity of the senders for each light, in one color channel per light. `first` is the index of
+/// the first light.
 fn radiosity(
     (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &LightSamples, &Weights),
     lamps: &[Lamp],
@@ -175,7 +173,7 @@ fn radiosity(
     values
 }
 
-/// Which of a sender's places a lamp shines on: any, but the same whoever asks.
+/// Index of the light sample that a light uses, the same in every call.
 fn turn(number: usize, count: usize) -> usize {
     (mix(number as u64) % count.max(1) as u64) as usize
 }

@@ -1,28 +1,27 @@
-//! Whether a bake's light dies away: the gain of its bounces, bounded from above; what its rows
-//! miss of the hemisphere's closed form; how far it is from reciprocal. All of it is read off the
-//! packed operator, as a frame uses it; the gain is the largest of all tiers'.
+//! Energy checks of a packed operator: an upper bound on the gain of a bounce, the deviation of
+//! rows from the hemisphere's closed form, and the reciprocity residual. The gain is the largest of
+//! all tiers.
 //!
-//! **Gain.** A reflection takes the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|; a
-//! sender that `pull` fills is a mean of others, with weights that sum to one. A is not negative,
-//! so that for every positive x the largest (A x)_j / x_j is no less than A's spectral radius
-//! (Collatz and Wielandt, [Var00] Chapter 2): each x proves a bound, x = 1 that of the row sums,
-//! and a few steps of a power iteration sharpen it. Operators of differences (\[L08\] Eq. (7),
-//! (17)) have signs: there the bound is the largest sum of absolute values of a row of the whole
-//! step, differences resolved.
+//! **Gain.** A bounce maps the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|. A sender
+//! that `pull` fills is a mean of others, with weights that sum to one. A is not negative. For
+//! every positive x the largest (A x)_j / x_j is therefore at least the spectral radius of A
+//! (Collatz and Wielandt, [Var00] Chapter 2). Each x proves a bound, x = 1 that of the row sums,
+//! and some steps of a power iteration tighten it. Operators of differences (\[L08\] Eq. (7), (17))
+//! have signs. Their bound is the largest sum of absolute values of a row of the whole step, with
+//! differences resolved.
 //!
-//! **Guard.** Where the bound is above 0.9995, as in a closed room that reflects all light, the
-//! albedo of each sender is lowered until its row sums to 0.999 at most, and the bake says so: no
-//! reflection adds light then, and every series and sweep converges.
+//! **Bound.** If the bound is above 0.9995, as in a closed room that reflects all light, the albedo
+//! of each sender is reduced until its row sums to at most 0.999. The bake warns. No bounce then
+//! adds energy, and every series and sweep converges.
 //!
-//! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and what
-//! met surfaces that no sender covers make one. Packing to halves misses that by its rounding,
-//! which a room that reflects 99 % shows a hundredfold: rows of averages get the scale that mends
-//! it.
+//! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and the
+//! part without a sender sum to one. Packing to half precision changes that by its rounding, which
+//! a room with albedo 0.99 amplifies a hundredfold. Rows of averages are rescaled to correct it.
 //!
-//! **Reciprocity.** The light that surface I has from J and J from I is alike for equal radiosity:
-//! Σ_{r ∈ I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest senders below two coarsest ones,
-//! which stand for equal areas, for they are as dense as their disks allow. What is left is noise
-//! of rays and points.
+//! **Reciprocity.** Light from surface J to I and from I to J is equal for equal radiosity: Σ_{r ∈
+//! I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest senders below two coarsest ones. These
+//! represent equal areas, since they are as dense as their disks allow. The rest is noise of rays
+//! and points.
 
 use super::energy_components as components;
 use crate::asset::{BakedScene, EnergyInfo, PointSurface};
@@ -33,22 +32,22 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
-/// The gain that the guard lowers to: a thousand reflections leave a third of the light.
+/// Largest allowed gain. A thousand bounces then keep a third of the light.
 pub(super) const MAX_GAIN: f64 = 0.999;
-/// Bounds above this one are guarded against.
+/// Gains above this value are reduced.
 pub(super) const GUARDED_FROM: f64 = 0.9995;
-/// Steps that sharpen the bound.
+/// Number of steps that tighten the bound.
 const STEPS: usize = 12;
-/// Share of itself that each step keeps, so that it stays positive.
+/// Part of itself that each step keeps, so that it stays positive.
 const KEEP: f64 = 0.1;
-/// Coarsest senders that reciprocity is asked of.
+/// Largest number of coarsest senders for the reciprocity residual.
 const ROOTS: usize = 128;
 
-/// Rows this near to the closed form miss it by rounding, and are mended.
+/// Largest deviation from the closed form that rounding explains. Such rows are rescaled.
 const ROUNDING: f64 = 0.01;
 
-/// Measures `scene`, mends its rows and guards its albedos. `missed` holds, for each point, the
-/// share of its gathered light that met a surface without a sender.
+/// Rescales rows and reduces albedos, and returns the measured energy. `missed` has, for each
+/// point, the part of its gathered light that hit a surface without a sender.
 pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
     renormalize_rows(scene, missed);
     if let Some(compression) = scene.operator.compression.take() {
@@ -57,7 +56,7 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
         return energy;
     }
     let mut senders = Senders::new(scene);
-    // A frame of a low tier does without some rows: each tier is asked, the whole operator last.
+    // A frame of a low tier leaves out some rows. Each tier is measured, the whole operator last.
     let tiers: Vec<u32> = (1..=senders.tier).collect();
     let mut all_sums = Vec::new();
     let mut reciprocity = 0.0;
@@ -92,7 +91,7 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
                 let row = f64::from(*albedo) * sum;
                 if row > MAX_GAIN {
                     let factor = MAX_GAIN / row;
-                    // Rounded down, so that the product is no more than it may be.
+                    // Rounded down, so that the product does not exceed the limit.
                     *albedo = (f64::from(*albedo) * factor) as f32 * (1.0 - f32::EPSILON);
                     albedo_scale = f64::min(albedo_scale, factor);
                     lowered = true;
@@ -104,7 +103,7 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
     }
     let (largest, rms) = deviation(scene, missed);
     EnergyInfo {
-        // Rounded up: it is a bound.
+        // Rounded up, since it is a bound.
         estimated: false,
         spectral_radius_bound: (gain as f32).next_up(),
         spectral_radius_estimate: found as f32,
@@ -116,7 +115,7 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
     }
 }
 
-/// The same for an operator of components, see [`energy_components`](super::energy_components).
+/// Energy bound of an operator of components, see [`energy_components`](super::energy_components).
 fn conserve_components(
     scene: &mut BakedScene,
     compression: &Compression,
@@ -153,18 +152,18 @@ fn conserve_components(
     }
 }
 
-/// What a bake that was guarded tells its user.
+/// Warning for a bake with reduced albedos.
 pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
     (energy.clamped_senders > 0).then(|| {
         format!(
-            "light would hardly ever die away in so closed and so white a level: the albedo of {} of {senders} senders was lowered, by {:.2} % at most, for a gain of {MAX_GAIN}",
-            energy.clamped_senders,
-            100.0 * (1.0 - energy.albedo_scale)
+            "closed scene with albedo near 1: the bounce series converges too slowly; reduced the albedo of {} of {senders} senders by at most {:.2} % (gain limited to {MAX_GAIN})",
+            energy.guarded,
+            100.0 * (1.0 - energy.guard_factor)
         )
     })
 }
 
-/// Gives rows of averages the scale with which they sum to what was gathered.
+/// Rescales rows of averages so that they sum to the gathered part.
 fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
     if !scene.operator.form.rows_stand_alone() {
         return;
@@ -177,7 +176,7 @@ fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
     for (i, ((row, point), &missed)) in rows.enumerate() {
         let links = &operator.links[row.start as usize..][..row.count as usize];
         let n = point.n();
-        // The sky's terms are no part of even light.
+        // Even light has no sky terms.
         let even_links = links.iter().filter(|l| l.sender() as usize <= most);
         let sum: f64 = even_links.map(|l| f64::from(l.vector().dot(n))).sum();
         let sum = match &even {
@@ -191,7 +190,7 @@ fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
     }
 }
 
-/// How far the rows of a white room under a white sky are from one: largest, and root mean square.
+/// Largest and root-mean-square deviation from one of the rows of a white room under a white sky.
 fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     let white = PointSurface {
         emission: [1.0; 3],
@@ -227,15 +226,14 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     (largest, (squares / count.max(1) as f64).sqrt())
 }
 
-/// One reflection's entries, of the senders that have light of their own: those that `pull` does
-/// not fill.
+/// Entries of one bounce, for the senders that `pull` does not fill.
 struct Senders {
     count: usize,
     /// Rows of higher tiers are left out, as a frame of this one leaves them out.
     tier: u32,
-    /// Whether `pull` leaves it alone.
+    /// `true` for senders that `pull` does not fill.
     own: Vec<bool>,
-    /// The coarsest sender that each one is below.
+    /// Coarsest ancestor of each sender.
     root: Vec<u32>,
 }
 
@@ -246,7 +244,7 @@ impl Senders {
         let own = (0..count)
             .map(|j| j >= finest || scene.pull.row(j).is_empty())
             .collect();
-        // Of several that take its light, the one in which it weighs most.
+        // A sender with several parents belongs to the one with the largest weight.
         let mut best: Vec<(f32, u32)> = (0..count as u32).map(|j| (0.0, j)).collect();
         let mut root: Vec<u32> = (0..count as u32).collect();
         for k in 0..count {
@@ -271,8 +269,8 @@ impl Senders {
         }
     }
 
-    /// Tells `each` of every sender k and F_jk·n_j, as a frame adds them up for point `j`; the sky
-    /// is left out. Operators of averages only.
+    /// Calls `each` with every sender k and F_jk·n_j, as a frame sums them for point `j`, without
+    /// the sky. Operators of averages only.
     fn links(
         &self,
         scene: &BakedScene,
@@ -283,7 +281,7 @@ impl Senders {
     ) {
         let row = &scene.operator.rows[j];
         if row.tier == 0 || row.tier > self.tier {
-            // Parents have lower indices: this ends.
+            // Parents have lower indices, so the loop ends.
             for w in scene.parents.row(j) {
                 let weight = weight * f64::from(w.weight);
                 self.links(scene, w.index as usize, n, weight, each);
@@ -300,8 +298,8 @@ impl Senders {
         }
     }
 
-    /// Row `j` of a whole step in the form of differences, over the senders with light of their
-    /// own: apply, flatten, push and pull, backwards.
+    /// Row `j` of a whole step in the form of differences, over the senders that `pull` does not
+    /// fill: apply, flatten, push and pull in reverse.
     fn resolved(&self, scene: &BakedScene, j: usize, row: &mut [f64]) {
         row.fill(0.0);
         let n = scene.points[j].n();
@@ -337,8 +335,8 @@ impl Senders {
         }
     }
 
-    /// Σ_k |F_jk·n_j| of every sender (in the form of differences, of those with light of their
-    /// own), and the residual of reciprocity.
+    /// Σ_k |F_jk·n_j| of every sender, and the reciprocity residual. In the form of differences the
+    /// sum has only the senders that `pull` does not fill.
     fn sums(&self, scene: &BakedScene) -> (Vec<f64>, f64) {
         let coarsest = scene.level(0).len().min(self.count);
         let stride = coarsest.div_ceil(ROOTS).max(1);
@@ -349,7 +347,7 @@ impl Senders {
         };
         let averages = scene.operator.form == SenderForm::Averages;
         let dense = if averages { 0 } else { self.count };
-        // The sum, and where there is a chosen surface above it what it has from each of them.
+        // Sum, and the part from each selected surface if there is one above the sender.
         let rows: Vec<(f64, Vec<f64>)> = (0..self.count)
             .into_par_iter()
             .map_init(
@@ -380,7 +378,7 @@ impl Senders {
         let mut between = vec![vec![0.0; chosen]; chosen];
         for (j, (_, from)) in rows.iter().enumerate() {
             if let (false, Some(place)) = (from.is_empty(), place(j)) {
-                // A sender of a coarser level stands for four times the surface.
+                // A sender of a coarser level represents four times the area.
                 let level = scene.level_starts.partition_point(|&s| s as usize <= j);
                 let area = 4f64.powi(scene.sender_levels as i32 - level as i32);
                 for (sum, f) in between[place].iter_mut().zip(from) {
@@ -403,7 +401,7 @@ impl Senders {
         (rows.into_iter().map(|row| row.0).collect(), residual)
     }
 
-    /// A proved bound on the gain of a reflection, and an estimate of it.
+    /// Proved bound on the gain of a bounce, and an estimate of the gain.
     fn gain(&self, scene: &BakedScene, sums: &[f64]) -> (f64, f64) {
         let albedo = |j: usize| scene.surfaces[j].albedo.map(f64::from);
         let owners = (0..self.count).filter(|&j| self.own[j]);
@@ -411,13 +409,13 @@ impl Senders {
             .flat_map(|j| albedo(j).map(|a| a * sums[j]))
             .fold(0.0, f64::max);
         if scene.operator.form == SenderForm::Differences {
-            // The row sums are all that signs leave of the theorem.
+            // With signs, only the row sums remain of the theorem.
             return (bound, bound);
         }
         let mut x = vec![[1.0f64; 3]; self.count];
         let mut grown = bound;
         for _ in 0..STEPS {
-            // Fine to coarse: means of children that are there already.
+            // Fine to coarse: means of finished children.
             for k in (0..self.count).rev() {
                 if !self.own[k] {
                     let mut mean = [0.0; 3];
@@ -459,7 +457,7 @@ impl Senders {
             }
             for (x, y) in x.iter_mut().zip(&y) {
                 for c in 0..3 {
-                    // Nothing grows beyond bounds or fades to nothing.
+                    // Values neither overflow nor vanish.
                     x[c] = (KEEP * x[c] + (1.0 - KEEP) * y[c] / bound).max(1e-100);
                 }
             }

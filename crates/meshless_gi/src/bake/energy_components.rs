@@ -1,28 +1,27 @@
-//! [`energy`](super::energy) for operators of components, whose rows are not told sender by sender: what their rows sum to, the gain of their bounces and how
-//! far they are from reciprocal.
+//! Energy checks of operators of components, see [`energy`](super::energy). Their rows do not name
+//! single senders.
 //!
-//! **Rows.** Even light of 1 W/m² makes known coefficients: Σ_c F_ic·n_i D_c 1 is the row's sum,
-//! and the closed form is asked of that.
+//! **Rows.** Even light of 1 W/m² has known coefficients. Σ_c F_ic·n_i D_c 1 is the row's sum, and
+//! the closed form applies to it.
 //!
-//! **Gain.** The product of bases has signs, so that no theorem of matrices without them ([Var00]
-//! Chapter 2) holds, and sums of absolute values say more than twice of what is there. A power
-//! iteration of the step itself (compress, apply, flatten, reflect) finds its largest eigenvalue:
-//! an estimate from below and no proof. Where it is above 0.9995, all albedos are lowered by the
-//! same factor, for a gain of 0.999.
+//! **Gain.** The product of bases has signs. Theorems on non-negative matrices ([Var00] Chapter 2)
+//! do not apply, and sums of absolute values exceed twice the gain. A power iteration of the whole
+//! step (compress, apply, flatten, reflect) finds the largest eigenvalue. It is an estimate from
+//! below and not a bound. If it is above 0.9995, all albedos are reduced by the same factor, to a
+//! gain of 0.999.
 //!
-//! **Reciprocity** is asked of pairs of clusters: even light of one on the senders of the other,
-//! and the other way round.
+//! **Reciprocity** is measured for pairs of clusters: even light of each one on the senders of the
+//! other.
 
 use crate::asset::{BakedScene, PointSurface};
 use crate::frame::{VectorIrradiance, apply, compress};
 use crate::transport::pca::Compression;
 use rayon::prelude::*;
 
-/// Steps of the power iteration.
+/// Number of steps of the power iteration.
 const STEPS: usize = 24;
 
-/// What even light makes of every row along its point's normal, the sky's with it: as the rows are
-/// packed.
+/// Normal component of every row under even light, including the sky, as the rows are packed.
 pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f64> {
     let ones = compression.of_ones();
     let operator = &scene.operator;
@@ -37,8 +36,8 @@ pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f6
         .collect()
 }
 
-/// The largest eigenvalue of a reflection in a frame of this tier, as far as a power iteration
-/// finds it; of the color that has most.
+/// Largest eigenvalue of a bounce in a frame of this tier, estimated by power iteration. The
+/// largest color channel counts.
 pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> f64 {
     let senders = scene.senders();
     let mut own = vec![false; senders];
@@ -77,7 +76,7 @@ pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> 
             let e = values[j].dot(scene.points[j].n());
             for c in 0..3 {
                 before[c] += f64::from(light[j][c]).powi(2);
-                // As a sweep reflects: nothing shines less than not at all.
+                // Like a sweep: negative radiosity is clamped to zero.
                 light[j][c] = scene.surfaces[j].albedo[c] * e[c].max(0.0);
                 after[c] += f64::from(light[j][c]).powi(2);
             }
@@ -87,7 +86,7 @@ pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> 
             false => 0.0,
         });
         found = gains.into_iter().fold(0.0, f64::max);
-        // Back to length one, each color for itself.
+        // Normalizes each color channel to length one.
         for light in &mut light {
             for c in 0..3 {
                 if after[c] > 0.0 {
@@ -99,7 +98,8 @@ pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> 
     found
 }
 
-/// Lowers every sender's albedo by `factor` and says how many had any.
+/// Multiplies every sender's albedo by `factor`. Returns the number of senders with a positive
+/// albedo.
 pub(super) fn lower(surfaces: &mut [PointSurface], factor: f64) -> u64 {
     let mut lowered = 0;
     for surface in surfaces {
@@ -111,11 +111,11 @@ pub(super) fn lower(surfaces: &mut [PointSurface], factor: f64) -> u64 {
     lowered
 }
 
-/// The residual of reciprocity between clusters, relative to the light exchanged.
+/// Reciprocity residual between clusters, relative to the exchanged light.
 pub(super) fn reciprocity(scene: &BakedScene, compression: &Compression) -> f64 {
     let ones = compression.of_ones();
     let sky = compression.columns.len() - 1;
-    // The cluster of each column and of each sender.
+    // Cluster of each column and of each sender.
     let mut cluster_of_column = vec![0; sky];
     let mut clusters = 0;
     let mut cluster_of = vec![usize::MAX; scene.senders()];

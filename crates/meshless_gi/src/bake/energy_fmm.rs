@@ -1,12 +1,12 @@
-//! [`energy`](super::energy) for the octree of rule `fmm`: what even light makes of every sender, the gain of its bounces, and how far it is from reciprocal.
+//! Energy checks of the octree of method `fmm`, see [`energy`](super::energy).
 //!
-//! **Gain.** Expansions have signs, so that no theorem of matrices without them ([Var00] Chapter 2)
-//! holds: a power iteration finds the largest eigenvalue of a reflection, an estimate from below
-//! and no proof. Where that is above 0.9995, all albedos are lowered by the same factor, for a gain
-//! of 0.999.
+//! **Gain.** Expansions have signs, so theorems on non-negative matrices ([Var00] Chapter 2) do not
+//! apply. A power iteration finds the largest eigenvalue of a bounce. It is an estimate from below
+//! and not a bound. If it is above 0.9995, all albedos are reduced by the same factor, to a gain of
+//! 0.999.
 //!
-//! **Reciprocity** is asked of runs of senders that lie together: even light of one run on another,
-//! and the other way round, times their surfaces.
+//! **Reciprocity** is measured for groups of neighboring senders: even light of one group on
+//! another, times the area.
 
 use super::energy::{GUARDED_FROM, MAX_GAIN};
 use super::energy_components::lower;
@@ -16,13 +16,14 @@ use crate::transport::fmm::passes::{Field, along};
 use crate::transport::fmm::{FmmOperator, Passes};
 use glam::Vec3;
 
-/// Steps of the power iteration.
+/// Number of steps of the power iteration.
 const STEPS: usize = 12;
-/// Runs of senders that are asked for reciprocity, three at a time.
+/// Number of sender groups for the reciprocity residual, three at a time.
 const RUNS: usize = 12;
 
-/// Measures the octree of `scene` and guards its albedos; what is known of its links counts too.
-/// `unlit` is what each point sees of unlit backs, `areas` the surface of each sender.
+/// Reduces albedos and returns the measured energy of the octree, combined with that of the links.
+/// `unlit` is the part of each point's hemisphere with unlit back sides, `areas` the area of each
+/// sender.
 pub(super) fn enforce_energy_bound(
     scene: &mut BakedScene,
     unlit: &[f32],
@@ -64,8 +65,7 @@ pub(super) fn enforce_energy_bound(
     }
 }
 
-/// What arrives at the senders from the light of the senders, along their normals and not below
-/// zero.
+/// Irradiance at the senders along their normals, clamped to zero.
 fn arriving(
     scene: &BakedScene,
     octree: &FmmOperator,
@@ -85,8 +85,7 @@ fn arriving(
     out
 }
 
-/// The largest eigenvalue of a reflection, as far as a power iteration finds it; of the color that
-/// has most.
+/// Largest eigenvalue of a bounce, estimated by power iteration. The largest color channel counts.
 fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
     let finest = scene.finest_senders();
     let mut light = vec![[0.0f32; 4]; scene.senders()];
@@ -107,7 +106,7 @@ fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) 
             false => 0.0,
         });
         found = gains.into_iter().fold(0.0, f64::max);
-        // Back to length one, each color for itself.
+        // Normalizes each color channel to length one.
         for light in &mut light[finest.clone()] {
             for c in 0..3 {
                 if after[c] > 0.0 {
@@ -119,7 +118,7 @@ fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) 
     found
 }
 
-/// The residual of reciprocity between runs of senders, relative to the light exchanged.
+/// Reciprocity residual between groups of senders, relative to the exchanged light.
 fn reciprocity(
     scene: &BakedScene,
     octree: &FmmOperator,
@@ -156,7 +155,8 @@ fn reciprocity(
     }
 }
 
-/// How far even light and an even sky are from one at the senders: largest, and root mean square.
+/// Largest and root-mean-square deviation of the senders' irradiance from one, under even light and
+/// an even sky.
 fn deviation(scene: &BakedScene, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
     let (mut largest, mut squares) = (0.0f64, 0.0);
     let even = unit_response(octree, scene);

@@ -1,25 +1,25 @@
-//! How wrong a bake is, by its own measurement: indirect irradiance through the frame's own path
-//! against unbiased Monte Carlo, at random places of the surface, for lamps that the bake did not
-//! see.
+//! Error estimate of a bake: indirect irradiance by the frame's own path, compared with unbiased
+//! Monte Carlo at random surface points, for lights that the bake did not use.
 //!
-//! What is estimated is the NRMSE as [`meshless_gi_lab::accuracy::errors`] defines it, e = ‖E' − E‖
-//! / ‖E‖ over the reached surface, under one lamp: what a user finds who puts a lamp into the level
-//! and compares with a path tracer. Lamps differ in their error, so that the interval is a
-//! prediction for one more of them, not the standard error of a mean. Each lamp counts alike, as it
-//! may be the one that a user places, but for those of whose light next to nothing comes back: one
-//! that shines into the open has no error to speak of.
+//! The estimated quantity is the NRMSE of `meshless_gi_lab::accuracy::errors`, e = ‖E' − E‖ / ‖E‖
+//! over the reached surface, under one light. A user who adds a light and compares with a path
+//! tracer measures the same. Errors differ between lights, so the interval is a prediction for one
+//! more light, not the standard error of a mean. All lights count equally, except those whose light
+//! hardly returns, such as lights that shine out of the scene.
 //!
-//! Three lamps shine at a time, a red, a green and a blue one: light of one color knows nothing of
-//! the others, so that a solve and a path serve all three.
+//! Three lights are evaluated together, one per color channel. Channels are independent, so one
+//! solve and one path serve all three.
 //!
-//! Three things make few paths say much. E' costs next to nothing, so that it is asked at many
-//! places (the pool), and the truth at few of them, drawn where errors are to be expected: where
-//! there is light, where it changes within the width of a basis function, and where half of the
-//! links say something else, but everywhere sometimes; weights undo the choice (importance sampling
-//! with a mixture that holds a uniform part, so that no weight is above [`PARTS`]). What all places
-//! can say without truth (the differences of tiers to the whole, the light's own mean square) is a
-//! control variate. And the truth comes as two halves that know nothing of each other: the product
-//! of the differences to them has the squared error as its mean, whatever their own noise.
+//! Three methods reduce the variance:
+//!
+//! - **Importance sampling.** E' is cheap and evaluated at many points (the pool). Ground truth is
+//!   computed at few of them. They are drawn where errors are likely: where there is light, where
+//!   it changes within the width of a basis function, and where half of the links give another
+//!   value. The mixture has a uniform part, so no weight exceeds [`PARTS`].
+//! - **Control variate.** Quantities of the whole pool that need no ground truth: the differences
+//!   of tiers to the whole operator, and the light's own mean square.
+//! - **Independent halves.** Ground truth is computed twice with independent noise. The product of
+//!   the two differences has the squared error as its mean.
 
 use super::Progress;
 use super::progress::BakeStage;
@@ -33,35 +33,35 @@ use crate::scene::{Geometry, Light};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Share of the bake's rays that the estimate may cast.
+/// Largest part of the bake's rays that the estimate casts.
 const SHARE: f64 = 0.04;
-/// Lamps that shine together, each in a color of its own.
+/// Number of lights that are evaluated together, one per color channel.
 const COLORS: usize = 3;
-/// Importance particles that places and lamps are drawn from.
+/// Number of importance particles that surface points and lights are drawn from.
 const PARTICLES: u64 = 4096;
-/// Free places of which the one with the most room becomes a lamp: lamps hang under ceilings and
-/// stand on tables.
+/// Number of candidate positions per light. The one with the largest clearance is used, since
+/// lights hang below ceilings and stand on tables.
 const TRIED: usize = 4;
-/// A lamp of whose light less comes back than this share of the usual one's counts the less.
+/// Lights that return less than this part of the median count proportionally less.
 const RETURNS: f64 = 0.1;
-/// Reasons to draw a place; each has the same weight.
+/// Number of parts of the sampling mixture. All have equal weight.
 const PARTS: f64 = 4.0;
 
-/// How much work an estimate takes.
+/// Sample budget of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Effort {
-    /// Triples of lamps.
+    /// Number of triples of lights.
     triples: usize,
-    /// Surface places a triple at which the bake alone is asked.
+    /// Number of surface points per triple at which the bake is evaluated.
     pool: usize,
-    /// How many of them, for each triple, the truth is computed at.
+    /// Number of these points, per triple, with ground truth.
     places: usize,
-    /// Paths at each of these, in the mean.
+    /// Mean number of paths per point with ground truth.
     paths: u32,
 }
 
 impl Effort {
-    /// What is in proportion to a bake, but enough for an answer.
+    /// Budget in proportion to the bake, with a lower limit.
     fn of(scene: &BakedScene) -> Self {
         let (triples, places) = (8, 96);
         let each =
@@ -76,32 +76,32 @@ impl Effort {
     }
 }
 
-/// A ray on, and a shadow ray for each lamp.
+/// Path continuation, and a shadow ray per light.
 const RAYS_PER_BOUNCE: u64 = 1 + COLORS as u64;
 
-/// A bake's error, measured.
+/// Estimated error of a bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ErrorEstimate {
-    /// NRMSE: root of the mean over lamps of each one's squared NRMSE over the surface; without the
-    /// reference's own noise.
+    /// NRMSE: root of the mean over lights of each light's squared NRMSE over the surface, without
+    /// the reference's own noise.
     pub nrmse: f32,
-    /// Half width of the 95 % prediction interval around it for the NRMSE of one more lamp.
+    /// Half width of the 95 % prediction interval around it, for the NRMSE of one more light.
     pub interval: f32,
 }
 
-/// What one lamp says of one tier.
+/// Error of one tier under one light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LampError {
-    /// Squared NRMSE; its noise may make it negative.
+    /// Squared NRMSE. Its noise can make it negative.
     square: f64,
-    /// Variance of that by the paths of the reference alone.
+    /// Variance of the square by the reference paths alone.
     noise: f64,
-    /// Mean square of what comes back of its light, over that of the light itself.
+    /// Mean square of the indirect light relative to that of the direct light.
     returns: f64,
 }
 
-/// Measures the error of each tier of `scene` on `geometry`, tier 1 first, and says how many rays
-/// that took. None when `progress` asks to stop.
+/// Estimates the error of each tier of `scene` on `geometry`, tier 1 first. Returns the estimates
+/// and the number of rays cast, or `None` if canceled.
 #[must_use]
 pub fn estimate_errors(
     scene: &BakedScene,
@@ -114,8 +114,8 @@ pub fn estimate_errors(
     Some((estimates, rays))
 }
 
-/// As [`estimate_errors`], with so much work, and lamp by lamp: a list for each tier, of the lamps
-/// whose light comes back from anything.
+/// Error of each tier under each light with a given budget. Leaves out lights without indirect
+/// light.
 fn lamp_errors(
     scene: &BakedScene,
     geometry: &dyn Geometry,
@@ -123,7 +123,7 @@ fn lamp_errors(
     seed: u64,
     progress: &Progress,
 ) -> Option<(Vec<Vec<LampError>>, u64)> {
-    // Nothing that the bake drew its points or training lights from.
+    // Differs from the seeds of the points and training lights of the bake.
     let seed = seed ^ 0x65_73_74_69_6d;
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
     let traced = trace_particles(geometry, &viewpoints, 0..PARTICLES, seed, false);
@@ -132,7 +132,7 @@ fn lamp_errors(
     let count = COLORS * effort.triples;
     let lamps = sample_open_positions(geometry, &candidates, count, TRIED, &mut random);
     let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_PER_POSITION;
-    // Steps along this order spread over the surface.
+    // Morton order: equal steps spread over the surface.
     let bounds = geometry.bounds();
     candidates.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
     let radii = scene.points.iter().map(|p| p.radius);
@@ -166,28 +166,27 @@ fn lamp_errors(
     Some((all, rays))
 }
 
-/// Three lamps' share of the work. Vectors of three hold a number for each of them: its color's.
+/// Estimate for three lights. Vectors of three have one number per light.
 struct Question<'a> {
     scene: &'a BakedScene,
     geometry: &'a dyn Geometry,
     effort: &'a Effort,
     seed: u64,
     frame: CpuFrame,
-    /// Over how many meters a change of the light is a change within a basis function.
+    /// Distance in meters within which a change of the light is a change within a basis function.
     reach: f32,
 }
 
-/// The truth at a place, twice.
+/// Two independent values of ground truth at a point.
 struct Halves {
     first: DVec3,
     second: DVec3,
-    /// Straight from the lamps.
+    /// Direct irradiance.
     direct: DVec3,
 }
 
 impl Question<'_> {
-    /// The errors of all tiers under the lamps, those of whose light anything comes back, and the
-    /// rays cast.
+    /// Errors of all tiers under the lights that return light, and the number of rays cast.
     fn ask(
         &mut self,
         lamps: &[Light],
@@ -208,7 +207,7 @@ impl Question<'_> {
         let scores = self.scores(pool, whole, lower.last(), random);
         let drawn = systematic(&scores, self.effort.places, random);
         let (truth, rays) = self.truth(lamps, stream, pool, whole, &scores, &drawn);
-        // E f = Σ f(x) / (n p(x)) over n places drawn.
+        // E f = Σ f(x) / (n p(x)) over n drawn points.
         let weights: Vec<f64> = drawn
             .iter()
             .map(|&i| 1.0 / (scores[i] * drawn.len() as f64))
@@ -223,21 +222,20 @@ impl Question<'_> {
             direct += weight * t.direct * t.direct;
         }
         let of_tier = |values: &Vec<DVec3>| {
-            // What the pool knows without any truth.
+            // Control variates of the pool.
             let mut square = mean(values.iter().zip(whole).map(|(v, w)| (v - w) * (v - w)));
             let mut noise = DVec3::ZERO;
             for &(i, weight, t) in &drawn {
                 let (v, w) = (values[i], whole[i]);
                 let product = (v - t.first) * (v - t.second);
                 square += weight * (product - (v - w) * (v - w));
-                // With halves of variance s², the product has the variance 2 e² s² + s⁴; with h =
+                // With halves of variance s², the product has the variance 2 e² s² + s⁴. With h =
                 // (a − b)² / 2 that is the mean of 2 h · product + h².
                 let h = 0.5 * (t.first - t.second) * (t.first - t.second);
                 noise += weight * weight * (2.0 * h * product + h * h);
             }
             (0..COLORS)
-                // Where next to nothing comes back there is no error to speak of, and no number
-                // either.
+                // Without indirect light the relative error is undefined.
                 .filter(|&c| power[c] > 1e-6 * direct[c] && power[c].is_finite())
                 .map(|c| LampError {
                     square: square[c] / power[c],
@@ -250,7 +248,7 @@ impl Question<'_> {
         (values.iter().map(of_tier).collect(), rays)
     }
 
-    /// What the bake says.
+    /// Irradiance of the bake at the pool.
     fn values(&mut self, pool: &[Candidate], tier: u32) -> Vec<DVec3> {
         let settings = FrameSettings {
             emission: 0.0,
@@ -267,8 +265,8 @@ impl Question<'_> {
         pool.par_iter().map(at).collect()
     }
 
-    /// How much each place is worth the truth; one in the mean. The frame holds the whole
-    /// operator's light.
+    /// Relative sampling probability of each point, with mean one. The frame has the solution of
+    /// the whole operator.
     fn scores(
         &self,
         pool: &[Candidate],
@@ -317,8 +315,8 @@ impl Question<'_> {
         scores
     }
 
-    /// The truth at the places drawn. Bright places are noisier: they get more paths, those that
-    /// were drawn for other reasons than their light fewer.
+    /// Ground truth at the drawn points. Bright points are noisier and get more paths. Points that
+    /// were drawn for other reasons than their brightness get fewer.
     fn truth(
         &self,
         lamps: &[Light],
@@ -362,13 +360,13 @@ impl Question<'_> {
     }
 }
 
-/// 0 of nothing.
+/// Mean, or 0 without values.
 fn mean(values: impl ExactSizeIterator<Item = DVec3>) -> DVec3 {
     let count = values.len().max(1) as f64;
     values.sum::<DVec3>() / count
 }
 
-/// `count` of the candidates, evenly along their order.
+/// Draws `count` candidates evenly along their order.
 fn spread(candidates: &[Candidate], count: usize, random: &mut Random) -> Vec<Candidate> {
     let start = f64::from(random.unit());
     let step = candidates.len() as f64 / count as f64;
@@ -378,8 +376,8 @@ fn spread(candidates: &[Candidate], count: usize, random: &mut Random) -> Vec<Ca
         .collect()
 }
 
-/// Draws `count` indices with probabilities in proportion to `scores`, evenly along their order
-/// (systematic sampling). A great score is drawn more than once.
+/// Draws `count` indices with probabilities proportional to `scores`, evenly along their order
+/// (systematic sampling). A large score is drawn more than once.
 fn systematic(scores: &[f64], count: usize, random: &mut Random) -> Vec<usize> {
     let step = scores.iter().sum::<f64>() / count as f64;
     let mut next = f64::from(random.unit()) * step;
@@ -395,20 +393,20 @@ fn systematic(scores: &[f64], count: usize, random: &mut Random) -> Vec<usize> {
     out
 }
 
-/// Zero of nothing.
+/// Median, or 0 without values.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// The estimate from what the lamps say.
+/// Error estimate from the errors under single lights.
 ///
-/// Lamps differ, and so do the handfuls of places that each was examined at: the spread of their
-/// squared errors tells both, and is what one more lamp will show. Only what the reference's paths
-/// put on it is taken off. With m the mean and s² the variance of that, 95 % of lamps would stay
-/// below m + t s √(1 + 1/n) if squares were normal, with Student's t for n − 1 degrees of freedom;
-/// they are skewed to larger errors, so that the upper end makes the width for both sides.
+/// The spread of the squared errors has two causes: lights differ, and each is sampled at few
+/// points. Both also affect one more light. Only the noise of the reference paths is subtracted.
+/// With the mean m and the variance s², 95 % of lights stay below m + t s √(1 + 1/n) if squares are
+/// normal, with Student's t for n − 1 degrees of freedom. Squares are skewed to larger errors, so
+/// the upper end gives the width on both sides.
 fn summarize(lamps: &[LampError]) -> ErrorEstimate {
     let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
     let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
@@ -421,18 +419,18 @@ fn summarize(lamps: &[LampError]) -> ErrorEstimate {
         parts.sum::<f64>() / total
     };
     let m = mean(&|l| l.square).max(0.0);
-    // As many lamps of equal weight.
+    // Effective number of lights of equal weight.
     let count = total * total / weights.iter().map(|w| w * w).sum::<f64>();
     let nrmse = m.sqrt();
     if count < 1.5 {
         return ErrorEstimate {
             nrmse: nrmse as f32,
-            // One lamp says nothing of others.
+            // One light predicts nothing about others.
             interval: nrmse as f32,
         };
     }
     let seen = mean(&|l| (l.square - m).powi(2)) * count / (count - 1.0);
-    // The usual lamp's: a single one of great noise is one of great error as often as not.
+    // The median, since a single light with large noise often has a large error.
     let noise = median(lamps.iter().map(|l| l.noise)).clamp(0.0, seen);
     let width = student(count - 1.0) * (seen - noise + seen / count).sqrt();
     ErrorEstimate {
@@ -441,8 +439,8 @@ fn summarize(lamps: &[LampError]) -> ErrorEstimate {
     }
 }
 
-/// 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (two at least), by
-/// the first terms of its expansion in 1 / `freedom`.
+/// 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (at least 2), by the
+/// first terms of its expansion in 1 / `freedom`.
 fn student(freedom: f64) -> f64 {
     const Z: f64 = 1.959_964;
     let (f, z3, z5) = (freedom.max(2.0), Z.powi(3), Z.powi(5));

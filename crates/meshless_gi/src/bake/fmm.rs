@@ -1,17 +1,16 @@
-//! Rule `fmm`: from points and their surfaces to the octree that carries a frame's light ([G08]).
+//! Octree of method `fmm` ([G08]).
 //!
-//! **Who shines.** The senders of the finest sender level, each from a few pieces of its cell
-//! ([`find_cells`]): a wall near by is then a wall, and not a few disks. [G08] has one place a
-//! point.
+//! **Sources** are the senders of the finest sender level. Each emits from several pieces of its
+//! cell ([`find_cells`]), so that a near wall is a wall and not a few disks. [G08] has one position
+//! per point.
 //!
-//! **Who receives.** The points of the sender levels. An expansion can be asked anywhere, and
-//! points of finer levels might receive at their own places; they take the mean of their parents,
-//! which was as exact or more so wherever it was tried, for parts of visibility are the same over a
-//! leaf, and costs next to nothing.
+//! **Receivers** are the points of the sender levels. Points of finer levels take the mean of their
+//! parents. Evaluating expansions at them was not more exact in any measurement, since visibility
+//! is constant over a leaf, and costs more.
 //!
-//! **Closed form.** Even light of one makes one at every point, less what the sky and unlit backs
-//! take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of visibility miss of that, each
-//! point's factor mends.
+//! **Closed form.** Even light of one gives one at every point, except for the sky and unlit back
+//! sides: (1/π) ∫ n·ω dω = 1. A factor per point corrects the errors of near disks, areas and
+//! partial visibility.
 
 use super::context::BakeContext;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats, FmmRecipe, energy_fmm};
@@ -38,17 +37,17 @@ impl FmmRecipe {
     }
 }
 
-/// The cells of the senders that shine.
+/// Cells of the emitting senders.
 pub(super) struct SenderCells {
-    /// The first of those senders.
+    /// Index of the first emitting sender.
     first: usize,
-    /// Pieces of each.
+    /// Pieces of each cell.
     cells: Vec<Vec<CellPart>>,
     rays: u64,
 }
 
 impl SenderCells {
-    /// Nothing but under rule `fmm`.
+    /// Finds the cells. Returns `None` without method `fmm`.
     pub fn find(
         geometry: &dyn Geometry,
         hierarchy: &Hierarchy,
@@ -65,8 +64,8 @@ impl SenderCells {
         })
     }
 
-    /// The points of the octree: pieces of the senders that shine, then the points of all senders;
-    /// and of each the sender that it is of.
+    /// Points of the octree, and the sender of each: pieces of the emitting senders, then the
+    /// points of all senders.
     fn points(&self, scene: &BakedScene) -> (Vec<FmmPoint>, Vec<u32>) {
         let (mut points, mut of) = (Vec::new(), Vec::new());
         for (j, cell) in self.cells.iter().enumerate() {
@@ -93,8 +92,8 @@ impl SenderCells {
     }
 }
 
-/// Factors beyond these mend no rounding: what such a point sees is not on any list, or lies in a
-/// crack.
+/// Range of the correction factor. Factors outside it are not rounding errors: such a point
+/// receives light that no list has, or lies in a crack.
 const FACTOR_RANGE: [f32; 2] = [0.25, 4.0];
 
 /// Adds the octree of method `fmm` to a scene with `cells`.
@@ -152,14 +151,14 @@ fn with_sky(mut scene: BakedScene, sky_rays: &[(Vec3, f32)]) -> BakedScene {
 }
 
 impl SenderCells {
-    /// The surface of each sender, m²; nothing for those that do not shine.
+    /// Area of each sender in m². 0 for senders that do not emit.
     fn areas(&self) -> Vec<f32> {
         let own = (self.cells.iter()).map(|cell| cell.iter().map(|p| p.area).sum());
         std::iter::repeat_n(0.0, self.first).chain(own).collect()
     }
 }
 
-/// Sets the factor of every place that receives.
+/// Sets the correction factor of every receiver.
 fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
     let unit = unit_response(operator, scene);
     for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
@@ -174,7 +173,7 @@ fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unli
     }
 }
 
-/// What senders of radiosity one make of each other along their normals.
+/// Irradiance of the senders along their normals for radiosity one.
 pub(super) fn unit_response(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
     let radiosity = vec![[1.0f32; 4]; scene.senders()];
     let mut passes = Passes::new(Field::of(operator));

@@ -1,4 +1,4 @@
-//! The bake of live materials: which materials the places of each sender are covered by, and how.
+//! Bake of dynamic materials: the material coverage of each sender.
 
 use crate::asset::{DynamicMaterials, LightSamples, MaterialCoverage};
 use crate::basis::{Hierarchy, Weights};
@@ -6,9 +6,9 @@ use crate::scene::{Geometry, MaterialTerms, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// The materials of `geometry` and what each sender has of them; none where the geometry has no
-/// materials that could change. The finest senders have places; coarser ones that `pull` fills have
-/// no light of their own, and no shares. Also says how many rays it took.
+/// Materials of `geometry`, the coverage of each sender, and the number of rays cast. `None` if the
+/// geometry has no materials. Finest senders use their light samples. Coarser senders that `pull`
+/// fills have no coverage.
 pub(super) fn cover(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,
@@ -73,7 +73,7 @@ pub(super) fn cover(
     (Some(live), rays)
 }
 
-/// The material under a place on the surface, seen from its side.
+/// Material at a surface point, seen from its side.
 fn below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<MaterialTerms> {
     let up = 2.0 * geometry.ray_offset(x);
     let ray = Ray::segment(x + n * up, -n, 2.0 * up);

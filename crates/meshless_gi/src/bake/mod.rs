@@ -1,9 +1,12 @@
-//! The whole bake as one call: from geometry and a recipe to a [`BakedScene`].
+//! Bake of a scene: from geometry and a recipe to a [`BakedScene`].
 //!
-//! Viewpoints → points → clip planes, parents, pull rows → training lights → operator → baked
-//! bounces → packing → the error, measured. Equal input gives equal bytes, whatever the number of
-//! threads (design D5): chunks are fixed, sums are ordered, random numbers are counted. Threads are
-//! those of the rayon pool that the call runs in.
+//! A bake is a pipeline. Each stage takes the results of earlier stages and returns its own: survey
+//! (`survey`) → points (`point_set`) → rows (`transport_stage`) → packed scene (`assembly`)
+//! → energy bound and baked bounces (`bounces`) → octree (`fmm`) → visibility (`visibility`)
+//! → estimated error (`finish`).
+//!
+//! Equal input gives equal bytes for any number of threads (design D5). Chunks are fixed, sums are
+//! ordered and random numbers are counted. The bake uses the rayon pool of its caller.
 
 mod assembly;
 mod bake_error;
@@ -57,30 +60,30 @@ pub use visibility::VisibilityRecipe;
 use crate::asset::BakedScene;
 use crate::scene::{Bvh, Geometry, Occluder, OccluderGeometry};
 
-/// What is baked.
+/// Input of a bake.
 pub struct BakeSource<'a> {
-    /// What rays meet.
+    /// Geometry that rays intersect.
     pub geometry: &'a dyn Geometry,
-    /// The same geometry as triangles, for the frame's shadow rays.
+    /// Triangles of the same geometry, for the frame's shadow rays.
     pub bvh: Bvh,
-    /// Triangles (or other primitives), for the statistics.
+    /// Number of triangles or other primitives, for the statistics.
     pub primitives: u64,
     /// Hash of the geometry and its materials, for the fingerprint.
     pub content_hash: [u8; 32],
-    /// Parts of the level that are not in the geometry: those that the recipe's occluders name.
+    /// Parts of the scene that are not in the geometry, named by the recipe's occluders.
     pub occluders: Vec<Occluder>,
 }
 
-/// A finished bake.
+/// Result of a bake.
 #[derive(Debug)]
 pub struct Baked {
-    /// What a frame needs.
+    /// Data that a frame reads.
     pub scene: BakedScene,
-    /// Where the time went.
+    /// Times and counts of the bake.
     pub stats: BakeStats,
 }
 
-/// Bakes `source` as `recipe` says.
+/// Bakes `source` with the settings of `recipe`.
 ///
 /// # Errors
 /// See [`BakeError`]. No input makes it panic.

@@ -1,5 +1,5 @@
-//! Occluders of a recipe: parts of the level by the names of their nodes, or boxes; and what a bake
-//! knows of the light that passes them.
+//! Occluders of a recipe: nodes of the scene by name, or boxes. Indexes the link terms that cross
+//! them.
 
 use super::BakeError;
 use super::recipe::RecipeError;
@@ -9,42 +9,42 @@ use crate::transport::{PackedLinkTerm, UnindexedLinkTerm, number_sets};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// Most boxes of an occluder.
+/// Largest number of boxes of an occluder.
 const MAX_BOXES: usize = 4096;
-/// Longest name, bytes.
+/// Longest name, in bytes.
 const LONGEST_NAME: usize = 256;
 
-/// A door or a lift: what a game opens and shuts.
+/// Part of the scene that a game opens and closes, such as a door or a lift.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderDesc {
-    /// What the game calls it; without boxes also the name of the level's node that it is, with all
-    /// nodes below that.
+    /// Name of the occluder. Without boxes it is also the name of the scene node whose subtree is
+    /// the occluder.
     pub name: String,
-    /// What it is where the level has no such node.
+    /// Boxes of an occluder without a scene node. Empty by default.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub boxes: Vec<OccluderBox>,
 }
 
-/// A box along the axes of the bake's space.
+/// Axis-aligned box in the space of the bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderBox {
-    /// Its middle, meters.
+    /// Center, in meters.
     pub center: [f32; 3],
-    /// Half of its edges, meters.
+    /// Half of the edge lengths, in meters.
     pub half_edges: [f32; 3],
 }
 
 impl From<&str> for OccluderDesc {
-    /// The node of this name.
+    /// Occluder of the node with this name.
     fn from(name: &str) -> Self {
         Self::node(name)
     }
 }
 
 impl OccluderDesc {
-    /// The node of this name.
+    /// Occluder of the node with this name.
     #[must_use]
     pub fn node(name: impl Into<String>) -> Self {
         Self {
@@ -64,7 +64,7 @@ impl OccluderBox {
     }
 }
 
-/// Whether the occluders of a recipe make sense, whatever the level.
+/// Checks all that does not depend on the scene.
 pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError> {
     let wrong = |value: String, allowed| RecipeError::out_of_range("occluders", value, allowed);
     if shapes.len() > Bvh::MAX_OCCLUDERS {
@@ -96,14 +96,14 @@ pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError
     Ok(())
 }
 
-/// The names of the nodes that occluders without boxes are.
+/// Names of the nodes that occluders without boxes refer to.
 pub(super) fn node_names(shapes: &[OccluderDesc]) -> Vec<&str> {
     let nodes = shapes.iter().filter(|s| s.boxes.is_empty());
     nodes.map(|s| s.name.as_str()).collect()
 }
 
-/// The shape of each occluder: its boxes, or the triangles of the part of the level that is called
-/// so. `geometry` is the level without them.
+/// Geometry of each occluder: its boxes, or the triangles of its node. `geometry` is the scene
+/// without the occluders.
 pub(super) fn find(
     shapes: &[OccluderDesc],
     parts: &[Occluder],
@@ -129,8 +129,8 @@ pub(super) fn find(
     shapes.iter().map(one).collect()
 }
 
-/// What the scene knows of `occluders`: which parts of the operator's links and of the probes'
-/// cross them. None where there are none.
+/// Occluder data of the scene: the terms of the operator's links and of the probes' links that
+/// cross them. `None` without occluders.
 pub(super) fn index_terms(
     occluders: &[Occluder],
     passing: &[UnindexedLinkTerm],

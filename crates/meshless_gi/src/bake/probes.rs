@@ -1,4 +1,4 @@
-//! What a recipe says of free space: whether light is known there, and how densely.
+//! Probes: recipe, placement and gathered rows.
 
 use super::recipe::{RecipeError, in_range};
 use super::{BakeError, BakeStage, BakeStats, Progress};
@@ -13,22 +13,22 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Light in free space, for what moves.
+/// Irradiance probes in open space, for dynamic objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProbeSettings {
-    /// Distance that probes keep from those they see, meters; where left out, so that about 2048
-    /// fill the box around the level.
+    /// Distance between probes that see each other, in meters, 1e-9 to 1e9. Default: about 2048
+    /// probes in the bounding box of the scene. Halving it takes eight times more probes.
     pub spacing: Option<f32>,
     /// Number of gather rays per probe, 64 to 65536. Default: twice those of a surface point.
     #[serde(alias = "rays")]
     pub rays_per_probe: Option<u32>,
 }
 
-/// What the spacing is chosen for where a recipe has none.
+/// Approximate number of probes for the automatic spacing.
 pub const PROBES: f32 = 2048.0;
 
-/// [`ProbeSettings`] with everything filled in.
+/// [`ProbeSettings`] with every value filled in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProbePlacementSettings {
     /// See [`ProbeSettings::spacing`].
@@ -44,10 +44,10 @@ impl ProbeSettings {
         in_range("probes.rays_per_probe", self.rays_per_probe, 64..=65_536)
     }
 
-    /// Fills in what is left out, for a level in `bounds` whose surface points take `rays`.
+    /// Settings for a scene with these `bounds` and `rays` per surface point.
     #[must_use]
     pub fn settings(&self, bounds: &Bounds, rays: u32) -> ProbePlacementSettings {
-        // A flat level has a box without volume: space is as high as a tenth of it is wide.
+        // A flat scene has a box without volume. Its height is at least a tenth of its width.
         let size = bounds.size();
         let size = size.max(Vec3::splat(0.1 * size.max_element()));
         let usual = (size.x * size.y * size.z / PROBES).cbrt();

@@ -1,8 +1,8 @@
-//! How far a bake is, and how to stop it.
+//! Progress and cancellation of a bake.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// What a bake is doing.
+/// Stage of a bake that users see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -10,19 +10,19 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
     reflect(Clone, Debug, PartialEq, Hash)
 )]
 pub enum BakeStage {
-    /// Building the tree that rays walk.
+    /// Building the BVH.
     Bvh,
     /// Scattering points.
     Points,
     /// Gathering and refining the operator.
     Transport,
-    /// Gathering light in free space.
+    /// Gathering probes.
     Probes,
     /// Baking later bounces.
     Bounces,
-    /// Remembering what points see.
+    /// Baking visibility.
     Visibility,
-    /// Measuring the error.
+    /// Estimating the error.
     ErrorEstimate,
 }
 
@@ -37,7 +37,7 @@ impl BakeStage {
         Self::ErrorEstimate,
     ];
 
-    /// A word for people.
+    /// Name for users.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -52,7 +52,7 @@ impl BakeStage {
     }
 }
 
-/// Shared between a bake and whoever watches it, on any thread.
+/// Progress of a bake, shared between threads.
 #[derive(Debug, Default)]
 pub struct Progress {
     stage: AtomicU32,
@@ -61,7 +61,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// The stage, and how much of it is done, 0 to 1.
+    /// Current stage, and the completed part of it from 0 to 1.
     #[must_use]
     pub fn get(&self) -> (BakeStage, f32) {
         let stage = BakeStage::ALL
@@ -69,18 +69,18 @@ impl Progress {
         (stage, self.permille.load(Ordering::Relaxed) as f32 / 1000.0)
     }
 
-    /// Asks the bake to stop; it answers with [`BakeError::Canceled`](super::BakeError) soon after.
+    /// Cancels the bake. It returns [`BakeError::Canceled`](super::BakeError) soon after.
     pub fn cancel(&self) {
         self.canceled.store(true, Ordering::Relaxed);
     }
 
-    /// True once somebody asked the bake to stop.
+    /// Returns `true` after [`cancel`](Self::cancel).
     #[must_use]
     pub fn is_canceled(&self) -> bool {
         self.canceled.load(Ordering::Relaxed)
     }
 
-    /// Stores the part of `stage` that is done. It never falls within a stage. Returns false if the
+    /// Stores the completed part of `stage`. It never falls within a stage. Returns `false` if the
     /// bake should stop.
     pub(crate) fn set(&self, stage: BakeStage, done: f32) -> bool {
         let index = BakeStage::ALL.iter().position(|&s| s == stage).unwrap_or(0) as u32;

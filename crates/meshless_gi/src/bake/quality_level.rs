@@ -1,39 +1,37 @@
-//! How much care a bake takes: what the presets stand for, and the ladder that a largest error
-//! climbs.
+//! Quality levels: the parameters of each preset, and the sequence of levels for a target error.
 //!
-//! A largest error asks for care by the same knobs as presets do, all at once: thresholds for links
-//! and for points that are added (where their tolerance is met, nothing is refined), density, rays,
-//! places. Rungs lie between and beyond the presets, each for [`STEP`] times less error than the
-//! one below, and are the same for every error asked for: so a smaller error never makes a coarser
-//! bake.
+//! A target error changes the same parameters as presets do, all at once: thresholds of links and
+//! of added points, density, rays and samples. Levels lie between and beyond the presets. The
+//! expected error falls by [`STEP`] from level to level. The sequence is the same for every target,
+//! so a smaller target never gives a coarser bake.
 
 use super::recipe::Preset;
 #[cfg(doc)]
 use super::recipe::Recipe;
 
-/// What a preset stands for.
+/// Parameters of a quality level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityParameters {
-    /// Points wanted on the finest level.
+    /// Number of points of the finest level.
     pub points: f32,
-    /// See [`Recipe`].
+    /// See [`Recipe::sender_levels`].
     pub sender_levels: u32,
-    /// See [`Recipe`].
+    /// See [`Recipe::refinement_levels`].
     pub refinement_levels: u32,
-    /// Most points on the levels that are added where light asks for them.
+    /// See [`Recipe::max_refinement_points`].
     pub max_refinement_points: f32,
-    /// See [`Recipe`].
+    /// See [`Recipe::rays_per_point`].
     pub rays_per_point: u32,
-    /// See [`Recipe`].
+    /// See [`Recipe::samples_per_sender`].
     pub samples_per_sender: u32,
-    /// See [`Recipe`].
+    /// See [`Recipe::truncation_error`].
     pub truncation_error: f32,
-    /// See [`Recipe`].
+    /// See [`Recipe::receiver_tolerance`].
     pub receiver_tolerance: f32,
 }
 
 impl Preset {
-    /// What it stands for.
+    /// Parameters of the preset.
     #[must_use]
     pub(super) fn parameters(self) -> QualityParameters {
         match self {
@@ -57,8 +55,7 @@ impl Preset {
                 truncation_error: 0.01,
                 receiver_tolerance: 0.02,
             },
-            // No more points on the levels that are senders: their number is limited, see
-            // `Link::MAX_SENDERS`.
+            // The sender levels get no more points, since `Link::MAX_SENDERS` limits them.
             Self::High => QualityParameters {
                 points: 40_000.0,
                 sender_levels: 5,
@@ -73,32 +70,31 @@ impl Preset {
     }
 }
 
-/// Errors of the presets on levels without hard corners: where the ladder starts for an error asked
-/// for, and no more than a guess.
+/// Typical errors of the presets on scenes without hard corners. They select the first level for a
+/// target error.
 const USUAL: [(f32, Preset); 3] = [
     (0.04, Preset::Draft),
     (0.015, Preset::Medium),
     (0.008, Preset::High),
 ];
-/// Error of the coarsest rung, on such a level.
+/// Error of the coarsest level on such a scene.
 const COARSEST: f32 = 0.16;
-/// Error of a rung over that of the next.
+/// Ratio of the errors of consecutive levels.
 const STEP: f32 = 1.6;
-/// Rungs. The last is finer than the finest preset by half a step; beyond it memory ends on large
-/// levels.
+/// Number of levels. The last is finer than the finest preset by half a step. Finer levels exhaust
+/// memory on large scenes.
 const RUNGS: i32 = 8;
 
 impl QualityParameters {
-    /// The rungs to try for an error of at most `error`, one after the other: from the coarsest
-    /// that may do, by the errors of the presets, to the finest of all.
+    /// Levels to try for a target error, from the coarsest that can meet it to the finest.
     pub fn refinement_steps(error: f32) -> impl Iterator<Item = Self> {
         let usual = |rung: i32| COARSEST / STEP.powi(rung);
         let first = (0..RUNGS - 1).find(|&rung| usual(rung) <= STEP * error);
         (first.unwrap_or(RUNGS - 1)..RUNGS).map(move |rung| Self::of_error(usual(rung)))
     }
 
-    /// Between the presets whose errors are next to this one, by geometric means; beyond them on as
-    /// between the nearest two.
+    /// Parameters for a typical error, by geometric interpolation between the nearest presets.
+    /// Extrapolates beyond them.
     fn of_error(error: f32) -> Self {
         let pair = if error > USUAL[1].0 { 0 } else { 1 };
         let [(e0, coarse), (e1, fine)] = [USUAL[pair], USUAL[pair + 1]];

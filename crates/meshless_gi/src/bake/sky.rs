@@ -1,5 +1,4 @@
-//! What a recipe says of the sky, and the bake of one that is not uniform: links to its eight
-//! terms, and what the senders have straight from them.
+//! Sky model of a recipe, and the links of a sky that is not uniform.
 
 use super::BakeSettings;
 use crate::basis::Hierarchy;
@@ -9,26 +8,26 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Which skies a bake can be lit by.
+/// Model of the sky that lights a baked scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum SkyModel {
-    /// The same radiance from everywhere: one link a row.
+    /// Same radiance from all directions. One link per row.
     #[default]
     Uniform,
-    /// Spherical harmonics up to the second degree ([`SkyRadiance`]): eight links a row more, and
-    /// as many rays again.
+    /// Spherical harmonics up to degree 2 ([`SkyRadiance`]). Eight more links per row and twice the
+    /// rays.
     Harmonics,
 }
 
 impl SkyModel {
-    /// For what is left out of settings.
+    /// Returns `true` for the default, which settings leave out.
     pub(super) fn is_uniform(&self) -> bool {
         *self == Self::Uniform
     }
 }
 
-/// The terms' vectors of each point with a row, zero of the others, where the settings ask for
-/// them: by the rays that its row was gathered with. Also says how many those were.
+/// Sky terms of each point with a row, zero for the others, and the number of rays cast. Uses the
+/// directions of the row's gather. Empty for a uniform sky.
 pub(super) fn terms(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,

@@ -38,8 +38,8 @@ pub struct Staleness {
 }
 
 impl Staleness {
-    /// Compares a bake with the inputs that a bake would have now. Inputs that are `None` and
-    /// facts that an older file does not hold count as equal; such a file differs in its version.
+    /// Compares a bake with current inputs. Inputs that are `None`, and facts that an older file
+    /// does not have, count as equal. Such a file differs in its version.
     #[must_use]
     pub fn compare(info: &BakeInfo, now: &BakeInputs<'_>) -> Self {
         let differs = |held: &str, now: Option<String>| {
@@ -72,7 +72,7 @@ impl fmt::Display for Staleness {
     }
 }
 
-/// Returns true if content or bake version differ. `content_hash` is that of the level now:
+/// Returns true if content or bake version differ. `content_hash` is that of the current scene:
 /// [`TriangleMesh::content_hash`](crate::scene::TriangleMesh::content_hash).
 #[must_use]
 pub fn is_stale(info: &BakeInfo, content_hash: &[u8; 32]) -> bool {

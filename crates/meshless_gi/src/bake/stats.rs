@@ -1,75 +1,75 @@
-//! Where a bake's time went and what came out: the tool's `--stats` file.
+//! Statistics of a bake: the tool's `--stats` file.
 
 use crate::asset::{EnergyInfo, TierInfo};
 use serde::{Deserialize, Serialize};
 
-/// Seconds of wall-clock time by stage. Gather and refinement run together on all threads; their
-/// share of it is split by the processor time that each took.
+/// Wall-clock time of each stage, in seconds. Gather and refinement run together on all threads.
+/// Their time is split by processor time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageSeconds {
-    /// Reading the level.
+    /// Reading the scene.
     pub load: f64,
     /// Building the BVH.
     pub bvh: f64,
-    /// Scattering points, levels, parents, clip planes.
+    /// Scattering points and building levels, parents and clip planes.
     pub points: f64,
-    /// Rays of the gather and what they add up to.
+    /// Casting gather rays and summing them.
     pub gather: f64,
-    /// Deciding on receivers and links.
+    /// Selecting receivers and links.
     pub refine: f64,
-    /// Baked bounces.
+    /// Baking bounces.
     pub bounces: f64,
-    /// What points see, for soft shadows.
+    /// Baking visibility for soft shadows.
     #[serde(default)]
     pub visibility: f64,
-    /// Light in free space.
+    /// Gathering probes.
     #[serde(default)]
     pub probes: f64,
-    /// The octree of rule `fmm`.
+    /// Building the octree of method `fmm`.
     #[serde(default)]
     pub octree: f64,
-    /// Measuring the error.
+    /// Estimating the error.
     pub estimate: f64,
     /// Writing the file.
     pub write: f64,
-    /// Everything.
+    /// Whole bake.
     pub total: f64,
 }
 
-/// What a bake did.
+/// Statistics of a bake.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BakeStats {
-    /// Wall-clock seconds.
+    /// Wall-clock times.
     pub seconds: StageSeconds,
-    /// Rays cast, of all kinds.
+    /// Number of rays of all kinds.
     pub rays: u64,
-    /// Rays of the gather alone.
+    /// Number of rays of the gather.
     pub gather_rays: u64,
-    /// Triangles (or other primitives).
+    /// Number of triangles or other primitives.
     pub triangles: u64,
-    /// Points of each level, coarse first.
+    /// Number of points of each level, coarse first.
     pub points_per_level: Vec<u64>,
-    /// Senders.
+    /// Number of senders.
     pub senders: u64,
-    /// Receivers that were gathered.
+    /// Number of receivers that were gathered.
     pub gathered: u64,
-    /// Points with a row of their own.
+    /// Number of points with a row.
     pub active_rows: u64,
-    /// Links of the operator.
+    /// Number of links of the operator.
     pub links: u64,
-    /// Clusters of senders with a basis of direct light each; 0 but under rule `pca`.
+    /// Number of sender clusters of method `pca`. 0 with other methods.
     pub clusters: u64,
-    /// Vectors of all bases: columns of the operator.
+    /// Number of vectors of all light bases, which are columns of the operator.
     pub components: u64,
-    /// Share of the example lamps' light (root mean square) that the bases miss.
+    /// Part of the training lights that the bases miss, root mean square.
     pub basis_missed: f64,
-    /// Size of the file, bytes; 0 before it is written.
+    /// Size of the file in bytes. 0 before it is written.
     pub bytes: u64,
-    /// Threads used.
+    /// Number of threads.
     pub threads: u64,
     /// See [`crate::asset::BakeInfo::estimated_nrmse`].
     pub estimated_nrmse: f64,
-    /// Half width of its 95 % prediction interval for one more lamp.
+    /// Half width of its 95 % prediction interval for one more light.
     pub estimated_nrmse_interval: f64,
     /// See [`crate::asset::BakeInfo::tiers`].
     pub tiers: Vec<TierInfo>,
@@ -81,32 +81,31 @@ pub struct BakeStats {
     pub energy: EnergyInfo,
     /// See [`crate::asset::BakeInfo::link_error`].
     pub link_error: f64,
-    /// Probes in free space; 0 where none were asked for.
+    /// Number of probes. 0 without probes.
     #[serde(default)]
     pub probes: u64,
-    /// Links of their rows.
+    /// Number of links of the probes.
     #[serde(default)]
     pub probe_links: u64,
-    /// Part of the directions from probes that met a surface which no sender covers, or the back of
-    /// one.
+    /// Part of the directions from probes that hit a surface without a sender, or a back side.
     #[serde(default)]
     pub probes_lost: f64,
-    /// Bytes of visibility in memory and on the device; 0 without soft shadows.
+    /// Size of the visibility data in bytes. 0 without soft shadows.
     #[serde(default)]
     pub visibility_bytes: u64,
-    /// Share of visibility's coefficients that are kept.
+    /// Part of the visibility coefficients that is stored.
     #[serde(default)]
     pub visibility_kept: f64,
-    /// Bytes of the octree of rule `fmm` in memory and on the device; 0 under every other rule.
+    /// Size of the octree in bytes. 0 without method `fmm`.
     #[serde(default)]
     pub octree_bytes: u64,
-    /// Entries of its lists.
+    /// Number of entries of the octree's lists.
     #[serde(default)]
     pub octree_entries: u64,
-    /// Clip planes of the display basis.
+    /// Number of clip planes of the flat basis.
     pub clip_planes: u64,
-    /// Levels cut short because they would have had too many points.
+    /// Levels that have fewer points than needed, because they reached the limit.
     pub truncated_levels: Vec<u64>,
-    /// What the user of the bake should know of it, in words; nothing for most.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! Training lamps: what lamps in the level's free space make of the senders' radiosity, see
+//! Training lights of refinement: the senders' radiosity under lights in open space, see
 //! [`Training`].
 
 use super::point_set::PointSet;
@@ -13,13 +13,13 @@ use crate::transport::{
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Batches of [`TRAINING_LIGHTS`] lamps that the exposures are averaged over; the first of them are
-/// the training lamps.
+/// Number of batches of [`TRAINING_LIGHTS`] lights that exposures are averaged over. The first
+/// batch has the training lights.
 const BATCHES: usize = 8;
 
-/// Places in free space: half-way between the bounces of importance particles, those with the most
-/// room around them of the ones tried: a lamp a hair's breadth from a wall says much of that wall
-/// and nothing of the level.
+/// Light positions in open space and the number of rays cast. Candidates lie half-way between
+/// bounces of importance particles. Each position has the largest clearance of its candidates: a
+/// light that almost touches a wall is not representative.
 #[must_use]
 pub fn sample_light_positions(
     geometry: &dyn Geometry,
@@ -79,8 +79,7 @@ pub(super) fn train(
     let mut exposure = vec![0.0f32; senders];
     let mut counted = 0;
     for batch in lamps.chunks(TRAINING_LIGHTS) {
-        // The training lamps shine on places, as a frame's do; for the exposures the senders' own
-        // points will do.
+        // Training lights use light samples, like a frame. Exposures use the senders' own points.
         let own = Places::default();
         let places = if signals.is_empty() {
             &points.light_samples
@@ -110,8 +109,8 @@ pub(super) fn train(
     (Training::new(signals, exposure, sky, tree), rays)
 }
 
-/// Radiosity of the senders for each lamp: those of the finest level by their places, the others
-/// pulled from them.
+/// Radiosity of the senders for each light. Finest senders use their light samples, the others are
+/// pulled.
 fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,
@@ -137,7 +136,7 @@ fn radiosity(
                     shine(geometry, lamps, place.x(), place.n(), share, &mut row);
                 }
             }
-            // Rec. 709 luminance stands for the three channels.
+            // Rec. 709 luminance represents the three channels.
             let albedo = s.albedo.dot(Vec3::new(0.2126, 0.7152, 0.0722));
             row.map(|e| albedo * e)
         })
@@ -158,7 +157,7 @@ fn radiosity(
     values
 }
 
-/// Adds the irradiance that lamps of 1 W/sr give (x, n), times `share`.
+/// Adds the irradiance at (x, n) of lights of 1 W/sr, scaled by `share`.
 fn shine(
     geometry: &dyn Geometry,
     lamps: &[Vec3],

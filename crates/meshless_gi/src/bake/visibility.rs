@@ -1,5 +1,4 @@
-//! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in
-//! how many numbers.
+//! Visibility for soft shadows ([P14] §4.2): recipe and stage.
 
 use super::context::BakeContext;
 use super::recipe::{RecipeError, in_range};
@@ -12,8 +11,8 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Visibility of the senders and of one level behind them, for lights with soft shadows. The
-/// defaults are those of [`VisibilitySettings`].
+/// Visibility of the senders and one finer level, for lights with soft shadows. Defaults are those
+/// of [`VisibilitySettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VisibilityRecipe {
@@ -59,7 +58,7 @@ impl VisibilityRecipe {
         in_range("soft_shadows.max_cluster_error", error, 0.001..=1.0)
     }
 
-    /// What the bake of visibility needs.
+    /// Settings of the visibility bake.
     #[must_use]
     pub fn settings(&self, seed: u64) -> VisibilitySettings {
         VisibilitySettings {

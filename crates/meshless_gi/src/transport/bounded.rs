@@ -1,46 +1,44 @@
-//! Rule `bounded`: rows that lose nothing, with a bound on what they blur (design D3).
+//! Method `bounded`: rows that keep their mass, with a bound on their blur (design D3).
 //!
-//! A row is a cut through the sender hierarchy. It starts as the full gather at the finest senders;
-//! then groups of siblings hand their mass to their common parent, the groups that change least
-//! first. Handing a group over replaces Σ_c a_c f_c by f_k Σ_c a_c; what it changes is Σ_c a_c (f_c
-//! − f_k), which the training lights measure: root mean square over the lights, relative to each
-//! light's own root mean square over the level. The row stops where the root of the sum of squares
-//! over all groups reaches ε. Mass is handed over, never thrown away: the row sum stays as it was
-//! gathered, so truncation neither darkens nor brightens.
+//! A row is a cut through the sender hierarchy. It starts with all gathered finest senders. Groups
+//! of siblings then move their mass to their parent, those with the smallest change first. This
+//! replaces Σ_c a_c f_c by f_k Σ_c a_c. The change is Σ_c a_c (f_c − f_k). The training lights
+//! measure it: root mean square over the lights, relative to each light's root mean square over the
+//! level. Merging stops when the root of the sum of squares over all groups reaches ε. Mass is
+//! moved and never dropped: the row sum stays as gathered, so truncation neither darkens nor
+//! brightens.
 //!
-//! A change is estimated as the product of what the even rays and the odd rays say of it, four
-//! times: the noise of the two is independent and cancels in the mean, so that noise does not make
-//! links (design D4). To it comes a share of what the group would change if each sender were lit on
-//! its own, as strongly as lamps light it at all ([`Training::exposure`]): it guards against lights
-//! unlike the training lights.
+//! A change is estimated as four times the product of the values by the even and the odd rays.
+//! Their noise is independent and cancels in the mean, so noise does not create links (design D4).
+//! A part of the change for senders that are lit alone, with their exposure, is added
+//! ([`Training::exposure`]). It covers lights that differ from the training lights.
 //!
-//! \[L08\]'s rule drops links below a fixed ε instead and is kept as the baseline, see
-//! [`super::l08`].
+//! The rule of \[L08\] drops links below a fixed ε instead. It is the baseline, see [`super::l08`].
 
 use super::gather::Gathered;
 use super::training::{TRAINING_LIGHTS, Training};
 use glam::Vec3A;
 
-/// Share of the single senders' change in the estimate. Measured on three levels: half of it lets
-/// centimeter-scale light beside ledges go unseen, four times as much makes twice the links for no
-/// less error.
+/// Weight of the single senders' change in the estimate. Measured on three scenes: half of it loses
+/// light on a scale of centimeters next to ledges. Four times as much doubles the links without
+/// reducing the error.
 const GUARD: f32 = 0.25;
 
-/// The sender hierarchy as a tree: every sender below the coarsest level belongs to the parent that
-/// weighs most.
+/// Sender hierarchy as a tree. Every sender below the coarsest level belongs to the parent with the
+/// largest weight.
 #[derive(Debug)]
 pub struct SenderTree {
-    /// The parent of each sender; its own index at a root.
+    /// Parent of each sender, its own index at a root.
     pub parent: Vec<u32>,
-    /// How many children each sender has.
+    /// Number of children of each sender.
     pub children: Vec<u32>,
-    /// Level bounds of the senders.
+    /// Bounds of the senders' levels.
     pub level_starts: Vec<u32>,
 }
 
 impl SenderTree {
-    /// From each sender's parent (its own index at a root). `level_starts` bounds the sender
-    /// levels.
+    /// Creates the tree from each sender's parent (its own index at a root). `level_starts` bounds
+    /// the sender levels.
     #[must_use]
     pub fn new(parents: &[u32], level_starts: &[u32]) -> Self {
         let parent = parents.to_vec();
@@ -57,24 +55,24 @@ impl SenderTree {
         }
     }
 
-    /// The level of sender `k`.
+    /// Level of sender `k`.
     #[must_use]
     pub fn level_of(&self, k: u32) -> usize {
         self.level_starts.partition_point(|&start| start <= k) - 1
     }
 }
 
-/// Room for [`cut_row`]; one a thread.
+/// Scratch memory of [`cut_row`], one per thread.
 #[derive(Default)]
 pub struct CutScratch {
-    /// Per sender: 0 nothing here, 1 carries mass in the row, 2 split (some descendants are kept
-    /// finer).
+    /// State of each sender: 0 not in the row, 1 has mass in the row, 2 split (some descendants are
+    /// kept finer).
     state: Vec<u8>,
     everything: Vec<u32>,
-    /// Parent in the high half, child in the low one.
+    /// Parent in the upper half, child in the lower one.
     by_parent: Vec<u64>,
     groups: Vec<Group>,
-    /// Rank in the high half, group in the low one.
+    /// Rank in the upper half, group in the lower one.
     order: Vec<u64>,
 }
 
@@ -85,17 +83,17 @@ struct Group {
     change: f32,
 }
 
-/// What the cut of a row is measured by.
+/// Error measure of a cut.
 #[derive(Clone, Copy)]
 pub struct CutMeasure<'a> {
-    /// The lights to come.
+    /// Training data.
     pub training: &'a Training,
     /// Bound on the change, relative to the root mean square of the light.
     pub epsilon: f32,
 }
 
-/// Cuts the gathered row of a receiver with normal `n`: hands mass up in `gathered` and returns the
-/// links kept, senders ascending.
+/// Truncates the gathered row of a receiver with normal `n`. Moves mass to ancestors in `gathered`
+/// and returns the kept links, senders ascending.
 pub fn cut_row(
     gathered: &mut Gathered,
     tree: &SenderTree,
@@ -136,9 +134,9 @@ pub fn cut_row(
             let split = members.iter().any(|&m| state[child(m)] == 2);
             if !split {
                 let change = group_change(gathered, tree, n, measure.training, parent, members);
-                // What a link less costs; a lone child saves nothing here but opens the way further
-                // up. Changes are not negative, so their bits sort as they do; of equals the first
-                // comes first.
+                // Change per removed link. A single child removes no link here but permits merges
+                // further up. Changes are not negative, so their bits sort like their values. The
+                // first of equal groups comes first.
                 let rank = change / (members.len() as f32 - 0.75);
                 order.push(u64::from(rank.abs().to_bits()) << 32 | groups.len() as u64);
                 groups.push(Group {
@@ -156,7 +154,7 @@ pub fn cut_row(
             first += members.len();
         }
         order.sort_unstable();
-        // A share for this level; what it leaves goes on to the coarser ones.
+        // Budget of this level. Coarser levels get the rest.
         let share = budget * (levels - level) as f32 / (levels - 1) as f32;
         for &key in &*order {
             let group = &groups[key as u32 as usize];
@@ -196,12 +194,12 @@ pub fn cut_row(
     links
 }
 
-/// The child of a pair of parent and child.
+/// Child of a pair of parent and child.
 fn child(pair: u64) -> usize {
     pair as u32 as usize
 }
 
-/// What handing the group over changes, squared, relative to the lights' mean squares.
+/// Squared change if the group is merged, relative to the lights' mean squares.
 fn group_change(
     gathered: &Gathered,
     tree: &SenderTree,
@@ -234,7 +232,7 @@ fn group_change(
     for (e, o) in even.iter().zip(&odd) {
         coherent += 4.0 * e * o;
     }
-    // Σ (a − mean)(b − mean) E² over all children; those that were not met have a = b = 0.
+    // Σ (a − mean)(b − mean) E² over all children. Those without hits have a = b = 0.
     let [a_mean, b_mean] = sums.map(|s| s / tree.children[parent as usize] as f32);
     let both = |a: f32, b: f32| 4.0 * a * b;
     let unmet = both(a_mean, b_mean);

@@ -1,10 +1,10 @@
 //! The hemispherical gather of [L08] Eq. (16): all links of one receiver from one set of rays.
 //!
-//! Deviation (design D1): reflectance stays out of the link and 1/π goes in, F_ij = (1/π) ∫
-//! B_j(r(x_i, ω)) ω dω, so that links are geometry only, dimensionless, and |F_ij| ≤ 1.
+//! Deviation (design D1): reflectance is not part of the link, and 1/π is. F_ij = (1/π) ∫
+//! B_j(r(x_i, ω)) ω dω depends on geometry only, is dimensionless, and |F_ij| ≤ 1.
 //!
-//! One shared accumulator a thread, dense over the senders, with a list of what was touched: no map
-//! and no allocation per ray (design D4). Two half sums, of even and of odd rays, tell real
+//! Each thread has one accumulator, dense over the senders, with a list of non-zero entries: no map
+//! and no allocation per ray (design D4). Two half sums, of even and of odd rays, separate
 //! variation from noise.
 
 use super::occluded_links::Part;
@@ -13,32 +13,32 @@ use crate::samples::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, HitPoint, Ray, SkyRadiance};
 use glam::{Vec2, Vec3, Vec3A};
 
-/// Which sender levels a hit is written to.
+/// Sender levels that a hit is added to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Deposit {
-    /// The finest that covers the hit: the rows keep their mass.
+    /// Finest level that covers the hit. Rows keep their mass.
     Finest,
-    /// Every level, as \[L08\] Eq. (16) has it.
+    /// Every level (\[L08\] Eq. (16)).
     All,
 }
 
-/// How to gather, whatever the hierarchy.
+/// Settings of a gather, for any hierarchy.
 #[derive(Clone, Copy)]
 pub struct GatherSettings<'a> {
-    /// What rays meet.
+    /// Geometry that rays intersect.
     pub geometry: &'a dyn Geometry,
-    /// How many levels, from the coarsest, are senders.
+    /// Number of levels, from the coarsest, that are senders.
     pub sender_levels: usize,
-    /// Rays a receiver.
+    /// Number of rays per receiver.
     pub rays: u32,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// Which sender levels a hit is written to.
+    /// Sender levels that a hit is added to.
     pub deposit: Deposit,
 }
 
 impl<'a> GatherSettings<'a> {
-    /// Together with the points as they are now.
+    /// Input of a gather with the current points.
     #[must_use]
     pub fn scene(&self, hierarchy: &'a Hierarchy) -> GatherScene<'a> {
         GatherScene {
@@ -52,37 +52,37 @@ impl<'a> GatherSettings<'a> {
     }
 }
 
-/// What a gather needs to know of the scene.
+/// Input of a gather.
 #[derive(Clone, Copy)]
 pub struct GatherScene<'a> {
-    /// What rays meet.
+    /// Geometry that rays intersect.
     pub geometry: &'a dyn Geometry,
-    /// The functions.
+    /// Basis functions.
     pub hierarchy: &'a Hierarchy,
-    /// How many levels, from the coarsest, are senders.
+    /// Number of levels, from the coarsest, that are senders.
     pub sender_levels: usize,
-    /// Rays a receiver.
+    /// Number of rays per receiver.
     pub rays: u32,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// Which sender levels a hit is written to.
+    /// Sender levels that a hit is added to.
     pub deposit: Deposit,
 }
 
-/// The sums of one gather; one a thread, used again and again.
+/// Sums of one gather. Reused, one per thread.
 pub struct Gathered {
-    /// Per sender: the sums F_ij of even rays and of odd rays. Their total is the link.
+    /// Sums F_ij of even rays and of odd rays, for each sender. Their total is the link.
     pub sums: Vec<[Vec3A; 2]>,
-    /// Senders with a sum that may not be zero.
+    /// Senders with sums that can differ from zero.
     pub touched: Vec<u32>,
-    /// (1/π) ∫ ω dω over the directions that met nothing.
+    /// (1/π) ∫ ω dω over the directions without a hit.
     pub sky: Vec3A,
-    /// What of the sums, and of the sky (as the sender behind the last), crossed occluders: ray
-    /// after ray.
+    /// Parts of the sums, and of the sky (as the sender behind the last), that crossed occluders:
+    /// ray after ray.
     pub parts: Vec<Part>,
-    /// The part of the normal component that met a surface which no sender covers.
+    /// Part of the normal component that hit a surface without a sender.
     pub uncovered: f32,
-    /// The part that met the back of a single-sided surface, from where no light comes.
+    /// Part that hit the back of a single-sided surface, which emits nothing.
     pub unlit: f32,
     marks: Vec<bool>,
     found: Vec<WeightEntry>,
@@ -90,19 +90,19 @@ pub struct Gathered {
     hits: Vec<Hit>,
 }
 
-/// What a ray met.
+/// Hit of a ray.
 struct Hit {
     site: HitPoint,
     /// Direction × weight.
     value: Vec3A,
     /// 0 for an even ray, 1 for an odd one.
     half: usize,
-    /// The occluders on the way.
+    /// Occluders on the way.
     crossed: u64,
 }
 
 impl Gathered {
-    /// For `senders` senders.
+    /// Creates empty sums for `senders` senders.
     #[must_use]
     pub fn new(senders: usize) -> Self {
         Self {
@@ -119,7 +119,7 @@ impl Gathered {
         }
     }
 
-    /// Forgets everything.
+    /// Resets all sums.
     pub fn reset(&mut self) {
         for &j in &self.touched {
             self.sums[j as usize] = [Vec3A::ZERO; 2];
@@ -132,7 +132,7 @@ impl Gathered {
         self.unlit = 0.0;
     }
 
-    /// Adds `value` to the link to `sender`, to the half sum 0 or 1.
+    /// Adds `value` to half sum 0 or 1 of the link to `sender`.
     #[inline]
     pub fn deposit(&mut self, sender: u32, half: usize, value: Vec3A) {
         let j = sender as usize;
@@ -143,7 +143,7 @@ impl Gathered {
         self.sums[j][half] += value;
     }
 
-    /// Notes that `value` of the link to `sender` crossed occluders.
+    /// Adds `value` to the part of the link to `sender` that crossed occluders.
     fn part(&mut self, sender: u32, crossed: u64, value: Vec3A) {
         self.parts.push(Part {
             sender,
@@ -152,7 +152,7 @@ impl Gathered {
         });
     }
 
-    /// The link F_ij so far.
+    /// Link F_ij.
     #[must_use]
     pub fn link(&self, sender: u32) -> Vec3A {
         let [even, odd] = self.sums[sender as usize];
@@ -169,13 +169,13 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     let start = x + n * scene.geometry.ray_offset(x);
     let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
-    // The lattice misses the hemisphere's closed form Σ w cos θ = 1 by rounding and discrepancy;
-    // the ratio mends it, so that a closed room of unit radiosity gathers exactly 1.
+    // The lattice deviates from the closed form Σ w cos θ = 1 by rounding and discrepancy. The
+    // ratio corrects that, so that a closed room of unit radiosity gathers exactly 1.
     let mut directions = std::mem::take(&mut out.directions);
     directions.clear();
     directions.extend((0..scene.rays).map(|k| gather_direction(k, scene.rays, shift)));
     let norm = 1.0 / directions.iter().fold(0.0, |sum, (d, w)| sum + w * d.z);
-    // First all casts, then all look-ups: each has the processor's caches for itself.
+    // All casts run before all look-ups, so that each has the processor's caches for itself.
     let mut hits = std::mem::take(&mut out.hits);
     hits.clear();
     for (k, &(d, w)) in directions.iter().enumerate() {
@@ -232,9 +232,9 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     out.hits = hits;
 }
 
-/// What receiver `i` at (`x`, `n`) sees where no light comes back: (1/π) ∫ ω dω over the directions
-/// that meet nothing, and the part along the normal that meets the back of a single-sided surface.
-/// By the rays that [`gather`] casts.
+/// Sky visibility of receiver `i` at (`x`, `n`), by the directions of [`gather`]: (1/π) ∫ ω dω over
+/// the directions without a hit, and the part along the normal that hits the back of a single-sided
+/// surface.
 #[must_use]
 pub fn look_out(
     geometry: &dyn Geometry,
@@ -263,9 +263,9 @@ pub fn look_out(
     (sky / whole, unlit / whole)
 }
 
-/// What the terms of a sky that is not uniform give receiver `i` at (`x`, `n`): (1/π) ∫ p_k(ω) ω dω
-/// over the directions that meet nothing, by the rays that [`gather`] casts. What of it crosses
-/// occluders is told to `part`, ray after ray.
+/// Sky harmonics of receiver `i` at (`x`, `n`), by the directions of [`gather`]: (1/π) ∫ p_k(ω) ω
+/// dω over the directions without a hit. Calls `part` with the parts that cross occluders, ray
+/// after ray.
 #[must_use]
 pub fn look_up(
     geometry: &dyn Geometry,
@@ -302,8 +302,8 @@ pub fn look_up(
     terms.map(|t| t / whole)
 }
 
-/// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something:
-/// the yardstick for everything else.
+/// Casts the rays of [`gather`] for receiver `i` at (`x`, `n`) and returns the number of hits. Its
+/// time is a lower bound for the gather.
 #[must_use]
 pub fn cast_only(geometry: &dyn Geometry, x: Vec3, n: Vec3, i: usize, rays: u32, seed: u64) -> u64 {
     let (t, b) = tangents(n);

@@ -1,13 +1,14 @@
-//! Rule `l08`: the adaptive refinement of \[L08\] Figure 5 as published, the baseline that rule
-//! `bounded` is measured against.
+//! Method `l08`: the adaptive refinement of \[L08\] Figure 5 as published. It is the baseline for
+//! method `bounded`.
 //!
-//! Links are differences on both sides: senders carry differences to coarser levels (\[L08\] Eq.
-//! (7)), receivers encode what their parents do not already say (Eq. (17)). A link to a coarsest
-//! sender is kept when its magnitude exceeds ε; one to a finer sender when also its variation among
-//! the sender's neighbors does; a receiver's children are looked at when any of its links was kept.
+//! Links are differences on both sides. Senders carry differences to coarser levels (\[L08\] Eq.
+//! (7)), receivers encode the residual of their parents' prediction (Eq. (17)). A link to a
+//! coarsest sender is kept if its magnitude exceeds ε. A link to a finer sender is kept if its
+//! variation among the sender's neighbors exceeds ε too. The children of a receiver are gathered if
+//! any of its links was kept.
 //!
-//! Deviations: reflectance is not in the link (design D1); a level is worked on in parallel, which
-//! Figure 5's queue allows because it holds the levels one after another.
+//! Deviations: reflectance is not part of the link (design D1). A level is processed in parallel.
+//! Figure 5 permits that, since its queue holds the levels one after another.
 
 use super::gather::{GatherScene, Gathered, gather};
 use super::refine::{RawRow, RefinedOperator, share};
@@ -16,8 +17,8 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Same-level functions that cover each sender's point: the neighbors of \[L08\] §2.1 ("B_i(p_n) ≠
-/// 0"), both ways.
+/// Functions of the same level that cover each sender's point: the neighbors of \[L08\] §2.1
+/// ("B_i(p_n) ≠ 0").
 #[must_use]
 pub fn neighbors(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
     let count = hierarchy.level_starts[sender_levels] as usize;

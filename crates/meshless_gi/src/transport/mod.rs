@@ -1,5 +1,4 @@
-//! How light travels: the gather, which receivers get a row, what a row keeps, and the sparse
-//! operator that comes out.
+//! Light transport: the gather, refinement and truncation of rows, and the sparse operator.
 
 mod added_level;
 pub mod bounded;

@@ -1,10 +1,10 @@
-//! Several bounces, baked: the Neumann series S = T + T² + … of [L08] Eq. (15), with reflectance
-//! inside.
+//! Baked bounces: the Neumann series S = T + T² + … of \[L08\] Eq. (15), with reflectance.
 //!
-//! [L08] §3.2 computes "the second and subsequent bounces (T² and onwards) using only the coarsest functions as receivers". Here the series is
-//! taken between the gathers: D = Σ_{m=1}^{k} (ρG)^m, from the senders' direct radiosity to the further radiosity of the coarsest points. The frame
-//! adds D f to the senders, interpolated downwards, and applies G once: every receiver, not only the coarsest, gets the later bounces'
-//! light through its own row.
+//! \[L08\] §3.2 computes "the second and subsequent bounces (T² and onwards) using only the
+//! coarsest functions as receivers". Here the series is taken between the gathers: D = Σ_{m=1}^{k}
+//! (ρG)^m, from the senders' direct radiosity to the later radiosity of the coarsest points. The
+//! frame adds D f to the senders, interpolated downwards, and applies G once. Every receiver, not
+//! only the coarsest, then gets later bounces through its own row.
 
 use super::refine::RawRow;
 use super::{BounceLink, BounceOperator};
@@ -12,9 +12,9 @@ use crate::basis::Weights;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
-/// What the series needs to know of the senders.
+/// Input of the series.
 pub struct BounceScene<'a> {
-    /// Rows of at least the coarsest points, rule `bounded`.
+    /// Rows of at least the coarsest points, method `bounded`.
     pub rows: &'a [RawRow],
     /// Normals of the coarsest points.
     pub normals: &'a [Vec3],
@@ -22,13 +22,13 @@ pub struct BounceScene<'a> {
     pub albedo: &'a [Vec3],
     /// Parents of every sender one level up.
     pub parents: &'a Weights,
-    /// How many senders.
+    /// Number of senders.
     pub senders: usize,
 }
 
-/// The series up to `bounces` reflections beyond the first. Entries below `epsilon` times the
-/// largest of their row and color are handed to the others of the row in proportion, so that each
-/// row keeps its sum.
+/// Series up to `bounces` bounces beyond the first. Entries below `epsilon` times the largest of
+/// their row and channel are distributed to the others of the row in proportion, so that each row
+/// keeps its sum.
 #[must_use]
 pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> BounceOperator {
     let coarsest = scene.normals.len();

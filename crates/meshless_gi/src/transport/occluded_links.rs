@@ -1,29 +1,29 @@
-//! Which parts of a link pass occluders: what a gather notes of its rays, a row of its links, and
-//! the operator in twelve bytes a part.
+//! Terms of links by the occluders that they cross: while gathering, in a row, and packed in twelve
+//! bytes per term.
 //!
-//! A link is the sum of its parts, one for each set of occluders that rays crossed together: F_ij =
-//! Σ_m F_ij^m, the first of them through none at all. With the gains g_k in [0, 1] of a frame it is
-//! F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k: exact for any gains of any number of occluders in a row.
-//! Links that no occluder is in the way of have no parts, and cost nothing.
+//! A link is the sum of its terms, one for each set of occluders that rays crossed together: F_ij =
+//! Σ_m F_ij^m, the first through none. With the transmittances g_k in [0, 1] of a frame it is
+//! F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. This is exact for any transmittances and any number of
+//! occluders in a row. Links without occluders have no terms and no cost.
 
 use super::{Link, SenderTree};
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec3A};
 use std::collections::BTreeSet;
 
-/// A part of a row's link before packing.
+/// Term of a row's link before packing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    /// The link's sender; the number of senders for the sky, those behind it for the sky's terms.
+    /// Sender of the link. The number of senders is the sky, larger numbers are the sky's terms.
     pub sender: u32,
-    /// The occluders on the way, bit k for number k.
+    /// Occluders on the way, bit k for number k.
     pub crossed: u64,
-    /// What of F_ij.
+    /// Part of F_ij.
     pub value: Vec3A,
 }
 
-/// Sums the parts of the same link through the same occluders, in their order; ascending by link,
-/// then by occluders.
+/// Sums the terms of the same link through the same occluders, in their order. The result is in
+/// ascending order of links, then of occluders.
 pub fn merge_parts(parts: &mut Vec<Part>) {
     parts.sort_by_key(|p| (p.sender, p.crossed));
     parts.dedup_by(|next, first| {
@@ -35,8 +35,8 @@ pub fn merge_parts(parts: &mut Vec<Part>) {
     });
 }
 
-/// The parts of a row after its cut, which handed each sender's mass to the nearest of itself and
-/// its ancestors that is `kept`; what is with none of them rounded to nothing. Numbers behind the
+/// Terms of a row after truncation, which moved each sender's mass to the nearest of itself and its
+/// ancestors that is `kept`. Mass without such an ancestor has rounded to zero. Numbers behind the
 /// senders are the sky's.
 pub(super) fn cut_parts(
     tree: &SenderTree,
@@ -61,24 +61,24 @@ pub(super) fn cut_parts(
     out
 }
 
-/// What of an operator's link passes one set of occluders. 12 bytes.
+/// Part of an operator's link that crosses one set of occluders. 12 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct PackedLinkTerm {
     /// Index of the link.
     pub link: u32,
-    /// x in the low half, y in the high half, both f16, relative to the row's scale as in a
+    /// x in the lower half, y in the upper half, both f16, relative to the row's scale as in a
     /// [`Link`].
     pub xy: u32,
-    /// z as f16 in the low half, the index of the set in the high half.
+    /// z as f16 in the lower half, the index of the set in the upper half.
     pub z_set: u32,
 }
 
 impl PackedLinkTerm {
-    /// Most sets: the index has 16 bits.
+    /// Largest number of sets, since the index has 16 bits.
     pub const MAX_SETS: usize = 1 << 16;
 
-    /// The vector relative to the row's scale.
+    /// Vector relative to the row's scale.
     #[must_use]
     #[inline]
     pub fn vector(self) -> Vec3 {
@@ -89,7 +89,7 @@ impl PackedLinkTerm {
         .vector()
     }
 
-    /// The index of the set.
+    /// Index of the set.
     #[must_use]
     #[inline]
     pub fn set(self) -> u32 {
@@ -97,18 +97,18 @@ impl PackedLinkTerm {
     }
 }
 
-/// A packed part whose set has no index yet.
+/// Packed term whose set has no index yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnindexedLinkTerm {
-    /// As [`PackedLinkTerm::link`], [`PackedLinkTerm::xy`] and the low half of
+    /// [`PackedLinkTerm::link`], [`PackedLinkTerm::xy`] and the lower half of
     /// [`PackedLinkTerm::z_set`].
     pub packed: PackedLinkTerm,
-    /// The occluders on the way.
+    /// Occluders on the way.
     pub crossed: u64,
 }
 
-/// The parts of a link relative to its row's `scale`, packed; what passes no occluder first. The
-/// `parts` are those of the link, ascending; the link is their sum and what `whole` has beyond it.
+/// Packs the terms of a link relative to its row's `scale`, the term without occluders first.
+/// `parts` are those of the link, ascending. The link is their sum and the remainder of `whole`.
 pub(super) fn pack_parts(
     link: u32,
     whole: Vec3,
@@ -124,21 +124,21 @@ pub(super) fn pack_parts(
             xy,
             z_set: z_sender,
         };
-        // What rounds to nothing carries nothing.
+        // Terms that round to zero are dropped.
         (packed.vector() != Vec3::ZERO).then_some(UnindexedLinkTerm { packed, crossed })
     })
     .collect()
 }
 
-/// The link to `sender` as its parts make it: each is what of its vector passes.
+/// Link to `sender` as the sum of its terms.
 #[must_use]
 #[inline]
 pub fn link_of_parts(parts: impl Iterator<Item = Vec3>, sender: u32) -> Link {
     Link::pack(parts.sum(), 1.0, sender as u16)
 }
 
-/// The sets of occluders that occur, ascending, the empty one first; and the parts of several
-/// operators with their indices. None where there are more sets than an index holds.
+/// Sets of occluders that occur, ascending, the empty one first, and the terms of several operators
+/// with their indices. `None` if there are more sets than an index can represent.
 #[must_use]
 pub fn number_sets<const N: usize>(
     parts: [&[UnindexedLinkTerm]; N],

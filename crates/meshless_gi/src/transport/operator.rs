@@ -53,24 +53,23 @@ impl Link {
     }
 }
 
-/// Where the links of a point are. 16 bytes.
+/// Range of a point's links. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Row {
     /// First link.
     pub start: u32,
-    /// How many links. A row of tier 0 has none.
+    /// Number of links. A row of tier 0 has none.
     pub count: u32,
-    /// Multiplies every link's vector.
+    /// Scale of every link's vector.
     pub scale: f32,
-    /// The least tier of a frame that uses the row (design D11), from 1 on; in frames of lower
-    /// tiers the point takes its value from its parents. 0 where it always does: the point has no
-    /// row of its own.
+    /// Smallest tier of a frame that uses the row, from 1 on (design D11). In frames of lower tiers
+    /// the point takes its value from its parents. 0 if the point has no row.
     pub tier: u32,
 }
 
 impl Row {
-    /// Whether a frame of this tier uses the row.
+    /// Returns `true` if a frame of this tier uses the row.
     #[must_use]
     #[inline]
     pub fn used(&self, tier: u32) -> bool {
@@ -78,54 +77,54 @@ impl Row {
     }
 }
 
-/// Which coefficients of a sender the links multiply.
+/// Coefficients of a sender that links multiply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum SenderForm {
-    /// Radiosity averaged over the sender's support, the pulled values f_j; rows stand alone and
-    /// keep their mass (rule `bounded`). An inactive point takes the weighted mean of its parents
-    /// one level up.
+    /// Radiosity averaged over the sender's support, the pulled values f_j. Rows replace the
+    /// prediction and keep their mass (method `bounded`). An inactive point takes the weighted mean
+    /// of its parents one level up.
     Averages,
-    /// Differences to the coarser levels, α_j of \[L08\] Eq. (7); rows are differences too, Eq.
-    /// (17) (rule `l08`).
+    /// Differences to the coarser levels, α_j of \[L08\] Eq. (7). Rows are differences too, Eq.
+    /// (17) (method `l08`).
     Differences,
-    /// Coefficients of the senders' radiosity in bases of direct light, one basis a cluster
-    /// ([`Compression`]); rows stand alone, and an inactive point takes the weighted mean of its
-    /// parents, as with averages (rule `pca`, \[P14\] Eq. (10)).
+    /// Coefficients of the senders' radiosity in light bases, one basis per cluster
+    /// ([`Compression`]). Rows replace the prediction. An inactive point takes the weighted mean of
+    /// its parents, as with averages (method `pca`, \[P14\] Eq. (10)).
     Components,
 }
 
 impl SenderForm {
-    /// Whether rows stand alone, so that a point without one takes its parents' mean.
+    /// Returns `true` if a point without a row takes its parents' mean.
     #[must_use]
     pub fn rows_stand_alone(self) -> bool {
         self != Self::Differences
     }
 }
 
-/// The one-bounce operator G: sender radiosity to vector irradiance at every point.
+/// One-bounce operator G: sender radiosity to vector irradiance at every point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Operator {
-    /// What the links multiply.
+    /// Coefficients that links multiply.
     pub form: SenderForm,
-    /// One row a point.
+    /// One row per point.
     pub rows: Vec<Row>,
     /// All links: tier after tier, row after row within a tier, senders ascending within a row. The
-    /// links of a tier and those below it are a prefix. The sender with the index "number of
-    /// senders" (of columns, in the form of components) is the sky: its coefficient is π times the
-    /// sky's radiance. Behind it stand the eight terms of a sky that is not uniform
-    /// ([`SkyRadiance`](crate::scene::SkyRadiance)), where the bake knows them.
+    /// links of a tier and of those below it are a prefix. The sender with the index "number of
+    /// senders" (of columns, in the form of components) is the sky, with π times its radiance as
+    /// coefficient. The eight terms of a sky that is not uniform follow it
+    /// ([`SkyRadiance`](crate::scene::SkyRadiance)).
     pub links: Vec<Link>,
-    /// From senders to the columns that links of the form of components name in place of senders;
-    /// None in every other form.
+    /// Map from senders to the columns that links of the form of components use. `None` in other
+    /// forms.
     pub compression: Option<Compression>,
 }
 
 impl Operator {
-    /// Most tiers of an operator.
+    /// Largest number of tiers.
     pub const MAX_TIERS: u32 = 16;
 
-    /// How many coefficients links may name, the sky's not counted: columns in the form of
-    /// components, else the `senders`.
+    /// Number of coefficients of links without the sky: columns in the form of components, else
+    /// `senders`.
     #[must_use]
     pub fn coefficients(&self, senders: usize) -> usize {
         self.compression
@@ -133,7 +132,7 @@ impl Operator {
             .map_or(senders, Compression::components)
     }
 
-    /// How many tiers there are: 1 at least.
+    /// Number of tiers, at least 1.
     #[must_use]
     pub fn tiers(&self) -> u32 {
         self.rows
@@ -144,7 +143,7 @@ impl Operator {
             .max(1)
     }
 
-    /// Rows and links that a frame of each tier uses, tier 1 first.
+    /// Number of rows and links that a frame of each tier uses, tier 1 first.
     #[must_use]
     pub fn tier_sizes(&self) -> Vec<(u64, u64)> {
         let mut sizes = vec![(0, 0); self.tiers() as usize];
@@ -162,7 +161,7 @@ impl Operator {
     }
 }
 
-/// The points that have rows, in the order in which their links are stored: by tier, then by index.
+/// Points with rows, in the order of their links: by tier, then by index.
 #[must_use]
 pub fn row_order(rows: &[Row]) -> Vec<u32> {
     let mut order = Vec::with_capacity(rows.len());
@@ -171,8 +170,8 @@ pub fn row_order(rows: &[Row]) -> Vec<u32> {
     order
 }
 
-/// Sets where the rows' links start, from their tiers and counts. Answers with the number of links,
-/// None where there are more than 32 bits count.
+/// Sets the start of each row's links from tiers and counts. Returns the number of links, or `None`
+/// if it exceeds 32 bits.
 #[must_use]
 pub fn place_links(rows: &mut [Row]) -> Option<u32> {
     let order = row_order(rows);
@@ -188,25 +187,25 @@ pub fn place_links(rows: &mut [Row]) -> Option<u32> {
     Some(start)
 }
 
-/// One entry of the baked bounces, RGB because albedo is inside. 16 bytes.
+/// Entry of the baked bounces, per color channel since it includes albedo. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BounceLink {
     /// Dimensionless gain per color channel.
     pub gain: [f32; 3],
-    /// The sender's index (never the sky's).
+    /// Index of the sender, never the sky.
     pub sender: u32,
 }
 
-/// The baked second and later bounces, S = T + T² + … (\[L08\] Eq. (15)) without its first and last
-/// gather: from the senders' direct radiosity to the further radiosity of the coarsest points
+/// Baked second and later bounces, S = T + T² + … (\[L08\] Eq. (15)) without its first and last
+/// gather: from the senders' direct radiosity to the later radiosity of the coarsest points
 /// (\[L08\] §3.2: "using only the coarsest functions as receivers").
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BounceOperator {
-    /// Where each coarsest point's entries start; one more than there are coarsest points.
+    /// Start of each coarsest point's entries, and the end of the last.
     pub starts: Vec<u32>,
-    /// The entries, senders ascending within a row.
+    /// Entries, senders ascending within a row.
     pub links: Vec<BounceLink>,
-    /// How many diffuse reflections the operator holds beyond the first.
+    /// Number of diffuse bounces beyond the first.
     pub bounces: u32,
 }

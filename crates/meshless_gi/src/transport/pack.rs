@@ -1,4 +1,4 @@
-//! From rows in full precision to the operator's eight bytes a link, with the error that it costs.
+//! Packing of rows into eight bytes per link, and the error that it causes.
 
 use super::occluded_links::{Part, UnindexedLinkTerm, link_of_parts, pack_parts};
 use super::refine::RawRow;
@@ -6,21 +6,20 @@ use super::{Link, Operator, Row, SenderForm, row_order};
 use crate::scene::SkyRadiance;
 use glam::{Vec3, Vec3A};
 
-/// An operator and the largest error that packing put on any link, relative to the largest link of
-/// its row.
+/// Packed operator.
 pub struct Packed {
-    /// The operator.
+    /// Operator.
     pub operator: Operator,
-    /// What of its links crosses occluders: ascending by link.
+    /// Terms of its links that cross occluders, in ascending order of links.
     pub passing: Vec<UnindexedLinkTerm>,
-    /// See above, dimensionless.
+    /// Largest error of a link relative to the largest link of its row.
     pub error: f32,
 }
 
-/// Packs the rows, tier after tier. `tiers` says from which tier on each active row is used
-/// ([`assign_tiers`](super::assign_tiers)). `sky`, where given, becomes each active row's last
-/// link, to the sender `senders` (see [`Operator::links`]); `terms`, where there are any, those
-/// behind it. In the form of components, `senders` counts columns.
+/// Packs the rows, tier after tier. `tiers` has the first tier that uses each active row
+/// ([`assign_tiers`](super::assign_tiers)). `sky` becomes each active row's last link, to the
+/// sender `senders` (see [`Operator::links`]). `terms` follow it. In the form of components,
+/// `senders` is the number of columns.
 #[must_use]
 pub fn pack(
     rows: &[RawRow],
@@ -56,8 +55,8 @@ pub fn pack(
                 .chain(terms.clone())
         };
         let parts = &rows[i].parts;
-        // The rest of a link beyond its parts may be larger than the link: parts of a probe have
-        // signs.
+        // The remainder of a link beyond its terms can exceed the link, since the terms of a probe
+        // have signs.
         let rests =
             all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
         let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));
@@ -72,11 +71,11 @@ pub fn pack(
                 let mut split = Vec::new();
                 if !own.is_empty() {
                     split = pack_parts(operator.links.len() as u32, v.into(), own, scale);
-                    // With all occluders open a link is what its parts sum to, to the bit.
+                    // With all occluders open a link equals the sum of its terms exactly.
                     link = link_of_parts(split.iter().map(|p| p.packed.vector()), j);
                 }
                 error = error.max((link.vector() - Vec3::from(v) / scale).abs().max_element());
-                // What rounds to nothing carries nothing.
+                // Links that round to zero are dropped.
                 if link.vector() != Vec3::ZERO || !split.is_empty() {
                     operator.links.push(link);
                     passing.append(&mut split);
@@ -95,7 +94,7 @@ pub fn pack(
     }
 }
 
-/// The parts of the link to `sender` among a row's.
+/// Terms of the link to `sender` in a row.
 fn parts_of(parts: &[Part], sender: u32) -> &[Part] {
     let first = parts.partition_point(|p| p.sender < sender);
     let own = &parts[first..];

@@ -1,21 +1,19 @@
-//! Rows of places in free space: from the senders' radiosity to the light that arrives at a probe
-//! from all around, in spherical harmonics up to the second degree. After the operator's own rows,
-//! before packing; the operator is the same, and so are its senders.
+//! Rows of probes: spherical harmonics up to degree 2 of the light that arrives at a position, as a
+//! linear function of the senders' radiosity. They use the operator's senders and are gathered
+//! after its rows.
 //!
-//! A surface of normal n held at the probe receives E(n) = ∫ L(ω) max(0, n·ω) dω. By the
-//! convolution theorem of \[RH01\] (Eqs. (7)-(9): the cosine keeps π, 2π/3 and π/4 of the degrees
-//! 0, 1 and 2, and 99 % of its energy lies there) that is E(n) = c + d·n + n·Q n with
+//! A surface with normal n at the probe receives E(n) = ∫ L(ω) max(0, n·ω) dω. By the convolution
+//! theorem of \[RH01\] (Eqs. (7)-(9): the cosine keeps π, 2π/3 and π/4 of the degrees 0, 1 and 2,
+//! and 99 % of its energy) that is E(n) = c + d·n + n·Q n with
 //!
 //! - c = (1/4) ∫ L dω, d = (1/2) ∫ L ω dω, Q = (15/32) ∫ L (ω ωᵀ − I/3) dω, symmetric and without
 //!   trace: nine numbers.
 //!
-//! With the radiosity b = π L of what a direction meets a link holds (1/π) times these integrals
-//! over the sender's function, as links of surfaces do (design D1). Nine numbers are three vectors,
-//! and a probe three rows of the usual kind: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel
-//! `apply` knows nothing of it.
+//! With the radiosity b = π L a link has (1/π) times these integrals over the sender's function,
+//! like links of surfaces (design D1). Nine numbers are three vectors, so a probe has three
+//! ordinary rows: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel `apply` needs no change.
 //!
-//! The cut through the senders' tree is that of [`super::bounded`], by what it does to c, for the
-//! three rows together.
+//! Rows are truncated as in [`super::bounded`], by the effect on c, for the three rows together.
 
 use super::bounded::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
@@ -27,27 +25,26 @@ use crate::scene::{Ray, SkyRadiance};
 use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
-/// Rows a probe has.
+/// Number of rows per probe.
 pub const PROBE_ROWS: usize = 3;
 
-/// The rows of all probes.
+/// Rows of all probes.
 #[derive(Debug, Default)]
 pub struct ProbeGather {
-    /// [`PROBE_ROWS`] a probe.
+    /// [`PROBE_ROWS`] rows per probe.
     pub rows: Vec<RawRow>,
-    /// What the sky gives to each row: the same numbers of the directions that meet nothing.
+    /// Sky coefficients of each row: the same numbers of the directions without a hit.
     pub sky: Vec<Vec3>,
-    /// The same of the terms of a sky that is not uniform; empty where nobody asked.
+    /// Coefficients of the terms of a sky that is not uniform. Empty for a uniform sky.
     pub terms: Vec<[Vec3; SkyRadiance::TERMS]>,
-    /// Part of the directions that met a surface which no sender covers, or the back of one, in the
-    /// mean over all probes.
+    /// Mean part of the directions that hit a surface without a sender, or a back side.
     pub lost: f64,
-    /// Rays that it took.
+    /// Number of rays cast.
     pub rays: u64,
 }
 
-/// The nine numbers of a direction, of weight 1/N each: they integrate to (1/π) times c, d and Q of
-/// a radiosity of one.
+/// Nine numbers of a direction with weight 1/N. They integrate to (1/π) times c, d and Q of a
+/// radiosity of one.
 fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     let square = way * way - 1.0 / 3.0;
     let q = 1.875 * weight;
@@ -58,9 +55,9 @@ fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     ]
 }
 
-/// Gathers and cuts the rows of the probes at `places`, with the terms of a sky that is not uniform
-/// where `sky_terms` asks for them. None where `told`, which hears how much is done, says stop. The
-/// same for any number of threads.
+/// Gathers and truncates the rows of the probes at `places`, with the terms of a sky that is not
+/// uniform if `sky_terms`. `told` gets the completed part and returns false to cancel. Returns
+/// `None` if canceled. The result does not depend on the number of threads.
 pub fn probe_rows(
     scene: &GatherScene<'_>,
     places: &[Vec3],
@@ -86,7 +83,7 @@ pub fn probe_rows(
             .collect();
         for mut probe in found {
             if !sky_terms {
-                // Nobody links to what is behind the sky.
+                // No link reaches senders behind the sky.
                 let rows = probe.rows.iter_mut();
                 rows.for_each(|row| row.parts.retain(|p| p.sender as usize <= senders));
             }
@@ -113,14 +110,14 @@ struct Probe {
     lost: f32,
 }
 
-/// Room for one probe; one a thread.
+/// Scratch memory of one thread.
 struct Room {
     gathered: Gathered,
     cut: CutScratch,
     found: Vec<WeightEntry>,
-    /// Senders that directions met, with what they met of them and the occluders on the way.
+    /// Senders that directions hit, with the sums and the occluders on the way.
     met: Vec<(u32, f32, Vec3, u64)>,
-    /// Where in the row a sender's link is.
+    /// Index of each sender's link in the row.
     place: Vec<u32>,
 }
 
@@ -169,7 +166,7 @@ fn one(
             }
             let crossed = scene.geometry.crossed_occluders(&ray);
             if crossed != 0 {
-                // The sky, and its terms behind it.
+                // Sky and its terms.
                 let factors = [1.0].into_iter().chain(SkyRadiance::polynomials(way));
                 for (sender, p) in (tree.parent.len() as u32..).zip(factors) {
                     note(&mut out.rows, sender, crossed, &parts.map(|part| part * p));
@@ -191,7 +188,7 @@ fn one(
         let first = scene.hierarchy.level_starts[l];
         for entry in &room.found {
             let (j, w) = (first + entry.index, entry.weight * weight);
-            // The cut sees what each sender gives to c.
+            // Truncation uses each sender's contribution to c.
             room.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
             room.met.push((j, w, way, crossed));
         }
@@ -202,7 +199,7 @@ fn one(
     }
     let mut links = vec![[Vec3A::ZERO; PROBE_ROWS]; cut.len()];
     for &(j, w, way, crossed) in &room.met {
-        // Who was handed up is with the first ancestor that stayed.
+        // Moved mass belongs to the nearest kept ancestor.
         let mut k = j;
         while room.place[k as usize] == NONE && tree.parent[k as usize] != k {
             k = tree.parent[k as usize];
@@ -229,7 +226,7 @@ fn one(
     out
 }
 
-/// Notes what of a probe's links to `sender` crossed occluders.
+/// Adds the terms of a probe's links to `sender` that cross occluders.
 fn note(rows: &mut [RawRow; PROBE_ROWS], sender: u32, crossed: u64, values: &[Vec3A; PROBE_ROWS]) {
     for (row, &value) in rows.iter_mut().zip(values) {
         row.parts.push(Part {

@@ -1,23 +1,22 @@
-//! A gathered row as refinement remembers it: read again for every child, by the hundred million,
-//! so in eight bytes a link. Comes from [`super::gather`], serves [`super::refine`]; nothing of it
-//! is baked.
+//! Gathered row in 16-bit fixed point, for [`super::refine`]. Rows are read again for every child,
+//! up to a hundred million times, so a link takes eight bytes. Not stored in the bake.
 
 use super::gather::Gathered;
 use glam::Vec3;
 
-/// The links of a row before it was cut, in parts of the largest component's 32 767th: an error of
-/// 2e-5 of the largest link, which the noise of the gather hides.
+/// Links of a row before truncation, in units of the largest component divided by 32 767. The error
+/// is 2e-5 of the largest link, below the noise of the gather.
 #[derive(Debug, Default)]
 pub struct QuantizedRow {
-    /// What the largest component is, over 32 767; dimensionless.
+    /// Unit: the largest component divided by 32 767.
     unit: f32,
-    /// x, y, z in units, and the sender: there are no more than 65 536, see
+    /// x, y, z in units, and the sender. There are at most 65 536 senders, see
     /// [`Link::MAX_SENDERS`](super::Link::MAX_SENDERS).
     links: Vec<[i16; 4]>,
 }
 
 impl QuantizedRow {
-    /// The links of a gathered row.
+    /// Quantizes the links of a gathered row.
     #[must_use]
     pub fn new(gathered: &Gathered) -> Self {
         let largest = gathered.touched.iter().fold(0.0f32, |most, &j| {
@@ -27,7 +26,7 @@ impl QuantizedRow {
             return Self::default();
         }
         let per_unit = 32_767.0 / largest;
-        // Rounded by the cast: half away from zero.
+        // The cast rounds half away from zero.
         let part = |v: f32| (v * per_unit + 0.5f32.copysign(v)) as i16;
         let links = gathered.touched.iter().map(|&j| {
             let v = gathered.link(j);
@@ -39,7 +38,7 @@ impl QuantizedRow {
         }
     }
 
-    /// Tells `each` of every sender and its link along `n`, times `weight`.
+    /// Calls `each` with every sender and its link along `n`, scaled by `weight`.
     #[inline]
     pub fn for_each(&self, n: Vec3, weight: f32, mut each: impl FnMut(u32, f32)) {
         let n = n * (weight * self.unit);

@@ -27,44 +27,44 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// A row before packing.
+/// Row before packing.
 #[derive(Clone, Debug, Default)]
 pub struct RawRow {
-    /// Senders and their F_ij, senders ascending.
+    /// Senders and their F_ij, in ascending order of senders.
     pub links: Vec<(u32, Vec3A)>,
-    /// What of them, of the sky and of its terms crosses occluders: ascending by sender, then by
-    /// occluders.
+    /// Terms of the links, the sky and its terms that cross occluders, in ascending order of
+    /// senders, then of occluders.
     pub parts: Vec<Part>,
-    /// False where the point takes its value from its parents.
+    /// `false` if the point takes its value from its parents.
     pub active: bool,
 }
 
 /// Rows of all points.
 #[derive(Debug, Default)]
 pub struct RefinedOperator {
-    /// One a point.
+    /// One row per point.
     pub rows: Vec<RawRow>,
-    /// (1/π) ∫ ω dω over the sky, for every point.
+    /// (1/π) ∫ ω dω over the visible sky, for every point.
     pub sky: Vec<Vec3>,
-    /// For every point, the share of its gathered light that met a surface which no sender covers,
-    /// or an unlit back; 0 where nothing was gathered.
+    /// For every point, the part of its gathered light that hit a surface without a sender or an
+    /// unlit back side. 0 if nothing was gathered.
     pub missed: Vec<f32>,
-    /// Mean share of the gathered light that met a surface which no sender covers.
+    /// Mean part of the gathered light that hit a surface without a sender.
     pub uncovered: f64,
-    /// Receivers that were gathered.
+    /// Number of receivers that were gathered.
     pub gathered: u64,
-    /// Rays cast.
+    /// Number of rays cast.
     pub rays: u64,
-    /// Largest row sum Σ F·n that was seen.
+    /// Largest row sum Σ F·n.
     pub largest_row_sum: f32,
-    /// What the rows of the senders' points handed over.
+    /// Mass that truncation moved in the rows of senders. `None` with method `pca`.
     pub handed: Option<TruncationMass>,
-    /// Share of the processor time that went into gathering; the rest went into deciding.
+    /// Part of the processor time for gathering. Refinement takes the rest.
     pub gather_share: f64,
 }
 
 impl RefinedOperator {
-    /// For so many points, none of which has a row, or knows of the sky.
+    /// Operator without rows and without sky visibility for `points` points.
     #[must_use]
     pub fn without_rows(points: usize) -> Self {
         Self {
@@ -76,32 +76,32 @@ impl RefinedOperator {
     }
 }
 
-/// What rule `bounded` may lose.
+/// Tolerances of methods `bounded` and `pca`.
 #[derive(Clone, Copy, Debug)]
 pub struct BoundedSettings {
-    /// Bound on what a row blurs, relative to the light's root mean square, see [`super::bounded`].
+    /// Bound on the blur of a row, relative to the light's root mean square. See
+    /// [`super::bounded`].
     pub epsilon: f32,
-    /// Difference to the parents' value, relative to the root mean square of the light, below which
-    /// a receiver of the finest level that covers everything needs no row and no finer receivers
-    /// around it.
+    /// Residual, relative to the light's root mean square, below which a receiver has no row and no
+    /// finer receivers. Applies to levels that cover everything.
     pub tolerance: f32,
-    /// Levels whose points always get a row.
+    /// Number of levels whose points always have a row.
     pub always: usize,
-    /// Levels that may be added, where receivers differ from their parents.
+    /// Largest number of added levels.
     pub extra_levels: usize,
-    /// Most points that all added levels may have together.
+    /// Largest number of points of all added levels together.
     pub extra_points: usize,
-    /// Rays a receiver of the added levels.
+    /// Number of gather rays per receiver of the added levels.
     pub extra_rays: u32,
 }
 
-/// What refinement works on, and what it adds to.
+/// Receivers of the refinement.
 pub struct Receivers<'a> {
-    /// The points; finer levels are added at the end.
+    /// Points. Finer levels are appended.
     pub hierarchy: &'a mut Hierarchy,
-    /// Their parents, those of the nearest coarser level; rows are added with the levels.
+    /// Parents of the points in the nearest coarser level. Rows are appended with the levels.
     pub parents: &'a mut Weights,
-    /// How the hierarchy was built.
+    /// Settings that the hierarchy was built with.
     pub building: &'a HierarchySettings,
 }
 

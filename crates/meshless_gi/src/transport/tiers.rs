@@ -1,37 +1,35 @@
-//! Tiers of the operator (design D11): which rows a cheaper frame leaves out.
+//! Tiers of the operator (design D11): nested sets of rows for cheaper frames.
 //!
-//! Under rule `bounded` rows stand alone, and a point without a row takes the weighted mean of its
-//! parents (kernel `flatten`), a sender in a sweep too. So every set of rows that holds those
-//! without parents is an operator, and the tiers are a nested series of such sets.
+//! With method `bounded` each row replaces the prediction, and a point without a row takes the
+//! weighted mean of its parents (kernel `flatten`). Any set of rows that has those without parents
+//! is therefore an operator. Tiers are a nested series of such sets.
 //!
-//! The rows of coarser levels come first, and the rows of one level as they lie evenly over the
-//! surface. What an interpolation loses falls with the square of the spacing, its square by sixteen
-//! from level to level, while a row costs about as much on every level; and a part of a level that
-//! is spread evenly leaves light out on no side: tiers are neither darker nor brighter, but where
-//! light sits in places smaller than the points are apart. The other order that was tried, by the
-//! loss that refinement measures at each row (times the surface that shows it, over its links), is
-//! no better at equal links and darkens: where light bends gently the loss drowns in the noise of
-//! the rays, and just there thousands of rows are left out at once.
+//! Rows of coarser levels come first. Rows of one level follow in an order that is even over the
+//! surface. The interpolation error falls with the square of the spacing, and its square by sixteen
+//! from level to level, while a row costs about the same on every level. An even part of a level is
+//! unbiased, except for light in regions smaller than the spacing. Ordering rows by the loss that
+//! refinement measures (times area, over links) is not better at equal links and darkens: where
+//! light bends gently the loss is below the noise of the rays, and thousands of rows are then
+//! missing at once.
 //!
-//! Rule `l08` has one tier: its rows are differences, every point below takes part of them ([L08]
-//! Eq. (17)), and ε has left out what is small already.
+//! Method `l08` has one tier. Its rows are differences that all points below use (\[L08\] Eq.
+//! (17)), and ε has already removed small rows.
 
 use super::SenderForm;
 use super::refine::RawRow;
 use crate::basis::Weights;
 
-/// Tiers of a bake under rule `bounded`.
+/// Number of tiers with method `bounded`.
 pub const TIERS: u32 = 4;
 
-/// Links of the first tier, relative to all of them, where the rows without parents have no more.
+/// Links of the first tier relative to all, unless rows without parents have more.
 const FIRST: f64 = 0.125;
 
-/// The tier of each point's row, 1 to [`TIERS`]: from the one on a frame uses it. Of points without
-/// rows the number means nothing.
+/// Tier of each point's row, 1 to [`TIERS`]: a frame of this tier or a higher one uses the row. The
+/// value is undefined for points without rows.
 ///
-/// `level_starts` bounds the levels' points, which lie along a curve that leaves no places behind
-/// (Morton order); `parents` has a row a point. The tiers hold about an eighth, a quarter, half and
-/// all of the links.
+/// `level_starts` bounds the levels. Points of a level are in Morton order. `parents` has a row per
+/// point. Tiers have about 1/8, 1/4, 1/2 and all of the links.
 #[must_use]
 pub fn assign_tiers(
     rows: &[RawRow],
@@ -43,7 +41,7 @@ pub fn assign_tiers(
     if form == SenderForm::Differences {
         return tiers;
     }
-    // What packing will make of it, up to links that round to nothing. A row is never free.
+    // Number of links after packing, except for links that round to zero. A row costs at least one.
     let cost = |i: usize| rows[i].links.len() as u64 + 1;
     let active = |i: &usize| rows[*i].active;
     let needed = |i: &usize| parents.row(*i).is_empty();
@@ -55,8 +53,7 @@ pub fn assign_tiers(
     for bounds in level_starts.windows(2) {
         let level = bounds[0] as usize..bounds[1] as usize;
         let mut optional: Vec<usize> = level.filter(|i| active(i) && !needed(i)).collect();
-        // Weyl's sequence of the golden ratio: the first of its numbers, however many, are spread
-        // evenly.
+        // Weyl's sequence of the golden ratio: every prefix is spread evenly.
         optional.sort_by_key(|&i| ((i as u32).wrapping_mul(0x9e37_79b9), i));
         for i in optional {
             while tier < TIERS && used >= targets[tier as usize - 1] {
@@ -69,8 +66,8 @@ pub fn assign_tiers(
     tiers
 }
 
-/// Links of each tier but the last: a geometric series from [`FIRST`] of `all`, or from what is
-/// needed where that is more, to all of them.
+/// Number of links of each tier but the last: a geometric series from [`FIRST`] of `all`, or from
+/// the required links if there are more, to all links.
 fn targets(all: u64, needed: u64) -> [u64; TIERS as usize - 1] {
     let first = (needed as f64 / all.max(1) as f64).max(FIRST);
     let step = libm::cbrt(first);

@@ -1,39 +1,38 @@
-//! What refinement knows of the lights to come: a handful of training lamps, and how brightly lamps
-//! make each sender shine at all.
+//! Training data of refinement: radiosity under training lights, and the exposure of each sender.
 //!
-//! An error of a row matters where light is. The training lamps measure the coherent part of an
-//! error, that of light which covers many senders at once; sixteen of them cannot have lit every
-//! corner. So for every sender there is also its exposure, the root mean square of its radiosity
-//! over many more lamps: an error that sits in single senders, as beside a lit ledge, counts with
-//! the square of their exposures as if each were lit on its own. All are relative: each lamp is
-//! scaled so that the root mean square of its indirect irradiance over the coarsest points is one.
+//! An error of a row matters only where there is light. The training lights measure coherent
+//! errors, of light that covers many senders at once. Sixteen lights cannot light every corner.
+//! Each sender therefore also has an exposure, the root mean square of its radiosity over many more
+//! lights. Errors of single senders, such as a lit ledge, count with the squared exposures, as if
+//! each sender were lit alone. All values are relative: each light is scaled so that its indirect
+//! irradiance over the coarsest points has a root mean square of one.
 
 use super::bounded::SenderTree;
 use super::gather::{GatherScene, Gathered, gather};
 use glam::Vec3A;
 use rayon::prelude::*;
 
-/// Training lamps a bake uses.
+/// Number of training lights of a bake.
 pub const TRAINING_LIGHTS: usize = 16;
 
-/// Radiosity of every sender for [`TRAINING_LIGHTS`] lamps, W/m² or relative, see [`Training`].
+/// Radiosity of every sender for [`TRAINING_LIGHTS`] lights, in W/m² or relative, see [`Training`].
 pub type TrainingRadiosity = [[f32; TRAINING_LIGHTS]];
 
-/// The lights that refinement asks.
+/// Training data.
 #[derive(Debug)]
 pub struct Training {
-    /// Relative radiosity of every sender for every training lamp.
+    /// Relative radiosity of every sender for every training light.
     pub signals: Vec<[f32; TRAINING_LIGHTS]>,
-    /// Mean square relative radiosity of every sender over all lamps.
+    /// Mean square relative radiosity of every sender over all lights.
     pub exposure: Vec<f32>,
     /// Sum of `exposure` over each sender's children.
     pub family: Vec<f32>,
-    /// One over the mean square irradiance of a sky of unit radiosity; 0 where there is none.
+    /// Inverse of the mean square irradiance of a sky of unit radiosity. 0 without sky.
     pub sky: f32,
 }
 
 impl Training {
-    /// From relative radiosities and exposures, one a sender.
+    /// Creates the data from relative radiosities and exposures, one of each per sender.
     #[must_use]
     pub fn new(
         signals: Vec<[f32; TRAINING_LIGHTS]>,
@@ -56,10 +55,10 @@ impl Training {
     }
 }
 
-/// A gathered row along its point's normal: senders and F·n, and the sky's share.
+/// Gathered row along its point's normal: senders and F·n, and the sky's part.
 pub type NormalRow = (Vec<(u32, f32)>, f32);
 
-/// The rows of the coarsest points, on which lamps are scaled.
+/// Rows of the coarsest points, which determine the scale of lights.
 #[must_use]
 pub fn coarse_rows(scene: &GatherScene<'_>, senders: usize) -> Vec<NormalRow> {
     scene
@@ -79,7 +78,7 @@ pub fn coarse_rows(scene: &GatherScene<'_>, senders: usize) -> Vec<NormalRow> {
         .collect()
 }
 
-/// Mean square irradiance of each lamp over `rows`.
+/// Mean square irradiance of each light over `rows`.
 #[must_use]
 pub fn mean_squares(rows: &[NormalRow], signals: &TrainingRadiosity) -> [f32; TRAINING_LIGHTS] {
     let squares: Vec<[f64; TRAINING_LIGHTS]> = rows

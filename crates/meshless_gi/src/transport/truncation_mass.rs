@@ -1,31 +1,31 @@
-//! What rows handed to each coarse sender, and the mean that it has to be for them: the pull rows
-//! of rule `bounded` (design D3).
+//! Mass that truncation moves to coarse senders, and the pull weights that follow from it (design
+//! D3).
 //!
-//! A row that hands mass to a parent puts the parent's mean in place of what its children say.
-//! Receivers do not see all children alike: those that look into the lit yard are themselves seen
-//! from the yard, and a mean by area darkens what comes from there by per cents. So the mean is
-//! taken by the mass that the rows of the senders' own points handed over. Over all of them
-//! truncation then loses nothing, for any light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with f_k = Σ_c m_c
-//! f_c / Σ_c m_c and m_c = Σ_i a_ic.
+//! A row that moves mass to a parent replaces its children by the parent's mean. Receivers do not
+//! see all children equally: children that face a lit yard are themselves visible from the yard. A
+//! mean by area would darken their contribution by some percent. The mean is therefore weighted by
+//! the mass that the rows of the senders' own points moved. Over all these rows truncation then
+//! loses no light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with f_k = Σ_c m_c f_c / Σ_c m_c and m_c = Σ_i
+//! a_ic.
 
 use super::SenderTree;
 use crate::basis::{WeightEntry, Weights};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Sums are counted in these steps: whole numbers add up alike in any order (design D5). A row's
-/// mass is at most one, and 2²⁴ rows fit.
+/// Fixed-point unit of the sums. Integer sums do not depend on the order (design D5). The mass of a
+/// row is at most one, and 2²⁴ rows fit.
 const STEPS: f32 = (1u64 << 40) as f32;
-/// Share of what children show in general, where little was handed over.
+/// Weight of the visible areas, relative to the moved mass.
 const GENERAL: f32 = 0.01;
 
-/// Mass handed over, for every sender by the level of the ancestor that took it.
+/// Moved mass of every sender, by the level of the ancestor that received it.
 #[derive(Debug)]
 pub struct TruncationMass {
     levels: Vec<Vec<AtomicU64>>,
 }
 
 impl TruncationMass {
-    /// Nothing yet.
+    /// Creates empty sums.
     #[must_use]
     pub fn new(tree: &SenderTree) -> Self {
         let level = || tree.parent.iter().map(|_| AtomicU64::new(0)).collect();
@@ -35,7 +35,7 @@ impl TruncationMass {
         }
     }
 
-    /// Notes that a row's `mass` of sender `j` ended at its ancestor `k`.
+    /// Adds `mass` of sender `j` in a row that moved it to the ancestor `k`.
     pub fn add(&self, tree: &SenderTree, j: u32, k: u32, mass: f32) {
         if j != k && mass > 0.0 {
             let level = &self.levels[tree.level_of(k)];
@@ -43,15 +43,15 @@ impl TruncationMass {
         }
     }
 
-    /// The mean that each sender is of those below it that handed it mass; of its children by
-    /// `shown`, which says for every level how much surface each sender shows to those farther away
-    /// than the level's functions reach, as far as there was none. Rows of senders without children
+    /// Pull weights: each sender is the mean of its descendants by the mass that they moved to it.
+    /// Where there was none, children are weighted by `shown`, the area that each sender shows to
+    /// receivers beyond the level's functions, for every level. Rows of senders without children
     /// are empty.
     #[must_use]
     pub fn pull(&self, tree: &SenderTree, shown: &[Vec<f32>]) -> Weights {
         let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); tree.parent.len()];
         let mut sums = vec![[0.0f32; 2]; tree.parent.len()];
-        // Every pair of a sender and an ancestor of it.
+        // Visits every pair of a sender and its ancestor.
         let pairs = |visit: &mut dyn FnMut(usize, usize, f32, f32)| {
             for (j, &parent) in tree.parent.iter().enumerate() {
                 let mut k = j;
