@@ -8,7 +8,7 @@ use super::{
     BAKE_VERSION, BakeError, BakeStats, SkyModel, canonical_recipe, materials, occluders, sky,
 };
 use crate::asset::{
-    BakeInfo, BakedScene, Display, EnergyInfo, PointSurface, SkyVisibility, TierInfo,
+    BakeInfo, BakedScene, EnergyInfo, FlatBasis, PointSurface, SkyVisibility, TierInfo,
 };
 use crate::transport::pca::Compression;
 use crate::transport::{RawRow, assign_tiers, pack};
@@ -109,7 +109,7 @@ pub(super) fn assemble(
         visibility: None,
         probes,
         occluders: occluders::index_terms(&source.occluders, &packed.passing, &probe_terms)?,
-        display: Display {
+        display: FlatBasis {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,
             grid: flat.grid,

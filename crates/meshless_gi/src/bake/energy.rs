@@ -157,8 +157,8 @@ pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
     (energy.clamped_senders > 0).then(|| {
         format!(
             "closed scene with albedo near 1: the bounce series converges too slowly; reduced the albedo of {} of {senders} senders by at most {:.2} % (gain limited to {MAX_GAIN})",
-            energy.guarded,
-            100.0 * (1.0 - energy.guard_factor)
+            energy.clamped_senders,
+            100.0 * (1.0 - energy.albedo_scale)
         )
     })
 }

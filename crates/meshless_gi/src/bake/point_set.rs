@@ -3,7 +3,7 @@
 use super::context::BakeContext;
 use super::survey::Survey;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats};
-use crate::asset::Places;
+use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::scene::Geometry;
 
@@ -14,7 +14,7 @@ pub(super) struct PointSet {
     /// Settings that the hierarchy was built with.
     pub building: HierarchySettings,
     /// Light samples of the finest senders.
-    pub light_samples: Places,
+    pub light_samples: LightSamples,
     /// Weights that fill coarse senders from finer ones.
     pub pull: Weights,
     /// Weights that fill points from coarser levels.
@@ -88,9 +88,9 @@ fn sample_senders(
     geometry: &dyn Geometry,
     hierarchy: &mut Hierarchy,
     settings: &BakeSettings,
-) -> (Places, u64) {
+) -> (LightSamples, u64) {
     if settings.samples_per_sender <= 1 {
-        return (Places::default(), 0);
+        return (LightSamples::default(), 0);
     }
     let finest = settings.sender_levels as usize - 1;
     let level = hierarchy.level(finest);
@@ -102,5 +102,5 @@ fn sample_senders(
         settings.seed,
     );
     let per_sender = settings.samples_per_sender;
-    (Places { per_sender, list }, rays)
+    (LightSamples { per_sender, list }, rays)
 }

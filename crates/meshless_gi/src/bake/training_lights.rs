@@ -3,7 +3,7 @@
 
 use super::point_set::PointSet;
 use super::survey::Survey;
-use crate::asset::Places;
+use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
@@ -80,7 +80,7 @@ pub(super) fn train(
     let mut counted = 0;
     for batch in lamps.chunks(TRAINING_LIGHTS) {
         // Training lights use light samples, like a frame. Exposures use the senders' own points.
-        let own = Places::default();
+        let own = LightSamples::default();
         let places = if signals.is_empty() {
             &points.light_samples
         } else {

@@ -1,14 +1,14 @@
 //! Clip planes: what stops a basis function at a wall (design D7; [L08] §5.2 names the leak that
 //! this mends).
 //!
-//! A function's support is a ball-like region that knows nothing of walls. Places in it that the
+//! A function's support is a ball-like region that knows nothing of walls. Positions in it that the
 //! function's center cannot see must not get light from it, nor give any. Exact visibility per
 //! place would cost a ray per weight; instead the bake looks, once, from each center at the surface
 //! places around it. Where the view is blocked, the plane of the blocker, turned toward the center,
 //! is a candidate; the planes that cut off most blocked places and no visible one are kept, four at
 //! most.
 //!
-//! Places that happen to be known may all lie on the near side of a wall whose far side the support
+//! Positions that happen to be known may all lie on the near side of a wall whose far side the support
 //! still touches. So each center also looks around along its tangent plane for walls, and behind
 //! each one for surface.
 
@@ -26,11 +26,11 @@ const LOSS: f32 = 0.5;
 /// Height above the surface, in radii, from which one looks: over gravel, not over walls.
 const EYE: f32 = 0.1;
 
-/// Places at most that a function looks at for its clip planes.
+/// Positions at most that a function looks at for its clip planes.
 const MAX_VISIBILITY_SAMPLES: usize = 64;
 /// Directions along the tangent plane in which it looks for walls.
 const DIRECTIONS: u32 = 16;
-/// Places behind a wall in each of them.
+/// Positions behind a wall in each of them.
 const BEHIND: u32 = 4;
 /// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq.
 /// (10).
@@ -52,7 +52,7 @@ pub(super) struct Place {
 
 /// The planes `first` (n, d), then of the `candidates` those that cut off most blocked weight of
 /// `places` and no more visible weight than that is worth. A candidate that cuts off the center is
-/// left out. Places that are cut off leave the list. `radius` is that of the support, meters.
+/// left out. Positions that are cut off leave the list. `radius` is that of the support, meters.
 pub(super) fn choose_planes(
     places: &mut Vec<Place>,
     first: &[Vec4],

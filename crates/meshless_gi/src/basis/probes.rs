@@ -17,7 +17,7 @@ use rayon::prelude::*;
 /// Radius of a function, in parts of the spacing: so that a place which a probe within the spacing
 /// sees always has several.
 pub const PROBE_OVERLAP: f32 = 1.75;
-/// Places at most that a probe looks at.
+/// Positions at most that a probe looks at.
 const MAX_VISIBILITY_SAMPLES: usize = 192;
 /// Directions in which it looks for walls.
 const WALLS: u32 = 48;

@@ -10,7 +10,7 @@ use crate::scene::{Geometry, Ray};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Places tried.
+/// Positions tried.
 const TRIED: u64 = 2048;
 /// Rays a place.
 const RAYS: u32 = 32;

@@ -121,7 +121,7 @@ impl Terms {
         &self.steps
     }
 
-    /// Places of term `a` plus each of the terms that leave the sum within the order.
+    /// Positions of term `a` plus each of the terms that leave the sum within the order.
     #[must_use]
     pub fn sums(&self, a: usize) -> &[u16] {
         &self.sums[a]
