@@ -10,7 +10,7 @@ use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-/// What the thread leaves behind.
+/// Result of the thread.
 enum State<T> {
     Running(Option<Waker>),
     Done(T),
@@ -21,11 +21,11 @@ enum State<T> {
 pub(crate) struct Background<T>(Arc<Mutex<State<T>>>);
 
 impl<T: Send + 'static> Background<T> {
-    /// Runs `work` on a new thread called `name`. Where it panics, which nothing should, `panicked`
-    /// gives the result: nobody is left waiting for ever.
+    /// Runs `work` on a new thread called `name`. If it panics, `panicked` gives the result, so
+    /// that no caller waits forever.
     ///
     /// # Errors
-    /// What the system says when it gives no thread.
+    /// The error of the operating system if it creates no thread.
     pub fn spawn(
         name: &str,
         work: impl FnOnce() -> T + Send + 'static,

@@ -29,7 +29,7 @@ pub enum GiBakeStage {
     Points,
     /// Gathering and refining the operator.
     Transport,
-    /// Gathering light in free space.
+    /// Gathering the light of probes.
     Probes,
     /// Baking further bounces.
     Bounces,

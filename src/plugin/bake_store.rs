@@ -25,7 +25,7 @@ pub(crate) struct BakeStore {
 }
 
 impl BakeStore {
-    /// Store of a folder of processed assets: `imported_assets/meshless_gi/Default` beside
+    /// Store of a folder of processed assets: `imported_assets/meshless_gi/Default` next to
     /// `imported_assets/Default`. Returns `None` if the folder has no name.
     pub fn beside(processed: &Path) -> Option<Self> {
         let parent = processed.parent()?;
@@ -49,8 +49,8 @@ impl BakeStore {
         whole.then(|| entry.split_off(HEADER))
     }
 
-    /// Keeps the container that was baked for `recipe` from input of this key, in place of the one
-    /// before. A store that cannot be written is reported and costs the next run a bake.
+    /// Stores the container that was baked for `recipe` from input of this key, and replaces the
+    /// previous one. A store that cannot be written is logged and costs the next run a bake.
     pub fn save(&self, recipe: &AssetPath<'_>, key: &[u8; HASH], container: &[u8]) {
         let Some(file) = self.entry(recipe) else {
             debug!("the bake of `{recipe}` is not kept: its path leaves the folder of the assets");

@@ -66,7 +66,7 @@ pub(super) type Outcome = Result<BakeOutput, GiBakeError>;
 pub(super) struct BakeOutput {
     pub(super) scene: BakedScene,
     pub(super) seconds: f64,
-    /// Whether it was loaded and not baked.
+    /// The bake was loaded and not computed.
     pub(super) loaded: bool,
     /// Warnings that are in the log already.
     pub(super) logged: Vec<GiBakeWarning>,
@@ -87,7 +87,7 @@ impl From<Baked> for BakeOutput {
 }
 
 impl GiBakeTask {
-    /// Starts a bake of `level`.
+    /// Starts a bake of `scene`.
     #[must_use]
     pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
         Self::start(move |progress| {
@@ -124,7 +124,7 @@ impl GiBakeTask {
         }
     }
 
-    /// What the bake is doing, and how much of that is done, 0 to 1.
+    /// Stage of the bake and completed fraction of the stage, 0 to 1.
     #[must_use]
     pub fn progress(&self) -> (BakeStage, f32) {
         self.progress.get()
@@ -148,7 +148,7 @@ fn remove_progress(mut world: DeferredWorld, context: HookContext) {
     (commands.entity(context.entity)).try_remove::<GiBakeProgress>();
 }
 
-/// Threads for a bake beside a running game: one less than the machine has.
+/// Number of threads for a bake in a running game: one less than the machine has.
 pub(crate) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }

@@ -39,17 +39,17 @@ pub(crate) struct Meta {
 }
 
 impl Meta {
-    /// Reads the `.meta` beside `file`. Returns `None` if there is none.
+    /// Reads the `.meta` next to `file`. Returns `None` if there is none.
     pub fn read(file: &Path) -> Result<Option<Self>, ProcessAssetsError> {
         let path = meta_path(file);
         let bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(why) => return Err(ProcessAssetsError::file(&path, "read", why)),
+            Err(error) => return Err(ProcessAssetsError::file(&path, "read", error)),
         };
         let invalid = |error: ron::error::SpannedError| {
-            let why = io::Error::new(ErrorKind::InvalidData, error.to_string());
-            ProcessAssetsError::file(&path, "read", why)
+            let error = io::Error::new(ErrorKind::InvalidData, error.to_string());
+            ProcessAssetsError::file(&path, "read", error)
         };
         let meta: AssetMetaMinimal = ron::de::from_bytes(&bytes).map_err(invalid)?;
         let info: ProcessedInfoMinimal = ron::de::from_bytes(&bytes).map_err(invalid)?;
@@ -73,9 +73,9 @@ pub(crate) fn meta_path(file: &Path) -> PathBuf {
     path.into()
 }
 
-/// Copies `source` to `output`, with the `.meta` beside it if that names a loader, where they
-/// differ. Returns false if `meta`, the `.meta` of the source, says that it is no asset; there is
-/// no output then.
+/// Copies `source` to `output` if they differ, with the `.meta` next to it if that names a loader.
+/// Returns `false` if `meta`, the `.meta` of the source, says that it is no asset. There is no
+/// output then.
 pub(crate) fn copy_asset(
     source: &Path,
     output: &Path,
@@ -100,14 +100,15 @@ pub(crate) fn copy_asset(
     }
     if !same_file(source, output) {
         let from =
-            File::open(source).map_err(|why| ProcessAssetsError::file(source, "read", why))?;
-        copy_file(from, output).map_err(|why| ProcessAssetsError::file(output, "write", why))?;
+            File::open(source).map_err(|error| ProcessAssetsError::file(source, "read", error))?;
+        copy_file(from, output)
+            .map_err(|error| ProcessAssetsError::file(output, "write", error))?;
     }
     let path = meta_path(output);
     match load {
         Some(load) if fs::read(&path).ok().as_ref() == Some(&load.bytes) => {}
         Some(load) => fs::write(&path, &load.bytes)
-            .map_err(|why| ProcessAssetsError::file(&path, "write", why))?,
+            .map_err(|error| ProcessAssetsError::file(&path, "write", error))?,
         None => remove_file(&path)?,
     }
     Ok(true)
@@ -135,8 +136,8 @@ pub(crate) fn remove_asset(output: &Path) -> Result<(), ProcessAssetsError> {
 
 fn remove_file(path: &Path) -> Result<(), ProcessAssetsError> {
     match fs::remove_file(path) {
-        Err(why) if why.kind() != ErrorKind::NotFound => {
-            Err(ProcessAssetsError::file(path, "remove", why))
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(ProcessAssetsError::file(path, "remove", error))
         }
         _ => Ok(()),
     }

@@ -1,9 +1,9 @@
-//! Deferred views whose transparent and forward surfaces are lit by a volume: their G-buffer has
-//! our own display, and must not have the volume's light too.
+//! Deferred views whose transparent and forward surfaces are lit by a volume. Their G-buffer has
+//! the display and must not get the light of the volume in addition.
 //!
-//! Bevy lights a view's G-buffer with the shader that it draws forward surfaces with, volumes in
-//! it. Here the same pipeline is made without them; what is drawn forward in that view keeps the
-//! volume. Bind groups stay those of the view.
+//! Bevy lights the G-buffer of a view with the shader of forward surfaces, which includes volumes.
+//! Here the same pipeline is specialized without volumes. Forward surfaces of that view keep the
+//! volume. The bind groups of the view stay the same.
 
 use super::volume::ExtractedVolumes;
 use bevy::ecs::prelude::*;
@@ -17,33 +17,31 @@ use bevy::render::render_resource::{
 use bevy::render::view::ExtractedView;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What says in Bevy's shaders that a view has volumes.
+/// Shader definition of Bevy for views with irradiance volumes.
 const VOLUMES: &str = "IRRADIANCE_VOLUME";
 
-/// Bevy's deferred lighting without volumes, by what it is specialised for. Made anew with the
-/// device.
+/// Bevy's deferred lighting without volumes, by pipeline key. Created again with the device.
 #[derive(Resource, Default)]
 pub(crate) struct WithoutVolumes(HashMap<MeshPipelineKey, CachedRenderPipelineId>);
 
-/// Cameras of the main world whose G-buffer can be lit without volumes now: the pipeline is
-/// compiled. Until then they see none, or the G-buffer would be dark meanwhile. Shared by both
-/// worlds.
+/// Cameras of the main world whose pipeline without volumes is compiled. Other cameras use no
+/// volumes, because their G-buffer would be dark until then. Shared by both worlds.
 #[derive(Resource, Clone, Default)]
 pub(crate) struct ReadyDisplays(Arc<Mutex<HashSet<Entity>>>);
 
 impl ReadyDisplays {
-    /// Whether this one is among them.
+    /// Returns `true` if this camera is ready.
     pub fn contains(&self, camera: Entity) -> bool {
         let ready = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         ready.contains(&camera)
     }
 }
 
-/// Views whose G-buffer Bevy lights.
+/// Views with Bevy's deferred lighting.
 type Lit = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
 
-/// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one
-/// of ours, and has what that takes compiled before. Runs behind Bevy's choice of that pipeline.
+/// Removes the volumes from the deferred lighting of views that have a display and see a volume,
+/// and compiles the pipelines for that. Runs after Bevy's choice of the pipeline.
 pub(crate) fn leave_volumes_out(
     mut commands: Commands,
     mut made: ResMut<WithoutVolumes>,

@@ -12,25 +12,24 @@ use bevy::ecs::prelude::*;
 use bevy::ecs::query::QueryData;
 use bevy::reflect::prelude::*;
 
-/// Displays the whole bake on a camera that draws forward, with one sample a pixel, with and
-/// without [`Hdr`](bevy::camera::Hdr). Brings the depth and normal prepasses that the display
+/// Indirect light in a forward camera with one sample per pixel, with or without
+/// [`Hdr`](bevy::camera::Hdr). The component adds the depth and normal prepasses that the display
 /// reads.
 ///
-/// Needs [`GiIrradianceVolume`](super::GiIrradianceVolume) on the scene's root, and so a bake with
-/// light in free space: Bevy's forward shader asks for the light of an irradiance volume, and the
-/// module that answers for our volumes reads the display where the pixel shows the surface that is
-/// drawn. What the prepasses do not hold, transparent surfaces among them, is lit by the volume as
-/// before. Edges of surfaces that several samples share may be, too.
+/// The root of the scene needs [`GiIrradianceVolume`](super::GiIrradianceVolume), and the bake
+/// needs probes. Bevy's forward shader reads the light of an irradiance volume. The shader module
+/// of the plugin reads the display instead, where the pixel shows the surface that is drawn.
+/// Surfaces that are not in the prepasses, transparent ones for example, are lit by the volume.
 ///
-/// Soft shadows, gloss and the views of [`GiDebugView`](super::GiDebugView) are for deferred
-/// cameras. Has no effect beside [`GiCamera`](super::GiCamera).
+/// Soft shadows, specular reflections and [`GiDebugView`](super::GiDebugView) need a deferred
+/// camera. The component has no effect next to [`GiCamera`](super::GiCamera).
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(DepthPrepass, NormalPrepass, GiSplatting)]
 pub struct GiForwardCamera {
-    /// Off, the camera is lit by the volume alone.
+    /// Shows the display. `false` leaves the light of the volume only. Default: `true`.
     pub enabled: bool,
-    /// Multiplies the indirect light of the display. 1 is what physics says.
+    /// Factor on the indirect light of the display, 0 or more. Default: 1, the physical value.
     pub intensity: f32,
 }
 
@@ -43,7 +42,7 @@ impl Default for GiForwardCamera {
     }
 }
 
-/// What a display of a camera that is not deferred hangs on.
+/// Components of a forward camera with a display.
 #[derive(QueryData)]
 pub(crate) struct ForwardParts {
     pub camera: &'static Camera,
@@ -56,13 +55,13 @@ pub(crate) struct ForwardParts {
     deferred: Has<DeferredPrepass>,
 }
 
-/// All of them.
+/// All forward cameras with a display.
 pub(crate) type ForwardDisplays<'w, 's> =
     Query<'w, 's, (Entity, ForwardParts), (Without<GiCamera>, Without<GiRsmCamera>)>;
 
 impl ForwardPartsItem<'_, '_> {
-    /// The view, as the render world needs it. It sees the scenes that have a volume: without one
-    /// no surface asks for their light.
+    /// Returns the view for the render world. It sees only scenes that have a volume, because
+    /// surfaces read their light through the volume.
     pub fn view(
         &self,
         entity: Entity,

@@ -38,7 +38,7 @@ use bytemuck::{Pod, Zeroable};
 
 /// The shader of the draws.
 const SHADER: &str = include_str!("../../shaders/engine/forward.wgsl");
-/// Of the texture that surfaces read.
+/// Format of the texture that surfaces read.
 const SHOWN: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Adds the systems to the render world.
@@ -81,7 +81,7 @@ struct Pipelines {
     shown: wgpu::RenderPipeline,
 }
 
-/// What the device holds for views that are not deferred. Made anew with the device.
+/// GPU resources of views that are not deferred. Created again with the device.
 #[derive(Resource, Default)]
 pub(crate) struct ForwardViews {
     views: HashMap<RetainedViewEntity, ForwardView>,

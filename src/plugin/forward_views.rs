@@ -73,7 +73,7 @@ pub(crate) fn add_systems(app: &mut SubApp) {
     );
 }
 
-/// What a view draws, by what changed since the last frame.
+/// Meshes of a view that changed since the last frame.
 #[derive(SystemParam)]
 pub(crate) struct Changed<'w> {
     dirty: Res<'w, DirtySpecializations>,
@@ -273,14 +273,14 @@ pub(crate) fn queue_main_pass(
     }
 }
 
-/// Whether a view has a display of ours over its G-buffer.
+/// Returns `true` if a view has a display on its G-buffer.
 fn displays(world: &ExtractedGi, view: &ExtractedView) -> bool {
     let id = ViewId(view.retained_view_entity.main_entity.to_bits());
     let own = world.views.iter().find(|v| v.id == id);
     own.is_some_and(|v| v.has_gbuffer && !v.forward && v.settings.enabled)
 }
 
-/// Has Bevy queue all meshes of a view anew where a display came or went.
+/// Requests a new queue of all meshes of a view whose display was added or removed.
 pub(crate) fn requeue_masked(
     world: Res<ExtractedGi>,
     views: Query<&ExtractedView>,

@@ -21,24 +21,24 @@ use bevy::math::{Isometry3d, Quat, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::transform::components::GlobalTransform;
 
-/// What to draw of each baked scene.
+/// Gizmos of baked scenes. The group is off by default.
 #[derive(GizmoConfigGroup, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 pub struct GiGizmos {
-    /// A cross at every point, one color a level (red is coarsest, blue finest).
+    /// Cross at every point. The color shows the level, from red (coarsest) to blue (finest).
     pub points: bool,
-    /// A stroke along every point's normal.
+    /// Line along the normal of every point.
     pub normals: bool,
-    /// A circle of each point's display radius.
+    /// Circle of the display radius of every point.
     pub radii: bool,
-    /// A green cross at every point whose coefficient is not zero: rows of its own that carry light
-    /// now.
+    /// Green cross at every point whose coefficient is not zero, which are the rows that carry
+    /// light in this frame.
     pub coefficients: bool,
-    /// Coefficients below this share of the largest one count as zero.
+    /// Fraction of the largest coefficient below which a coefficient counts as zero. Default: 0.01.
     pub threshold: f32,
-    /// Draw this level only; all of them with `None`.
+    /// Drawn level. `None` (default) draws all levels.
     pub level: Option<u32>,
-    /// Length of a cross, as a share of the point's radius.
+    /// Length of a cross as a fraction of the point's radius. Default: 0.1.
     pub size: f32,
 }
 
@@ -56,7 +56,7 @@ impl Default for GiGizmos {
     }
 }
 
-/// True when the frame must bring coefficients back.
+/// Returns `true` if the frame must read back coefficients.
 pub(crate) fn wants_coefficients((config, group): (&GizmoConfig, &GiGizmos)) -> bool {
     config.enabled && group.coefficients
 }

@@ -7,7 +7,8 @@ use super::compute::bounds;
 use super::extract::{
     Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
 };
-use super::rsm::{AskingLights, GiReflector, GiRsmCamera};
+use super::reflector::GiReflector;
+use super::rsm::{AskingLights, GiRsmCamera};
 use crate::plan::{
     BounceSelector, Cameras, ColorModeSelector, InventoryTracker, SceneId, SceneSnapshot,
     WorldSnapshot, light_affects,

@@ -1,9 +1,9 @@
-//! Comparison of loaded bakes with their levels, and the warning about bakes that are stale.
+//! Comparison of loaded bakes with their scenes, and the warning about stale bakes.
 //!
-//! A loader that has read a bake reads the level that the bake names, where it is beside it, and
-//! compares digests. Only where they differ is the level parsed, on a thread of its own, and its
-//! content hash compared: an edited animation makes no bake stale. The level is read through the
-//! load context, so that a change of it loads and compares the bake again where Bevy watches files.
+//! A loader that has read a bake reads the scene file that the bake names, if it exists, and
+//! compares digests. Only if they differ is the scene parsed, on its own thread, and its content
+//! hash compared. An edited animation makes no bake stale. The scene is read through the load
+//! context, so that Bevy's file watcher compares the bake again after a change.
 
 use super::scene::GiScene;
 use super::validation::{GiWarning, GiWarnings};
@@ -17,17 +17,17 @@ use meshless_gi::internals::bake::{BakeInputs, Staleness};
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// When the loader of a bake reads the level beside it, to find a bake that is stale. The version
-/// of the bake is always compared.
+/// Condition for reading the scene file next to a bake, to detect a stale bake. The version of the
+/// bake is always compared.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 pub enum GiSceneCheck {
-    /// In builds with debug assertions.
+    /// Builds with debug assertions.
     #[default]
     Auto,
-    /// In every build.
+    /// Every build.
     Always,
-    /// In no build.
+    /// No build.
     Never,
 }
 
@@ -74,7 +74,7 @@ impl LevelReports {
     }
 }
 
-/// Part of a loader that compares bakes with their levels.
+/// Part of a loader that compares bakes with their scenes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LevelChecker {
     pub reports: LevelReports,
@@ -83,8 +83,8 @@ pub(crate) struct LevelChecker {
 }
 
 impl LevelChecker {
-    /// Compares a bake that `context` loads with its level, and reports it. A level that cannot be
-    /// read or parsed is not compared.
+    /// Compares a bake that `context` loads with its scene, and reports the result. A scene that
+    /// cannot be read or parsed is not compared.
     pub async fn check(&self, info: &BakeInfo, check: GiSceneCheck, context: &mut LoadContext<'_>) {
         let report = LevelReport {
             path: context.path().clone(),

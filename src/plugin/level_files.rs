@@ -1,4 +1,4 @@
-//! A level's file and the files that it names, read in an asset loader, in the build step or from
+//! File of a scene and the files that it names, read in an asset loader, in the build step or from
 //! the folder of the sources.
 
 use super::recipe_loader::RecipeLoadError;
@@ -11,7 +11,7 @@ use meshless_gi::internals::scene::{external_files, load_gltf_bytes, load_ply_by
 use meshless_gi::{SceneError, TriangleMesh};
 use std::collections::BTreeMap;
 
-/// Source of the files that a recipe and a level name.
+/// Source of the files that a recipe and a scene name.
 pub(crate) trait ReadFile: Send {
     /// Returns the bytes of a file.
     fn read(
@@ -20,18 +20,19 @@ pub(crate) trait ReadFile: Send {
     ) -> impl ConditionalSendFuture<Output = Result<Vec<u8>, RecipeLoadError>>;
 }
 
-/// Bytes of a level: its file, and every file that it names.
+/// Bytes of a scene: its file, and every file that it names.
 #[derive(Debug)]
 pub(crate) struct LevelFiles {
     /// Name in the recipe.
     name: String,
     bytes: Vec<u8>,
-    /// Files beside a glTF by name. An error is kept as text: not every file is needed by a bake.
+    /// Files of a glTF by name. An error is stored as text, because a bake does not need every
+    /// file.
     files: BTreeMap<String, Result<Vec<u8>, String>>,
 }
 
 impl LevelFiles {
-    /// Reads the level that `base` names by `name`, and every file that the level names.
+    /// Reads the scene that `base` names by `name`, and every file that the scene names.
     pub async fn read(
         base: &AssetPath<'static>,
         name: &str,
@@ -71,7 +72,7 @@ impl LevelFiles {
         fingerprint(&parts)
     }
 
-    /// Reads the level as triangles. Points without normals face `viewpoints`, in meters.
+    /// Reads the scene as triangles. Points without normals face `viewpoints`, in meters.
     pub fn mesh(&self, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, RecipeLoadError> {
         let note = |notes: &[String]| notes.iter().for_each(|n| warn!("`{}`: {n}", self.name));
         if is_ply(&self.name) {
@@ -100,11 +101,11 @@ fn is_ply(name: &str) -> bool {
     name.to_ascii_lowercase().ends_with(".ply")
 }
 
-/// Asset that a recipe or a level names by `name`, relative to itself.
+/// Asset that a recipe or a scene names by `name`, relative to itself.
 fn resolve(base: &AssetPath<'_>, name: &str) -> Result<AssetPath<'static>, RecipeLoadError> {
     base.resolve_embed_str(name)
-        .map_err(|why| RecipeLoadError::Path {
+        .map_err(|source| RecipeLoadError::Path {
             path: name.into(),
-            why,
+            source,
         })
 }

@@ -21,7 +21,7 @@ pub struct GiBakedSceneLoaderSettings {
     /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything
     /// is allocated.
     pub max_bytes: u64,
-    /// When the level beside the bake is read, to find a bake that is stale.
+    /// Condition for reading the scene file next to the bake, to detect a stale bake.
     pub check_level: GiSceneCheck,
 }
 
@@ -34,7 +34,7 @@ impl Default for GiBakedSceneLoaderSettings {
     }
 }
 
-/// Why a `.mgi` file cannot be loaded.
+/// Reason that a `.mgi` file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GiLoadError {

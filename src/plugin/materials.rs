@@ -13,13 +13,14 @@ use meshless_gi::internals::frame::materials::sanitize_factors;
 use meshless_gi::{BakedScene, MaterialFactors};
 use std::sync::{Arc, Weak};
 
-/// Which asset a material of the bake is in this world: its name in the level's file, and the
-/// [`StandardMaterial`] that is drawn. Goes beside [`GiScene`](super::GiScene). Indirect light then
-/// follows `base_color` and `emissive` of the asset, in the frame in which they change; textures
-/// and metalness stay those of the bake, and so do materials that are not named. Needs a bake with
-/// `live_materials: true` in its recipe.
+/// Materials of a bake that can change, each by its name in the scene's file and the
+/// [`StandardMaterial`] that is drawn. Goes on the root, next to [`GiScene`](super::GiScene).
 ///
-/// bevy_gltf puts a `GltfMaterialName` beside each mesh of a glTF scene: that is the name.
+/// Indirect light follows `base_color` and `emissive` of these assets in the frame of the change.
+/// Textures and metalness keep the baked values, and so do materials that are not listed. The bake
+/// needs `dynamic_materials: true` in its recipe.
+///
+/// bevy_gltf adds a `GltfMaterialName` with the name to each mesh of a glTF scene.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiDynamicMaterials(pub Vec<(String, Handle<StandardMaterial>)>);

@@ -49,6 +49,7 @@ mod compute;
 mod debug;
 mod deferred;
 mod diagnostics;
+mod dynamic_changes;
 mod entity_bake;
 mod environment;
 mod evaluate;
@@ -80,6 +81,8 @@ mod readback;
 mod recipe_loader;
 #[cfg(feature = "gltf")]
 mod recipe_progress;
+mod reflective_shadow_map;
+mod reflector;
 mod registration;
 mod render_schedule;
 mod rsm;
@@ -136,9 +139,9 @@ pub use readback::SharedCoefficients;
 pub use recipe_loader::{GiBakeSettings, GiRecipeLoader, RecipeLoadError};
 #[cfg(feature = "gltf")]
 pub use recipe_progress::GiRecipeProgress;
-pub use rsm::{
-    GiReflectiveShadowMap, GiReflector, GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
-};
+pub use reflective_shadow_map::GiReflectiveShadowMap;
+pub use reflector::GiReflector;
+pub use rsm::{GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER};
 pub use rsm_render::RsmSchedule;
 pub use scene::GiScene;
 pub use sets::{GiRenderSystems, GiSystems};

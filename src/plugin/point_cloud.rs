@@ -64,7 +64,7 @@ pub struct GiPointCloudLoaderSettings {
     pub viewpoints: Vec<[f32; 3]>,
 }
 
-/// Why a `.ply` file gives no cloud.
+/// Reason that a `.ply` file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GiPointCloudLoadError {
@@ -132,7 +132,7 @@ impl GiPointCloudAsset {
     }
 }
 
-/// What points are drawn with: they have a color, and nothing is known of how they shine.
+/// Material of points: a rough dielectric, because a point has only a color.
 fn material() -> StandardMaterial {
     StandardMaterial {
         base_color: Color::WHITE,
@@ -142,8 +142,8 @@ fn material() -> StandardMaterial {
     }
 }
 
-/// How far a cell's back lies behind its front, in spacings: more than cells of bent surfaces stick
-/// out, and too little to be seen.
+/// Distance between the back and the front of a cell, in spacings. It exceeds the relief of curved
+/// surfaces and is too small to be visible.
 const THICK: f32 = 0.1;
 
 /// Most points of a mesh: some 60 MB of vertices, a quarter of the largest buffer that every WebGPU
@@ -254,7 +254,7 @@ pub(crate) fn spawn_point_cloud_meshes(
     }
 }
 
-/// What the parts of a cloud have from it.
+/// Components that the parts of a cloud copy from it.
 type Drawn = (
     Option<&'static MeshMaterial3d<StandardMaterial>>,
     Option<&'static RenderLayers>,

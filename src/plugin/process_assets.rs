@@ -1,7 +1,7 @@
 //! Processing of assets as a build step: no window, no renderer, no game, no Bevy app.
 //!
 //! ```no_run
-//! use bevy_meshless_gi::plugin::{ProcessAssetsOptions, process_assets};
+//! use bevy_meshless_gi::loader::{ProcessAssetsOptions, process_assets};
 //!
 //! fn main() -> Result<(), Box<dyn std::error::Error>> {
 //!     let report = process_assets(&ProcessAssetsOptions::default())?;
@@ -40,7 +40,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Folders to process, and a time limit. Relative folders are those of Bevy: below
-/// `BEVY_ASSET_ROOT`, else below the package that `cargo run` runs, else beside the executable.
+/// `BEVY_ASSET_ROOT`, else below the package that `cargo run` runs, else next to the executable.
 #[derive(Clone, Debug)]
 pub struct ProcessAssetsOptions {
     /// Folder of the assets as people make them; relative to the project's root, or absolute.
@@ -74,12 +74,12 @@ pub struct ProcessAssetsReport {
 
 /// A recipe that did not become a bake.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {why}", recipe.display())]
+#[error("{}: {source}", recipe.display())]
 pub struct ProcessAssetsFailure {
     /// Path of the recipe, relative to the source folder.
     pub recipe: PathBuf,
     /// Reason.
-    pub why: RecipeLoadError,
+    pub source: RecipeLoadError,
 }
 
 /// Error of a build step. `Debug` has the text of `Display`, for a `main` that returns the error.
@@ -91,7 +91,7 @@ pub enum ProcessAssetsError {
     Failed(Vec<ProcessAssetsFailure>),
     /// The folder of the assets cannot be listed.
     #[error(
-        "{}: {why}. Relative folders lie below BEVY_ASSET_ROOT, else below the package that \
+        "{}: {source}. Relative folders lie below BEVY_ASSET_ROOT, else below the package that \
          `cargo run` runs, else beside the executable",
         path.display()
     )]
@@ -99,17 +99,17 @@ pub enum ProcessAssetsError {
         /// The folder.
         path: PathBuf,
         /// Error of the operating system.
-        why: io::Error,
+        source: io::Error,
     },
     /// A file cannot be read, written or removed, or a `.meta` file makes no sense.
-    #[error("{}: cannot {action}: {why}", path.display())]
+    #[error("{}: cannot {action}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,
         /// "read", "write" or "remove".
         action: &'static str,
         /// Error of the operating system, or of the text.
-        why: io::Error,
+        source: io::Error,
     },
     /// It took too long. The recipe that was being baked has no output.
     #[error("asset processing did not finish within {0:?}")]
@@ -123,11 +123,11 @@ impl fmt::Debug for ProcessAssetsError {
 }
 
 impl ProcessAssetsError {
-    pub(crate) fn file(path: &Path, action: &'static str, why: io::Error) -> Self {
+    pub(crate) fn file(path: &Path, action: &'static str, source: io::Error) -> Self {
         Self::File {
             path: path.to_owned(),
             action,
-            why,
+            source,
         }
     }
 }
@@ -180,10 +180,10 @@ pub fn process_assets(
                     BakeSource::Kept => report.kept.push(recipe),
                 }
             }
-            Err(why) => {
-                error!("{}: {why}", recipe.display());
+            Err(source) => {
+                error!("{}: {source}", recipe.display());
                 remove_asset(&step.processed.join(&recipe))?;
-                failures.push(ProcessAssetsFailure { recipe, why });
+                failures.push(ProcessAssetsFailure { recipe, source });
             }
         }
     }
@@ -196,7 +196,7 @@ pub fn process_assets(
     }
 }
 
-/// Returns true for recipes, unless a `.meta` asks for something else.
+/// Returns `true` for recipes, unless a `.meta` selects another action.
 fn is_baked(file: &Path, meta: Option<&Meta>) -> bool {
     let names_recipe = (file.file_name())
         .and_then(|name| {
@@ -242,9 +242,9 @@ impl Step {
         found: &mut Vec<PathBuf>,
     ) -> Result<(), ProcessAssetsError> {
         let at = self.source.join(folder);
-        let failed = |why| ProcessAssetsError::Folder {
+        let failed = |source| ProcessAssetsError::Folder {
             path: at.clone(),
-            why,
+            source,
         };
         let real = at.canonicalize().map_err(failed)?;
         let outputs = [
@@ -285,8 +285,8 @@ impl Step {
         meta: Option<&Meta>,
     ) -> Result<Result<BakeSource, RecipeLoadError>, ProcessAssetsError> {
         let source = self.source.join(recipe);
-        let text =
-            std::fs::read(&source).map_err(|why| ProcessAssetsError::file(&source, "read", why))?;
+        let text = std::fs::read(&source)
+            .map_err(|error| ProcessAssetsError::file(&source, "read", error))?;
         let path = AssetPath::from_path_buf(recipe.to_owned());
         if recipe.to_str().is_none() {
             // Bevy's paths are text.
@@ -370,11 +370,11 @@ impl Step {
         let meta = output_meta(hash, dependencies);
         let path = meta_path(&output);
         let write = |path: &Path, bytes: &[u8]| {
-            write_file(path, bytes).map_err(|why| ProcessAssetsError::file(path, "write", why))
+            write_file(path, bytes).map_err(|error| ProcessAssetsError::file(path, "write", error))
         };
         if let Some(folder) = output.parent() {
             std::fs::create_dir_all(folder)
-                .map_err(|why| ProcessAssetsError::file(folder, "write", why))?;
+                .map_err(|error| ProcessAssetsError::file(folder, "write", error))?;
         }
         // A container of that name without a `.meta` is loaded too, so it goes first.
         write(&output, container)?;
@@ -425,9 +425,9 @@ struct FolderReader<'a> {
 
 impl ReadFile for FolderReader<'_> {
     async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, RecipeLoadError> {
-        let failed = |why: io::Error| RecipeLoadError::File {
+        let failed = |error: io::Error| RecipeLoadError::File {
             path: path.to_string(),
-            why: Box::new(why),
+            source: Box::new(error),
         };
         let file = source_file(self.folder, path).ok_or_else(|| {
             failed(io::Error::new(

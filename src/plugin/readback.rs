@@ -1,8 +1,8 @@
-//! Coefficients on their way back from the device, for the gizmos ([L08] Figure 1, the green dots).
+//! Asynchronous readback of coefficients for the gizmos ([L08] Figure 1, the green dots).
 //!
-//! The render world copies the vector irradiances of a scene to a mappable buffer and maps it; when
-//! the map is done, some frames later, their lengths are put where the main world reads them.
-//! Nothing of this exists while nobody asks.
+//! The render world copies the vector irradiances of a scene to a mappable buffer and maps it. Some
+//! frames later their lengths are stored for the main world. Nothing is allocated while the gizmos
+//! are off.
 
 use bevy::ecs::prelude::*;
 use meshless_gi::internals::frame::VectorIrradiance;
@@ -50,7 +50,7 @@ pub(crate) struct CoefficientReadback {
 }
 
 impl CoefficientReadback {
-    /// Room for a copy of so many bytes.
+    /// Creates a buffer for a copy of `bytes` bytes.
     pub fn new(device: &wgpu::Device, bytes: u64) -> Self {
         Self {
             staging: device.create_buffer(&wgpu::BufferDescriptor {
@@ -77,7 +77,7 @@ impl CoefficientReadback {
         }
     }
 
-    /// After the submission: maps the copy, and hands its values on when that is done.
+    /// Maps the copy and passes its values on when that is done. Call it after the submission.
     pub fn fetch(&mut self, scene: u64, to: &SharedCoefficients) {
         if !std::mem::take(&mut self.recorded) {
             return;

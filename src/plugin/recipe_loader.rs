@@ -67,35 +67,35 @@ pub enum RecipeLoadError {
     /// The recipe makes no sense.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
-    /// The recipe names no level.
+    /// The recipe names no scene.
     #[error("the recipe names no level: add `scene: \"level.glb\"`")]
     NoScene,
     /// A path that is none.
-    #[error("`{path}` is no asset path: {why}")]
+    #[error("`{path}` is no asset path: {source}")]
     Path {
-        /// Text of the recipe or the level.
+        /// Path of the recipe or the scene.
         path: String,
         /// Error of Bevy.
-        why: ParseAssetPathError,
+        source: ParseAssetPathError,
     },
-    /// A file that the recipe or the level names could not be read.
-    #[error("`{path}` could not be read: {why}")]
+    /// A file that the recipe or the scene names could not be read.
+    #[error("`{path}` could not be read: {source}")]
     File {
         /// Path of the file.
         path: String,
         /// Error of Bevy or of the operating system.
-        why: Box<dyn std::error::Error + Send + Sync>,
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The level cannot be read or understood.
+    /// The scene cannot be parsed.
     #[error(transparent)]
     Level(#[from] SceneError),
-    /// The level cannot be baked.
-    #[error("`{path}` cannot be baked: {why}")]
+    /// The scene cannot be baked.
+    #[error("`{path}` cannot be baked: {source}")]
     Bake {
-        /// Name of the level in the recipe.
+        /// Name of the scene in the recipe.
         path: String,
         /// Error of the bake.
-        why: BakeSceneError,
+        source: BakeSceneError,
     },
     /// The file of the recipe's name holds a bake that cannot be used.
     #[error(transparent)]
@@ -106,17 +106,17 @@ pub enum RecipeLoadError {
 #[derive(Asset, TypePath, Clone, Debug)]
 pub(crate) struct RecipeInputs {
     pub recipe: Recipe,
-    /// True if the recipe says how much care to take, by `preset` or by `max_error`.
+    /// The recipe sets the quality, by `preset` or by `target_nrmse`.
     pub names_preset: bool,
     /// Path of the recipe.
     path: AssetPath<'static>,
-    /// Level as the recipe names it.
+    /// Scene file as the recipe names it.
     scene: String,
     level: Arc<LevelFiles>,
 }
 
 impl RecipeInputs {
-    /// Reads the input that the recipe of this path and text asks for.
+    /// Reads the input of the recipe with this path and text.
     pub async fn read(
         path: &AssetPath<'static>,
         text: Vec<u8>,
@@ -151,7 +151,7 @@ impl RecipeInputs {
     pub fn bake(&self, threads: usize, progress: &Progress) -> Result<BakedScene, RecipeLoadError> {
         let level = self.level.mesh(&self.recipe.viewpoints)?;
         let baked = bake_scene(&level, &self.recipe, threads, progress);
-        let Baked { mut scene, stats } = baked.map_err(|why| self.failed(why))?;
+        let Baked { mut scene, stats } = baked.map_err(|error| self.failed(error))?;
         scene.info.level_digest = self.level.digest();
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
         Ok(scene)
@@ -174,7 +174,7 @@ impl RecipeInputs {
         .map_err(|error| self.failed(BakeSceneError::Threads(error.to_string())))
     }
 
-    /// Bakes beside a running app.
+    /// Bakes in a running app.
     pub async fn bake_beside_app(
         &self,
         bakes: &RecipeBakes,
@@ -184,10 +184,10 @@ impl RecipeInputs {
         work.await
     }
 
-    fn failed(&self, why: BakeSceneError) -> RecipeLoadError {
+    fn failed(&self, source: BakeSceneError) -> RecipeLoadError {
         RecipeLoadError::Bake {
             path: self.scene.clone(),
-            why,
+            source,
         }
     }
 }
@@ -222,7 +222,7 @@ impl ReadFile for ContextReader<'_, '_> {
         }
         read.map_err(|error| RecipeLoadError::File {
             path: path.to_string(),
-            why: Box::new(error),
+            source: Box::new(error),
         })
     }
 }

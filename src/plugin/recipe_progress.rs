@@ -21,8 +21,8 @@ const LOG_INTERVAL: Duration = Duration::from_secs(1);
 pub struct GiRecipeProgress {
     /// Path of the recipe.
     pub path: AssetPath<'static>,
-    /// Asset that the recipe becomes. `None` if the app has not asked for it yet, as for recipes
-    /// that the asset processor bakes ahead.
+    /// Asset of the recipe. `None` if the app has not loaded it yet, as for recipes that the asset
+    /// processor bakes in advance.
     pub id: Option<AssetId<GiBakedScene>>,
     /// BakeStage of the bake.
     pub stage: BakeStage,

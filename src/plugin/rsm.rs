@@ -1,21 +1,22 @@
-//! One bounce from what moves, the main world's part: who bounces, which lights ask for it, and the
-//! cameras that draw it from there.
+//! One bounce from dynamic objects: markers, lights with reflective shadow maps, and the cameras of
+//! the maps, in the main world.
 //!
-//! A bake holds the light that static surfaces reflect. What moves is not in it: [`GiReflector`]
-//! marks such objects, and a light with [`GiReflectiveShadowMap`] draws them, and nothing else,
-//! into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by
-//! a camera of its own ([`GiRsmCamera`]) that this file spawns, aims ([`map_views`]) and switches
-//! off; `capture` runs them.
+//! A bake has the light that static surfaces reflect. [`GiReflector`] marks dynamic objects. A
+//! light with [`GiReflectiveShadowMap`] draws only these objects into small G-buffers (reflective
+//! shadow maps, \[N09\] §3). Each map has its own camera ([`GiRsmCamera`]), which this file spawns,
+//! places ([`map_views`]) and deactivates. `rsm_render` runs them.
 //!
-//! The cameras tell what moves by a [`RenderLayers`] of their own, [`RSM_RENDER_LAYER`], which the
-//! meshes below a bouncer get beside theirs.
+//! The cameras select dynamic objects by the [`RenderLayers`] layer [`RSM_RENDER_LAYER`], which is
+//! added to the meshes below a reflector.
 
 use super::camera::GiCamera;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
+use super::reflective_shadow_map::GiReflectiveShadowMap;
+use super::reflector::GiReflector;
 use crate::plan::{Lens, MapView, SkipReason, map_views};
-use bevy::asset::{AssetEvent, Assets};
+use bevy::asset::Assets;
 use bevy::camera::primitives::{Aabb, MeshAabb};
-use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
+use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::camera::{
     Camera, Camera3d, Camera3dDepthTextureUsage, OrthographicProjection, PerspectiveProjection,
     Projection, RenderTarget, ScalingMode,
@@ -25,93 +26,44 @@ use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
 use bevy::ecs::entity::EntityHashSet;
 use bevy::ecs::prelude::*;
 use bevy::ecs::system::SystemParam;
-use bevy::image::Image;
 use bevy::light::cluster::ClusterConfig;
 use bevy::light::{DirectionalLight, PointLight, SpotLight};
 use bevy::math::{UVec2, Vec3};
-use bevy::mesh::morph::MeshMorphWeights;
-use bevy::mesh::skinning::SkinnedMesh;
 use bevy::mesh::{Mesh, Mesh3d};
-use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::reflect::prelude::*;
 use bevy::render::camera::CameraRenderGraph;
 use bevy::render::render_resource::TextureUsages;
 use bevy::render::view::{Msaa, NoIndirectDrawing};
 use bevy::transform::components::{GlobalTransform, Transform};
-use meshless_gi::internals::frame::rsm_layout::side;
 use meshless_gi::{Bounds, FrameLight};
 
-/// The render layer of what moves, reserved for the plugin: only its own cameras see it alone.
+/// Render layer of dynamic objects, reserved for the plugin. Only the cameras of reflective shadow
+/// maps use it.
 pub const RSM_RENDER_LAYER: usize = 61;
 
-/// The maps are drawn before all cameras of a game: their orders count up from here.
+/// Order of the first camera of a reflective shadow map. Orders count up from it, so that maps are
+/// drawn before the cameras of the game.
 pub const RSM_CAMERA_ORDER: isize = -1_000_000;
 
-/// This entity and all below it reflect light that no bake holds: a thing that moves. In the light
-/// of lamps with [`GiReflectiveShadowMap`] its meshes reflect once, diffusely, onto everything that
-/// cameras with [`GiCamera`] show.
-///
-/// Meshes must be opaque or masked and deferred; others reflect nothing. Never put it on what is
-/// baked: that light would be counted twice.
-#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct GiReflector;
-
-/// The light that this lamp throws on [`GiReflector`]s bounces. Goes on a point, spot or
-/// directional light. It costs nothing where nothing moves in the lamp's reach.
-///
-/// A [`GiLight`](super::GiLight) beside it is respected: switched off there, it is off here.
-#[derive(Component, Reflect, Clone, Debug, PartialEq)]
-#[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct GiReflectiveShadowMap {
-    /// Edge of a map in texels: a power of two from 8 to 256, others are rounded down. A point
-    /// light may take up to six maps, see [`map_views`].
-    pub resolution: u32,
-    /// Virtual point lights made of the maps together, 1 to 1024. A pixel pays for each of them.
-    pub vpl_count: u32,
-    /// Baked geometry shadows the lamp's light on what moves, and the reflected light: by rays
-    /// through the first bake that a camera shows. All lights' reflected light goes its way
-    /// together: it is shadowed where one of them asks for it.
-    pub trace_shadows: bool,
-}
-
-impl Default for GiReflectiveShadowMap {
-    fn default() -> Self {
-        Self {
-            resolution: 64,
-            vpl_count: 128,
-            trace_shadows: true,
-        }
-    }
-}
-
-impl GiReflectiveShadowMap {
-    /// Edge of a map in texels: the power of two that is drawn.
-    #[must_use]
-    pub fn texels(&self) -> u32 {
-        side(self.resolution.max(8))
-    }
-}
-
-/// A camera of the plugin's own, that draws one reflective shadow map. Spawned, aimed and despawned
-/// by the plugin; inactive where nothing moves. A game that asks for cameras without asking for
-/// more may want `Without<GiRsmCamera>`.
+/// Camera that draws one reflective shadow map. The plugin spawns, places and despawns it. It is
+/// inactive if there is nothing to draw. Queries of a game for cameras may need
+/// `Without<GiRsmCamera>`.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[component(immutable)]
 pub struct GiRsmCamera {
-    /// The light that it looks from.
+    /// Light of the map.
     pub light: Entity,
-    /// Which of the entity's lights.
+    /// Kind of the light.
     kind: LightKind,
-    /// Which of the light's maps.
+    /// Index of the map among the light's maps.
     pub map: u32,
 }
 
-/// A mesh that has [`RSM_RENDER_LAYER`] from us.
+/// A mesh to which the plugin added [`RSM_RENDER_LAYER`].
 #[derive(Component)]
 pub(crate) struct Marked {
-    /// It had no layers at all.
+    /// The mesh had no `RenderLayers` before.
     bare: bool,
 }
 
@@ -183,21 +135,21 @@ pub(crate) fn update_rsm_layers(
     }
 }
 
-/// A light that asks for the bounce of what moves, and the cameras that draw its maps this frame.
+/// A light with a reflective shadow map, and the cameras of its maps in this frame.
 #[derive(Clone, Debug)]
 pub(crate) struct AskingLight {
     pub key: LightKey,
-    /// In world space.
+    /// Light in world space.
     pub light: FrameLight,
     pub layers: RenderLayers,
     pub settings: GiReflectiveShadowMap,
-    /// Where its maps stand.
+    /// Views of its maps.
     pub views: Vec<MapView>,
     pub maps: Result<Vec<Entity>, SkipReason>,
 }
 
 impl AskingLight {
-    /// Whether its maps are as the other's, if nothing moves.
+    /// Returns `true` if both have the same maps, apart from motion of objects.
     fn like(&self, other: &Self) -> bool {
         self.key == other.key
             && self.light == other.light
@@ -208,64 +160,12 @@ impl AskingLight {
     }
 }
 
-/// All lights that ask, as of this frame.
+/// All lights with reflective shadow maps in this frame.
 #[derive(Resource, Clone, Debug, Default)]
 pub(crate) struct AskingLights {
     pub lights: Vec<AskingLight>,
-    /// For how many frames maps of all of them would have been the same.
+    /// Number of frames without a change of the maps.
     pub still: u32,
-}
-
-/// A mesh below a bouncer.
-type Moving = (With<Marked>, With<Mesh3d>, Without<GiRsmCamera>);
-
-/// It changed.
-type Changes = Or<(
-    Added<Marked>,
-    Changed<GlobalTransform>,
-    Changed<InheritedVisibility>,
-    Changed<RenderLayers>,
-    Changed<Mesh3d>,
-    Changed<MeshMaterial3d<StandardMaterial>>,
-    Changed<VisibilityRange>,
-)>;
-
-/// Of these nobody can tell whether they change: animated meshes, and materials of the game's own.
-type Restless = Or<(
-    With<SkinnedMesh>,
-    With<MeshMorphWeights>,
-    Without<MeshMaterial3d<StandardMaterial>>,
-)>;
-
-/// What may change what the maps show, beside where they stand.
-#[derive(SystemParam)]
-#[allow(clippy::type_complexity, reason = "filters of queries")]
-pub(crate) struct Motion<'w, 's> {
-    changed: Query<'w, 's, (), (Moving, Changes)>,
-    restless: Query<'w, 's, (), (Moving, Restless)>,
-    gone: RemovedComponents<'w, 's, Marked>,
-    meshes: MessageReader<'w, 's, AssetEvent<Mesh>>,
-    materials: MessageReader<'w, 's, AssetEvent<StandardMaterial>>,
-    images: MessageReader<'w, 's, AssetEvent<Image>>,
-}
-
-impl Motion<'_, '_> {
-    /// Whether anything did since the last call.
-    fn any(&mut self) -> bool {
-        // All of them, so that none tells old news later.
-        let gone = self.gone.read().count() > 0;
-        let meshes = (self.meshes.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
-        let materials = (self.materials.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
-        let images = (self.images.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
-        self.meshes.clear();
-        self.materials.clear();
-        self.images.clear();
-        gone || meshes
-            || materials
-            || images
-            || !self.changed.is_empty()
-            || !self.restless.is_empty()
-    }
 }
 
 type Captures<'w, 's> = Query<
@@ -452,14 +352,6 @@ pub(crate) fn update_rsm_cameras(
             Some(_) if camera.is_active => camera.is_active = false,
             Some(_) => {}
         }
-    }
-}
-
-/// Resets the count of unchanged frames if the content of the maps may have changed. Runs after
-/// [`update_rsm_cameras`] and after the frame's asset events.
-pub(crate) fn detect_dynamic_changes(mut asking: ResMut<AskingLights>, mut motion: Motion) {
-    if motion.any() && asking.still > 0 {
-        asking.still = 0;
     }
 }
 

@@ -1,9 +1,8 @@
-//! A sky that is not the same in all directions: nine colors beside a baked scene, from a gradient
-//! or from a cubemap.
+//! [`GiSky`]: radiance of the sky of a baked scene, uniform, from a gradient or from a cubemap.
 //!
-//! It lights the level through the bake, and is not drawn: what a camera shows behind the level
-//! (`Skybox`, a clear color) stays its own affair. Bevy's own environment light adds its diffuse
-//! part on top of it, which [`check`](super::validation) tells.
+//! The sky lights the scene through the bake and is not drawn: the background (`Skybox`, a clear
+//! color) is independent of it. Bevy's own environment light is added to it, which
+//! [`check`](super::validation) reports.
 
 use bevy::asset::{Assets, RenderAssetUsages};
 use bevy::color::{ColorToComponents, LinearRgba};
@@ -34,11 +33,11 @@ pub enum GiSky {
     Harmonics([Vec3; 9]),
 }
 
-/// A cubemap that gives no sky.
+/// Reason that a cubemap gives no sky.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GiSkyError {
-    /// It has not six square layers.
+    /// The image does not have six square layers.
     #[error("{width} × {height} texels in {layers} layers are no cubemap")]
     NoCubemap {
         /// Texels across.
@@ -48,19 +47,19 @@ pub enum GiSkyError {
         /// Layers.
         layers: u32,
     },
-    /// Its texels are on the GPU alone: load it with [`RenderAssetUsages::MAIN_WORLD`].
+    /// The texels are only on the GPU. Load the image with [`RenderAssetUsages::MAIN_WORLD`].
     #[error("the image has no texels on the CPU: load it with `RenderAssetUsages::default()`")]
     NoData,
     /// The environment light's `specular_map` is not loaded.
     #[error("the environment map is not loaded")]
     NotLoaded,
-    /// Its texels cannot be read on the CPU.
+    /// The format of the texels cannot be read on the CPU.
     #[error("texels of this format cannot be read: {0}")]
     Format(String),
 }
 
 impl GiSky {
-    /// Three colors, cd/m²: straight up, at the horizon and straight down
+    /// Creates a gradient of three colors, cd/m²: at the zenith, at the horizon and at the nadir
     /// ([`SkyRadiance::gradient`]).
     #[must_use]
     pub fn gradient(zenith: LinearRgba, horizon: LinearRgba, ground: LinearRgba) -> Self {
@@ -68,21 +67,21 @@ impl GiSky {
         SkyRadiance::gradient(zenith, horizon, ground).into()
     }
 
-    /// The sky of a cubemap as `Skybox` shows it; `brightness` is what a texel of one stands for,
-    /// cd/m².
+    /// Creates the sky of a cubemap in the orientation of `Skybox`. `brightness` is the radiance of
+    /// a texel of 1, cd/m².
     ///
     /// # Errors
-    /// [`GiSkyError`]: compressed texels, for instance, are not read.
+    /// [`GiSkyError`], for example for compressed texels.
     pub fn from_cubemap(image: &Image, brightness: f32) -> Result<Self, GiSkyError> {
         Self::turned(image, brightness, Quat::IDENTITY)
     }
 
-    /// The sky that one of Bevy's environment lights shines with: the sharpest level of its
-    /// `specular_map`, turned and as bright as it says. Take the light away, or blacken its
-    /// `diffuse_map`, or its light counts twice.
+    /// Creates the sky of one of Bevy's environment lights from the largest level of its
+    /// `specular_map`, with its rotation and intensity. Remove the light or set a black
+    /// `diffuse_map`, because its light counts twice otherwise.
     ///
     /// # Errors
-    /// [`GiSkyError`], also where the map is not loaded (yet).
+    /// [`GiSkyError`], also if the map is not loaded yet.
     pub fn from_environment_map(
         light: &EnvironmentMapLight,
         images: &Assets<Image>,
@@ -92,7 +91,7 @@ impl GiSky {
         Self::turned(map, light.intensity, light.rotation)
     }
 
-    /// The sky of a cubemap that is turned so in the world.
+    /// Creates the sky of a cubemap with this rotation.
     fn turned(image: &Image, brightness: f32, rotation: Quat) -> Result<Self, GiSkyError> {
         let size = image.texture_descriptor.size;
         let (n, layers) = (size.width, size.depth_or_array_layers);
@@ -121,9 +120,9 @@ impl GiSky {
         Ok(SkyRadiance::of_map(samples).into())
     }
 
-    /// The nearest sky of the same mean that is nowhere negative
-    /// ([`SkyRadiance::without_ringing`]): for levels that see the sky through openings, where nine
-    /// numbers beside a sun or a low sun's glow would give strange colors.
+    /// Returns the nearest sky of the same mean that is nowhere negative
+    /// ([`SkyRadiance::without_ringing`]). Use it for scenes that see the sky through openings:
+    /// nine coefficients ring around a sun or a low sun's glow and give wrong colors.
     #[must_use]
     pub fn without_ringing(&self) -> Self {
         self.radiance().without_ringing().into()
@@ -148,7 +147,7 @@ impl From<SkyRadiance> for GiSky {
     }
 }
 
-/// The linear colors of a cubemap's largest level, face after face, row after row.
+/// Linear colors of a cubemap's largest level, face by face, row by row.
 fn texels(image: &Image) -> Result<Vec<Vec3>, GiSkyError> {
     let descriptor = &image.texture_descriptor;
     let format = descriptor.format;
@@ -197,8 +196,8 @@ fn shared_exponent(word: u32) -> Vec3 {
     Vec3::from_array([0, 9, 18].map(|k| (word >> k & 0x1ff) as f32 * scale))
 }
 
-/// Where the world lies from the middle of a cube through place (s, t) of a face, both within ±1
-/// and t downwards. Cubemaps are left-handed, the world is not.
+/// Direction from the center of a cube through position (s, t) of a face, both within ±1 and t
+/// downwards. Cubemaps are left-handed, the world is right-handed.
 fn toward(face: u32, s: f32, t: f32) -> Vec3 {
     let way = match face {
         0 => Vec3::new(1.0, -t, -s),

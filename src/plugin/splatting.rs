@@ -33,7 +33,7 @@ impl Default for GiSplatting {
     }
 }
 
-/// Where subsplats are, see [`SubsplatSettings`].
+/// Settings of multiresolution splatting, see [`SubsplatSettings`].
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 pub struct GiSubsplatSettings {
@@ -42,9 +42,9 @@ pub struct GiSubsplatSettings {
     /// None are refined below 2^finest pixels; 1 at least. Single pixels are evaluated where
     /// nothing around them is of their surface.
     pub finest: u32,
-    /// How jumps of depth are found.
+    /// Detection of depth discontinuities.
     pub depth: GiDepthTest,
-    /// How creases are found.
+    /// Detection of creases.
     pub normal: GiNormalTest,
     /// Look for both in the diagonal neighbors too.
     pub diagonal: bool,
@@ -58,7 +58,7 @@ pub struct GiSubsplatSettings {
     pub detail: f32,
 }
 
-/// How jumps of depth are found, see [`DepthTest`]; thresholds are parts of the depth.
+/// Detection of depth discontinuities, see [`DepthTest`]. Thresholds are fractions of the depth.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Clone, Debug, PartialEq)]
 pub enum GiDepthTest {
@@ -70,7 +70,7 @@ pub enum GiDepthTest {
     Derivative(f32),
 }
 
-/// How creases are found, see [`NormalTest`]; thresholds from 0 to 2.
+/// Detection of creases, see [`NormalTest`]. Thresholds are from 0 to 2.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Clone, Debug, PartialEq)]
 pub enum GiNormalTest {

@@ -5,7 +5,8 @@
 
 use super::camera::GiCamera;
 use super::extract::{Brought, draws_gbuffer};
-use super::rsm::{GiReflector, GiRsmCamera};
+use super::reflector::GiReflector;
+use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
 use super::settings::GiSettings;
 use super::volume::Voxels;

@@ -1,13 +1,12 @@
-//! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one
-//! in its place as soon as a level has a [`GiIrradianceVolume`], one that knows which voxels lie
-//! behind a wall (`shaders/engine/irradiance_volume.wgsl`; twin:
-//! [`read_volume`](meshless_gi::internals::frame::volume_sample::read_volume)). Volumes that are not ours look
-//! as before.
+//! Shader module for irradiance volumes. When a scene has a [`GiIrradianceVolume`], it replaces
+//! Bevy's module and takes walls between voxels into account
+//! (`shaders/engine/irradiance_volume.wgsl`; twin:
+//! [`read_volume`](meshless_gi::internals::frame::volume_sample::read_volume)). Volumes of the game
+//! look as before.
 //!
-//! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and
-//! pipelines that import it are made anew. A module that does not look as it does in the release
-//! that this was written for stays as it is, and that is told: walls then let light of the next
-//! room through.
+//! Bevy supports this at run time: the asset is replaced, and pipelines that import it are rebuilt.
+//! A module that differs from the supported release is kept, with a warning. Light then leaks
+//! through walls.
 
 use super::forward_camera::GiForwardCamera;
 use super::validation::{GiWarning, GiWarnings, add_warnings};
@@ -20,15 +19,15 @@ use bevy::shader::{Shader, ShaderImport, Source};
 const OURS: &str = include_str!("../../shaders/engine/irradiance_volume.wgsl");
 /// Under which name Bevy's shaders import it.
 const MODULE: &str = "bevy_pbr::irradiance_volume";
-/// What they call, without spaces.
+/// Call in Bevy's module, without spaces.
 const CALLED: &str = "fnirradiance_volume_light(world_position:vec3<f32>,N:vec3<f32>,clusterable_object_index_ranges:ptr<function,ClusterableObjectIndexRanges>,)->vec3<f32>{";
-/// What that looks up, without spaces.
+/// Lookup in Bevy's module, without spaces.
 const LOOKS_UP: &str = "light_probe_iterator_next(&iterator)";
 
-/// What says in the module that a camera may have a display ([`super::forward_display`]).
+/// Definition of the module for cameras with a display ([`super::forward_display`]).
 const DISPLAY: &str = "MESHLESS_GI_DISPLAY";
 
-/// What became of the module.
+/// State of the module.
 #[derive(Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) enum Module {
     /// It is Bevy's.
@@ -40,8 +39,8 @@ pub(crate) enum Module {
     Ours { display: bool },
 }
 
-/// Replaces the module in the frame in which Bevy has loaded it and a level has a volume, and once
-/// more where the first display of a forward camera comes later. Runs in
+/// Replaces the module when Bevy has loaded it and a scene has a volume, and once more for the
+/// first display of a forward camera. Runs in
 /// [`GiSystems::UpdateVolumes`](super::GiSystems::UpdateVolumes).
 pub(crate) fn replace(
     volumes: Query<(), With<GiIrradianceVolume>>,
@@ -84,7 +83,7 @@ fn is_module(shader: &Shader) -> bool {
     matches!(&shader.import_path, ShaderImport::Custom(name) if name == MODULE)
 }
 
-/// Whether it is called and looks probes up as the module of ours does.
+/// Returns `true` if the module is called and looks up probes like the plugin's module.
 fn is_known(shader: &Shader) -> bool {
     let Source::Wgsl(text) = &shader.source else {
         return false;

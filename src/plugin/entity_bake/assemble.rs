@@ -192,7 +192,8 @@ fn piece(
     (out, bad)
 }
 
-/// Whether coordinates are finite and near enough; the triangle may still have no area.
+/// Returns `true` if coordinates are finite and within range. The area of the triangle may still be
+/// 0.
 fn is_usable(triangle: &[Vec3; 3]) -> bool {
     let [a, ..] = *triangle;
     // A triangle with an area, at each corner.

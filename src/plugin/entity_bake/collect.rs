@@ -36,7 +36,7 @@ pub(super) struct Collected {
     pub(super) warnings: Vec<Warning>,
 }
 
-/// A mesh at a place.
+/// A mesh with a transform.
 pub(super) struct Instance {
     /// Entity and name.
     pub(super) entity: String,

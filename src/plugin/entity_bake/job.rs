@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Bakes what was collected as `request` says.
+/// Bakes the collected meshes with the settings of `request`.
 pub(super) fn run(
     collected: &Collected,
     request: &GiBakeRequest,

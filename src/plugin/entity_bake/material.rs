@@ -60,8 +60,8 @@ pub(super) fn channels_of(material: &StandardMaterial) -> [usize; 3] {
     })
 }
 
-/// Whether both sides of a surface reflect and emit. A material that shows back faces belongs to a
-/// mirrored mesh (bevy_gltf makes such copies), or means to show both sides.
+/// Returns `true` if both sides of a surface reflect and emit. A material without back-face culling
+/// belongs to a mirrored mesh (bevy_gltf makes such copies), or is double-sided.
 pub(super) fn is_double_sided(material: &StandardMaterial, mirrored: bool) -> bool {
     material.double_sided
         || match material.cull_mode {

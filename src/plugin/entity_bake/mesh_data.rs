@@ -14,7 +14,7 @@ pub(super) enum MeshProblem {
     Unreadable(String),
 }
 
-/// What a bake reads of a mesh.
+/// Data of a mesh that a bake reads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct MeshData {
     pub(super) positions: Vec<Vec3>,

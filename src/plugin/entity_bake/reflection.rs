@@ -3,7 +3,7 @@
 use bevy::ecs::prelude::*;
 use bevy::ecs::reflect::{AppTypeRegistry, ReflectComponent};
 
-/// Whether an entity can be drawn by a material of another type than `StandardMaterial`.
+/// Returns `true` if a material of another type than `StandardMaterial` may draw an entity.
 pub(super) fn has_custom_material(world: &World, entity: Entity) -> bool {
     let Some(types) = world.get_resource::<AppTypeRegistry>() else {
         return false;

@@ -41,7 +41,7 @@ pub(crate) fn has_comparison(
     (roots.iter()).any(|root| wants_comparison(root, &bakes, &server))
 }
 
-/// Whether a root has a loaded bake of entities that was not compared with its meshes.
+/// Returns `true` if a root has a loaded bake of entities that was not compared with its meshes.
 fn wants_comparison(
     (_, gi, comparison, is_requested): (Entity, &GiScene, Option<&BakeComparison>, bool),
     bakes: &Assets<GiBakedScene>,

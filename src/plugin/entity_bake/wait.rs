@@ -54,7 +54,7 @@ pub(super) fn pending(world: &World, walk: &Walk) -> Option<String> {
     None
 }
 
-/// Whether an asset is there.
+/// State of an asset.
 pub(super) fn asset_state<A: Asset>(world: &World, id: AssetId<A>) -> State {
     let all = world.get_resource::<Assets<A>>();
     if all.is_some_and(|all| all.contains(id)) {
@@ -71,7 +71,7 @@ pub(super) fn asset_state<A: Asset>(world: &World, id: AssetId<A>) -> State {
     }
 }
 
-/// Whether the scene of an entity is spawned.
+/// State of an entity's scene.
 pub(super) fn scene_state(world: &World, entity: Entity) -> State {
     let Some(spawner) = world.get_resource::<WorldInstanceSpawner>() else {
         return State::Missing("the app has no `WorldSerializationPlugin`".into());

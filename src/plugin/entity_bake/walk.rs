@@ -95,7 +95,7 @@ impl Walk {
     }
 }
 
-/// Whether an entity below the root is no part of its bake, with all below it.
+/// Returns `true` if an entity below the root, with all below it, is no part of the bake.
 fn is_left_out(entity: EntityRef) -> bool {
     entity.contains::<GiBakeExclude>()
         || entity.contains::<GiReflector>()
@@ -112,7 +112,7 @@ fn node_name(entity: EntityRef) -> String {
     }
 }
 
-/// A local transform in double precision, so that scenes of many nodes do not depend on the place
+/// Local transform in double precision, so that scenes of many nodes do not depend on the position
 /// of the root.
 fn local(transform: &Transform) -> DMat4 {
     DMat4::from_scale_rotation_translation(

@@ -36,7 +36,7 @@ pub enum GiBakeWarning {
         entity: String,
         /// The mesh.
         mesh: String,
-        /// What it consists of.
+        /// Topology of the mesh.
         topology: PrimitiveTopology,
     },
     /// Some triangles of the mesh can't be used.
@@ -60,7 +60,7 @@ pub enum GiBakeWarning {
         entity: String,
         /// Name of the occluder.
         name: String,
-        /// Its openness.
+        /// Transmittance in percent.
         percent: u32,
     },
     /// No triangle of the mesh has an area.
@@ -120,7 +120,7 @@ pub enum GiBakeWarning {
         root: String,
         /// Number of materials.
         count: u64,
-        /// What was wrong, and what was done.
+        /// Problem and consequence.
         problem: &'static str,
     },
     /// A scene below the root is not loaded and never will be.

@@ -1,4 +1,4 @@
-//! Warns of a scene file in the place of a bake.
+//! Warns about a scene file in place of a bake.
 
 use super::super::scene::GiScene;
 use bevy::asset::AssetPath;

@@ -1,0 +1,73 @@
+//! Detection of changes that the reflective shadow maps show.
+
+use super::rsm::{AskingLights, GiRsmCamera, Marked};
+use bevy::asset::AssetEvent;
+use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
+use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
+use bevy::image::Image;
+use bevy::mesh::morph::MeshMorphWeights;
+use bevy::mesh::skinning::SkinnedMesh;
+use bevy::mesh::{Mesh, Mesh3d};
+use bevy::pbr::{MeshMaterial3d, StandardMaterial};
+use bevy::transform::components::GlobalTransform;
+
+/// A mesh below a reflector.
+type Moving = (With<Marked>, With<Mesh3d>, Without<GiRsmCamera>);
+
+/// Changes of a mesh.
+type Changes = Or<(
+    Added<Marked>,
+    Changed<GlobalTransform>,
+    Changed<InheritedVisibility>,
+    Changed<RenderLayers>,
+    Changed<Mesh3d>,
+    Changed<MeshMaterial3d<StandardMaterial>>,
+    Changed<VisibilityRange>,
+)>;
+
+/// Meshes without change detection: animated meshes, and meshes with custom materials.
+type Restless = Or<(
+    With<SkinnedMesh>,
+    With<MeshMorphWeights>,
+    Without<MeshMaterial3d<StandardMaterial>>,
+)>;
+
+/// Sources of changes in the maps, apart from their views.
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct Motion<'w, 's> {
+    changed: Query<'w, 's, (), (Moving, Changes)>,
+    restless: Query<'w, 's, (), (Moving, Restless)>,
+    gone: RemovedComponents<'w, 's, Marked>,
+    meshes: MessageReader<'w, 's, AssetEvent<Mesh>>,
+    materials: MessageReader<'w, 's, AssetEvent<StandardMaterial>>,
+    images: MessageReader<'w, 's, AssetEvent<Image>>,
+}
+
+impl Motion<'_, '_> {
+    /// Returns `true` if anything changed since the last call.
+    fn any(&mut self) -> bool {
+        // Reads all of them, so that no event remains for a later frame.
+        let gone = self.gone.read().count() > 0;
+        let meshes = (self.meshes.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
+        let materials = (self.materials.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
+        let images = (self.images.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
+        self.meshes.clear();
+        self.materials.clear();
+        self.images.clear();
+        gone || meshes
+            || materials
+            || images
+            || !self.changed.is_empty()
+            || !self.restless.is_empty()
+    }
+}
+
+/// Resets the count of unchanged frames if the content of the maps may have changed. Runs after
+/// [`update_rsm_cameras`](super::rsm::update_rsm_cameras) and after the frame's asset events.
+pub(crate) fn detect_dynamic_changes(mut asking: ResMut<AskingLights>, mut motion: Motion) {
+    if motion.any() && asking.still > 0 {
+        asking.still = 0;
+    }
+}
