@@ -2,7 +2,7 @@
 //! inert where there is nothing to draw with.
 
 use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
-use crate::support::assets::{bare_app, until};
+use crate::support::assets::{bake_threads, bare_app, until, until_ended};
 use crate::support::log::warnings;
 use crate::support::scenes::{Room, cornell};
 use bevy::prelude::*;
@@ -240,6 +240,7 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
     app.update();
     assert_eq!(bevy::tasks::block_on(pool.spawn(async { 7 })), 7);
     app.update();
+    let running = bake_threads();
     for baking in many {
         assert!(
             app.world().get::<GiBakeTask>(baking).is_some(),
@@ -249,18 +250,5 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
     }
 
     // Bakes that would take minutes stop when their entities go.
-    until(&mut app, "the end of the bakes", |_| {
-        bake_threads().is_none_or(|n| n == 0).then_some(())
-    });
-}
-
-/// Threads of this process that bake, where the system lists them.
-fn bake_threads() -> Option<usize> {
-    let names = std::fs::read_dir("/proc/self/task").ok()?.flatten();
-    let names = names.filter_map(|task| std::fs::read_to_string(task.path().join("comm")).ok());
-    Some(
-        names
-            .filter(|name| name.starts_with("meshless gi bak"))
-            .count(),
-    )
+    until_ended(&mut app, &running);
 }

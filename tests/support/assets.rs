@@ -3,6 +3,8 @@
 use super::app::ready;
 use bevy::prelude::*;
 use bevy_meshless_gi::MeshlessGiPlugin;
+use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::path::Path;
 use std::time::Duration;
 
@@ -51,4 +53,26 @@ pub fn until<T>(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> Opt
         std::thread::sleep(Duration::from_millis(2));
     }
     panic!("{what} does not happen");
+}
+
+/// Identifiers of the threads of this process that bake at present. `None` where the system does
+/// not list threads.
+pub fn bake_threads() -> Option<BTreeSet<OsString>> {
+    let threads = std::fs::read_dir("/proc/self/task").ok()?.flatten();
+    let bakes = threads.filter(|thread| {
+        std::fs::read_to_string(thread.path().join("comm"))
+            .is_ok_and(|name| name.starts_with("meshless gi bak"))
+    });
+    Some(bakes.map(|thread| thread.file_name()).collect())
+}
+
+/// Updates until all of `threads`, from [`bake_threads`], have ended. Bakes that other tests start
+/// in this process do not count.
+pub fn until_ended(app: &mut App, threads: &Option<BTreeSet<OsString>>) {
+    let Some(threads) = threads else { return };
+    until(app, "the end of the bakes", |_| {
+        bake_threads()
+            .is_none_or(|now| now.is_disjoint(threads))
+            .then_some(())
+    });
 }
