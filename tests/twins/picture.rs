@@ -136,7 +136,7 @@ pub fn pixels_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> Vec<usize> {
 
 #[test]
 fn splat_and_composite_match_twin() {
-    let Some(harness) = harness() else { return };
+    let harness = harness();
     let scene = synthetic::scene(SenderForm::Averages);
     let twin = cpu(&scene, &synthetic::lights(), &settings(1, false));
     let screen = Screen::new();

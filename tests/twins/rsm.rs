@@ -172,7 +172,7 @@ fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
 
 #[test]
 fn rsm_matches_twin() {
-    let Some(harness) = harness() else { return };
+    let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
@@ -275,7 +275,7 @@ fn rsm_matches_twin() {
 
 #[test]
 fn rsm_without_request_is_not_created() {
-    let Some(harness) = harness() else { return };
+    let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let mut maps = RsmBuffers::new(&harness.device, 64, 16).unwrap();
     let light = FrameLight::point(Vec3::ZERO, Vec3::ONE, 9.0);
@@ -289,7 +289,7 @@ fn rsm_without_request_is_not_created() {
 
 #[test]
 fn vpl_matches_twin() {
-    let Some(harness) = harness() else { return };
+    let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let twin = cpu(&scene, &synthetic::lights(), &settings(0, false));

@@ -261,7 +261,7 @@ fn shade_of_mirrored_scene_matches_twin() {
 }
 
 fn compare(gloss: bool) {
-    let Some(harness) = harness() else { return };
+    let harness = harness();
     let mut shaded = Shaded::new();
     let count = shaded.drawn.depth.len();
     let passes: Vec<u8> = (0..count).map(|i| u8::from(i % 11 != 0)).collect();

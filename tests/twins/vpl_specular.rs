@@ -182,7 +182,7 @@ fn texels_of(texels: &[[f32; 4]]) -> Vec<Vec<f32>> {
 }
 
 fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) {
-    let Some(harness) = harness() else { return };
+    let harness = harness();
     let passes: Vec<u8> = (0..SIZE[0] * SIZE[1])
         .map(|i| u8::from(i % 11 != 0))
         .collect();
