@@ -11,10 +11,10 @@ use meshless_gi::internals::samples::trace_particles;
 use meshless_gi::{
     BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Irradiance, Light,
     Material, MaterialFactors, Preset, Progress, Recipe, ReferenceSettings, SkyModel, SkyRadiance,
-    Texture, TriangleMesh, TriangleUvs, Wrap, bake_scene, load_gltf,
+    Texture, TriangleMesh, TriangleUvs, Wrap, bake_scene,
 };
 use meshless_gi_lab::accuracy::{Errors, errors};
-use std::path::Path;
+use meshless_gi_lab::fixtures::data::published_mesh;
 
 /// Most of the error, relative to the light. A panel lights the wall that it hangs on, within
 /// centimeters: too little for `Draft`.
@@ -37,9 +37,7 @@ struct Parts {
 
 impl Parts {
     fn published(name: &str) -> Self {
-        let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
-            .join(format!("tests/data/{name}/{name}.glb"));
-        let mesh = load_gltf(&file).unwrap().mesh;
+        let mesh = published_mesh(name);
         let mut parts = Self {
             triangles: Vec::new(),
             material_of: Vec::new(),

@@ -8,7 +8,7 @@ use meshless_gi::{
     BakedScene, Bounces, Evaluator, Preset, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
 };
 use meshless_gi_lab::accuracy::{BOUNCES, GroundTruth};
-use std::path::Path;
+use meshless_gi_lab::fixtures::data::published;
 
 struct Level {
     name: &'static str,
@@ -18,9 +18,7 @@ struct Level {
 }
 
 fn level(name: &'static str) -> Level {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
-        .join("tests/data")
-        .join(name);
+    let folder = published(name);
     let description = SceneDescription::read(folder.join("L0.json")).unwrap();
     Level {
         name,

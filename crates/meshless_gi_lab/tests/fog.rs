@@ -13,15 +13,14 @@ use meshless_gi::internals::frame::{
     VoxelWeights, fog, voxels_of,
 };
 use meshless_gi::internals::samples::{lattice, uniform_sphere};
-use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Irradiance, Light, Material, Preset,
     ProbeSettings, Progress, Quad, Ray, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
-    load_gltf, mesh_of_quads,
+    mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::errors;
+use meshless_gi_lab::fixtures::data::open_rooms;
 use std::f32::consts::{FRAC_1_PI, PI};
-use std::path::Path;
 
 /// Reflections that count, as the frame has them.
 const REFLECTIONS: u32 = 4;
@@ -30,10 +29,7 @@ const AROUND: u32 = 512;
 
 /// A room with a lamp, an opening in its wall, and a second room.
 fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
-    let folder =
-        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
-    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
-    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
+    let (mesh, lights) = open_rooms();
     let recipe = Recipe {
         preset: Preset::Draft,
         probes: Some(ProbeSettings::default()),
@@ -42,7 +38,7 @@ fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
     let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
-    (mesh, description.lights, scene)
+    (mesh, lights, scene)
 }
 
 /// What fog reads: a volume of a bake in one light.

@@ -10,13 +10,13 @@ use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{
     VolumeParams, VolumeValues, VoxelGrid, VoxelWeights, voxels_of,
 };
-use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Material, OccluderBox, OccluderDesc,
     Preset, ProbeSettings, Progress, Quad, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
-    irradiance, load_gltf, mesh_of_quads,
+    irradiance, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::Camera;
+use meshless_gi_lab::fixtures::data::open_rooms;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -84,11 +84,7 @@ fn door(angle: f32) -> TriangleMesh {
 }
 
 fn read() -> (TriangleMesh, Vec<meshless_gi::Light>) {
-    let folder =
-        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
-    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
-    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
-    (mesh, description.lights)
+    open_rooms()
 }
 
 fn stage() -> &'static Stage {

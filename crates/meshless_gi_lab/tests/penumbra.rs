@@ -9,9 +9,9 @@ use meshless_gi::internals::frame::soft_shadow::{self, SoftLight};
 use meshless_gi::internals::transport::pca::Visibility;
 use meshless_gi::{
     BakedScene, Light, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene,
-    load_gltf,
 };
 use meshless_gi_lab::accuracy::{PenumbraSample, deficits_by_rays, shadow_errors, shadow_places};
+use meshless_gi_lab::fixtures::data::published_mesh;
 
 /// The bound.
 const BOUND: f64 = 0.10;
@@ -28,11 +28,7 @@ fn panel(center: [f32; 3], u: f32, v: f32) -> Light {
 }
 
 fn baked(name: &str) -> (TriangleMesh, BakedScene) {
-    let file = format!(
-        "{}/tests/data/{name}/{name}.glb",
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
-    );
-    let mesh = load_gltf(file).expect("a level").mesh;
+    let mesh = published_mesh(name);
     let recipe = Recipe {
         preset: Preset::Medium,
         levels: Some(5),

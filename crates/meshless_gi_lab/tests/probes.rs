@@ -12,15 +12,14 @@ use meshless_gi::internals::frame::{
     VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights, voxels_of,
 };
 use meshless_gi::internals::samples::{Random, lattice, trace_particles, uniform_sphere};
-use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
     BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light, Limits, Material,
     Preset, ProbeSettings, Progress, Quad, Recipe, RecipeError, ReferenceSettings, TransportMethod,
-    TriangleMesh, bake_scene, cornell_box, load_gltf, mesh_of_quads,
+    TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::{BOUNCES, Errors, errors};
+use meshless_gi_lab::fixtures::data::open_rooms;
 use std::f32::consts::PI;
-use std::path::Path;
 
 fn baked(mesh: &TriangleMesh, recipe: Recipe) -> BakedScene {
     bake_scene(mesh, &recipe, 0, &Progress::default())
@@ -93,14 +92,11 @@ fn through_two_rooms() -> Vec<Vec3> {
 
 #[test]
 fn moving_ball_through_two_rooms_matches_reference() {
-    let folder =
-        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
-    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
-    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
+    let (mesh, lights) = open_rooms();
     let scene = baked(&mesh, draft());
     let centers = through_two_rooms();
     let places = balls(&centers, 0.15, 8);
-    let (found, missing) = compare(&scene, &mesh, &description.lights, &places);
+    let (found, missing) = compare(&scene, &mesh, &lights, &places);
     let probes = scene.probes.as_ref().unwrap();
     println!(
         "{} probes, {} links, {} kB: {found:?}",
@@ -111,8 +107,7 @@ fn moving_ball_through_two_rooms_matches_reference() {
     assert_eq!(missing, 0);
     assert!(found.nrmse <= 0.10, "{found:?}");
     // Must fail: light from another place.
-    let moved: Vec<Light> = description
-        .lights
+    let moved: Vec<Light> = lights
         .iter()
         .map(|light| match *light {
             Light::Point {
@@ -129,7 +124,7 @@ fn moving_ball_through_two_rooms_matches_reference() {
         .collect();
     let meshes = std::slice::from_ref(&mesh);
     let wrong = Evaluator::new(&scene, meshes, &moved, Bounces::Count(4));
-    let right = Evaluator::new(&scene, meshes, &description.lights, Bounces::Count(4));
+    let right = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
     let value = |e: &Evaluator<'_>| -> Vec<Vec3> {
         let at = |&(x, n): &(Vec3, Vec3)| e.probe_irradiance(x, n).unwrap();
         places.iter().map(at).collect()
@@ -142,10 +137,7 @@ fn moving_ball_through_two_rooms_matches_reference() {
 /// in the other.
 #[test]
 fn ball_in_sealed_room_stays_dark() {
-    let folder =
-        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
-    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
-    let open = load_gltf(&description.geometry[0]).unwrap().mesh;
+    let (open, lights) = open_rooms();
     let corner = |x| Vec3::new(x, 0.0, 1.5);
     let (up, across) = (2.0 * Vec3::Y, 0.9 * Vec3::Z);
     let mut triangles = Vec::new();
@@ -166,7 +158,7 @@ fn ball_in_sealed_room_stays_dark() {
     let light = |mesh: &TriangleMesh| {
         let scene = baked(mesh, recipe.clone());
         let meshes = std::slice::from_ref(mesh);
-        let ours = Evaluator::new(&scene, meshes, &description.lights, Bounces::Count(4));
+        let ours = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
         let (mut lit, mut dark) = (Vec::new(), Vec::new());
         for center in through_two_rooms() {
             for (x, n) in balls(&[center], 0.15, 8) {

@@ -16,7 +16,6 @@ use meshless_gi::{
     TriangleMesh, bake_scene, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::RaycastView;
-use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use subsplat_support::{Level, Source, Stage, View, clutter, from};
 
@@ -154,10 +153,9 @@ fn holds(stage: &Stage, views: &[usize], flip: f32, share: f64) {
 }
 
 fn published(name: &str) -> Stage {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
-        .join("tests/data")
-        .join(name);
-    let level = Level::read(&folder).expect("a level").expect("with views");
+    let level = Level::read(&meshless_gi_lab::fixtures::data::published(name))
+        .expect("a level")
+        .expect("with views");
     let recipe = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()

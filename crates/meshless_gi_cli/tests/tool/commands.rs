@@ -1,5 +1,6 @@
 //! The tool as a user has it: the built program, its exit codes, its files and what it prints.
 
+use crate::support::data;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,13 +12,6 @@ const DONE: i32 = 0;
 const INPUT: i32 = 1;
 const USAGE: i32 = 2;
 const IO: i32 = 3;
-
-fn data(path: &str) -> String {
-    format!(
-        "{}/tests/data/{path}",
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
-    )
-}
 
 fn tool(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_meshless_gi"))

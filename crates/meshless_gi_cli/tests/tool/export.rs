@@ -1,5 +1,6 @@
 //! `export`: the files of the tool hold what the CPU's kernels compute, bit by bit.
 
+use crate::support::data_path as data;
 use glam::{Mat4, Vec3};
 use half::f16;
 use meshless_gi::internals::frame::volume::volume_texels;
@@ -11,12 +12,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 use tempfile::TempDir;
-
-fn data(path: &str) -> PathBuf {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
-        .join("tests/data")
-        .join(path)
-}
 
 fn tool() -> Command {
     Command::new(env!("CARGO_BIN_EXE_meshless_gi"))

@@ -1,5 +1,6 @@
 //! `meshless_gi report` as a user has it, and the sweep behind it on something smaller still.
 
+use crate::support::data;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{
     Material, PcaRecipe, Preset, Progress, Recipe, TransportMethod, TriangleMesh, cornell_box,
@@ -15,13 +16,6 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::time::Duration;
-
-fn data(path: &str) -> String {
-    format!(
-        "{}/tests/data/{path}",
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
-    )
-}
 
 /// Runs the tool's `report`: exit code, standard output, standard error.
 fn report(arguments: &[&str]) -> (Option<i32>, String, String) {

@@ -2,6 +2,7 @@
 //! large. Each is refused with an exit code and a text, in little memory and without a wait.
 #![cfg(target_os = "linux")]
 
+use crate::support::data;
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
 use std::os::unix::net::UnixListener;
@@ -18,13 +19,6 @@ const MEMORY: u32 = 768 * 1024;
 
 /// A tool that runs longer than this hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
-
-fn data(path: &str) -> String {
-    format!(
-        "{}/tests/data/{path}",
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
-    )
-}
 
 /// Runs the tool in little memory and returns what it says; it must end with this code, without a
 /// panic or a signal.

@@ -1,16 +1,10 @@
 //! `meshless_gi validate` on bakes whose level, recipe or bake version has changed.
 
+use crate::support::data;
 use meshless_gi::{BakedScene, Limits};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
-
-fn data(path: &str) -> String {
-    format!(
-        "{}/tests/data/{path}",
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
-    )
-}
 
 /// Runs the tool and returns its standard output, after a look at its exit code.
 fn tool(code: i32, arguments: &[&str]) -> String {
