@@ -1,5 +1,6 @@
-// apply_one: the operator times one channel of the senders' coefficients, in proportion to which the
-// other channels are. Twin: crates/meshless_gi/src/frame/apply_one.rs. Rows and threads: lib/apply.
+// apply_one: the operator times one channel of the senders' coefficients, in proportion to which
+// the other channels are. Twin: crates/meshless_gi/src/frame/apply_one.rs. Rows and threads:
+// lib/apply.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 // Four numbers a coefficient, of which one is read.

@@ -1,6 +1,6 @@
-// bounce: the senders' radiosity after further reflections. Twin:
-// crates/meshless_gi/src/frame/bounce.rs. Entry points: `sweep` is one live Jacobi step; `gather`,
-// `spread` (a dispatch a level, coarse to fine) and `add` put the baked bounces on top.
+// bounce: radiosity of the senders after further bounces. Twin:
+// crates/meshless_gi/src/frame/bounce.rs. Entry points: `sweep` is one live Jacobi step. `gather`,
+// `spread` (one dispatch per level, coarse to fine) and `add` add the baked bounces.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;

@@ -1,5 +1,5 @@
-// composite: what a pixel's indirect irradiance adds to the picture; drawn as one triangle, blended
-// additively; and what soft shadows take from it. Twin: crates/meshless_gi/src/frame/composite.rs.
+// composite: radiance that is added to or subtracted from a pixel, drawn as one triangle with
+// blending. Twin: crates/meshless_gi/src/frame/composite.rs.
 
 @group(0) @binding(0) var<uniform> params: CompositeParams;
 @group(0) @binding(1) var irradiance: texture_2d<f32>;
@@ -35,8 +35,8 @@ fn composite_specular(@builtin(position) position: vec4f) -> @location(0) vec4f 
     return vec4f(params.scale * gbuffer_occlusion(texel) * radiance.rgb, 0.0);
 }
 
-// Blended by subtraction: `irradiance` is the output of `subtract_shadow`, radiance of light that is
-// occluded. Without ambient occlusion, as the light that it is subtracted from.
+// Blended by subtraction: `irradiance` is the output of `subtract_shadow`, radiance of light that
+// is occluded. Without ambient occlusion, as the light that it is subtracted from.
 @fragment
 fn composite_shadow(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return vec4f(light_of(vec2u(position.xy)).rgb, 0.0);

@@ -1,5 +1,5 @@
-// compress: the senders' radiosity in the bases of an operator of components, [P14] Eq. (10). Twin:
-// crates/meshless_gi/src/frame/compress.rs. A workgroup shares a column.
+// compress: radiosity of the senders in the bases of an operator of components, [P14] Eq. (10).
+// Twin: crates/meshless_gi/src/frame/compress.rs. One workgroup per column.
 
 @group(0) @binding(2) var<storage, read> columns: array<Column>;
 @group(0) @binding(3) var<storage, read> members: array<u32>;

@@ -1,5 +1,5 @@
-// flatten: brings all points to one level. Twin: crates/meshless_gi/src/frame/flatten.rs.
-// `averages` takes a dispatch a level, coarse to fine; `differences` takes one.
+// flatten: values of all points on one level. Twin: crates/meshless_gi/src/frame/flatten.rs.
+// `averages` has one dispatch per level, coarse to fine. `differences` has one dispatch.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;

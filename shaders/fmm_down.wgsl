@@ -1,5 +1,5 @@
-// fmm_down: R-expansions of a level's nodes, and the irradiance at the points of the leaves. Twin:
-// crates/meshless_gi/src/frame/fmm_down.rs, which says what each entry does.
+// fmm_down: R-expansions of a level's nodes, and irradiance at the points of the leaves. Twin:
+// crates/meshless_gi/src/frame/fmm_down.rs.
 
 struct FmmEntry {
     source: u32,

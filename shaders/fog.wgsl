@@ -1,6 +1,6 @@
-// fog: what a fog volume sends to the eye of a level's indirect light; drawn as one triangle,
-// blended additively, behind the engine's own fog. Twin: crates/meshless_gi/src/frame/fog.rs, which
-// says what is computed.
+// fog: radiance of fog between the eye and a pixel, lit by a scene's indirect light. Drawn as one
+// triangle with additive blending, behind the engine's own fog. Twin:
+// crates/meshless_gi/src/frame/fog.rs.
 
 struct FogParams {
     view_from_clip: mat4x4f,

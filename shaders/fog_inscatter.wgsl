@@ -1,5 +1,5 @@
-// fog_voxels: what fog at the middle of each voxel would send to the eye of a level's light in free
-// space. Twin: crates/meshless_gi/src/frame/fog_inscatter.rs, which says what is computed.
+// fog_inscatter: radiance that fog at each voxel center scatters to the eye. Twin:
+// crates/meshless_gi/src/frame/fog_inscatter.rs.
 
 struct FogInscatterParams {
     world_from_voxels: mat4x4f,

@@ -1,5 +1,6 @@
-// occlude: the links that occluders are in the way of, for what passes those now. Twin:
-// crates/meshless_gi/src/frame/occlude.rs. A thread a part; the first of a link sums all of them.
+// occlude: links that pass occluders, for the current transmittances. Twin:
+// crates/meshless_gi/src/frame/occlude.rs. One thread per term. The thread of the first term of a
+// link sums all of them.
 
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> passages: array<PackedLinkTerm>;

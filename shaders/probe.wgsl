@@ -1,5 +1,5 @@
-// probe: light in free space, for what moves: what functions on surfaces leave of a pixel's or a
-// node's light. Twin: crates/meshless_gi/src/frame/probe.rs. `params` has the probes' grid.
+// probe: irradiance from probes for dynamic objects, blended with that of surface functions in a
+// pixel or subsplat. Twin: crates/meshless_gi/src/frame/probe.rs. `params` has the probes' grid.
 
 // Three a probe.
 @group(0) @binding(7) var<storage, read> values: array<VectorIrradiance>;

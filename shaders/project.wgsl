@@ -1,6 +1,6 @@
-// project: the scalar irradiance of each sender from one light of color one, shadows included: the
-// mean over its places. Twin: crates/meshless_gi/src/frame/project.rs. A row of workgroups a light
-// that changed.
+// project: scalar irradiance of each sender from one light of color one with shadows, the mean over
+// its samples. Twin: crates/meshless_gi/src/frame/project.rs. One row of workgroups per changed
+// light.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(2) var<storage, read> lights: array<FrameLight>;
@@ -20,12 +20,12 @@ fn bvh_nodes() -> u32 {
     return params.nodes;
 }
 
-// Below the square of this distance a lamp grows no brighter.
+// Below the square of this distance a light grows no brighter.
 fn min_distance_squared(extent: f32) -> f32 {
     return clamp(2.5e-5 * extent * extent, 1.17549435e-38, 1e-4);
 }
 
-// A point or spot lamp nearer to the place's plane than `sample_spacing` shines from that height.
+// A point or spot light nearer to the place's plane than `sample_spacing` shines from that height.
 fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32 {
     let axis = light.direction;
     if light.kind == LIGHT_NONE {

@@ -1,5 +1,5 @@
-// pull: a sender's coefficient is the mean of the next finer level over its support. Twin:
-// crates/meshless_gi/src/frame/pull.rs. One dispatch a level, fine to coarse.
+// pull: the coefficient of a sender is the mean of the next finer level over its support. Twin:
+// crates/meshless_gi/src/frame/pull.rs. One dispatch per level, fine to coarse.
 
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> starts: array<u32>;

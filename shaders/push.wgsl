@@ -1,5 +1,5 @@
-// push: from averages to differences, [L08] Eq. (7). Twin: crates/meshless_gi/src/frame/push.rs.
-// One dispatch a level, coarse to fine.
+// push: averages to differences, [L08] Eq. (7). Twin: crates/meshless_gi/src/frame/push.rs. One
+// dispatch per level, coarse to fine.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;

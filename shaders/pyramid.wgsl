@@ -1,6 +1,6 @@
-// pyramid: where the picture is not continuous, cell by cell and level by level. Twin:
-// crates/meshless_gi/src/frame/pyramid.rs. `base` makes level 1 of pixels, `reduce` a level of the
-// one below.
+// pyramid: discontinuities of a view, per cell and level. Twin:
+// crates/meshless_gi/src/frame/pyramid.rs. `base` makes level 1 from pixels, `reduce` a level from
+// the one below.
 
 @group(0) @binding(0) var<uniform> screen: SubsplatParams;
 @group(0) @binding(1) var<uniform> span: Span;

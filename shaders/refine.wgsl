@@ -1,5 +1,5 @@
-// refine: which cells are divided. Twin: crates/meshless_gi/src/frame/refine.rs. `start` lists the
-// cells of the coarsest level, `refine` the children of those that are divided.
+// refine: selection of the cells that are divided. Twin: crates/meshless_gi/src/frame/refine.rs.
+// `start` lists the cells of the coarsest level, `refine` the children of divided cells.
 
 @group(0) @binding(0) var<uniform> screen: SubsplatParams;
 @group(0) @binding(1) var<uniform> span: Span;

@@ -1,5 +1,4 @@
-// rsm: a reflective shadow map becomes virtual point lights. Twin:
-// crates/meshless_gi/src/frame/rsm.rs, which says what each entry does and why.
+// rsm: reflective shadow map to virtual point lights. Twin: crates/meshless_gi/src/frame/rsm.rs.
 
 @group(0) @binding(0) var<uniform> params: RsmParams;
 @group(0) @binding(1) var depths: texture_depth_2d;

@@ -1,5 +1,5 @@
-// soft: what lamps with soft shadows do not reach, at the points that remember what they see. Twin:
-// crates/meshless_gi/src/frame/soft_shadow.rs. A thread a point.
+// soft_shadow: occluded irradiance of lights with soft shadows at points with visibility. Twin:
+// crates/meshless_gi/src/frame/soft_shadow.rs. One thread per point.
 
 @group(0) @binding(0) var<uniform> params: SoftShadowParams;
 @group(0) @binding(1) var<storage, read> lights: array<SoftLight>;

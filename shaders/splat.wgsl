@@ -1,4 +1,4 @@
-// splat: irradiance of pixels and subsplats from the flat basis, [L08] §5.3. Twin:
+// splat: irradiance of pixels and subsplats from the flat basis, [L08] §4.1. Twin:
 // crates/meshless_gi/src/frame/splat.rs. `next_scene` evaluates pixels that earlier scenes left
 // uncovered. Entry points: lib/pixel_pass and lib/listed.
 

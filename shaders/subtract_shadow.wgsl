@@ -1,6 +1,6 @@
-// shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not
-// get there. Twin: crates/meshless_gi/src/frame/subtract_shadow.rs. `shade` starts a view; `subtract_shadow_over` goes
-// on with another baked scene where an earlier one left pixels uncovered.
+// subtract_shadow: radiance to subtract at each pixel for light that is occluded. Twin:
+// crates/meshless_gi/src/frame/subtract_shadow.rs. `next_scene` evaluates pixels that earlier
+// scenes left uncovered. Entry points: lib/pixel_pass.
 
 @group(0) @binding(7) var<storage, read> occluded_irradiances: array<VectorIrradiance>;
 @group(0) @binding(10) var<uniform> wanted: SubtractShadowParams;
@@ -8,13 +8,13 @@
 @group(0) @binding(12) var tables: texture_2d_array<f32>;
 
 const FRAC_1_PI: f32 = 0.318309886;
-// Part of what is missing that is taken away.
+// Part of the occluded radiance that is subtracted.
 const TAKEN: f32 = 0.998;
 // Least perceptual roughness, and least cosine between the normal and the direction to the eye.
 const MIN_ROUGHNESS: f32 = 0.089;
 const MIN_NDOTV: f32 = 1e-4;
 
-// What of the light is missing, and whether any function covers the place.
+// Occluded fraction of the light, and true where any function covers the point.
 struct Missing {
     share: vec3f,
     covered: bool,
@@ -51,7 +51,7 @@ fn fifth(v: f32) -> f32 {
     return v * v * v * v * v;
 }
 
-// Over π, the diffuse BRDF of a white surface for a lamp at `l` (unit).
+// Over π, the diffuse BRDF of a white surface for a light at `l` (unit).
 fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
     let sum = l + v;
     let size = max(sqrt(dot(sum, sum)), TINY);
@@ -63,7 +63,7 @@ fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
     return (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv));
 }
 
-// A pixel's surface, as lamps light it.
+// Surface of a pixel.
 struct Surface {
     n: vec3f,
     // Toward the eye.
@@ -73,8 +73,7 @@ struct Surface {
     roughness: f32,
 }
 
-// How a surface mirrors: what turns its lobe into a cosine, and what it mirrors of what comes from
-// there.
+// Specular lobe: the transform into a cosine, and the reflected fraction.
 struct Lobe {
     rows: mat3x3f,
     weight: vec3f,
@@ -113,7 +112,7 @@ fn mirrored(lobe: Lobe, light: SoftLight, to: vec3f) -> f32 {
     return FRAC_1_PI * lambert(array<vec3f, 4>(c - u - v, c + u - v, c + u + v, c - u + v), vec3f(0.0, 0.0, 1.0));
 }
 
-// Radiance that the lamps were drawn with.
+// Radiance that the renderer drew without shadows.
 fn drawn_at(x: vec3f, surface: Surface, f0: vec3f) -> vec3f {
     var lobe: Lobe;
     if wanted.gloss != 0u {

@@ -1,6 +1,6 @@
-// upsample: light between nodes, from coarse to fine. Twin:
-// crates/meshless_gi/src/frame/upsample.rs. `upsample` fills a level from the next coarser one,
-// `resolve` pixels from level 1 and lists those that it cannot, `fill` puts these in.
+// upsample: interpolation between nodes, coarse to fine. Twin:
+// crates/meshless_gi/src/frame/upsample.rs. `upsample` fills a level from the next coarser one.
+// `resolve` fills pixels from level 1 and lists those that need evaluation. `fill` writes these.
 
 @group(0) @binding(0) var<uniform> screen: SubsplatParams;
 @group(0) @binding(1) var<uniform> span: Span;
@@ -40,7 +40,7 @@ fn surface_similarity(a: VisibleSurface, b: VisibleSurface) -> f32 {
     return plane * normal;
 }
 
-// What a level says of a place between its nodes.
+// Interpolated value of a level between its nodes.
 struct Between {
     light: VectorIrradiance,
     covered: f32,
@@ -49,12 +49,12 @@ struct Between {
     whole: bool,
 }
 
-// A node, and how much it says of a place; 0 where it is not known.
+// A node and its similarity to a point, 0 if the node is unknown.
 struct Near {
     node: SubsplatNode,
     likeness: f32,
     known: bool,
-    // It should be and is not: there is a surface.
+    // True for an unknown node on a surface.
     missing: bool,
 }
 

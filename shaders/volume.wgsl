@@ -1,4 +1,4 @@
-// volume: light in free space as Bevy's irradiance volumes hold it, for what is drawn forward.
+// volume: probe irradiance as Bevy's irradiance volumes hold it, for what is drawn forward.
 // Twin: crates/meshless_gi/src/frame/volume.rs. The twin asks from each side of a voxel which other
 // voxel's light it reads; here the thread of that one, which sums its light once, writes it to all
 // the sides that read it. A side that faces as a wall beside its voxel does has the wall's light,

@@ -11,7 +11,7 @@
 @group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(9) var earlier: texture_2d<f32>;
 
-// Place of a pixel in the space of the lights.
+// Position of a pixel in the space of the lights.
 fn light_place(pixel: vec2u, depth: f32) -> vec3f {
     let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
     let h = params.space_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
@@ -32,7 +32,7 @@ fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f {
     return vec4f(min(before.rgb + e, vec3f(LARGEST_HALF)), 1.0);
 }
 
-// What a baked scene gave a node, if any was asked, and the lights.
+// Light of a node: that of baked scenes, if any were evaluated, plus the lights.
 fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     let depth = lit_depth(pixel);
     if depth <= 0.0 {
@@ -40,7 +40,7 @@ fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     }
     var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var state = EVALUATED | KNOWN;
-    // Else it holds what was foretold.
+    // Else it holds what was predicted.
     if node_is(node, EVALUATED) {
         light = node_light(node);
         state |= node.words[5];

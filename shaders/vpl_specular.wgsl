@@ -1,6 +1,6 @@
-// gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light
-// alone. Twin: crates/meshless_gi/src/frame/vpl_specular.rs. `gloss` fills the nodes of a level from the
-// next coarser one, `vpl_specular_pixels` shows every pixel.
+// vpl_specular: specular reflection of virtual point lights, refined for each light separately.
+// Twin: crates/meshless_gi/src/frame/vpl_specular.rs. `vpl_specular` fills the nodes of a level
+// from the next coarser one, `vpl_specular_pixels` evaluates every pixel.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -14,7 +14,7 @@
 @group(0) @binding(9) var<uniform> span: Span;
 @group(0) @binding(10) var<uniform> wanted: SpecularParams;
 @group(0) @binding(11) var<storage, read_write> shines: array<SpecularNode>;
-// Lights that surprised the nodes of the levels from 2, a bit a group.
+// Refine masks of the nodes of the levels from 2, one bit per group of lights.
 @group(0) @binding(12) var<storage, read_write> refine_masks: array<vec4u>;
 
 const LIGHT_GROUPS: u32 = 128u;
@@ -32,7 +32,7 @@ struct SpecularRadiance {
     f90: vec3f,
 }
 
-// A surface that lights shine on, in their space.
+// Surface point that receives light, in the space of the lights.
 struct Receiver {
     x: vec3f,
     facet: ShadingPoint,
@@ -48,13 +48,13 @@ struct Glossy {
     shown: f32,
 }
 
-// A node around a place.
+// Node next to a point.
 struct Around {
     weight: f32,
     at: Receiver,
 }
 
-// What the nodes around foretell.
+// Prediction of the nodes around.
 struct Prediction {
     light: SpecularRadiance,
     around: array<Around, 4>,
@@ -117,7 +117,7 @@ fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
     let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
     let ndc = vec2f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0);
     let h = params.space_from_clip * vec4f(ndc, here.depth, 1.0);
-    // The line of the pixel's places of all depths; the far end may be infinite.
+    // The line of the pixel's positions of all depths. The far end may be infinite.
     let far = params.space_from_clip * vec4f(ndc, 0.0, 1.0);
     let near = far + params.space_from_clip[2];
     let v = normalize(near.xyz * far.w - far.xyz * near.w);
@@ -126,7 +126,7 @@ fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
     return Receiver(x, ShadingPoint(n, v, gbuffer_roughness(here.texel)), vpl_start(x, n));
 }
 
-// What light `i` gives to the eye, over its flux.
+// Specular terms of light `i` toward the eye, over its flux.
 fn specular_of_light(i: u32, at: Receiver) -> vec2f {
     let g = vpl_share(i, at.x, at.facet.n);
     let arrives = dot(at.facet.n, g);
@@ -141,7 +141,7 @@ fn specular_of_light(i: u32, at: Receiver) -> vec2f {
         return vec2f(0.0);
     }
     let e = vpls[i].flux;
-    // A gloss may be brighter than a white matt surface.
+    // A reflection may be brighter than a white matt surface.
     let most = max(e.x, max(e.y, e.z)) * arrives * max(PI * (found.x + found.y), 1.0);
     if lit.nodes > 0u && most >= lit.dim {
         return arrives * vpl_reaches(i, at.start) * found;
@@ -165,8 +165,7 @@ fn whole(pixel: vec2u, here: Glossy) -> SpecularRadiance {
     return sum;
 }
 
-// What the nodes of level `k` + 1 foretell at a cell of level `k`, of which one coordinate at least
-// is odd.
+// Prediction of the nodes of level `k` + 1 at a cell of level `k`. At least one coordinate is odd.
 fn predict(k: u32, cell: vec2u, here: Glossy) -> Prediction {
     let grid = level_grid(k + 1u);
     let odd = cell & vec2u(1u);
@@ -212,7 +211,7 @@ fn refine_mask_index(k: u32, cell: vec2u) -> u32 {
     return cell_index(k, cell) - level_start(2u);
 }
 
-// The lights that surprised a node of level `k` + 1 around a cell of level `k`.
+// Union of the refine masks of level `k` + 1 around a cell of level `k`.
 fn asked(k: u32, cell: vec2u) -> vec4u {
     if k + 1u == screen.coarsest {
         return vec4u(0xffffffffu);

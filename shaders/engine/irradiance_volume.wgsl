@@ -3,9 +3,9 @@
 // crates/meshless_gi/src/frame/volume_sample.rs.
 //
 // A texel of ours has a negative fourth number: how far it is from its voxel to a wall
-// (crates/meshless_gi/src/frame/volume_distance.rs). Between voxels of which some have a wall nearer
-// than the place, those are left out. Where no wall is near, and in volumes that are not ours,
-// light is what the sampler says, as it is with Bevy's module.
+// (crates/meshless_gi/src/frame/volume_distance.rs). Between voxels of which some have a wall
+// nearer than the place, those are left out. Where no wall is near, and in volumes that are not
+// ours, light is what the sampler says, as it is with Bevy's module.
 //
 // Where the view has a display (src/plugin/forward_display.rs) and its pixel shows this surface,
 // the display takes the place of our volumes.

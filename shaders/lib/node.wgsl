@@ -33,12 +33,12 @@ fn node_predicted_luminance(node: SubsplatNode) -> f32 {
     return unpack2x16float(node.words[4]).y;
 }
 
-// What functions on surfaces leave to light in free space, as bits of the state.
+// Fraction of the light that comes from probes, as bits of the state.
 fn probe_fraction_bits(share: f32) -> u32 {
     return u32(255.0 * (1.0 - share) + 0.5) << 8u;
 }
 
-// Part of its light that is missing: all of a node that no function on a surface covers.
+// Fraction of the light that comes from probes: 1 for a node without surface functions.
 fn node_probe_fraction(node: SubsplatNode) -> f32 {
     if !node_is(node, COVERED) {
         return 1.0;

@@ -1,4 +1,4 @@
-// The levels of a view's subsplats and what its pixels show. Twins:
+// Levels of a view's subsplats, and surfaces of its pixels. Twins:
 // crates/meshless_gi/src/frame/subsplat.rs and crates/meshless_gi/src/frame/pyramid.rs. Needs
 // `screen` (a SubsplatParams), `depths`, `gbuffer`, and lib/gbuffer.
 
@@ -25,7 +25,7 @@ fn pixel_normal(pixel: vec2u) -> vec3f {
 
 const REACH: f32 = 1600.0;
 
-// What tolerances of depth are parts of: the distance z, but at most so many widths of a pixel.
+// Reference length of depth tolerances: the distance z, but at most REACH widths of a pixel.
 fn depth_reach(z: f32, depth: f32) -> f32 {
     let m = screen.view_from_clip;
     let w = m[2].w * depth + m[3].w;
@@ -35,8 +35,8 @@ fn depth_reach(z: f32, depth: f32) -> f32 {
 
 const PLANE: f32 = 0.01;
 
-// Similarity of two surface points by the distance of each from the plane of the other: 1 up to half
-// of PLANE times `reach`, 0 from PLANE times `reach` on.
+// Similarity of two surface points by the distance of each from the plane of the other: 1 up to
+// half of PLANE times `reach`, 0 from PLANE times `reach` on.
 fn plane_similarity(x: vec3f, n: vec3f, other_x: vec3f, other_n: vec3f, reach: f32) -> f32 {
     let off = max(abs(dot(other_x - x, n)), abs(dot(other_x - x, other_n)));
     return clamp(2.0 - 2.0 * off / (PLANE * reach), 0.0, 1.0);

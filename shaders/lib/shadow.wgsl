@@ -4,13 +4,13 @@
 const FAR: f32 = 1e30;
 const EPSILON: f32 = 1.1920929e-7;
 
-// How far a ray's start is lifted off the surface.
+// Offset of a ray's start from the surface.
 fn ray_offset(x: vec3f, extent: f32) -> f32 {
     let a = abs(x);
     return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
 }
 
-// What of its light gets from `light` to (x, n).
+// Transmittance from `light` to (x, n).
 fn reaches(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     let off = ray_offset(x, extent);
     let origin = x + n * off;

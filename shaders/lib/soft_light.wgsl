@@ -1,5 +1,5 @@
-// The light of lamps with soft shadows, without shadows. Twin: `unshadowed` in
-// crates/meshless_gi/src/frame/soft_shadow.rs.
+// Unshadowed irradiance of lights with soft shadows. Twin: `unshadowed` in
+// crates/meshless_gi/src/frame/soft_shadow/light.rs.
 
 // The smallest normal number: nothing is divided by less.
 const TINY: f32 = 1.17549435e-38;
@@ -63,14 +63,14 @@ fn lambert(quad: array<vec3f, 4>, n: vec3f) -> f32 {
     return 0.5 * abs(sum);
 }
 
-// How a light fades toward its range.
+// Fade factor of a light toward its range.
 fn window_of(light: SoftLight, square: f32) -> f32 {
     let factor = square * light.inverse_square_range;
     let fade = clamp(1.0 - factor * factor, 0.0, 1.0);
     return fade * fade;
 }
 
-// Irradiance without shadows from a light of color one, in a level as large as `extent`.
+// Irradiance without shadows from a light of color one, in a scene as large as `extent`.
 fn unshadowed(light: SoftLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     let to = light.center - x;
     let square = dot(to, to);

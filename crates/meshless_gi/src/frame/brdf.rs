@@ -1,33 +1,34 @@
-//! The specular part of Bevy's standard material, for virtual lights that are disks and no points:
-//! D·V·F of \[RG18\] §4.4, whose formulas Bevy 0.19's `pbr_lighting.wgsl` has too; code our own.
-//! What the kernel `gloss` and its tests share.
+//! Specular part of Bevy's standard material for virtual lights that are disks: D·V·F of \[RG18\]
+//! §4.4, as in Bevy 0.19's `pbr_lighting.wgsl` (own implementation). Used by kernel `vpl_specular`
+//! and its tests.
 //!
 //! - D, GGX (\[WML07\] Eq. (33)): α² / (π ((n·h)² (α² − 1) + 1)²), with 1 − (n·h)² from a cross
 //!   product, so that small α keep their digits.
 //! - V, Smith's correlated masking over 4 (n·v) (n·l) (\[RG18\] §4.4.2).
-//! - F, Schlick: f₀ + (f₉₀ − f₀) p with p = (1 − l·h)⁵ and f₉₀ = min(1, 16.5 Σ f₀) as Bevy has it.
+//! - F, Schlick: f₀ + (f₉₀ − f₀) p with p = (1 − l·h)⁵ and f₉₀ = min(1, 16.5 Σ f₀) as in Bevy.
 //!
-//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`SpecularTerms`]), D V (1 − p)
-//! and D V p: whoever interpolates them puts each pixel's own color in.
+//! F is linear in f₀ and f₉₀. The reflection of a light is therefore stored as two numbers
+//! ([`SpecularTerms`]), D V (1 − p) and D V p. After interpolation they are multiplied with the
+//! pixel's own color.
 //!
-//! **Where this leaves Bevy.** A light is a disk seen within an angle σ of its middle. Half vectors
-//! are turned by half of that, so its lobe is a GGX with α'² = α² + sin²σ / 4: energy stays what it
-//! is, the highlight is wider and never brighter than the disk can be. Bevy moves a lamp's place to
-//! the point of a ball that is nearest to the mirrored ray and scales by (α / α')² (\[K13\]), which
-//! has a sharp edge and loses energy near by.
+//! **Deviation from Bevy.** A light is a disk within an angle σ of its center. Half vectors turn by
+//! half of that, so its lobe is a GGX with α'² = α² + sin²σ / 4. Energy is preserved. The highlight
+//! is wider and never brighter than the disk. Bevy moves a light to the point of a sphere nearest
+//! to the mirrored ray and scales by (α / α')² (\[K13\]), which has a sharp edge and loses energy
+//! at short distances.
 
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// Least perceptual roughness: Bevy's, that of lamps.
+/// Least perceptual roughness: Bevy's, that of lights.
 pub const MIN_ROUGHNESS: f32 = 0.089;
 /// Least cosine between the normal and the direction to the eye.
 pub const MIN_NDOTV: f32 = 1e-4;
 
-/// What a white surface loses at the first reflection, over the fourth power of its roughness,
-/// where that is small.
+/// Loss of a white surface at the first reflection over the fourth power of its roughness, for
+/// small roughness.
 pub const MULTISCATTER_LOSS: f32 = 1.25;
-/// How that levels off.
+/// Roll-off of this loss at large roughness.
 pub const MULTISCATTER_ROLLOFF: f32 = 1.1;
 
 /// A surface as a light's reflection in it is seen.
@@ -41,7 +42,7 @@ pub struct ShadingPoint {
     pub roughness: f32,
 }
 
-/// What a surface sends to the eye of an irradiance of one, over f₀ and over f₉₀, 1/sr.
+/// Radiance to the eye for an irradiance of one, over f₀ and over f₉₀, 1/sr.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpecularTerms {
     /// D V (1 − p).
@@ -95,9 +96,9 @@ pub fn specular_terms(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTer
     }
 }
 
-/// What light that is reflected more than once between facets adds, a factor (\[RG18\] §4.7.2): 1 +
-/// f₀ (1 / E − 1). E, the albedo of a white surface after one reflection, is a table in Bevy; here
-/// 1 − 1.25 r⁴ / (1 + 1.1 r⁸), a fit of ours to the albedos that a test below measures.
+/// Multiple-scattering compensation between facets, a factor (\[RG18\] §4.7.2): 1 + f₀ (1 / E − 1).
+/// E is the albedo of a white surface after one reflection, a table in Bevy. Here it is 1 − 1.25 r⁴
+/// / (1 + 1.1 r⁸), a fit to the albedos that a test below measures.
 #[must_use]
 pub fn multiscatter_compensation(roughness: f32, f0: Vec3) -> Vec3 {
     let r2 = roughness * roughness;

@@ -7,8 +7,8 @@ use super::layout::CompositeParams;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// What the shader adds at a pixel. `irradiance` is the texel that `splat` wrote, `pass` Bevy's
-/// deferred lighting pass (0: the pixel is not deferred, or sky).
+/// Radiance that the shader adds at a pixel. `irradiance` is the texel of `splat`. `pass` is Bevy's
+/// deferred lighting pass, 0 for sky and pixels that are not deferred.
 #[must_use]
 pub fn composite_pixel(
     params: &CompositeParams,
@@ -24,8 +24,8 @@ pub fn composite_pixel(
     (params.scale * FRAC_1_PI * color * e).to_array()
 }
 
-/// What the shader's second entry, `composite_specular`, adds at a pixel: `radiance` is the texel that
-/// `vpl_specular_pixels` wrote.
+/// Radiance that the entry point `composite_specular` adds at a pixel. `radiance` is the texel of
+/// `vpl_specular_pixels`.
 #[must_use]
 pub fn composite_specular_pixel(
     params: &CompositeParams,
@@ -40,8 +40,8 @@ pub fn composite_specular_pixel(
     (params.scale * gbuffer::occlusion(texel) * l).to_array()
 }
 
-/// What the shader's third entry, `composite_shadow`, takes from a pixel: `radiance` is the texel
-/// that `shade` wrote.
+/// Radiance that the entry point `composite_shadow` subtracts from a pixel. `radiance` is the texel
+/// of `subtract_shadow`.
 #[must_use]
 pub fn composite_shadow_pixel(radiance: [f32; 4], pass: u32) -> [f32; 3] {
     let [r, g, b, _] = radiance;

@@ -18,7 +18,7 @@ mod converge;
 mod results;
 mod transport;
 
-/// What a frame has run since it was made.
+/// Counters of a frame since it was created.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CpuFrameStats {
     /// Light slots projected.
@@ -36,7 +36,7 @@ pub struct CpuFrameStats {
 #[derive(Clone, Debug, Default)]
 pub struct CpuFrame {
     lights: Vec<FrameLight>,
-    /// What each slot was projected for.
+    /// Lights that the slots were projected for.
     projected_for: Vec<FrameLight>,
     /// Slot after slot, one value a sender.
     projected: Vec<f32>,
@@ -54,7 +54,7 @@ pub struct CpuFrame {
     factors: Vec<MaterialFactors>,
     /// The senders' surfaces, where they are not those of the bake.
     surfaces: Vec<PointSurface>,
-    /// The scene as its occluders let it be; none where all are open, or the bake knows none.
+    /// The scene as its occluders let it be; `None` where all are open, or the bake knows none.
     occluded: Option<Occluded>,
     /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays
     /// were made for.
@@ -62,14 +62,14 @@ pub struct CpuFrame {
     counters: CpuFrameStats,
 }
 
-/// What occluders change of a scene.
+/// Data of a scene that occluders change.
 #[derive(Clone, Debug)]
 struct Occluded {
     gains: Vec<f32>,
     links: Vec<Link>,
     probe_links: Vec<Link>,
     bvh: Bvh,
-    /// What the senders see of the sky's terms.
+    /// Visibility of the sky's terms at the senders.
     seen: Vec<[f32; 8]>,
 }
 
@@ -260,7 +260,7 @@ impl CpuFrame {
     }
 }
 
-/// What the arrays' lengths follow from.
+/// Sizes that determine the lengths of the arrays.
 fn size(scene: &BakedScene) -> [usize; 5] {
     [
         scene.points.len(),

@@ -1,5 +1,5 @@
-//! What the kernels `fmm_up` and `fmm_down` read beside the arrays of an [`FmmOperator`]: the terms
-//! of its order, and parameters. Lengths are in units of the scene's side.
+//! Terms of the order and parameters that the kernels `fmm_up` and `fmm_down` read in addition to
+//! the arrays of an [`FmmOperator`]. Lengths are in units of the scene's side.
 
 use crate::transport::fmm::FmmOperator;
 use crate::transport::fmm::tensor::NONE;
@@ -32,7 +32,7 @@ pub struct FmmTerm {
 /// No such term.
 pub const NO_TERM: u32 = u32::MAX;
 
-/// What does not change from node to node. 32 bytes.
+/// Parameters that are equal for all nodes. 32 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmParams {
@@ -44,14 +44,14 @@ pub struct FmmParams {
     pub disks: u32,
     /// Squared distance up to which points are one place.
     pub nearest: f32,
-    /// Where the sky's coefficient is among the radiosities.
+    /// Index of the sky's coefficient among the radiosities.
     pub sky: u32,
     /// Not used.
     pub pad: [u32; 3],
 }
 
 impl FmmParams {
-    /// Of an octree whose sky has the coefficient `sky`.
+    /// Creates the parameters of an octree. `sky` is the index of the sky's coefficient.
     #[must_use]
     pub fn new(operator: &FmmOperator, sky: u32) -> Self {
         Self {

@@ -1,6 +1,6 @@
 //! Kernel `fog`: what a fog volume sends to the eye of a level's indirect light, pixel by pixel,
-//! beside what an engine's own fog shows of its lamps. Drawn behind that, and added to the picture.
-//! It reads the volume that kernel [`volume`](super::volume) wrote, with its walls in mind
+//! beside what an engine's own fog shows of its lights. Drawn behind that, and added to the
+//! picture. It reads the volume that kernel [`volume`](super::volume) wrote, with its walls in mind
 //! ([`read_voxels`]).
 //!
 //! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the
@@ -8,11 +8,11 @@
 //! left of light on the way to the eye (Beer and Lambert), h the part's length. Light changes as
 //! slowly as the voxels are wide, so parts are two of them long, and there is no noise.
 //!
-//! J is what fog at a place sends there of the level's light: [`fog_inscatter`](super::fog_inscatter) has
-//! it for the middle of each voxel. Between eight of them as everything reads that volume, those
-//! behind a wall left out.
+//! J is what fog at a place sends there of the level's light:
+//! [`fog_inscatter`](super::fog_inscatter) has it for the middle of each voxel. Between eight of
+//! them as everything reads that volume, those behind a wall left out.
 //!
-//! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the
+//! What light loses on its way to the fog is taken as Bevy takes it of lights, e^(−σₜ r) with r the
 //! radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
 use super::volume_sample::read_voxels;
@@ -22,14 +22,14 @@ use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
 /// Most other levels that may lie in the same place and come first.
 pub const MAX_EARLIER: usize = 4;
-/// Where so little of the light behind is left, the rest of the ray is not looked at.
+/// Transmittance below which the rest of the ray is skipped.
 pub const MIN_TRANSMITTANCE: f32 = 1e-3;
 /// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one
 /// (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
 pub const STEP_VOXELS: f32 = 2.0;
 /// No direction is closer to a side of a box than this.
 pub const PARALLEL: f32 = 1e-9;
-/// Where nothing is behind the fog it is so far away, meters: longer than any ray.
+/// Length of a ray without a surface behind it, meters.
 pub const MAX_RAY_LENGTH: f32 = 3.4e38;
 
 /// One fog volume before one level in one view, for `fog`. 560 bytes.
@@ -48,7 +48,7 @@ pub struct FogParams {
     pub earlier: [[[f32; 4]; 4]; MAX_EARLIER],
     /// The view's corner and size on its target, pixels.
     pub viewport: [f32; 4],
-    /// What the light that is scattered is multiplied with, σₛ and exposure in it.
+    /// Factor of the scattered light, with σₛ and exposure.
     pub color: [f32; 3],
     /// σₜ, absorption and out-scattering, 1/m.
     pub extinction: f32,
@@ -60,18 +60,18 @@ pub struct FogParams {
     pub size: [u32; 3],
     /// Most parts that a ray is divided into.
     pub steps: u32,
-    /// Where the level begins, in voxels from the corner of its volume: voxels beyond it are there
-    /// for its outermost walls.
+    /// Low corner of the scene, in voxels from the corner of its volume. Voxels beyond it hold the
+    /// light of the outermost walls.
     pub low: [f32; 3],
-    /// How many of `earlier` there are.
+    /// Number of entries of `earlier` in use.
     pub earlier_count: u32,
-    /// Where it ends.
+    /// High corner of the scene, in the same unit.
     pub high: [f32; 3],
     /// 1 where a texture says the density.
     pub textured: u32,
     /// The radius of the fog volume, meters.
     pub radius: f32,
-    /// How long parts of a ray are, meters of the world: [`STEP_VOXELS`] of the shortest edges of voxels.
+    /// Length of a ray step, meters of the world: [`STEP_VOXELS`] of the shortest edges of voxels.
     pub part: f32,
     /// Not used.
     pub pad: [u32; 2],
@@ -96,7 +96,7 @@ pub struct FogView {
 /// `FogVolume` has them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fog {
-    /// Where the cube is.
+    /// Transform of the cube.
     pub world_from_local: Mat4,
     /// Its color, times whatever the light is multiplied with.
     pub color: Vec3,
@@ -108,7 +108,7 @@ pub struct Fog {
     pub scattering: f32,
     /// g, from -1 to 1.
     pub asymmetry: f32,
-    /// Whether a texture says the density, and what is added to places in it.
+    /// Offset of the density texture, if there is one.
     pub texture: Option<Vec3>,
 }
 
@@ -160,10 +160,10 @@ impl FogParams {
     }
 }
 
-/// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are
-/// those of [`volume`](super::volume::volume) and `light` those of
-/// [`fog_inscatter`](super::fog_inscatter::fog_inscatter) for them; `texture` says the density at places in
-/// its texture, each from 0 to 1.
+/// Radiance that the shader adds at a pixel, from the position of its center on the target and its
+/// depth. `texels` is the output of [`volume`](super::volume::volume), `light` that of
+/// [`fog_inscatter`](super::fog_inscatter::fog_inscatter). `texture` returns the density at a
+/// position in its texture, each coordinate from 0 to 1.
 #[must_use]
 pub fn fog(
     params: &FogParams,
@@ -215,7 +215,7 @@ pub fn fog(
     sum * Vec3::from(params.color)
 }
 
-/// What is left of light from where the ray enters the level on its way back through the fog.
+/// Transmittance from the ray's entry into the scene back through the fog.
 fn transmittance_to(
     params: &FogParams,
     density: &dyn Fn(f32) -> f32,
@@ -234,13 +234,13 @@ fn transmittance_to(
     (-through * params.extinction * part).exp()
 }
 
-/// How many of the steps that a view has for a whole ray belong to a share of it.
+/// Number of a view's steps per ray that belong to a share of the ray.
 fn share(params: &FogParams, share: f32) -> u32 {
     ((params.steps as f32 * share).ceil() as u32).clamp(1, params.steps)
 }
 
-/// How many parts the ray is divided into where it crosses the level: [`STEP_VOXELS`] voxels long, and as
-/// short as a texture of the density asks for.
+/// Number of steps of the ray inside the scene: [`STEP_VOXELS`] voxels long, shorter if a density
+/// texture requires it.
 fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     let length = lit[1] - lit[0];
     let by_light = (length / params.part).ceil().min(params.steps as f32) as u32;

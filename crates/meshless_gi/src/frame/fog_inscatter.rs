@@ -1,5 +1,5 @@
 //! Kernel `fog_inscatter`: what fog at the middle of each voxel would send to the eye of a level's
-//! light in free space. From the volume that kernel [`volume`](super::volume) wrote to one texel a
+//! probe irradiance. From the volume that kernel [`volume`](super::volume) wrote to one texel a
 //! voxel, once a view, for kernel [`fog`](super::fog), whose rays read it many times.
 //!
 //! J is the integral of incident radiance times the phase function of Henyey and Greenstein
@@ -28,7 +28,7 @@ use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 pub const NEAREST: f32 = 1e-12;
 
 /// Ways that are free as far as the next voxel have less
-/// ([`WallDistances::stored`](super::WallDistances::stored)).
+/// ([`WallDistances::encode`](super::WallDistances::encode)).
 pub const FREE_WAY: f32 = -1.252;
 
 /// A level's volume as one view sees it through fog, for `fog_inscatter`. 192 bytes.
@@ -45,7 +45,7 @@ pub struct FogInscatterParams {
     pub steps: [[i32; 4]; 6],
     /// Voxels along each edge.
     pub size: [u32; 3],
-    /// How much light goes on as it came: g, from -1 to 1.
+    /// Asymmetry g of the phase function, -1 to 1.
     pub asymmetry: f32,
 }
 
@@ -69,7 +69,7 @@ impl FogInscatterParams {
     }
 }
 
-/// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lamps are in
+/// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lights are in
 /// lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_sample::OPEN)
 /// where no wall is near. `texels` are those of [`volume`](super::volume::volume).
 #[must_use]
@@ -105,9 +105,9 @@ pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UV
         .to_array()
 }
 
-/// How much light for a white surface that each side of a voxel faces counts in the light that goes
-/// to an eye whose ray goes along `d`: the first terms of the phase function. Light that comes from
-/// where the ray goes to keeps its direction.
+/// Weights of the irradiances of a voxel's six sides in the light that is scattered to an eye whose
+/// ray goes along `d`. They are the first terms of the phase function. Light that comes from the
+/// ray's direction keeps its direction.
 #[must_use]
 pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
     // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is

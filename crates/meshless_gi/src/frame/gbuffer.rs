@@ -53,7 +53,7 @@ pub fn diffuse(texel: [u32; 4]) -> Vec3 {
     base(texel) * (1.0 - metallic(texel))
 }
 
-/// How metallic, 0 to 1.
+/// Metallic, 0 to 1.
 #[must_use]
 pub fn metallic(texel: [u32; 4]) -> f32 {
     unorm8(texel[2] >> 8)

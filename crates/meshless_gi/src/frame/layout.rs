@@ -9,8 +9,9 @@ use glam::{Mat4, Vec3, Vec4};
 /// The vector irradiance E⃗ of the three color channels, W/m². 48 bytes.
 ///
 /// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the
-/// fourth float of each is not used (but by [`soft`](super::soft), for what three more numbers
-/// say). The irradiance for a normal n is then x·n.x + y·n.y + z·n.z, all channels at once.
+/// fourth float of each is not used (but by [`soft_shadow`](super::soft_shadow), for what three
+/// more numbers say). The irradiance for a normal n is then x·n.x + y·n.y + z·n.z, all channels at
+/// once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VectorIrradiance {
@@ -42,7 +43,7 @@ impl VectorIrradiance {
     }
 }
 
-/// What all kernels of a solve know. 224 bytes.
+/// Parameters of all kernels of a solve. 224 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SolveParams {
@@ -50,16 +51,16 @@ pub struct SolveParams {
     pub sky: [f32; 3],
     /// Multiplies the surfaces' emission.
     pub emission: f32,
-    /// How many points there are.
+    /// Number of points.
     pub points: u32,
-    /// How many places each sender of the finest sender level is lit at
+    /// Samples per sender of the finest sender level
     /// ([`LightSamples`](crate::asset::LightSamples)).
     pub places: u32,
-    /// How many of them are senders.
+    /// Number of points that are senders.
     pub senders: u32,
     /// First sender of the finest sender level.
     pub finest_sender: u32,
-    /// How many light slots are in use.
+    /// Number of light slots in use.
     pub slots: u32,
     /// Nodes of the BVH; 0 means that nothing casts shadows.
     pub nodes: u32,
@@ -69,16 +70,16 @@ pub struct SolveParams {
     /// Rows of higher tiers are not used, and none where it is 0
     /// ([`Row::tier`](crate::transport::Row::tier)).
     pub tier: u32,
-    /// Where the sky's coefficient is: the index one behind the last sender.
+    /// Index of the sky's coefficient, one after the last sender.
     pub sky_sender: u32,
-    /// How many coarsest points have baked bounces.
+    /// Number of coarsest points with baked bounces.
     pub coarsest: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
-    /// How far apart a sender's places lie, meters ([`sample_spacing`](super::project::sample_spacing)): point lamps
-    /// nearer to their plane shine from there.
+    /// Spacing of a sender's samples, meters ([`sample_spacing`](super::project::sample_spacing)).
+    /// Point lights nearer to their plane are moved to this distance.
     pub sample_spacing: f32,
-    /// How many terms of the sky beside its mean the bake knows: none or all eight.
+    /// Number of terms of the sky after its mean: none or all eight.
     pub sky_terms: u32,
     /// The channel that is applied where one is ([`Channels`](super::Channels)).
     pub channel: u32,
@@ -96,16 +97,16 @@ pub struct SolveParams {
 pub struct Span {
     /// First index.
     pub first: u32,
-    /// How many.
+    /// Number of items.
     pub count: u32,
-    /// What to subtract from a row's first link: the first link of the buffer that is bound
+    /// Index of the first link in the bound buffer, subtracted from a row's first link
     /// (`apply` only).
     pub base: u32,
     /// Not used.
     pub pad: u32,
 }
 
-/// What a look-up in a hashed grid needs besides its arrays.
+/// Parameters of a lookup in a hashed grid, without its arrays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridShape {
     /// Slots of the hash table, less one.
@@ -144,7 +145,7 @@ pub struct SplatParams {
     /// fits).
     pub scale: f32,
     /// Cover, the sum of weights (dimensionless), from which functions on surfaces count alone;
-    /// with less, light in free space has the rest. 0 where there is none.
+    /// with less, probe irradiance has the rest. 0 where there is none.
     pub seam: f32,
     /// Not used.
     pub pad: [u32; 2],
@@ -195,7 +196,7 @@ impl SplatParams {
     }
 }
 
-/// How the irradiance texture is put over the picture, for `composite`. 16 bytes.
+/// Parameters of `composite`. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CompositeParams {

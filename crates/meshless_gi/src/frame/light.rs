@@ -1,5 +1,5 @@
-//! Lights as the kernels see them: one slot each, a rectangle as several slots. Color and geometry
-//! are apart, so that a lamp that only changes its color is not projected again.
+//! Lights as kernel inputs: one slot per light, several slots for a rectangle. Color and geometry
+//! are separate, so that a color change does not project the light again.
 
 use crate::scene::Light;
 use bytemuck::{Pod, Zeroable};
@@ -29,7 +29,7 @@ pub struct FrameLight {
     pub pad: [f32; 3],
 }
 
-/// No lamp, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers
+/// No light, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers
 /// in single precision.
 pub const BRIGHTEST: f32 = 1e18;
 
@@ -303,7 +303,7 @@ mod tests {
 
     #[test]
     fn scaled_light_keeps_irradiance() {
-        // A root scaled by two: the local lamp is half as far, and a quarter as strong.
+        // A root scaled by two: the local light is half as far, and a quarter as strong.
         let root = Mat4::from_scale_rotation_translation(
             Vec3::splat(2.0),
             Quat::from_rotation_y(1.0),

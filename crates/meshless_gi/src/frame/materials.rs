@@ -1,8 +1,8 @@
-//! Live materials: the surfaces of the senders for the factors that their materials have now
-//! (design D1: reflectance and emission are no part of a link).
+//! Dynamic materials: surfaces of the senders for the current factors of their materials (design
+//! D1: reflectance and emission are no part of a link).
 //!
-//! Not a kernel: it runs in frames in which a factor changed, over some thousand senders, and the
-//! device is given the result.
+//! This is not a kernel. It runs in frames in which a factor changed, over a few thousand senders,
+//! and the result is uploaded.
 
 use super::light::BRIGHTEST;
 use super::occlude::occlude_sky;
@@ -17,7 +17,7 @@ use std::f32::consts::PI;
 pub const MAX_ALBEDO: f32 = 0.99;
 
 /// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a
-/// lamp may have at most, zero for what is no number; one a material of `live`, those that are
+/// light may have at most, zero for what is no number; one a material of `live`, those that are
 /// missing as they were baked.
 #[must_use]
 pub fn sanitize_factors(

@@ -1,35 +1,36 @@
-//! A frame on the CPU: one file a kernel, in the order of a frame. Each is the twin of the shader
-//! of the same name: the oracle of its test, and what runs where there is no compute.
+//! A frame on the CPU: one file per kernel, in the order of a frame. Each file is the twin of the
+//! shader of the same name: the reference of its test, and the fallback without compute shaders.
 //!
-//! | kernel | does |
+//! | kernel | function |
 //! |---|---|
-//! | [`occlude`] | gains of doors and lifts → the links that those are in the way of; only when one changed |
-//! | [`project`] | light → irradiance at the lit points, shadows included; only for lights that moved |
-//! | [`radiosity`] | all lights and the sky → radiosity at the lit points |
-//! | [`pull`] | → the senders' coefficients, fine to coarse |
-//! | [`push`] | → differences, coarse to fine, where the operator asks for them |
-//! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
+//! | [`occlude`] | transmittances of occluders → links that pass through them, after a change |
+//! | [`project`] | light → irradiance at the senders with shadows, for lights that moved |
+//! | [`radiosity`] | all lights and the sky → radiosity of the senders |
+//! | [`pull`] | → coefficients of coarser senders, fine to coarse |
+//! | [`push`] | → differences, coarse to fine, if the operator uses them |
+//! | [`compress`] | → coefficients in bases of direct light, if the operator uses them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
-//! | [`apply_one`] | the same in one channel, where surfaces are gray and all light has one color |
-//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance of the senders' points, in place of `apply` where the bake has an octree |
-//! | [`bounce`] | → the senders' coefficients after further reflections |
+//! | [`apply_one`] | the same in one channel, if surfaces are gray and all light has one color |
+//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree → vector irradiance, in place of `apply` |
+//! | [`bounce`] | → coefficients of the senders after further bounces |
 //! | [`flatten`] | → vector irradiance at all points |
-//! | [`rsm`] | what a light sees of moving objects → virtual point lights |
-//! | [`pyramid`] | depth and normals → where the picture is not continuous |
-//! | [`refine`] | → which of its cells are divided, and the subsplats to evaluate |
-//! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
-//! | [`probe`] | → light in free space, for what moves |
-//! | [`vpl`] | → irradiance from the virtual lights, added to that |
-//! | [`upsample`] | → between the subsplats, and at every pixel |
-//! | [`gloss`] | what glossy surfaces send to the eye of the virtual lights |
-//! | [`soft`] | what lamps with soft shadows do not reach, at the points that remember what they see |
-//! | [`shade`] | → what was drawn of it at every pixel |
-//! | [`composite`] | → what a pixel's color gains, and loses |
-//! | [`volume`] | light in free space → a volume that engines read ([`volume_read`]) |
-//! | [`fog_inscatter`] | → what fog would send of it to the eye |
-//! | [`fog`] | → what fog between the eye and a pixel sends of it |
+//! | [`rsm`] | dynamic objects in view of a light → virtual point lights |
+//! | [`pyramid`] | depth and normals of a view → discontinuities |
+//! | [`refine`] | → cells to divide, and subsplats to evaluate |
+//! | [`splat`] | → irradiance of a subsplat, a pixel, or any surface point |
+//! | [`probe`] | → irradiance from probes, for dynamic objects |
+//! | [`vpl`] | → plus irradiance from virtual point lights |
+//! | [`upsample`] | → interpolation between subsplats and at pixels |
+//! | [`vpl_specular`] | → specular reflection of virtual point lights |
+//! | [`soft_shadow`] | baked visibility → occluded irradiance of soft lights at the points |
+//! | [`subtract_shadow`] | → radiance to subtract at every pixel |
+//! | [`composite`] | → radiance that is added to or subtracted from a pixel |
+//! | [`volume`] | probes and points → a volume that engines sample ([`volume_sample`]) |
+//! | [`fog_inscatter`] | → in-scattered radiance per voxel |
+//! | [`fog`] | → radiance of fog between the eye and a pixel |
 //!
-//! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
+//! [`CpuFrame`] runs the kernels up to [`splat`], [`subsplats`] runs those of a view.
+//! [`FrameSettings`] sets the number of bounces.
 
 mod anderson;
 pub mod apply;

@@ -1,10 +1,10 @@
-//! Kernel `occlude`: the links that occluders are in the way of, for the gains that those have now:
-//! F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. Runs in frames in which a gain changed, and on bakes that
-//! know occluders; the links stay for those that follow. The shader gives each part a thread; the
-//! first of a link sums all of them.
+//! Kernel `occlude`: links that pass occluders, for the occluders' current transmittances: F_ij(g)
+//! = Σ_m F_ij^m Π_{k ∈ m} g_k. It runs in frames in which a transmittance changed, and only for
+//! bakes with occluders. The links stay valid for later frames. The shader has one thread per term.
+//! The thread of the first term of a link sums all of them.
 //!
-//! What is not a link follows on the CPU, over some thousand senders: what they have straight from
-//! the sky is what their own links to it say.
+//! Sky irradiance is updated on the CPU, over a few thousand senders: direct sky irradiance of a
+//! sender is the sum of its own links to the sky.
 
 use crate::asset::{BakedScene, Occluders, PointSurface};
 use crate::scene::SkyRadiance;
@@ -22,7 +22,8 @@ pub fn sanitize_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32>
         .collect()
 }
 
-/// What passes each set of occluders: the product of their gains, which are [`sanitize_transmittances`].
+/// Transmittance of each set of occluders: the product of the occluders' transmittances, see
+/// [`sanitize_transmittances`].
 #[must_use]
 pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
     let product = |set: &u64| {
@@ -48,9 +49,9 @@ pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link])
     }
 }
 
-/// What the senders have straight from the sky, where so much passes each set: changes `surfaces`,
-/// one a sender and as baked, and `seen`, what they see of the sky's terms where the bake knows
-/// those.
+/// Updates the direct sky irradiance of the senders for the transmittance of each set. Changes
+/// `surfaces`, one per sender and as baked. Changes `seen`, the visibility of the sky's further
+/// terms, if the bake has them.
 pub fn occlude_sky(
     scene: &BakedScene,
     passing: &[f32],

@@ -1,8 +1,8 @@
-//! Kernel `probe`: the light at a place in free space and for any normal, from the probes around it
-//! (\[L08\] Eq. (3) in space): what lights things that move. `apply` has filled the probes' values:
-//! three vectors of RGB each, which are the nine numbers of `transport::probe_rows`.
+//! Kernel `probe`: irradiance at a position in free space for any normal, from the probes around it
+//! (\[L08\] Eq. (3) in space), for dynamic objects. `apply` fills the probes' values: three RGB
+//! vectors each, which are the nine numbers of `transport::probe_rows`.
 //!
-//! Weights are squared, as `splat` squares them: a probe nearby says more than several behind it.
+//! Weights are squared as in `splat`: a near probe counts more than several distant ones.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -67,7 +67,7 @@ impl ProbeIrradiance {
 /// cells of the probes' grid. A cell is as large as a function's radius.
 pub const RETRY_OFFSET: f32 = 0.1;
 
-/// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an
+/// The light at `x` for what faces `n`; `None` where no probe reaches. `n` decides which side of an
 /// occluder counts inside of it, and is zero where nothing faces anything. What stands within the
 /// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides:
 /// where no probe reaches a surface, the light a little before it counts.
@@ -110,7 +110,7 @@ fn probe_at(
     Some(out)
 }
 
-/// Entry point `probe_over`, for one pixel: `earlier` is what the functions on surfaces left there,
+/// Entry point `next_scene`, for one pixel: `earlier` is what the functions on surfaces left there,
 /// which keeps the share that its alpha says. `params` has the probes' grid.
 #[must_use]
 pub fn probe_pixel(
@@ -136,8 +136,8 @@ pub fn probe_pixel(
     }
 }
 
-/// Entry point `probe_nodes`, for one node of a list: what is missing of its light, where something
-/// is there that functions on surfaces do not wholly cover, in the axes of the world.
+/// Entry point `evaluate_list`, for one node of a list: what is missing of its light, where
+/// something is there that functions on surfaces do not wholly cover, in the axes of the world.
 pub fn probe_node(
     params: &SplatParams,
     probes: &Probes,

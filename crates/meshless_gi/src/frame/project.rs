@@ -10,7 +10,7 @@ use crate::scene::{Bvh, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// How far a directional light's shadow ray goes, meters.
+/// Length of a directional light's shadow rays, meters.
 pub const FAR: f32 = 1e30;
 
 /// Largest edge of the box around the geometry, meters; 0 where there is none.
@@ -21,7 +21,7 @@ pub fn extent(scene: &BakedScene) -> f32 {
     if size.is_finite() { size.max(0.0) } else { 0.0 }
 }
 
-/// How far a shadow ray's start is lifted off the surface at `x`, meters; the rule of
+/// Offset of a shadow ray's start from the surface at `x`, meters. The same rule as
 /// [`Geometry::ray_offset`](crate::scene::Geometry::ray_offset).
 #[must_use]
 #[inline]
@@ -29,7 +29,7 @@ pub fn ray_offset(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
-/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimeter, and
+/// Square of the distance below which a light grows no brighter, m²: Bevy's square centimeter, and
 /// in levels below two meters as much less.
 #[must_use]
 #[inline]
@@ -37,8 +37,7 @@ pub fn min_distance_squared(extent: f32) -> f32 {
     (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
 }
 
-/// How far apart the places of a sender lie, meters; 0 where they are lit at their own points
-/// alone.
+/// Spacing of the samples of a sender, meters. 0 if senders are lit at their own points only.
 ///
 /// Places are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the disks
 /// of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of that: a
@@ -77,13 +76,13 @@ pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
     unshadowed_within(light, x, n, f32::MAX, 0.0)
 }
 
-/// Irradiance at (x, n) from `light` with color one and without shadows, in a level as large as
+/// Irradiance at (x, n) from `light` with color one and without shadows, in a scene as large as
 /// `extent` (meters): 1/m² (point, spot, patch) or dimensionless (directional). Finite for every
 /// input that is.
 ///
-/// A point or spot lamp nearer to the place's plane than `sample_spacing` (meters) shines from that height:
-/// I cos θ / d² is far narrower there than the places are apart, which would miss it or take it for
-/// all of their surface. What a plane receives does not depend on the height.
+/// A point or spot light nearer to the place's plane than `sample_spacing` (meters) shines from
+/// that height: I cos θ / d² is far narrower there than the places are apart, which would miss it
+/// or take it for all of their surface. What a plane receives does not depend on the height.
 #[must_use]
 #[inline]
 pub fn unshadowed_within(
@@ -159,7 +158,7 @@ pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) 
     )
 }
 
-/// What of `e` gets from `light` to (x, n): all, what occluders let through, or nothing.
+/// Part of `e` that reaches (x, n) from `light`, through occluders.
 #[inline]
 fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32) -> f32 {
     if e <= 0.0 {

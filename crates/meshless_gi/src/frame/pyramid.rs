@@ -1,9 +1,9 @@
-//! Kernel `pyramid`: where the picture is not continuous, cell by cell and level by level (\[N09\]
-//! §3.2): minima and maxima of linear depth and of the normal's components, or the largest measure
-//! of a pixel where the test has one. Entry points: `base`, pixels to level 1, and `reduce`, a
-//! level to the next.
+//! Kernel `pyramid`: discontinuities of a view, per cell and level (\[N09\] §3.2). A cell has
+//! minima and maxima of linear depth and of the normal's components, or the largest measure of a
+//! pixel if the test has one. Entry points: `base` (pixels to level 1) and `reduce` (a level to the
+//! next).
 //!
-//! Thresholds are relative to depth, those of \[N09\] are lengths: the same settings then serve a
+//! Thresholds are relative to depth, where those of \[N09\] are lengths: the same settings serve a
 //! room and a landscape.
 
 use super::gbuffer;
@@ -17,7 +17,7 @@ pub const NOTHING: f32 = 1e30;
 /// The steepest slope that is told apart.
 pub const STEEPEST: f32 = 1e9;
 
-/// What a cell holds of its pixels. 16 bytes.
+/// Ranges of depth and normal of a cell's pixels. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CellRange {
@@ -67,11 +67,11 @@ impl GbufferView<'_> {
 /// A surface in a pixel, in the view's space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisibleSurface {
-    /// Where, meters; −z is the linear depth.
+    /// Position in view space, meters. −z is the linear depth.
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
-    /// What tolerances of depth are parts of, meters: see [`reach`].
+    /// Reference length of depth tolerances, meters: see [`reach`].
     pub reach: f32,
 }
 
@@ -79,9 +79,9 @@ pub struct VisibleSurface {
 /// picture 2000 pixels high with a vertical angle of 64°.
 pub const REACH: f32 = 1600.0;
 
-/// What tolerances of depth are parts of, meters: a pixel's linear depth `z`, as in \[N09\], but at
-/// most [`REACH`] of its widths there. Seen from afar through a long lens, or by parallel rays,
-/// things a pixel wide are a small part of their distance, and edges all the same.
+/// Reference length of depth tolerances, meters: a pixel's linear depth `z`, as in \[N09\], but at
+/// most [`REACH`] of its widths there. Through a long lens or with parallel rays, objects one pixel
+/// wide are a small part of their distance but have edges.
 #[must_use]
 pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     let m = &params.view_from_clip;
@@ -101,7 +101,7 @@ pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 
     h.truncate() / h.w
 }
 
-/// What a pixel shows; None where there is nothing to be lit.
+/// Surface that a pixel shows. Returns `None` if it has no lit surface.
 #[must_use]
 pub fn visible_surface(
     params: &SubsplatParams,
@@ -131,7 +131,7 @@ fn beside(size: [u32; 2], pixel: [u32; 2], dx: i32, dy: i32) -> [u32; 2] {
     [step(pixel[0], dx, size[0]), step(pixel[1], dy, size[1])]
 }
 
-/// What a pixel adds to its cell.
+/// Contribution of a pixel to its cell.
 fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) -> CellRange {
     let size = params.size;
     let depth = |p: [u32; 2]| picture.depth(size, p);

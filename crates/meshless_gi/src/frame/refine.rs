@@ -1,7 +1,8 @@
-//! Kernel `refine`: which cells are divided (\[N09\] §3.3). Entry points: `start` lists the cells
-//! of the coarsest level, `refine` the children of those listed of level k that are divided: all of
-//! the coarsest, and below those that are not continuous ([`pyramid::breaks`]), or whose diagonal
-//! neighbors are not (\[N09\] §5.2), or where light was not as foretold.
+//! Kernel `refine`: selection of the cells that are divided (\[N09\] §3.3). Entry points: `start`
+//! lists the cells of the coarsest level. `refine` lists the children of divided cells of level k.
+//! Divided are all cells of the coarsest level, discontinuous ones ([`pyramid::breaks`]), those
+//! with a discontinuous diagonal neighbor (\[N09\] §5.2), and those whose light differs from its
+//! prediction.
 
 use super::gbuffer;
 use super::pyramid::{self, CellRange, GbufferView};
@@ -19,7 +20,7 @@ pub fn pack_cell(x: u32, y: u32) -> u32 {
     x | y << 16
 }
 
-/// What [`pack_cell`] packed.
+/// Inverse of [`pack_cell`].
 #[must_use]
 pub fn unpack_cell(word: u32) -> [u32; 2] {
     [word & 0xffff, word >> 16]
@@ -31,7 +32,7 @@ pub fn luminance(node: &SubsplatNode, normal: Vec3) -> f32 {
     LUMINANCE.dot(node.light().dot(normal).max(Vec3::ZERO))
 }
 
-/// True where the node at `pixel` was evaluated, and is not as foretold.
+/// True where the node at `pixel` was evaluated, and is not as predicted.
 fn exceeds_prediction(
     params: &SubsplatParams,
     picture: &GbufferView<'_>,

@@ -1,14 +1,14 @@
 //! Kernel `rsm`: a reflective shadow map (\[N09\] §3.1) becomes virtual point lights. The map is a
-//! small deferred view from the light that holds what moves and nothing else: what static surfaces
-//! reflect is in the bake.
+//! small deferred view from the light that holds dynamic objects and nothing else: what static
+//! surfaces reflect is in the bake.
 //!
-//! | entry | does |
+//! | entry | function |
 //! |---|---|
-//! | [`texel`] | depth and G-buffer → place, normal and reflected flux of each texel |
-//! | [`shadow`] | texels that a baked scene keeps the light from reflect nothing |
-//! | [`choose`] | texels → virtual point lights |
+//! | [`texel`] | depth and G-buffer → position, normal and reflected flux of each texel |
+//! | [`shadow`] | sets the flux of texels in the shadow of a baked scene to zero |
+//! | [`select_vpls`] | texels → virtual point lights |
 //!
-//! Where this leaves \[N09\]. Its texels all subtend the same solid angle, which §5 names as a
+//! Deviations from \[N09\]. Its texels all subtend the same solid angle, which §5 names as a
 //! visible error (Fig. 13); ours have the exact one. Its VPLs are a fixed grid of texels, which
 //! flickers as surfaces move past them (§5.1) and loses what lies between; ours are strata of equal
 //! flux along a Hilbert curve through the map, with boundaries inside of texels: a stratum's light
@@ -27,7 +27,7 @@ pub const CHUNKS: usize = 256;
 pub const FARTHEST: f32 = 1e8;
 /// Surfaces that are seen at a lower cosine count as no larger, for their spread.
 pub const MIN_COSINE: f32 = 0.1;
-/// Below its square (a square centimeter, as Bevy's lamps) a lamp grows no brighter, m².
+/// Below its square (a square centimeter, as Bevy's lights) a light grows no brighter, m².
 pub const NEAREST_SQUARE: f32 = 1e-4;
 
 /// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbors on the
@@ -75,12 +75,12 @@ fn texel_angle(params: &RsmParams, pixel: [u32; 2]) -> f32 {
     solid_angle(corner, right * step, up * -step)
 }
 
-/// One texel: what the shader writes at [`curve`] for the texel (column, row) with this depth and
-/// G-buffer.
+/// One texel: what the shader writes at [`hilbert_index`] for the texel (column, row) with this
+/// depth and G-buffer.
 ///
-/// Reflected flux Φρ: of a lamp, I(ω) dω with Bevy's cone and window at the range; of a directional
-/// light, irradiance times the texel's cross-section. Nothing where nothing was drawn, where no
-/// light applies, and on the side that looks away.
+/// Reflected flux Φρ: of a light, I(ω) dω with Bevy's cone and window at the range; of a
+/// directional light, irradiance times the texel's cross-section. Nothing where nothing was drawn,
+/// where no light applies, and on the side that looks away.
 #[must_use]
 pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4]) -> RsmTexel {
     let light = &params.light;
@@ -156,14 +156,14 @@ pub fn texels(params: &RsmParams, depth: &[f32], gbuffer: &[[u32; 4]]) -> Vec<Rs
     out
 }
 
-/// What of its light a baked scene lets through to a texel.
+/// Transmittance of a baked scene from the light to a texel.
 #[must_use]
 pub fn light_transmittance(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel) -> f32 {
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let x = local.transform_point3(texel.position.into());
     let n = local.transform_vector3(texel.normal.into());
     let n = n / n.length().max(f32::MIN_POSITIVE);
-    // What moves is not in the tree: the lift is for rounding alone.
+    // Dynamic objects are not in the tree: the offset is for rounding only.
     shadow_ray(&params.light, x, n, params.extent).map_or(1.0, |ray| bvh.transmittance(&ray))
 }
 
@@ -180,7 +180,7 @@ pub fn shadow(params: &RsmShadowParams, bvh: &Bvh, texels: &mut [RsmTexel]) {
     }
 }
 
-/// What a texel counts when strata are cut: the sum of its channels, so that none is neglected.
+/// Importance of a texel when strata are cut: the sum of its channels, so that none is neglected.
 fn importance(texel: &RsmTexel) -> f32 {
     texel.flux[0] + texel.flux[1] + texel.flux[2]
 }

@@ -10,8 +10,8 @@ use super::FrameLight;
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, Mat4, Vec3};
 
-/// What a map may be: a square with a power of two on each side, as the curve through its texels
-/// needs it.
+/// Smallest and largest side of a map. A side is a power of two, as the curve through the texels
+/// requires.
 pub const SIDES: [u32; 2] = [1, 256];
 
 /// Most virtual point lights of a light.
@@ -131,7 +131,7 @@ pub struct RsmShadowParams {
     pub local_from_space: [[f32; 4]; 4],
     /// The light in the bake's local space ([`FrameLight::to_local`]).
     pub light: FrameLight,
-    /// How many texels.
+    /// Number of texels.
     pub texels: u32,
     /// Nodes of the scene's BVH; 0 means that nothing casts shadows.
     pub nodes: u32,
@@ -163,15 +163,16 @@ impl RsmShadowParams {
     }
 }
 
-/// How a light's texels become virtual point lights, for the entry `choose` of `rsm`. 16 bytes.
+/// Parameters of the selection of virtual point lights from a light's texels, for the entry point
+/// `select_vpls` of `rsm`. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct RsmSelectParams {
-    /// How many texels.
+    /// Number of texels.
     pub texels: u32,
-    /// Where the light's first virtual point light goes.
+    /// Index of the light's first virtual point light.
     pub first: u32,
-    /// How many virtual point lights it gets.
+    /// Number of its virtual point lights.
     pub vpls: u32,
     /// Not used.
     pub pad: u32,
@@ -195,20 +196,20 @@ pub struct Vpl {
     pub pad1: f32,
 }
 
-/// What evaluating the virtual point lights at a place needs, in any kernel: `vpl_at` of
+/// Inputs of the evaluation of virtual point lights in any kernel: `vpl_at` of
 /// `shaders/lib/vpl.wgsl`. 80 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VplParams {
     /// To the local space of the bake that shadows them ([`local_from_space`]).
     pub local_from_space: [[f32; 4]; 4],
-    /// How many virtual point lights.
+    /// Number of virtual point lights.
     pub vpls: u32,
     /// Nodes of the scene's BVH; 0 means that nothing shadows them.
     pub nodes: u32,
     /// Largest edge of the box around the bake's geometry, meters.
     pub extent: f32,
-    /// What gives less (W/m²) arrives without a ray; 0 asks for a ray each time.
+    /// Irradiance below which a light arrives without a shadow ray, W/m². 0 traces every ray.
     pub dim: f32,
 }
 

@@ -1,5 +1,5 @@
-//! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the
-//! GPU records.
+//! Settings of a solve, and the steps that follow from them: one list that the CPU runs and the GPU
+//! records.
 
 use super::Channels;
 use super::layout::SolveParams;
@@ -12,7 +12,7 @@ use glam::Vec3;
 use std::f32::consts::PI;
 use std::ops::Range;
 
-/// What a solve simulates.
+/// Settings of a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
     /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MAX_SWEEPS`] of them
@@ -46,7 +46,7 @@ impl Default for FrameSettings {
 }
 
 impl FrameSettings {
-    /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must
+    /// Most sweeps of a solve, whatever is asked for: each is recorded directly, and a frame must
     /// end. Walls that reflect 95 % of the light leave 2e-6 of it after so many.
     pub const MAX_SWEEPS: u32 = 255;
 
@@ -64,12 +64,12 @@ impl FrameSettings {
     }
 }
 
-/// What the steps of a solve depend on: the sizes of a baked scene, without its arrays.
+/// Sizes of a baked scene on which the steps of a solve depend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneDimensions {
-    /// Where each level's points start, and the end of the last.
+    /// Start of each level's points, and end of the last.
     pub level_starts: Vec<u32>,
-    /// How many levels send.
+    /// Number of levels that send.
     pub sender_levels: usize,
     /// Places that each sender of the finest sender level is lit at.
     pub places: u32,
@@ -77,7 +77,7 @@ pub struct SceneDimensions {
     pub link_tiers: u32,
     /// An octree may carry the light in place of links: the tier above those.
     pub octree: bool,
-    /// What the links multiply.
+    /// Form of the coefficients that the links multiply.
     pub form: SenderForm,
     /// Columns of an operator of components, the sky's among them; 0 in the other forms.
     pub columns: usize,
@@ -90,7 +90,7 @@ pub struct SceneDimensions {
     pub nodes: usize,
     /// Largest edge of the geometry's box, meters.
     pub extent: f32,
-    /// How far apart a sender's places lie, meters.
+    /// Spacing of a sender's samples, meters.
     pub sample_spacing: f32,
 }
 
@@ -121,13 +121,13 @@ impl SceneDimensions {
         settings.tier.clamp(1, tiers.max(1))
     }
 
-    /// How many points.
+    /// Number of points.
     #[must_use]
     pub fn points(&self) -> usize {
         self.level_starts.last().map_or(0, |&n| n as usize)
     }
 
-    /// How many senders, the sky not counted.
+    /// Number of senders, without the sky.
     #[must_use]
     pub fn senders(&self) -> usize {
         self.level_starts[self.sender_levels] as usize
@@ -145,7 +145,7 @@ impl SceneDimensions {
             }
     }
 
-    /// How many levels.
+    /// Number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1
@@ -167,7 +167,7 @@ impl SceneDimensions {
         let (channel, hue) = settings.channels.one().unwrap_or((0, Vec3::ONE));
         SolveParams {
             sky: (settings.sky.mean * PI).to_array().map(finite),
-            // Surfaces are as bright as lamps already.
+            // Surfaces are as bright as lights already.
             emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
             places: self.places,
@@ -200,11 +200,11 @@ impl SceneDimensions {
     }
 }
 
-/// Which levels each kernel of a solve runs on: what the CPU's and the GPU's frame have in common.
+/// Levels that each kernel of a solve runs on, for the CPU's and the GPU's frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SolveSchedule {
     /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender
-    /// levels but the finest. None where nothing reads what it fills: bases of direct light are of
+    /// levels but the finest. Empty where nothing reads what it fills: bases of direct light are of
     /// senders with light of their own, and so is the octree.
     pub pull: Vec<Range<usize>>,
     /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.

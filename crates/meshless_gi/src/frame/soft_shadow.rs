@@ -1,27 +1,26 @@
-//! Kernel `soft`: what lamps with soft shadows do not reach, at the points that remember what they
-//! see (\[P14\] §5): without a ray and without a shadow map.
+//! Kernel `soft_shadow`: occluded irradiance of lights with soft shadows, from baked visibility
+//! (\[P14\] §5), without rays and without shadow maps.
 //!
-//! A light is a set of stratified samples. For each, the four nearest of the point's directions
-//! tell whether something is nearer than the sample; the answers are weighted as the directions are
-//! (percentage closer, not a comparison with a mean depth: an edge between near and far has no
-//! surface half-way). That gives the visible fraction f = Σ w v / Σ w of the irradiance E, with w =
-//! cos θ cos θ' / d²; E itself is known in closed form. The kernel writes the deficit (1 − f) E, as
-//! a vector: what the engine draws without shadows is drawn at every pixel, and this is taken from
-//! it. In full shadow nothing is left, however few the samples.
+//! A light is a set of stratified samples. For each sample the four nearest directions of the point
+//! are compared with the sample's distance. The results are weighted by direction
+//! (percentage-closer filtering, since a mean depth has no surface at an edge). The visible
+//! fraction of the irradiance E is f = Σ w v / Σ w with w = cos θ cos θ' / d². E itself has a
+//! closed form. The kernel writes the occluded irradiance (1 − f) E as a vector. The renderer draws
+//! the light without shadows, and `subtract_shadow` subtracts the occluded part. In full shadow
+//! nothing is left, for any number of samples.
 //!
-//! Depths are compared in e = d² / (d² + s²). Where we deviate from \[P14\], which has one bias:
+//! Depths are compared in e = d² / (d² + s²). Deviations from \[P14\], which has one bias:
 //!
-//! - **A light on a plane is as far as the plane.** In a direction beside the sample's, the
-//!   distance to compare with is that to the rectangle's plane: no acne where a panel hangs a
-//!   hand's breadth below a ceiling.
-//! - **The threshold lies before the light** by as much as the point's depths are wrong in that
-//!   direction ([`SoftShadowParams::before`]), and visibility goes from nothing to all over as much
-//!   ([`SoftShadowParams::ramp`]): few components make an edge between near and far smooth, and its
-//!   middle is where the edge is. Where depths are exact, what is a little nearer than the light
-//!   hides it.
+//! - **Plane distance.** In a direction next to the sample's, the reference distance is that to the
+//!   rectangle's plane. This avoids acne where a panel hangs close below a ceiling.
+//! - **Depth bias.** The threshold lies in front of the light by the error of the point's depths in
+//!   that direction ([`SoftShadowParams::before`]). Visibility goes from 0 to 1 over the same range
+//!   ([`SoftShadowParams::ramp`]). Few components smooth an edge between near and far, and its
+//!   middle is the position of the edge. Where depths are exact, geometry slightly nearer than the
+//!   light hides it.
 //!
-//! Points beyond those that remember take the mean of their parents (`flatten`, with no row in
-//! use), and `splat` brings all of it to the screen.
+//! Points without visibility take the mean of their parents (`flatten`, with no row in use), and
+//! `subtract_shadow` evaluates all of it at pixels.
 
 use super::flatten;
 use super::layout::{SolveParams, VectorIrradiance};
@@ -70,8 +69,8 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
 }
 
-/// Weight of a sample at `place` for (x, n): cos θ cos θ' / d² up to a factor, with its direction
-/// and distance; none where it does not shine there.
+/// Weight of a sample at `place` for (x, n), cos θ cos θ' / d² up to a factor, with its direction
+/// and distance. Returns `None` if it does not light the point.
 #[inline]
 fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
     let to = place - x;
@@ -88,7 +87,7 @@ fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3,
     (w > 0.0 && w < 1e38).then_some((w, direction, distance))
 }
 
-/// What all threads know. 48 bytes, the layout of `SoftShadowParams` in the shaders.
+/// Parameters of a dispatch. 48 bytes, the layout of `SoftShadowParams` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SoftShadowParams {
@@ -100,14 +99,14 @@ pub struct SoftShadowParams {
     pub columns: u32,
     /// Rows of the map.
     pub rows: u32,
-    /// Largest edge of the level's box, meters.
+    /// Largest edge of the scene's box, meters.
     pub extent: f32,
-    /// Where depths are exact: what stands before the light by this part of its distance hides half
-    /// of it, half as far before it nothing, twice as far all.
+    /// Depth bias where depths are exact, as a fraction of the light's distance. Geometry in front
+    /// of the light by this fraction hides half of it, by half of it nothing, by twice of it all.
     pub bias: f32,
-    /// How far before the light the threshold lies, in root mean square errors of the depth.
+    /// Distance of the threshold in front of the light, in root mean square errors of the depth.
     pub before: f32,
-    /// Over how much depth visibility goes from nothing to all, in the same.
+    /// Depth range over which visibility goes from 0 to 1, in the same unit.
     pub ramp: f32,
     /// Not used.
     pub pad: [u32; 4],
@@ -141,14 +140,14 @@ impl SoftShadowParams {
     }
 }
 
-/// How much is seen of a sample in a direction (unit), at a distance (meters), of a light on a
-/// plane with a normal (zero for none).
+/// Visibility of a light sample in a direction (unit) at a distance (meters). The light lies on a
+/// plane with a normal, zero for none.
 pub trait VisibilityQuery {
     /// 0 to 1.
     fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
 }
 
-/// A point with its coefficients decoded, to look in directions.
+/// Visibility of one point, with its coefficients decoded.
 pub struct DecodedVisibility<'a> {
     params: SoftShadowParams,
     visibility: &'a Visibility,
@@ -211,11 +210,11 @@ impl VisibilityQuery for DecodedVisibility<'_> {
     }
 }
 
-/// Sight by rays: what memory is compared with.
+/// Visibility by rays, the reference of baked visibility.
 pub struct RayVisibility<'a> {
-    /// What they meet.
+    /// Geometry that the rays intersect.
     pub geometry: &'a dyn Geometry,
-    /// Where they start, a lift above the surface, meters.
+    /// Start of the rays, one ray offset above the surface, meters.
     pub start: Vec3,
 }
 
@@ -261,8 +260,8 @@ pub fn visible_fraction(
 /// Vectors lean so far at most that their length is ten times their part along the normal.
 pub const MIN_ALONG: f32 = 0.1;
 
-/// What `light` with color one does not give to (x, n) because something is before it: a vector
-/// whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle, dimensionless.
+/// Irradiance from `light` with color one that is occluded at (x, n). The dot product of the vector
+/// with `n` is (1 − f) E, in 1/m² or, for a rectangle, dimensionless.
 #[must_use]
 pub fn occluded_irradiance(
     params: &SoftShadowParams,
@@ -285,8 +284,8 @@ pub fn occluded_irradiance(
     (n + lean) * ((1.0 - f) * e)
 }
 
-/// The deficit of all `lights` at one point that has visibility, W/m²; in the fourth floats of the
-/// three axes red, green and blue of the irradiance that all of them would give without shadows.
+/// Occluded irradiance of all `lights` at one point that has visibility, W/m². The fourth floats of
+/// the three axes are red, green and blue of the unshadowed irradiance of all lights.
 #[must_use]
 pub fn soft_at(
     params: &SoftShadowParams,
@@ -332,7 +331,8 @@ pub fn soft(
         });
 }
 
-/// The deficit at all points of `scene`, W/m²: [`occluded_irradiances_from`] its own visibility. Zero without.
+/// Occluded irradiance at all points of `scene`, W/m², by its own visibility
+/// ([`occluded_irradiances_from`]). Zero for a bake without visibility.
 #[must_use]
 pub fn occluded_irradiances(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
     match &scene.visibility {
@@ -341,8 +341,8 @@ pub fn occluded_irradiances(scene: &BakedScene, lights: &[SoftLight]) -> Vec<Vec
     }
 }
 
-/// The deficit at all points of `scene` by a visibility of its first levels, W/m²: [`soft`], and
-/// the parents' mean where nothing is remembered.
+/// Occluded irradiance at all points of `scene` by a visibility of its first levels, W/m²:
+/// [`soft`], and the parents' mean at finer points.
 #[must_use]
 pub fn occluded_irradiances_from(
     scene: &BakedScene,
@@ -356,8 +356,8 @@ pub fn occluded_irradiances_from(
     out
 }
 
-/// Points of the levels behind the first `known` take the mean of their parents, coarse levels
-/// first: `flatten` with no row in use.
+/// Fills points of the levels after the first `known` with the mean of their parents, coarse levels
+/// first. This is `flatten` with no row in use.
 pub fn fill_finer_levels(scene: &BakedScene, known: usize, values: &mut [VectorIrradiance]) {
     let none = SolveParams::default();
     for l in (0..scene.levels()).filter(|&l| scene.level(l).start >= known) {

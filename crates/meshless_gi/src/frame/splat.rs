@@ -1,15 +1,15 @@
-//! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the
-//! gather form of the splatting of \[L08\] §4.1, with the Shepard quotient of Eq. (3) over the
-//! weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
+//! Kernel `splat`: irradiance at a surface point from the flat basis. This is the gather form of
+//! the splatting of \[L08\] §4.1, with the Shepard quotient of Eq. (3) over the weights of Eqs.
+//! (8)-(10). In a view it has one surface point per pixel, from depth and G-buffer.
 //!
-//! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each function
-//! counts with (w / r)²: r² is the surface that it spreads over, so that a wide one says nothing
-//! where narrow ones know better, and the square keeps to the nearest where light changes within a
-//! radius, as beside a lit ledge.
+//! \[L08\] has one radius for all functions. Here radii differ (see `basis/flat.rs`), so each
+//! function counts with (w / r)². r² is the area of its support: a wide function counts little
+//! where narrow ones overlap it. The square favors the nearest function where light changes within
+//! a radius, as next to a lit ledge.
 //!
-//! Where a scene has light in free space too, surfaces and space meet without a seam: functions on
-//! surfaces have a share of the light that goes to zero with the cover that they give ([`share`]),
-//! and kernel `probe` puts in the rest. \[L08\] has no such place: all that it draws is baked.
+//! If a scene has probes, surfaces and probes blend without a seam: the share of surface functions
+//! goes to zero with their cover ([`share`]), and kernel `probe` adds the rest. \[L08\] has no such
+//! blend: all its receivers are baked.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -22,7 +22,7 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// A half holds no more; what is brighter must not become infinite.
 pub const LARGEST_HALF: f32 = 65_504.0;
 
-/// The usual [`SplatParams::seam`] of a scene with light in free space. Of places on baked surfaces
+/// The usual [`SplatParams::seam`] of a scene with probe irradiance. Of places on baked surfaces
 /// next to none have less cover (`--test probes` prints how many), so that they look as they do
 /// without probes.
 pub const SEAM: f32 = 0.5;
@@ -53,8 +53,8 @@ pub fn share(cover: f32, seam: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. None where no
-/// function covers the place.
+/// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. Returns `None` where
+/// no function covers the place.
 #[must_use]
 pub fn splat_vector(
     points: &[Point],
@@ -139,8 +139,8 @@ pub fn splat_pixel(
     }
 }
 
-/// Entry point `nodes`, for one node of a list: its light, where no scene before covered it, in the
-/// axes of the world.
+/// Entry point `evaluate_list`, for one node of a list: its light, where no scene before covered
+/// it, in the axes of the world.
 pub fn splat_node(
     params: &SplatParams,
     scene: &BakedScene,
@@ -193,7 +193,7 @@ pub(super) fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrra
     VectorIrradiance { x, y, z }
 }
 
-/// Place and normal of a pixel in the bake's local space.
+/// Position and normal of a pixel's surface in the bake's local space.
 #[must_use]
 pub fn pixel_position(
     params: &SplatParams,

@@ -23,11 +23,11 @@ use half::f16;
 pub const COARSEST: u32 = 6;
 /// Most levels, the pixels among them.
 pub const LEVELS: usize = COARSEST as usize + 1;
-/// Of four pixels one may be evaluated by itself; where more would have to, the rest is
-/// interpolated from what is least unlike.
+/// Number of pixels of which one may be evaluated directly. If more need it, the others are
+/// interpolated from the most similar nodes.
 pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
 
-/// How discontinuities of depth are found.
+/// Test for discontinuities of depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -35,8 +35,8 @@ pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
     reflect(Clone, Debug, PartialEq)
 )]
 pub enum DepthTest {
-    /// How far a pixel is from the plane through its neighbors, in parts of its distance, times the
-    /// cell's edge in pixels: slanted planes are none. Ours.
+    /// Distance of a pixel from the plane through its neighbors, in parts of its depth, times the
+    /// cell's edge in pixels. Slanted planes are continuous. Not in \[N09\].
     Plane(f32),
     /// Farthest less nearest depth over the nearest (\[N09\] §3.2.1, there in units of length).
     MinMax(f32),
@@ -44,7 +44,7 @@ pub enum DepthTest {
     Derivative(f32),
 }
 
-/// How discontinuities of the normal are found.
+/// Test for discontinuities of the normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -58,7 +58,7 @@ pub enum NormalTest {
     Curvature(f32),
 }
 
-/// Where indirect light is evaluated.
+/// Settings of multiresolution splatting, \[N09\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -78,11 +78,11 @@ pub struct SubsplatSettings {
     pub normal: NormalTest,
     /// Test the four diagonal neighbors too (\[N09\] §5.2).
     pub diagonal: bool,
-    /// A cell is refined where a node's light is this far from what its surroundings foretold, in
+    /// A cell is refined where a node's light is this far from what its surroundings predicted, in
     /// parts of the light (\[N09\] §3.3.1 compares neighbors, which refines where light merely
     /// slopes). Infinite for never.
     pub light: f32,
-    /// A pixel is evaluated by itself where no more than this share of its surroundings is of its
+    /// A pixel is evaluated directly where no more than this share of its surroundings is of its
     /// own surface.
     pub alike: f32,
     /// α of \[N09\] Eq. (3): darkens what is seen at a slant, in place of detail that was not
@@ -163,8 +163,8 @@ pub struct SubsplatParams {
     pub detail: f32,
     /// 1 to test diagonal neighbors.
     pub diagonal: u32,
-    /// Where each level's cells start; those of level 0, the pixels that are evaluated by
-    /// themselves, last: two vectors of four, the last not used.
+    /// First cell of each level. Level 0 has the pixels that are evaluated directly and is last.
+    /// Two vectors of four, the last not used.
     pub starts: [[u32; 4]; 2],
 }
 
@@ -177,7 +177,7 @@ pub mod state {
     /// Evaluated here, not interpolated.
     pub const EVALUATED: u32 = 4;
     /// Bits that hold what is missing: the part of the light that functions on surfaces leave to
-    /// light in free space, in 255ths.
+    /// probe irradiance, in 255ths.
     pub const PROBE_FRACTION: u32 = 0xff00;
 
     /// These bits, for a share of the light that is there.
@@ -193,7 +193,7 @@ pub mod state {
 pub struct SubsplatNode {
     /// Halves, two a word, the first in the low bits: vector irradiance times the view's scale (x,
     /// y, z of red, green, blue each, so x.r x.g, x.b y.r, …), then the luminance that was
-    /// foretold; the last word holds the state.
+    /// predicted; the last word holds the state.
     pub words: [u32; 6],
 }
 
@@ -201,7 +201,7 @@ impl SubsplatNode {
     /// A node that knows nothing.
     pub const UNKNOWN: Self = Self { words: [0; 6] };
 
-    /// A node with light (already scaled), the luminance foretold, and state bits.
+    /// A node with light (already scaled), the luminance predicted, and state bits.
     #[must_use]
     pub fn new(e: &VectorIrradiance, predicted_luminance: f32, state: u32) -> Self {
         let [x, y, z] = [e.x, e.y, e.z];
@@ -228,7 +228,7 @@ impl SubsplatNode {
         }
     }
 
-    /// The luminance foretold.
+    /// The luminance predicted.
     #[must_use]
     pub fn predicted_luminance(&self) -> f32 {
         unpack(self.words[4])[1]
@@ -277,12 +277,12 @@ pub struct SubsplatLevels {
     pub size: [u32; 2],
     /// Coarsest level.
     pub coarsest: u32,
-    /// Where each level's cells start; level 0 last.
+    /// First cell of each level, level 0 last.
     pub starts: [u32; LEVELS],
 }
 
 impl SubsplatLevels {
-    /// Levels 1 to `coarsest` of a picture, and the pixels evaluated by themselves.
+    /// Levels 1 to `coarsest` of a picture, and the pixels evaluated directly.
     #[must_use]
     pub fn new(size: [u32; 2], coarsest: u32) -> Self {
         let mut levels = Self {
@@ -305,7 +305,7 @@ impl SubsplatLevels {
         self.size.map(|edge| edge.div_ceil(1 << k))
     }
 
-    /// Cells of level `k`; for level 0 how many pixels may be evaluated by themselves.
+    /// Cells of level `k`; for level 0 how many pixels may be evaluated directly.
     #[must_use]
     pub fn cells(&self, k: u32) -> u32 {
         let [w, h] = self.grid(k);

@@ -1,5 +1,5 @@
-//! What a view shows by subsplats, on the CPU: the kernels `pyramid`, `refine`, `splat` (nodes) and
-//! `upsample` in the order in which the device runs them.
+//! Multiresolution splatting of a view on the CPU: the kernels `pyramid`, `refine`, `splat` (nodes)
+//! and `upsample` in the order in which the device runs them.
 
 use super::pyramid::{GbufferView, pyramid};
 use super::refine::{refine, start, unpack_cell};
@@ -7,10 +7,10 @@ use super::subsplat::{LEVELS, SubsplatNode, SubsplatParams};
 use super::upsample::{PixelResolve, fill, resolve, upsample};
 use rayon::prelude::*;
 
-/// How many subsplats there were.
+/// Numbers of subsplats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubsplatCounts {
-    /// Evaluations for each level; level 0 are the pixels evaluated by themselves.
+    /// Evaluations for each level; level 0 are the pixels evaluated directly.
     pub evaluated: [u32; LEVELS],
     /// Pixels of the view.
     pub pixels: u32,
@@ -33,7 +33,7 @@ pub struct Subsplats {
     pub nodes: Vec<SubsplatNode>,
     /// The cells that each level lists.
     pub lists: Vec<Vec<u32>>,
-    /// How many evaluations.
+    /// Number of evaluations.
     pub counts: SubsplatCounts,
 }
 

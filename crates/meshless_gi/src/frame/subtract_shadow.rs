@@ -1,17 +1,18 @@
-//! Kernel `shade`: what a renderer that knows no shadows of a lamp drew at each pixel, and that
-//! does not get there because something is before the lamp (\[P14\] §5). The composite takes it
-//! from the picture: the lamp's own light is replaced, and not drawn twice.
+//! Kernel `subtract_shadow`: radiance that a renderer without shadows drew at each pixel for light
+//! that is occluded (\[P14\] §5). The composite subtracts it from the picture, so that the light is
+//! not drawn twice.
 //!
-//! The points know the irradiance D·n that is missing of all lamps and the irradiance E that they
-//! would give ([`soft`](super::soft) writes both). Splatted as [`splat`](super::splat) splats,
-//! their quotient is the missing share, and the share times what was drawn at the pixel is taken
-//! away. The flat basis shows edges of shadows, while everything else is the pixel's own: in full
-//! shadow nothing is left, in full light nothing is taken, and colors, normals and the falloff are
-//! those of the picture. With several lamps the share is that of their sum.
+//! Points have the occluded irradiance D·n of all lights and their unshadowed irradiance E
+//! ([`soft_shadow`](super::soft_shadow) writes both). Both are interpolated as in
+//! [`splat`](super::splat). Their quotient is the occluded fraction, and its product with the drawn
+//! radiance is subtracted. Shadow edges have the resolution of the flat basis. Everything else is
+//! the pixel's own: nothing is left in full shadow, nothing is subtracted in full light, and
+//! colors, normals and falloff are those of the picture. Several lights have one fraction, that of
+//! their sum.
 //!
-//! What was drawn is Bevy 0.19's light: of a rectangle Lambert's, and its mirror image by linearly
-//! transformed cosines (\[HDHN16\]) with the tables that Bevy has; of a point lamp Burley's
-//! (\[RG18\] §4.5) over [`unshadowed`], whose specular light is not taken.
+//! The drawn radiance is that of Bevy 0.19. Rectangles: Lambert, and specular by linearly
+//! transformed cosines (\[HDHN16\]) with Bevy's tables. Point lights: Burley's diffuse BRDF
+//! (\[RG18\] §4.5) over [`unshadowed`]. The specular light of point lights is not subtracted.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -29,13 +30,13 @@ use std::f32::consts::FRAC_1_PI;
 /// below nothing.
 pub const TAKEN: f32 = 0.998;
 
-/// The lamps of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
+/// The lights of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SubtractShadowParams {
-    /// How many lamps the view was drawn with.
+    /// Number of lights that the view was drawn with.
     pub lights: u32,
-    /// Largest edge of the level's box, meters.
+    /// Largest edge of the scene's box, meters.
     pub extent: f32,
     /// 1 where rectangles were drawn with gloss too, by [`LtcTables`]; 0 for diffuse light alone.
     pub gloss: u32,
@@ -44,7 +45,7 @@ pub struct SubtractShadowParams {
 }
 
 impl SubtractShadowParams {
-    /// For so many lamps in `scene`.
+    /// For so many lights in `scene`.
     #[must_use]
     pub fn new(scene: &BakedScene, lights: usize) -> Self {
         Self {
@@ -55,8 +56,9 @@ impl SubtractShadowParams {
     }
 }
 
-/// The share of the lamps' light that is missing at (x, n), per channel, 0 to 1. None where no
-/// function covers the place. `occluded_irradiances` is what [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
+/// The share of the lights' light that is missing at (x, n), per channel, 0 to 1. Returns `None`
+/// where no function covers the place. `occluded_irradiances` is what
+/// [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
 #[must_use]
 pub fn missing(
     scene: &BakedScene,
@@ -129,7 +131,7 @@ impl LtcTables {
     }
 }
 
-/// A pixel's surface, as lamps light it.
+/// A pixel's surface, as lights light it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LitSurface {
     /// Unit normal.
@@ -158,8 +160,8 @@ impl LitSurface {
     }
 }
 
-/// How a surface mirrors: the rows of what turns its lobe into a cosine, and what it mirrors of
-/// what comes from there.
+/// Specular lobe of a surface: the rows of the transform of the lobe into a cosine, and the
+/// reflected fraction.
 struct Lobe {
     rows: [Vec3; 3],
     weight: Vec3,

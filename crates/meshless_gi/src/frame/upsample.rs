@@ -1,12 +1,12 @@
-//! Kernel `upsample`: light between nodes, from coarse to fine (\[N09\] §3.5). Entry points:
-//! `upsample` fills a level from the next coarser one, before its own nodes are evaluated: what it
-//! foretells is what evaluation is compared with. `resolve` does the same for pixels, and lists
-//! those whose surroundings say too little of them; `fill` puts these in when they were evaluated.
+//! Kernel `upsample`: interpolation between nodes, from coarse to fine (\[N09\] §3.5). Entry
+//! points: `upsample` fills a level from the next coarser one before its own nodes are evaluated.
+//! Its result is the prediction that evaluation is compared with. `resolve` does the same for
+//! pixels and lists those with too few similar nodes. `fill` writes these after their evaluation.
 //!
-//! \[N09\] interpolates among texels that hold data and trusts that discontinuities were refined to
-//! the last pixel. Ours weighs each node by whether it lies on the pixel's own surface ([`alike`]),
-//! so that an edge costs a few pixels and not all along it. Where all nodes around are alike, a
-//! cubic interpolation reaches further, else a linear one.
+//! \[N09\] interpolates among texels with data and assumes that discontinuities were refined to
+//! single pixels. Here each node is weighted by its similarity to the pixel's surface
+//! ([`surface_similarity`]), so that an edge costs few pixels and not all pixels along it. Where
+//! all nodes around are similar, the interpolation is cubic, else linear.
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
@@ -26,7 +26,7 @@ pub const FULL_NORMAL_COSINE: f32 = 0.9;
 /// Least likeness of all nodes for a cubic.
 pub const CUBIC_MIN_SIMILARITY: f32 = 0.9;
 
-/// How much two places are of one surface: 1 wholly, 0 not at all.
+/// Similarity of two surface points, from 0 (different surfaces) to 1 (one surface).
 #[must_use]
 pub fn surface_similarity(a: &VisibleSurface, b: &VisibleSurface) -> f32 {
     let off = (b.x - a.x).dot(a.n).abs().max((b.x - a.x).dot(b.n).abs());
@@ -56,12 +56,12 @@ const MIDDLE: [(i32, i32, f32); 12] = [
     (1, 2, -0.03125),
 ];
 
-/// What a level says of a place between its nodes.
+/// Interpolated value of a level between its nodes.
 struct Between {
     light: VectorIrradiance,
     /// Share of the weight of nodes with light.
     covered: f32,
-    /// How much of the linear weights was of the place's own surface; 1 where a cubic was taken.
+    /// Sum of the linear weights of nodes on the same surface, 1 for a cubic interpolation.
     weight: f32,
     /// No node of a surface around is unknown.
     whole: bool,
@@ -224,12 +224,12 @@ fn node_of(
     SubsplatNode::new(&light, predicted_luminance, bits)
 }
 
-/// What [`resolve`] says of a pixel.
+/// Result of [`resolve`] for a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PixelResolve {
     /// Irradiance times the view's scale, and 1 where light is there.
     Texel([f32; 4]),
-    /// It is to be evaluated by itself; what it shows if there is no room for that.
+    /// It is to be evaluated directly; what it shows if there is no room for that.
     Hole([f32; 4]),
 }
 
@@ -267,7 +267,7 @@ pub fn resolve(
     PixelResolve::Texel(lit(bits & state::COVERED != 0))
 }
 
-/// Entry point `fill`, for one pixel that was evaluated by itself.
+/// Entry point `fill`, for one pixel that was evaluated directly.
 #[must_use]
 pub fn fill(
     params: &SubsplatParams,
@@ -301,7 +301,7 @@ fn texel(
         .to_array()
 }
 
-/// A pixel in the list of those evaluated by themselves.
+/// A pixel in the list of those evaluated directly.
 #[must_use]
 pub fn listed(pixel: [u32; 2]) -> u32 {
     pack_cell(pixel[0], pixel[1])

@@ -1,19 +1,20 @@
-//! Kernel `volume`: light in free space as Bevy's irradiance volumes hold it, an ambient cube a
-//! voxel, for what no G-buffer shows: forward cameras, several samples a pixel, transparent
-//! surfaces. From the probes' values, behind `apply`, to a texture.
+//! Kernel `volume`: probe irradiance in the layout of Bevy's irradiance volumes, an ambient cube
+//! per voxel. It lights surfaces without a G-buffer: forward cameras, multisampled views,
+//! transparent surfaces. It runs after `apply`, from the probes' values to a texture.
 //!
-//! An engine reads such a volume by the normal of a surface and between eight voxels, of which some
-//! lie in the wall. So the light for a normal is that of the voxel that lies one further along the
-//! normal, where the free space before such a surface is: a voxel in a wall holds for each side
-//! what is before that side. Beside a baked wall, in front of it or inside, it is the wall's own
-//! (`volume_faces`). A voxel that has a wall before the one ahead keeps its own light, and says how
-//! far it is to walls (`volume_ways`), so that what lies beyond is not lit by it (`volume_read`).
+//! An engine samples such a volume by the normal of a surface and between eight voxels, some of
+//! which lie inside the wall. The light for a normal is therefore that of the next voxel along the
+//! normal, where the space in front of the surface is. A voxel inside a wall has, for each side,
+//! the light in front of that side. Next to a baked wall, on both sides of its surface, a voxel has
+//! the wall's own light (`volume_walls`). A voxel with a wall in front of the next one keeps its
+//! own light. Its distances to walls (`volume_distance`) prevent light from beyond them
+//! (`volume_sample`).
 //!
-//! The light of each voxel's middle is summed once, from shares that depend on no light
-//! (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not
-//! the voxels' (a level that is turned) a side reads the voxel whose middle is nearest to the place
-//! before it. The steps to them are the same from every voxel, so that the kernel, with a thread a
-//! voxel, hands its light on to the sides that read it; the twin asks from the side.
+//! The light of each voxel center is summed once, with weights that depend on no light
+//! (`volume_weights`), and the sides of neighboring voxels read it. If the axes of the engine are
+//! not those of the voxels (a rotated scene), a side reads the voxel whose center is nearest to the
+//! position in front of it. The steps to these voxels are the same everywhere. The kernel has one
+//! thread per voxel and scatters its light to the sides that read it. The twin gathers per side.
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
@@ -23,7 +24,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
-/// Which of a side's [`VolumeParams::steps`] goes straight ahead.
+/// Index of the straight step among a side's [`VolumeParams::steps`].
 pub const AHEAD: usize = 4;
 
 /// A volume in the world, for `volume`. 928 bytes.
@@ -43,7 +44,7 @@ pub struct VolumeParams {
 }
 
 impl VolumeParams {
-    /// Of `shape`, for an engine whose axes are those of the world.
+    /// Creates the parameters for `shape` and an engine whose axes are those of the world.
     #[must_use]
     pub fn new(shape: &VoxelGrid, local_from_world: &Mat4) -> Self {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z]
@@ -88,9 +89,9 @@ fn index(size: UVec3, voxel: UVec3) -> u32 {
 /// The light that a volume is made of.
 #[derive(Clone, Copy, Debug)]
 pub struct VolumeValues<'a> {
-    /// Of the scene's points.
+    /// Values of the scene's points.
     pub points: &'a [VectorIrradiance],
-    /// Of its probes, [`PROBE_ROWS`](crate::transport::PROBE_ROWS) each.
+    /// Values of its probes, [`PROBE_ROWS`](crate::transport::PROBE_ROWS) each.
     pub probes: &'a [VectorIrradiance],
 }
 
@@ -109,11 +110,12 @@ pub fn volume_texels(
         .collect()
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in
-/// lumens; the fourth is how far a way is free ([`WallDistances::encode`](super::WallDistances::encode)).
-/// The light of the voxel's face that the side faces as most; without one that of the voxel ahead,
-/// unless a wall stands before it; else the voxel's own, else the mean of those around the one
-/// ahead; black where no probe reaches any of them.
+/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lights are in
+/// lumens; the fourth is how far a way is free
+/// ([`WallDistances::encode`](super::WallDistances::encode)). The light of the voxel's face that
+/// the side faces as most; without one that of the voxel ahead, unless a wall stands before it;
+/// else the voxel's own, else the mean of those around the one ahead; black where no probe reaches
+/// any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
@@ -155,9 +157,9 @@ pub fn volume(
 }
 
 /// The light of the wall whose face `n` faces most, the first of those: the wall's for its own
-/// normal, so that sides at an angle to it together show it as it is. None where no face faces as
-/// `n` does: within 60 degrees in the air; a voxel in the ground has no light but that of the walls
-/// that it has a face of.
+/// normal, so that sides at an angle to it together show it as it is. Returns `None` where no face
+/// faces as `n` does: within 60 degrees in the air; a voxel in the ground has no light but that of
+/// the walls that it has a face of.
 fn on_a_wall(
     places: &VoxelWeights,
     values: &[VectorIrradiance],

@@ -1,11 +1,10 @@
-//! How far the ways from a voxel's middle are free: six numbers a voxel, along the edges of the
-//! grid and against them, up to the next voxel. Found with the places of a volume
-//! (`volume_places`), handed on by kernel `volume` and read where a surface looks its light up
-//! (`volume_read`): a voxel behind a wall lights nothing before it.
+//! Distance from each voxel center to the nearest wall along +x, -x, +y, -y, +z and -z, up to one
+//! voxel. Found with the weights of a volume (`volume_weights`), stored by kernel `volume` and read
+//! in lookups (`volume_sample`): a voxel behind a wall lights nothing in front of it.
 //!
-//! Voxels in the ground have middles that no wall of the room above comes down to. So a voxel
-//! behind a surface also looks along that surface, from just before it: what stands on the ground
-//! there bounds the ways below it too.
+//! No wall of the room above extends down to the center of a voxel in the ground. A voxel behind a
+//! surface therefore also traces along that surface, from just in front of it. Walls on the ground
+//! then limit the distances below it too.
 
 use super::volume_walls::FACING;
 use super::volume_weights::VoxelGrid;
@@ -13,21 +12,22 @@ use crate::scene::{Bvh, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A way that is free as far as the next voxel.
+/// A direction without a wall up to the next voxel's center.
 pub const UNOBSTRUCTED: u8 = 255;
-/// A wall at the next voxel's middle.
+/// Steps of a distance: the value of a wall at the next voxel's center.
 pub const DISTANCE_STEPS: f32 = 254.0;
-/// How far before a surface the ways along it run, and from how far behind a voxel's middle its own
-/// start, voxels.
+/// Distance in front of a surface at which rays along it run, and distance behind a voxel center at
+/// which the center's own rays start, voxels.
 const LIFT: f32 = 0.05;
-/// Ways start as much behind a middle, voxels: a wall through the middle bounds both sides.
+/// Distance behind a voxel center at which rays start, voxels: a wall through the center bounds
+/// both sides.
 const BEHIND: f32 = 1e-3;
 
-/// The ways from one voxel. 8 bytes.
+/// Distances from one voxel center to walls. 8 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct WallDistances {
-    /// How far it is to a wall, in 254ths of a voxel, or [`UNOBSTRUCTED`]. Along each edge, and then
+    /// Distance to a wall in 254ths of a voxel, or [`UNOBSTRUCTED`]. Along each edge, and then
     /// against it.
     pub sides: [u8; 6],
     /// 0 for a middle between the two sides of a wall, which lights nothing; else [`UNOBSTRUCTED`].
@@ -47,8 +47,8 @@ impl Default for WallDistances {
 }
 
 impl WallDistances {
-    /// Of a voxel with middle `x`, meters. `behind` are the surfaces beside it that it lies behind:
-    /// how far, meters, and their normals.
+    /// Traces the distances of a voxel with center `x`, meters. `behind` lists the surfaces in
+    /// front of it: depth of the center below the surface, meters, and normal.
     pub(super) fn find(
         shape: &VoxelGrid,
         bvh: &Bvh,
@@ -95,7 +95,7 @@ impl WallDistances {
         }
     }
 
-    /// Whether something stands before the middle of the voxel that lies `step` voxels along each
+    /// True if a wall lies between this voxel and the one that is `step` voxels along each
     /// edge away.
     #[must_use]
     pub fn is_blocked(&self, step: [i32; 3]) -> bool {
@@ -106,10 +106,10 @@ impl WallDistances {
         (0..3).any(ends)
     }
 
-    /// What kernel `volume` stores for a side beside its light: -2 where all ways of the voxel are
-    /// free, else a quarter and the length of that side's way, voxels, with the minus sign that
-    /// tells it from an engine's own volumes; a free way has a little more than 1.25, and a middle
-    /// that lights nothing an eighth.
+    /// Value that kernel `volume` stores for a side: -2 if all distances of the voxel are
+    /// unobstructed. Else minus a quarter minus the distance of that side, voxels. The sign
+    /// distinguishes it from an engine's own volumes. An unobstructed side has a little more than
+    /// 1.25. A center that lights nothing has -0.125.
     #[must_use]
     pub fn encode(&self, side: usize) -> f32 {
         match self.lights {

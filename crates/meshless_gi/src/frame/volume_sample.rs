@@ -1,6 +1,6 @@
-//! What an engine reads of a volume that kernel `volume` wrote: the twin of the module that takes
-//! the place of Bevy's (`shaders/engine/irradiance_volume.wgsl`). Behind the kernels: it runs at
-//! each pixel of what is drawn forward. Kernel [`fog`](super::fog) reads it likewise.
+//! Lookup in a volume that kernel `volume` wrote, the twin of the module that replaces Bevy's
+//! (`shaders/engine/irradiance_volume.wgsl`). It runs at each pixel that is drawn forward. Kernel
+//! [`fog`](super::fog) uses it too.
 //!
 //! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place
 //! (`volume_ways`) are left out. So neither a thin wall nor a floor between two storeys lets light
@@ -10,13 +10,13 @@ use glam::{UVec3, Vec3};
 
 /// Voxels without walls near them: all their texels have less.
 pub const OPEN: f32 = -1.999;
-/// What [`WallDistances::stored`](super::WallDistances::stored) adds to the length of a way.
+/// Offset that [`WallDistances::encode`](super::WallDistances::encode) adds to a distance.
 pub const QUARTER: f32 = 0.25;
 /// A place less than this beyond a wall, voxels, is lit as if it were before it.
 pub const BEFORE: f32 = 0.01;
 /// One farther than this beyond a wall is not lit from before it.
 pub const BEYOND: f32 = 0.03;
-/// Where so little is left of the eight voxels, all of them count.
+/// Sum of the weights of the eight voxels below which all of them count.
 pub const MIN: f32 = 1e-3;
 
 /// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white
@@ -37,7 +37,7 @@ pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, n: Vec3) ->
     })
 }
 
-/// Where a side's texel of a voxel is.
+/// Index of the texel of a voxel's side.
 fn index(size: UVec3, voxel: UVec3, side: usize) -> usize {
     let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
     (t.x + size.x * (t.y + 2 * size.y * t.z)) as usize

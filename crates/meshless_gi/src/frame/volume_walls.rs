@@ -1,15 +1,15 @@
-//! The walls beside a volume's voxels: what a side that faces as a wall does takes from which
-//! functions on surfaces. Found with the places of a volume (`volume_places`), for kernel `volume`.
+//! Walls next to the voxels of a volume: weights of surface functions for sides that face as a wall
+//! does. Found with the weights of a volume (`volume_weights`), for kernel `volume`.
 //!
-//! An engine lights a wall between the eight voxels around each of its places, in front of it and
-//! inside. Light in free space there comes from probes that lie some way off, and the wall's own
-//! functions know better: so a voxel whose middle lies within a voxel of a wall has a face, the
-//! place on the wall that is nearest to it, with the shares that kernel `splat` would take there
-//! (\[L08\] Eq. (3), squared weights over radii). Both layers of voxels have the same place, and
-//! between them the wall looks as a display of it does.
+//! An engine lights a wall between the eight voxels around each point, in front of the wall and
+//! inside. Probe irradiance there comes from distant probes, and the wall's own functions are more
+//! accurate. A voxel whose center lies within one voxel of a wall therefore has a wall sample: the
+//! nearest point on the wall, with the weights that kernel `splat` would use there (\[L08\] Eq.
+//! (3), squared weights over radii). Both layers of voxels have the same sample, so that the wall
+//! has its own irradiance between them.
 //!
-//! A face has its wall's normal and no side: which sides of the voxel read it depends on how the
-//! level stands in the world.
+//! A wall sample has its wall's normal and no side. The sides of the voxel that read it depend on
+//! the scene's rotation in the world.
 
 use super::splat::SEAM;
 use super::volume_weights::{MAX_WEIGHTS, VoxelGrid};
@@ -24,7 +24,7 @@ use glam::{UVec3, Vec3, Vec4};
 pub const FACING: f32 = 0.5;
 /// Cosines that differ by less are the same, and the first face counts: rounding decides nothing.
 pub const SAME: f32 = 1e-4;
-/// Of walls with normals that have this cosine and more a voxel has one face: 30 degrees.
+/// Cosine between wall normals from which walls share one sample of a voxel: 30 degrees.
 const ALIKE: f32 = 0.866_025_4;
 /// Most faces of a voxel.
 pub const MAX_FACES: usize = 6;
@@ -43,11 +43,11 @@ const CORE: f32 = 0.5;
 pub struct WallSample {
     /// The wall's normal there, a unit vector of the bake's local space.
     pub normal: [f32; 3],
-    /// Where its shares start; they end where those of the next one start.
+    /// Index of its first weight. They end where those of the next one start.
     pub start: u32,
 }
 
-/// What a face takes from a function on a surface. 8 bytes.
+/// Weight of a surface function in a wall sample. 8 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WallWeight {
@@ -60,9 +60,9 @@ pub struct WallWeight {
 /// Faces of voxels that follow one another.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WallSamples {
-    /// Where each voxel's faces end, from the first one.
+    /// End of each voxel's wall samples, from the first one.
     pub ends: Vec<u32>,
-    /// Where the shares of each start, from the first one.
+    /// Wall samples with the start of their weights.
     pub wall_samples: Vec<WallSample>,
     /// The shares.
     pub weights: Vec<WallWeight>,
@@ -172,12 +172,13 @@ pub(super) struct Beside {
 }
 
 impl Beside {
-    /// How far before the wall `x` lies, meters; behind it that is negative.
+    /// Height of `x` above the wall, meters. Negative behind it.
     pub fn height(&self, x: Vec3) -> f32 {
         (x - self.at).dot(self.n)
     }
 
-    /// Whether the wall stands in the next room: the middle `x` lies behind it, and before another
+    /// True if the wall belongs to the next room: the center `x` lies behind it and in front of
+    /// another
     /// one that faces away from it.
     pub fn is_beyond(&self, all: &[Self], x: Vec3) -> bool {
         let depth = -self.height(x);
@@ -195,7 +196,7 @@ impl Beside {
 pub(super) struct WallIndex {
     /// The functions of each voxel; the last ones may be none.
     nearest: Vec<[u32; MAX_FACES]>,
-    /// How many of the scene's functions were looked at.
+    /// Number of the scene's functions processed.
     seen: usize,
 }
 

@@ -1,11 +1,11 @@
-//! The voxels of a volume as places in free space, and what each place takes from which probes:
-//! shares that depend on no light. They are found once a volume (`find`, some of them a call where
-//! there are many), so that kernel `volume` is a short sum a voxel and looks nothing up.
+//! Voxels of a volume, and the weights of the probes at each voxel. Weights depend on no light and
+//! are found once per volume (`find`, in several calls for large volumes). Kernel `volume` is then
+//! a short sum per voxel without lookups.
 //!
-//! A share is a probe's squared weight, as `probe` takes it (\[L08\] Eq. (3) in space), in parts of
-//! the place's largest one: the probe's index in the high 20 bits, the part in the low 12. What is
-//! below half of the smallest part is left out. A place's light is the sum of its shares' light
-//! over the sum of the parts, so rounding makes neither more light nor less.
+//! A weight is a probe's squared weight of kernel `probe` (\[L08\] Eq. (3) in space), relative to
+//! the voxel's largest one: the probe's index in the high 20 bits, the weight in the low 12.
+//! Weights below half of the smallest step are dropped. The light of a voxel is the weighted sum
+//! over the sum of the weights, so rounding changes no total.
 
 use super::layout::VectorIrradiance;
 use super::probe::ProbeIrradiance;
@@ -45,8 +45,8 @@ pub struct VoxelGrid {
 }
 
 impl VoxelGrid {
-    /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no
-    /// voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_VOLUME_VOXELS`].
+    /// `size` voxels from `low` to `high`, meters. Returns `None` where that is no box or there are
+    /// no voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_VOLUME_VOXELS`].
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
         let edges = high - low;
@@ -65,7 +65,7 @@ impl VoxelGrid {
 
     /// Returns the box around a bake, divided into voxels of `voxel` meters, of half the distance
     /// between its probes for `None` or what is no length, and into at most `max_voxels`. `None`
-    /// for a bake without light in free space.
+    /// for a bake without probe irradiance.
     #[must_use]
     pub fn around(scene: &BakedScene, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
         let probes = scene.probes.as_ref()?;
@@ -121,7 +121,7 @@ impl VoxelGrid {
     }
 
     /// The first and the last voxel whose middle lies in the box from `low` to `high`, along each
-    /// edge; none where there are none.
+    /// edge; `None` where there are none.
     #[must_use]
     pub fn between(&self, low: Vec3, high: Vec3) -> Option<[UVec3; 2]> {
         let at = |x: Vec3| (x - self.low) / self.voxel - 0.5;
@@ -143,7 +143,7 @@ impl VoxelGrid {
     }
 }
 
-/// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about,
+/// Number of voxels along each edge of a box, meters: cubes of about `edge` meters,
 /// and larger ones where they would be more than `most` or [`MAX_VOLUME_VOXELS`], or more than
 /// [`MAX_VOXELS`] along an edge.
 #[must_use]
@@ -162,22 +162,21 @@ pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
     count(edge)
 }
 
-/// What each place of a volume takes from which probes, and from which functions of the walls
-/// beside it.
+/// Weights of the probes at each voxel of a volume, and of the functions of the walls next to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelWeights {
     shape: VoxelGrid,
-    /// Where the shares of a place start, and at last where they end.
+    /// Start of each voxel's weights, and last their end.
     starts: Vec<u32>,
     weights: Vec<u32>,
     wall_samples: WallSamples,
     wall_distances: Vec<WallDistances>,
-    /// What faces are made of, until all are found.
+    /// Walls near voxels, until all are found.
     walls: WallIndex,
 }
 
 impl VoxelWeights {
-    /// Of a volume of which nothing is found yet.
+    /// Creates an empty table for a grid. Call `find` until it returns `true`.
     #[must_use]
     pub fn new(shape: VoxelGrid) -> Self {
         Self {
@@ -190,7 +189,7 @@ impl VoxelWeights {
         }
     }
 
-    /// Of a whole volume.
+    /// Creates the complete table for a grid.
     #[must_use]
     pub fn from_scene(shape: VoxelGrid, scene: &BakedScene) -> Self {
         let mut places = Self::new(shape);
@@ -235,7 +234,7 @@ impl VoxelWeights {
         self.is_whole()
     }
 
-    /// Whether all places are found.
+    /// True if the table is complete.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         self.starts.len() as u32 > self.shape.voxels()
@@ -271,7 +270,7 @@ impl VoxelWeights {
         &self.wall_distances
     }
 
-    /// The light at a place that is found; none where no probe reaches. `values` are those of the
+    /// The light at a place that is found; `None` where no probe reaches. `values` are those of the
     /// probes, [`PROBE_ROWS`] each.
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<ProbeIrradiance> {
@@ -291,12 +290,12 @@ impl VoxelWeights {
 
 /// Shares of places that follow one another.
 struct Run {
-    /// Where each place's shares end, from the run's first share.
+    /// End of each voxel's weights, from the run's first one.
     ends: Vec<u32>,
     weights: Vec<u32>,
     wall_samples: WallSamples,
     wall_distances: Vec<WallDistances>,
-    /// How many functions were looked at, and how many rays went.
+    /// Number of functions processed and of rays traced.
     looks: u64,
 }
 

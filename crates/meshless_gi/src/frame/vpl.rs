@@ -62,8 +62,9 @@ pub fn mean_clamped_cosine(normal: Vec3, v: Vec3) -> f32 {
     above * above / (4.0 * w)
 }
 
-/// What one light gives at `x` to surfaces that face `n`, unshadowed, as a vector g in 1/m²: the
-/// vector irradiance is flux · g, and g·n is not negative. Zero where it gives nothing.
+/// Unshadowed contribution of one light at `x` to surfaces that face `n`, as a vector g in 1/m²:
+/// the vector irradiance is flux · g, and g·n is not negative. Zero if the light does not reach the
+/// surface.
 ///
 /// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a
 /// light whose normals hardly differ, it is the form factor of a square of that size (`near`);
@@ -145,7 +146,7 @@ fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
     (to + n * (clipped - cosine)) * (fade * length * FRAC_1_PI / disk)
 }
 
-/// Where shadow rays from a surface start, in the bake's space.
+/// Start of shadow rays from a surface, in the bake's space.
 #[must_use]
 #[inline]
 pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
@@ -155,8 +156,8 @@ pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
     at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * ray_offset(at, params.extent))
 }
 
-/// What of a light the baked scene lets through to the place with this [`start`], whose share of
-/// the light's flux would be `arrives`.
+/// Transmittance of the baked scene from a light to the surface point with this [`start`].
+/// `arrives` is the point's share of the light's flux.
 #[must_use]
 #[inline]
 pub fn vpl_transmittance(
@@ -249,8 +250,8 @@ pub fn pixel_position(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Ve
     h.truncate() / h.w
 }
 
-/// Entry point `vpl_nodes`, for one node of a list: adds to what baked scenes gave it, if any was
-/// asked; else the node holds what was foretold, which goes.
+/// Entry point `evaluate_list`, for one node of a list: adds to what baked scenes gave it, if any
+/// was asked; else the node holds what was predicted, which goes.
 pub fn vpl_node(
     params: &VplViewParams,
     lit: &VplParams,

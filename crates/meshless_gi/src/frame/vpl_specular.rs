@@ -1,26 +1,26 @@
-//! Kernel `gloss`: what glossy surfaces send to the eye of virtual point lights, \[N09\] Eq. (2)
-//! with a BRDF at the receiver, refined by illumination for each light alone (\[N09\] §3.3.1, and
-//! what its §6 proposes). Entry points: `gloss` fills the nodes of a level, from the coarsest to
-//! the finest; `vpl_specular_pixels` shows every pixel.
+//! Kernel `vpl_specular`: specular reflection of virtual point lights, \[N09\] Eq. (2) with a BRDF
+//! at the receiver, refined for each light separately (\[N09\] §3.3.1, and the proposal of its §6).
+//! Entry points: `vpl_specular` fills the nodes of a level, from the coarsest to the finest.
+//! `vpl_specular_pixels` evaluates every pixel.
 //!
 //! A highlight of one light bends where that of another is flat or dark, so one list of subsplats
-//! serves none of them well. \[N09\] refines a list for each light, and pays for it in Table 1.
-//! Here every node says which lights *surprised* it, one bit a light (or a group of them): the
-//! change that evaluating the light made of what the coarser nodes foretold. A node between coarser
-//! ones interpolates, and evaluates only the lights that surprised those around it:
+//! for all lights is inefficient. \[N09\] refines one list per light, at the cost of its Table 1.
+//! Here every node has a *refine mask*, one bit per light (or group of lights). The bit is set if
+//! evaluating the light changed the value that coarser nodes predict. A node between coarser ones
+//! interpolates, and evaluates only the lights in the masks around it:
 //!
 //! ```text
-//! value = Σ_j w_j value_j + Σ_{i surprised} (light_i − Σ_j w_j light_i,j)
+//! value = Σ_j w_j value_j + Σ_{i in masks} (light_i − Σ_j w_j light_i,j)
 //! ```
 //!
-//! with j the nodes around it. The last sum evaluates light i there again: nothing is kept of
-//! single lights but their bit, whatever their number. A node for which nothing around is alike
-//! (another surface, a normal too far turned, another roughness) evaluates all lights, as does such
-//! a pixel.
+//! with j the nodes around it. The last sum evaluates light i at these nodes again: only the bit of
+//! a light is stored, for any number of lights. A node without similar neighbors (another surface,
+//! normal or roughness) evaluates all lights, as does such a pixel.
 //!
-//! Nodes keep two colors, the light over f₀ and over f₉₀ ([`brdf`]): textures of color need no
-//! subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
-//! how much of a light arrives, and from where.
+//! Nodes have two colors, the radiance over f₀ and over f₉₀ ([`brdf`]), so color textures need no
+//! subsplats. Size and shadows of lights are those of [`vpl`](super::vpl):
+//! [`vpl_contribution`](super::vpl::vpl_contribution) is the part of a light that arrives, and its
+//! direction.
 
 use super::brdf;
 use super::gbuffer;
@@ -54,8 +54,8 @@ pub const VIEW_COSINE_TOLERANCE: f32 = 0.15;
 /// Difference of perceptual roughness from which they say nothing of one another.
 pub const ROUGHNESS_TOLERANCE: f32 = 0.1;
 
-/// How much of the gloss a texel shows, 0 to 1: all of a metal's; of others what their roughness
-/// leaves.
+/// Fraction of the specular radiance that a texel shows, 0 to 1. Metals show all, other materials
+/// less with roughness.
 #[must_use]
 pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
     let smooth = (params.roughest - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
@@ -69,7 +69,7 @@ pub struct SpecularView<'a> {
     pub screen: &'a SubsplatParams,
     /// The rest of the settings.
     pub params: &'a SpecularParams,
-    /// Where the lights' space is, and the scale.
+    /// Transform to the space of the lights, and the scale.
     pub view: &'a VplViewParams,
     /// The lights.
     pub lights: VplSet<'a>,
@@ -103,7 +103,7 @@ struct Prediction {
 }
 
 impl SpecularView<'_> {
-    /// None where nothing glossy is to be seen.
+    /// Returns `None` where no glossy surface is visible.
     fn glossy(&self, pixel: [u32; 2]) -> Option<Glossy> {
         let seen = visible_surface(self.screen, &self.picture, pixel)?;
         let texel = self.picture.texel(self.screen.size, pixel);
@@ -120,8 +120,8 @@ impl SpecularView<'_> {
         receiver(self.view, &self.lights, pixel, of.depth, of.texel)
     }
 
-    /// What the nodes of level `k` + 1 foretell at cell (x, y) of level `k` (0 for pixels), of
-    /// which one coordinate at least is odd.
+    /// Prediction of the nodes of level `k` + 1 at cell (x, y) of level `k` (0 for pixels). At
+    /// least one coordinate is odd.
     fn predict(
         &self,
         levels: &SubsplatLevels,
@@ -269,8 +269,8 @@ impl SpecularView<'_> {
         SpecularNode::new(&light)
     }
 
-    /// Entry point `vpl_specular_pixels`, for one pixel: radiance times the scale, and 1 where there is
-    /// any; and how many lights were evaluated for it alone.
+    /// Entry point `vpl_specular_pixels`, for one pixel: radiance times the scale, and 1 where
+    /// there is any; and how many lights were evaluated for it alone.
     #[must_use]
     pub fn pixel(
         &self,
@@ -294,7 +294,7 @@ impl SpecularView<'_> {
         (texel(&here, &light), u64::from(self.lights.lit.vpls))
     }
 
-    /// A pixel evaluated by itself: what full resolution shows.
+    /// A pixel evaluated directly: what full resolution shows.
     #[must_use]
     pub fn full(&self, pixel: [u32; 2]) -> [f32; 4] {
         self.glossy(pixel).map_or([0.0; 4], |here| {
@@ -362,20 +362,21 @@ pub struct SpecularImage {
     pub nodes: Vec<SpecularNode>,
     /// Lights that surprised, of the levels from 2.
     pub refine_masks: Vec<[u32; 4]>,
-    /// How often a light was evaluated, level by level; 0 is for pixels by themselves.
+    /// Number of light evaluations of each level. Entry 0 counts pixels that are evaluated
+    /// directly.
     pub evaluated: Vec<u64>,
 }
 
 /// The nodes around, as steps.
 const CORNERS: [(u32, u32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
 
-/// Where the surprises of a cell of level 2 or more are.
+/// Index of the refine mask of a cell of level 2 or more.
 #[must_use]
 pub fn refine_mask_index(levels: &SubsplatLevels, k: u32, x: u32, y: u32) -> usize {
     levels.index(k, x, y) - levels.starts[2] as usize
 }
 
-/// How much two glossy places say of one another: 1 all, 0 nothing.
+/// Similarity of two glossy surface points, 0 to 1.
 fn surface_similarity(a: &Glossy, b: &Glossy) -> f32 {
     let (p, q) = (&a.seen, &b.seen);
     let off = (q.x - p.x).dot(p.n).abs().max((q.x - p.x).dot(q.n).abs());

@@ -33,8 +33,8 @@ impl CpuFrame {
         surfaces(&self.surfaces, scene)
     }
 
-    /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero
-    /// for the nearer one); None where no probe reaches, or the scene has none.
+    /// Probe irradiance at `x`, inside an occluder on the side that `n` faces (zero for the nearer
+    /// one). Returns `None` if no probe reaches `x` or the scene has no probes.
     #[must_use]
     pub fn probe_irradiance(
         &self,
@@ -51,8 +51,8 @@ impl CpuFrame {
         &self.probes
     }
 
-    /// Indirect irradiance at (x, n), W/m²; None where no basis function covers the place. What the
-    /// sky and emissive surfaces send is in it.
+    /// Indirect irradiance at (x, n), W/m². Includes the light of the sky and of emissive surfaces.
+    /// Returns `None` where no basis function covers the point.
     #[must_use]
     pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
         splat::splat(&scene.points, &scene.display, &self.values, x, n)
@@ -115,7 +115,7 @@ impl CpuFrame {
         &self.components
     }
 
-    /// What the operator alone gives each point, where it is in the form of differences, W/m².
+    /// Vector irradiance of the operator alone at each point, for the form of differences, W/m².
     #[must_use]
     pub fn applied(&self) -> &[VectorIrradiance] {
         &self.applied
@@ -127,7 +127,7 @@ impl CpuFrame {
         &self.values
     }
 
-    /// What has run so far.
+    /// Counters so far.
     #[must_use]
     pub fn counters(&self) -> CpuFrameStats {
         self.counters

@@ -138,7 +138,7 @@ impl CpuFrame {
     }
 }
 
-/// Who is to get light.
+/// Receivers of a transport.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Whom {
     /// All points.

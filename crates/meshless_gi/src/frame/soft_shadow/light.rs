@@ -85,7 +85,7 @@ impl SoftLight {
         .or_none()
     }
 
-    /// The soft light of a point or rectangle light; none for the other kinds.
+    /// Soft light of a point or rectangle light. Returns `None` for other kinds.
     #[must_use]
     pub fn from_light(light: &Light, samples: u32) -> Option<Self> {
         match *light {
@@ -118,9 +118,9 @@ impl SoftLight {
     }
 
     /// The light in a bake's local space, where `local_from_world` turns, moves and scales
-    /// uniformly: as [`FrameLight::to_local`](crate::frame::FrameLight::to_local), so that irradiance is
-    /// the same in both spaces. A transform that mirrors turns u and v, and the side that shines
-    /// stays.
+    /// uniformly: as [`FrameLight::to_local`](crate::frame::FrameLight::to_local), so that
+    /// irradiance is the same in both spaces. A transform that mirrors turns u and v, and the side
+    /// that shines stays.
     #[must_use]
     pub fn to_local(&self, local_from_world: &Mat4) -> Self {
         let determinant = local_from_world.determinant();
@@ -165,7 +165,7 @@ impl SoftLight {
 /// Meters, W/sr and W/(m² sr) stay below: no square of them is infinite.
 const MAX: f32 = 1e15;
 
-/// Samples along an edge for so many in all.
+/// Samples along an edge for a total of `samples`.
 fn side(samples: u32) -> u32 {
     (samples as f32)
         .sqrt()
@@ -173,7 +173,7 @@ fn side(samples: u32) -> u32 {
         .clamp(1.0, SoftLight::MAX_SAMPLES as f32) as u32
 }
 
-/// Irradiance at (x, n) without shadows from `light` with color one, in a level as large as
+/// Irradiance at (x, n) without shadows from `light` with color one, in a scene as large as
 /// `extent` (meters): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is
 /// exact for one that is wholly above it; both fade toward their range, as Bevy draws them.
 #[must_use]
@@ -193,7 +193,7 @@ pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     lambert(corners(light, to), n) * window(light, square)
 }
 
-/// How a light fades toward its range, at the square of a distance, m².
+/// Fade factor of a light toward its range. `square` is a squared distance, m².
 #[must_use]
 pub fn window(light: &SoftLight, square: f32) -> f32 {
     let factor = square * light.inverse_square_range;
@@ -257,7 +257,8 @@ mod tests {
     use super::*;
     use glam::Quat;
 
-    /// Whether a root moves, turns, scales or mirrors a level: its lamps light it as before.
+    /// A transform of the root moves, turns, scales or mirrors a scene. Its lights give the same
+    /// irradiance.
     #[test]
     fn soft_irradiance_is_equal_in_both_spaces() {
         let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);

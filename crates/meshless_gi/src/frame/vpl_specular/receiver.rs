@@ -13,7 +13,7 @@ use std::f32::consts::PI;
 /// Lights, and what shadows them.
 #[derive(Clone, Copy)]
 pub struct VplSet<'a> {
-    /// How many, and the bake's place.
+    /// Number of lights, and the transform to the bake.
     pub lit: &'a VplParams,
     /// The lights.
     pub vpls: &'a [Vpl],
@@ -32,15 +32,15 @@ impl VplSet<'_> {
 /// A surface that lights shine on, in their space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Receiver {
-    /// Where, meters.
+    /// Position, meters.
     pub x: Vec3,
     /// Normal, eye, roughness.
     pub facet: ShadingPoint,
-    /// Where shadow rays start, in the bake's space.
+    /// Start of shadow rays, in the bake's space.
     pub start: Vec3,
 }
 
-/// What a pixel shows.
+/// Receiver at a pixel.
 #[must_use]
 pub fn receiver(
     view: &VplViewParams,
@@ -78,13 +78,13 @@ fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
 /// Light over flux, 1/m², below which there is none.
 pub const MIN: f32 = 1e-15;
 
-/// How much brighter than by a white matt surface a light may be seen in this gloss: what the
-/// threshold of shadow rays is compared with.
+/// Upper bound of the brightness of a light in this reflection over that on a white matt surface.
+/// The threshold of shadow rays uses it.
 fn brightest(gloss: &SpecularTerms) -> f32 {
     (PI * (gloss.f0 + gloss.f90)).max(1.0)
 }
 
-/// What one light gives to the eye, over its flux.
+/// Specular terms of one light toward the eye, over its flux.
 #[must_use]
 pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
     let light = &lights.vpls[i as usize];
@@ -109,7 +109,7 @@ pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> Specular
     }
 }
 
-/// What all lights give to the eye, unscaled.
+/// Specular radiance of all lights toward the eye, unscaled.
 #[must_use]
 pub fn specular_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
     let mut sum = SpecularRadiance::default();

@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3};
 use half::f16;
 
-/// Which surfaces show the gloss of virtual lights, and where it is evaluated.
+/// Settings of specular reflections of virtual lights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -23,7 +23,7 @@ pub struct SpecularSettings {
     pub coarsest: u32,
     /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
     pub finest: u32,
-    /// A light is evaluated further where it is this far from what was foretold, in parts of the
+    /// A light is evaluated further where it is this far from what was predicted, in parts of the
     /// gloss of all lights.
     pub light: f32,
     /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
@@ -45,7 +45,7 @@ impl Default for SpecularSettings {
 }
 
 impl SpecularSettings {
-    /// What the kernel is told: the view as for subsplats, and the rest.
+    /// Parameters of the kernel: those of subsplats, and the others.
     #[must_use]
     pub fn params(
         &self,
@@ -71,7 +71,7 @@ impl SpecularSettings {
     }
 }
 
-/// What `gloss` is told beside the view. 16 bytes.
+/// Parameters of `vpl_specular` in addition to those of the view. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SpecularParams {
@@ -137,7 +137,7 @@ impl SpecularRadiance {
         self.f90 += weight * other.f90;
     }
 
-    /// What a surface with this f₀ shows of it.
+    /// Radiance for a surface with this f₀.
     #[must_use]
     pub fn of(&self, f0: Vec3) -> Vec3 {
         f0 * self.f0 + brdf::f90(f0) * self.f90
