@@ -1,32 +1,32 @@
-//! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball
-//! rolls through it, which no bake knows: it colors the floor and the blocks beside it.
+//! Cornell box with a moving light. Indirect light follows in the same frame. A blue ball, which is
+//! not in the bake, rolls through it and tints the floor and the blocks.
 //!
 //! ```text
 //! cargo run --release --example cornell
 //! ```
 //!
-//! The box is made in code and baked while the window is already open.
+//! The box is made in code and baked in the background.
 //!
 //! | key | does |
 //! |---|---|
-//! | arrows, Page Up, Page Down | move the lamp |
-//! | left mouse button, held | the lamp follows the mouse |
+//! | arrows, Page Up, Page Down | move the light |
+//! | left mouse button, held | the light follows the mouse |
 //! | Space | indirect light on and off |
-//! | Tab | one view, or direct light alone beside both |
+//! | Tab | one view, or direct light alone on the left |
 //! | M | the ball stops and rolls on |
 //! | B | the light that the ball reflects, on and off |
 //! | D | indirect light at a fraction of the pixels, or at every pixel |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
-//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
-//! | H | the lines of help on and off |
+//! | H | help on and off |
 //!
-//! With `-- --soft` the lamp is a panel that shines down, and casts soft shadows without a shadow
-//! map; the ball, which no bake knows, casts none and reflects none of its light.
+//! With `-- --soft` the light is a panel that casts soft shadows without a shadow map. The ball is
+//! not in the bake: it casts none and does not reflect the panel's light.
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture without a window and
-//! ends (with M first, the ball stays where it starts).
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture without a window. Press
+//! M first to keep the ball at its start.
 
 mod common;
 
@@ -34,7 +34,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
-use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
+use common::stage::{MovableLight, Stage, StageSystems, spawn_light};
 use meshless_gi::{VisibilityRecipe, cornell_box};
 use std::process::ExitCode;
 
@@ -52,7 +52,7 @@ fn main() -> ExitCode {
     app.insert_resource(Soft(soft))
         .add_plugins(Stage {
             look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
-            // Inside the box.
+            // Positions inside the box.
             reach: Some((Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5))),
             keys: "M: ball    B: its bounce    D: display",
         })
@@ -75,15 +75,15 @@ fn usage(why: &str) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// What moves: the bake does not hold its light.
+/// Dynamic object, not in the bake.
 #[derive(Component)]
 struct Ball;
 
-/// The lamp is a panel with soft shadows, and no bulb with a shadow map.
+/// The light is a panel with soft shadows instead of a point light with a shadow map.
 #[derive(Resource)]
 struct Soft(bool);
 
-/// Edges of the panel, meters.
+/// Edges of the panel, in meters.
 const PANEL: Vec2 = Vec2::new(0.6, 0.4);
 
 fn setup(
@@ -109,7 +109,7 @@ fn setup(
             ..default()
         });
         commands.spawn((
-            Lamp,
+            MovableLight,
             RectLight {
                 color: Color::linear_rgb(1.0, 0.95, 0.85),
                 intensity: 20_000.0,
@@ -119,18 +119,18 @@ fn setup(
             },
             GiSoftShadow::default(),
             Transform::from_xyz(0.0, 1.9, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
-            // It shines along -Z.
+            // A rectangle light shines along -Z.
             Mesh3d(meshes.add(Cuboid::new(PANEL.x, PANEL.y, 0.005))),
             MeshMaterial3d(panel),
         ));
     } else {
-        spawn_lamp(
+        spawn_light(
             &mut commands,
             &mut meshes,
             &mut materials,
             Vec3::new(0.0, 1.6, 0.0),
         )
-        // What moves bounces its light.
+        // Dynamic objects reflect the light.
         .insert(GiReflectiveShadowMap::default());
     }
     let blue = materials.add(StandardMaterial {
@@ -147,21 +147,20 @@ fn setup(
     ));
 }
 
-/// Radius of the ball, meters.
+/// Radius of the ball, in meters.
 const BALL: f32 = 0.18;
 
-/// Ends of the ball's way on the floor: along the front of the small block, which it passes 4 cm
-/// away from.
+/// Ends of the ball's path on the floor, in front of the small block at a distance of 4 cm.
 const WAY: (Vec3, Vec3) = (Vec3::new(-0.7, BALL, 0.57), Vec3::new(0.6, BALL, 0.98));
 
-/// Where the ball is: to and fro, from the middle of its way.
+/// Position of the ball at a time. It starts in the middle of its path.
 fn ball_at(seconds: f32) -> Vec3 {
     WAY.0.lerp(WAY.1, 0.5 + 0.5 * (0.7 * seconds).sin())
 }
 
 fn roll(mut ball: Single<&mut Transform, With<Ball>>, clock: Res<Clock>) {
     let place = ball_at(clock.now);
-    // A ball at rest must not look moved.
+    // A ball at rest must not be marked as changed.
     if place != ball.translation {
         ball.translation = place;
     }

@@ -1,29 +1,29 @@
-//! A visitor walks through a door, which shuts: the room behind it, which had its light through the
-//! door alone, goes dark. The bake knows the door; of the visitor it knows nothing, and yet light
-//! in free space falls on it, and its coat colors the floor.
+//! A character walks through a door, which closes. The room behind it, which is lit through the
+//! door only, goes dark. The door is an occluder of the bake. Probes light the character, and its
+//! coat tints the floor.
 //!
 //! ```text
 //! cargo run --release --example doors
 //! ```
 //!
-//! Two rooms, made in code and baked while the window is already open; their ceiling and the wall
-//! before them are drawn from inside only.
+//! Two rooms are made in code and baked in the background. Their ceiling and front wall are drawn
+//! from inside only.
 //!
 //! | key | does |
 //! |---|---|
-//! | M | time stops and goes on |
-//! | Left, Right | time goes back and on |
-//! | B | the light that the visitor reflects, on and off |
+//! | M | pause and continue |
+//! | Left, Right | change the time |
+//! | B | the light that the character reflects, on and off |
 //! | Space | indirect light on and off |
-//! | Tab | one view, or direct light alone beside both |
+//! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
-//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
-//! | H | the lines of help on and off |
+//! | H | help on and off |
 //!
-//! `-- --screenshot FILE.png --at 6.5` writes a picture of second 6.5, when the door is shut,
-//! without a window; `--at 2.2` one through the open door.
+//! `-- --screenshot FILE.png --at 6.5` writes a picture of second 6.5, when the door is closed.
+//! `--at 2.2` shows it open.
 
 mod common;
 
@@ -31,7 +31,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
-use common::stage::{Stage, StageSystems, spawn_lamp};
+use common::stage::{Stage, StageSystems, spawn_light};
 use meshless_gi::{Material, OccluderBox, OccluderDesc, ProbeSettings, Quad};
 use std::f32::consts::PI;
 use std::process::ExitCode;
@@ -59,13 +59,13 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-/// Corners of both rooms together, meters.
+/// Corners of both rooms together, in meters.
 const ROOMS: (Vec3, Vec3) = (Vec3::new(-4.0, 0.0, -3.0), Vec3::new(4.0, 2.7, 0.0));
 /// Half of the thickness of the wall between them, at x = 0.
 const WALL: f32 = 0.1;
-/// The doorway in it: from z to z, and how high.
+/// Doorway: z from, z to, and height.
 const DOORWAY: (f32, f32, f32) = (-2.0, -1.0, 2.2);
-/// Middle and edges of the door, shut.
+/// Center and edges of the closed door.
 const DOOR: (Vec3, Vec3) = (Vec3::new(0.0, 1.1, -1.5), Vec3::new(0.06, 2.2, 1.0));
 
 fn rooms() -> Vec<Quad> {
@@ -86,9 +86,9 @@ fn rooms() -> Vec<Quad> {
 }
 
 #[derive(Component)]
-struct Visitor;
+struct Character;
 
-/// Swings to and fro while the visitor walks, by so many radians.
+/// Limb that swings while the character walks. Amplitude in radians.
 #[derive(Component)]
 struct Swings(f32);
 
@@ -118,7 +118,7 @@ fn set_up(
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.bake_gi(recipe);
     let place = Vec3::new(-1.9, 2.05, -1.9);
-    spawn_lamp(&mut commands, &mut meshes, &mut materials, place)
+    spawn_light(&mut commands, &mut meshes, &mut materials, place)
         .insert(GiReflectiveShadowMap::default());
     let mut paint = |r, g, b| {
         materials.add(StandardMaterial {
@@ -138,7 +138,7 @@ fn set_up(
         MeshMaterial3d(paint(0.5, 0.45, 0.4)),
         Transform::from_translation(DOOR.0),
     ));
-    // Where the wall is cut open to look in, it is black.
+    // Section of the wall toward the camera, drawn black.
     let cut = paint(0.0, 0.0, 0.0);
     let (min, max) = ROOMS;
     let top = Cuboid::new(2.0 * WALL, 0.004, max.z - min.z);
@@ -162,13 +162,13 @@ fn set_up(
     let head = meshes.add(Sphere::new(0.14));
     let leg = meshes.add(Capsule3d::new(0.085, 0.66));
     let arm = meshes.add(Capsule3d::new(0.06, 0.42));
-    let visitor = (
-        Visitor,
+    let character = (
+        Character,
         GiReflector,
         Transform::default(),
         Visibility::default(),
     );
-    commands.spawn(visitor).with_children(|body| {
+    commands.spawn(character).with_children(|body| {
         let mut part = |mesh: &Handle<Mesh>, paint: &Handle<StandardMaterial>, at: Vec3| {
             body.spawn((
                 Mesh3d(mesh.clone()),
@@ -178,7 +178,7 @@ fn set_up(
         };
         part(&trunk, &coat, Vec3::new(0.0, 1.14, 0.0));
         part(&head, &skin, Vec3::new(0.0, 1.63, 0.0));
-        // Legs and arms hang from joints; those of one side swing against each other.
+        // Legs and arms hang from joints. Those of one side swing in opposite directions.
         for (mesh, paint, side, high, hangs, far) in [
             (&leg, &trousers, 0.1, 0.86, 0.44, 0.5),
             (&leg, &trousers, -0.1, 0.86, 0.44, -0.5),
@@ -196,11 +196,10 @@ fn set_up(
     });
 }
 
-/// Seconds until all begins again.
+/// Seconds of one round.
 const ROUND: f32 = 17.0;
 
-/// Where the visitor is on its way through the door, to the left and back, meters; and how far it
-/// has turned round, radians.
+/// Position on the path through the door to the left and back, in meters, and rotation in radians.
 fn way(seconds: f32) -> (f32, f32) {
     let t = seconds.rem_euclid(ROUND);
     let there = (t / 6.0).clamp(0.0, 1.0);
@@ -209,35 +208,35 @@ fn way(seconds: f32) -> (f32, f32) {
     (3.0 - 6.0 * there + 6.0 * back, PI * turned)
 }
 
-/// How far the door stands open: it shuts behind the visitor, and opens before it.
+/// Transmittance of the door. It closes behind the character and opens in front of it.
 fn transmittance(seconds: f32) -> f32 {
     let t = seconds.rem_euclid(ROUND);
     1.0 - between(4.2, 5.4, t) + between(8.5, 9.7, t)
 }
 
-/// From 0 at `from` to 1 at `to`, smoothly.
+/// Smooth step from 0 at `from` to 1 at `to`.
 fn between(from: f32, to: f32, t: f32) -> f32 {
     let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
     s * s * (3.0 - 2.0 * s)
 }
 
 fn walk(
-    mut visitor: Single<&mut Transform, With<Visitor>>,
-    mut limbs: Query<(&Swings, &mut Transform), Without<Visitor>>,
+    mut character: Single<&mut Transform, With<Character>>,
+    mut limbs: Query<(&Swings, &mut Transform), Without<Character>>,
     clock: Res<Clock>,
     mut last: Local<Option<f32>>,
 ) {
-    // Who stands still must not look moved.
+    // A character at rest must not be marked as changed.
     if last.replace(clock.now) == Some(clock.now) {
         return;
     }
     let (x, turned) = way(clock.now);
-    // It bobs a little.
+    // The body moves up and down slightly.
     let (step, _) = (4.2 * x).sin_cos();
     let high = 0.02 * (1.0 - step * step);
     let place = Transform::from_xyz(x, high, 0.5 * (DOORWAY.0 + DOORWAY.1))
         .with_rotation(Quat::from_rotation_y(turned));
-    visitor.set_if_neq(place);
+    character.set_if_neq(place);
     for (swings, mut limb) in &mut limbs {
         limb.rotation = Quat::from_rotation_z(swings.0 * step);
     }
@@ -249,7 +248,7 @@ fn slide(mut door: Single<(&mut Transform, &mut GiOccluder), With<Door>>, clock:
     if occluder.transmittance != open {
         occluder.transmittance = open;
     }
-    // Open, it is inside of the wall.
+    // The open door is inside the wall.
     let slid = DOOR.0 - Vec3::Z * open * DOOR.1.z;
     if place.translation != slid {
         place.translation = slid;
@@ -259,13 +258,13 @@ fn slide(mut door: Single<(&mut Transform, &mut GiOccluder), With<Door>>, clock:
 fn switch_bounce(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
-    visitor: Single<(Entity, Has<GiReflector>), With<Visitor>>,
+    character: Single<(Entity, Has<GiReflector>), With<Character>>,
 ) {
-    let (visitor, bounces) = *visitor;
+    let (character, bounces) = *character;
     if keys.just_pressed(KeyCode::KeyB) {
         match bounces {
-            true => commands.entity(visitor).remove::<GiReflector>(),
-            false => commands.entity(visitor).insert(GiReflector),
+            true => commands.entity(character).remove::<GiReflector>(),
+            false => commands.entity(character).insert(GiReflector),
         };
     }
 }

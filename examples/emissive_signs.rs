@@ -1,26 +1,24 @@
-//! A street at night whose signs blink, chase and change their color: but for a faint sky they are
-//! all the light that there is, and what they shed on the street and the walls follows in the frame
-//! in which they change. Bevy itself shows a glowing surface and lets it light nothing.
+//! A street at night, lit by signs that blink and change color, and by a faint sky. Indirect light
+//! follows in the same frame. Bevy displays emissive surfaces, but they light nothing.
 //!
 //! ```text
 //! cargo run --release --example emissive_signs
 //! ```
 //!
-//! The street is made in code and baked, with materials that may change, while the window is
-//! already open.
+//! The street is made in code and baked in the background, with dynamic materials.
 //!
 //! | key | does |
 //! |---|---|
-//! | M | time stops and goes on |
-//! | Left, Right | time goes back and on |
+//! | M | pause and continue |
+//! | Left, Right | change the time |
 //! | L | the signs off and on |
 //! | Space | indirect light on and off: without it, there is none |
-//! | Tab | one view, or direct light alone beside both |
+//! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
-//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
-//! | H | the lines of help on and off |
+//! | H | help on and off |
 //!
 //! `-- --screenshot FILE.png --at 3` writes a picture of second 3 without a window.
 
@@ -54,20 +52,20 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-/// Whether the signs are on.
+/// State of the signs: on or off.
 #[derive(Resource)]
 struct Lit(bool);
 
-/// A sign: boxes of one material that glows.
+/// Sign: boxes of one emissive material.
 struct Sign {
     name: &'static str,
-    /// Radiance where it is fully on, as Bevy's `emissive` has it.
+    /// Emissive color when it is fully on, as Bevy's `emissive`.
     color: Vec3,
-    /// Corners, meters.
+    /// Corners of the boxes, in meters.
     boxes: &'static [([f32; 3], [f32; 3])],
 }
 
-/// All signs. Blades stand out from the walls, others lie on them.
+/// Signs on the walls and at right angles to them.
 const SIGNS: [Sign; 7] = [
     Sign {
         name: "blade",
@@ -115,10 +113,10 @@ const SIGNS: [Sign; 7] = [
     },
 ];
 
-/// What part of its strength a sign has at a time, for each color.
+/// Fraction of a sign's emission at a time, per color channel.
 fn strength(sign: usize, t: f32) -> Vec3 {
     match sign {
-        // Round the colors, from its own on.
+        // Cycles through the colors.
         0 => {
             let hue = |shift: f32| 0.5 + 0.5 * (0.8 * t + shift).cos();
             Vec3::new(
@@ -135,7 +133,7 @@ fn strength(sign: usize, t: f32) -> Vec3 {
         }
         // On and off.
         4 => Vec3::splat(if t.rem_euclid(3.0) < 2.0 { 1.0 } else { 0.03 }),
-        // It flickers now and then.
+        // Flickers occasionally.
         5 => {
             let within = t.rem_euclid(5.0);
             let dark = within < 0.6 && (23.0 * within).sin() > 0.2;
@@ -168,7 +166,7 @@ fn street() -> Vec<Quad> {
     solid([2.8, 0.0, -10.2], [6.0, 5.4, -3.4], &plaster);
     solid([2.8, 0.0, -13.0], [6.0, 8.0, -10.2], &concrete);
     solid([-6.0, 0.0, -14.0], [6.0, 6.5, -13.0], &plaster);
-    // What stands about takes light and shade: boxes, a counter under its roof, a balcony.
+    // Objects: boxes, a counter under its roof, a balcony.
     let planks = paint(0.5, 0.36, 0.2);
     solid([-2.6, 0.12, -1.6], [-2.0, 0.7, -1.0], &planks);
     solid([-2.5, 0.7, -1.5], [-2.1, 1.05, -1.1], &planks);
@@ -196,7 +194,7 @@ fn set_up(
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[0.0, 1.6, 2.0], [0.0, 2.0, -5.0], [0.0, 2.0, -11.0]],
-        // Small things shine in a dark street: more rays than the preset's find them.
+        // Small emissive surfaces in a dark street need more rays than the preset's.
         rays_per_point: Some(2048),
         dynamic_materials: true,
         ..default()
@@ -204,7 +202,7 @@ fn set_up(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        // The night sky of a town.
+        // Night sky of a town.
         GiEnvironment {
             sky: GiSky::Uniform(LinearRgba::rgb(6.0, 7.0, 12.0)),
             ..default()
@@ -214,7 +212,7 @@ fn set_up(
     root.insert(GiDynamicMaterials(named)).bake_gi(recipe);
 }
 
-/// The signs as their time and their switch have them.
+/// Updates the signs' emission.
 fn glow(
     live: Single<&GiDynamicMaterials>,
     mut materials: ResMut<Assets<StandardMaterial>>,
@@ -232,7 +230,7 @@ fn glow(
         let on = if lit.0 { 1.0 } else { 0.0 };
         let [r, g, b] = (on * SIGNS[k].color * strength(k, clock.now)).to_array();
         let now = LinearRgba::rgb(r, g, b);
-        // A sign that did not change must not look changed.
+        // An unchanged sign must not be marked as changed.
         if materials.get(handle).is_some_and(|m| m.emissive != now)
             && let Some(mut material) = materials.get_mut(handle)
         {

@@ -1,13 +1,13 @@
-//! A room with baked light in a plain Bevy app, without this crate's plugin: one of Bevy's own
-//! irradiance volumes, loaded from two files. For devices without compute shaders, and for games
-//! whose lights never change.
+//! A room with baked light in a Bevy app without this crate's plugin: a Bevy irradiance volume
+//! loaded from two files. For devices without compute shaders, and for games whose lights never
+//! change.
 //!
 //! ```text
 //! cargo run --release --example exported
 //! ```
 //!
-//! At the first start the room is baked and its light exported to `out/exported/room.ktx2` and
-//! `room.ron`; later starts load these. For a level of yours the tool writes the same files:
+//! The first start bakes the room and exports its light to `out/exported/room.ktx2` and `room.ron`.
+//! Later starts load these. The tool writes the same files for any scene:
 //!
 //! ```text
 //! meshless_gi bake level.glb -o level.mgi --probes
@@ -18,8 +18,8 @@
 //! |---|---|
 //! | Space | baked light on and off |
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Space]` writes a picture without a window and
-//! ends; `-- --data FOLDER` reads and writes the files elsewhere.
+//! `-- --screenshot FILE.png [--frames N] [--press Space]` writes a picture without a window. `--
+//! --data FOLDER` selects the folder of the files.
 
 mod common;
 
@@ -35,10 +35,10 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Light source of the room: place, meters, and luminous intensity, cd.
+/// Light of the room: position in meters, and luminous intensity in cd.
 const LIGHT: (Vec3, f32) = (Vec3::new(0.0, 1.7, 0.2), 4800.0);
 
-/// Brightness of the irradiance volume while it is on.
+/// Intensity of the irradiance volume while it is on.
 #[derive(Resource)]
 struct Placement(VolumePlacement);
 
@@ -82,7 +82,7 @@ fn usage(error: &str) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Takes `--data FOLDER` out of the arguments; returns an absolute path.
+/// Removes `--data FOLDER` from the arguments and returns an absolute path.
 fn take_folder(arguments: &mut Vec<String>) -> Result<PathBuf, String> {
     let folder = match arguments.iter().position(|a| a == "--data") {
         Some(at) if at + 1 < arguments.len() => {
@@ -95,7 +95,7 @@ fn take_folder(arguments: &mut Vec<String>) -> Result<PathBuf, String> {
     std::path::absolute(folder).map_err(|error| error.to_string())
 }
 
-/// Reads the description of the volume in `folder`; bakes and exports first where the files are
+/// Reads the description of the volume in `folder`. Bakes and exports first if the files are
 /// missing.
 fn placement(folder: &Path) -> Result<VolumePlacement, Box<dyn Error>> {
     let (texture, description) = (folder.join("room.ktx2"), folder.join("room.ron"));

@@ -1,14 +1,13 @@
-//! Renders one picture with indirect light, without a window: for servers, tests and machines
-//! without a GPU (software Vulkan does).
+//! Renders one picture with indirect light without a window, on servers, in tests, and on machines
+//! without a GPU (software Vulkan).
 //!
 //! ```text
 //! cargo run --release --example headless -- cornell.png [--direct] [--budget MS]
 //! ```
 //!
-//! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to
-//! compare. `--budget` moves lamp and camera along a path before the picture, lets indirect light
-//! take so many milliseconds a frame, and prints what frames and solves took and which tier of the
-//! bake was used.
+//! The Cornell box is made in code and baked first. `--direct` turns indirect light off. `--budget`
+//! moves light and camera along a path first, limits the GPU time of indirect light per frame, and
+//! prints the times and the tier of the bake.
 
 mod common;
 
@@ -25,7 +24,7 @@ use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Pixels. 4 bytes each: rows of a multiple of 256 bytes need no unpacking.
+/// Size in pixels of 4 bytes. Rows of a multiple of 256 bytes need no unpacking.
 const SIZE: UVec2 = UVec2::new(640, 480);
 
 fn main() -> ExitCode {
@@ -53,7 +52,7 @@ fn main() -> ExitCode {
     let mut app = App::new();
     app.add_plugins((
         common::capture::windowless(),
-        // For the device's clock.
+        // Measures GPU times.
         RenderDiagnosticsPlugin,
         MeshlessGiPlugin::default(),
     ))
@@ -69,7 +68,7 @@ fn main() -> ExitCode {
         .run_system_cached_with(setup, (target.clone(), indirect))
         .expect("the scene can be made");
 
-    // Bake, in the background as in a game.
+    // Bakes in the background.
     let mut baking = app.world_mut().query::<&GiBakeProgress>();
     while baking.iter(app.world()).next().is_some() {
         std::thread::sleep(std::time::Duration::from_millis(10));
@@ -81,7 +80,7 @@ fn main() -> ExitCode {
         return ExitCode::from(1);
     }
 
-    // A few frames more: shadow maps and shaders settle.
+    // Some more frames for shadow maps and shaders.
     for _ in 0..5 {
         frame(&mut app);
     }
@@ -113,12 +112,12 @@ fn main() -> ExitCode {
 fn frame(app: &mut App) {
     app.update();
     if let Some(device) = app.world().get_resource::<RenderDevice>() {
-        // What is lost with the device shows in the log, and as a picture that never comes.
+        // A lost device shows in the log, and as a missing picture.
         let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
     }
 }
 
-/// Moves lamp and camera along a path under a budget, and prints a row for every tenth frame.
+/// Moves light and camera along a path under a budget, and prints a row for every tenth frame.
 fn walk(app: &mut App, ms: f32) {
     const FRAMES: u32 = 300;
     let world = app.world_mut();

@@ -1,29 +1,28 @@
-//! A statue of points in a room of triangles, under a lamp that circles it: points and triangles
-//! light and shade each other.
+//! A statue of points in a room of triangles, with a light that circles it. Points and triangles
+//! light and shadow each other.
 //!
 //! ```text
 //! cargo run --release --example points
 //! cargo run --release --example points -- path/to/scan.ply [draft|medium|high]
 //! ```
 //!
-//! Without a file the points are scattered over the statue that the project makes itself. A `.ply`
-//! of yours is stood in the room in its place, Y up, scaled until it fits. The room is baked while
-//! the window is already open.
+//! Without a file, points are scattered over the built-in statue. A `.ply` file replaces it, Y up,
+//! scaled to fit. The room is baked in the background.
 //!
 //! | key | does |
 //! |---|---|
-//! | M | the lamp stops and circles on |
-//! | arrows, Page Up, Page Down | stop the lamp and move it |
-//! | left mouse button, held | the lamp follows the mouse |
+//! | M | the light stops and circles on |
+//! | arrows, Page Up, Page Down | stop the light and move it |
+//! | left mouse button, held | the light follows the mouse |
 //! | Space | indirect light on and off |
-//! | Tab | one view, or direct light alone beside both |
+//! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
-//! | P | the plan of the frame: what runs, why, and how long it takes |
-//! | H | the lines of help on and off |
+//! | P | the plan of the frame: passes, reasons, times |
+//! | H | help on and off |
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture without a window and
-//! ends (with M first, the lamp stays where it starts).
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture without a window. Press
+//! M first to keep the light at its start.
 
 mod common;
 
@@ -32,16 +31,16 @@ use bevy_meshless_gi::GiBakeTask;
 use bevy_meshless_gi::point_cloud::{GiPointCloud, GiPointCloudAsset};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
-use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
+use common::stage::{MovableLight, Stage, StageSystems, spawn_light};
 use meshless_gi::internals::samples::scatter;
 use meshless_gi::internals::scene::{PlyPoints, read_ply, statue};
 use meshless_gi::{Bounds, PointCloud, Preset, Recipe, TriangleMesh, cornell_box, mesh_of_quads};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Points of the statue are no nearer to each other than this, meters.
+/// Minimum distance between points of the statue, in meters.
 const SPACING: f32 = 0.012;
-/// What a scan is scaled into, meters.
+/// Size that a scan is scaled to, in meters.
 const ROOM_FOR: Vec3 = Vec3::new(1.2, 1.5, 1.2);
 
 fn main() -> ExitCode {
@@ -78,11 +77,11 @@ fn main() -> ExitCode {
     let mut app = common::app(capture.as_ref());
     app.add_plugins(Stage {
         look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
-        // Inside the room.
+        // Positions inside the room.
         reach: Some((Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5))),
         keys: "M: circle",
     })
-    .insert_resource(Level {
+    .insert_resource(RoomToBake {
         cloud: Some(cloud),
         preset,
     })
@@ -99,13 +98,13 @@ fn usage(why: &str) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// The built-in statue as points.
+/// Returns points of the built-in statue.
 fn scattered() -> Result<PointCloud, String> {
     let points = scatter(&statue(), SPACING, 1).ok_or("too many points")?;
     PointCloud::new(points, &[]).map_err(|why| why.to_string())
 }
 
-/// The points of a file, stood in the middle of the floor and scaled into [`ROOM_FOR`].
+/// Reads the points of a file, placed on the middle of the floor and scaled to [`ROOM_FOR`].
 fn read(file: &Path) -> Result<PointCloud, String> {
     let points = read_ply(file).map_err(|why| why.to_string())?;
     let finite = points.positions.iter().filter(|x| x.is_finite());
@@ -125,7 +124,7 @@ fn read(file: &Path) -> Result<PointCloud, String> {
 }
 
 #[derive(Resource)]
-struct Level {
+struct RoomToBake {
     cloud: Option<PointCloud>,
     preset: Preset,
 }
@@ -133,23 +132,23 @@ struct Level {
 fn set_up(
     mut commands: Commands,
     clock: Res<Clock>,
-    mut level: ResMut<Level>,
+    mut room_to_bake: ResMut<RoomToBake>,
     mut clouds: ResMut<Assets<GiPointCloudAsset>>,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let Some(cloud) = level.cloud.take() else {
+    let Some(cloud) = room_to_bake.cloud.take() else {
         return;
     };
     info!("{} points", cloud.len());
-    // The walls, without the blocks.
+    // Walls without the blocks.
     let mut quads = cornell_box();
     quads.truncate(5);
-    // What rays meet: triangles and the points' cells, in one mesh.
+    // Geometry of the rays: triangles and the points' cells in one mesh.
     let (cells, _) = cloud.mesh();
     let room = TriangleMesh::joined(vec![mesh_of_quads(&quads), cells]);
     let recipe = Recipe {
-        preset: level.preset,
+        preset: room_to_bake.preset,
         ..default()
     };
     let points = clouds.add(GiPointCloudAsset::new(cloud, &mut meshes, &mut materials));
@@ -160,16 +159,16 @@ fn set_up(
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.with_child(GiPointCloud(points));
-    spawn_lamp(
+    spawn_light(
         &mut commands,
         &mut meshes,
         &mut materials,
-        lamp_at(clock.now),
+        light_at(clock.now),
     );
 }
 
-/// Where the lamp is: round the statue and up and down, from the right in front of it.
-fn lamp_at(seconds: f32) -> Vec3 {
+/// Position of the light at a time: around the statue, up and down.
+fn light_at(seconds: f32) -> Vec3 {
     let angle = 0.6 * seconds + 0.9;
     Vec3::new(
         0.72 * angle.cos(),
@@ -179,7 +178,7 @@ fn lamp_at(seconds: f32) -> Vec3 {
 }
 
 fn circle(
-    mut lamp: Single<&mut Transform, With<Lamp>>,
+    mut light: Single<&mut Transform, With<MovableLight>>,
     keys: Res<ButtonInput<KeyCode>>,
     buttons: Res<ButtonInput<MouseButton>>,
     mut clock: ResMut<Clock>,
@@ -189,9 +188,9 @@ fn circle(
     if keys.any_pressed(by_hand) || buttons.pressed(MouseButton::Left) {
         clock.on = false;
     }
-    let place = lamp_at(clock.now);
-    // A lamp at rest must not look changed.
-    if clock.on && place != lamp.translation {
-        lamp.translation = place;
+    let place = light_at(clock.now);
+    // A light at rest must not be marked as changed.
+    if clock.on && place != light.translation {
+        light.translation = place;
     }
 }

@@ -1,28 +1,26 @@
-//! A day in an atrium: a sun that goes its way, and a sky that is blue by day, warm round a low sun
-//! and dark at night. Both light the court, and what reaches the arcades behind the columns follows
-//! the hour in the frame in which it changes.
+//! A day in an atrium, with a moving sun and a sky that changes color. Indirect light in the
+//! arcades follows in the same frame.
 //!
 //! ```text
 //! cargo run --release --example time_of_day
 //! ```
 //!
-//! The atrium is made in code and baked, for skies that vary, while the window is already open.
+//! The atrium is made in code and baked in the background, for varying skies.
 //!
 //! | key | does |
 //! |---|---|
-//! | M | time stops and goes on |
-//! | Left, Right | time goes back and on |
-//! | F | mist over the court, which the sun and the level's light fill; and none |
+//! | M | pause and continue |
+//! | Left, Right | change the time |
+//! | F | mist over the court, which the sun and the scene's indirect light fill; and none |
 //! | Space | indirect light on and off: without it, sky and walls give none |
-//! | Tab | one view, or direct light alone beside both |
+//! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
-//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
-//! | H | the lines of help on and off |
+//! | H | help on and off |
 //!
-//! `-- --screenshot FILE.png --at 16.5` writes a picture of half past four in the afternoon without
-//! a window.
+//! `-- --screenshot FILE.png --at 16.5` writes a picture of 16:30 without a window.
 
 mod common;
 
@@ -37,7 +35,7 @@ use meshless_gi::{Material, ProbeSettings, Quad, SkyModel, SkyRadiance};
 use std::f32::consts::{PI, TAU};
 use std::process::ExitCode;
 
-/// Hours a second.
+/// Hours per second.
 const SPEED: f32 = 0.5;
 
 fn main() -> ExitCode {
@@ -60,11 +58,11 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-/// From the middle of the court to its edge, where columns stand, and to the walls behind the
-/// arcades, meters.
+/// Distances from the center of the court to the columns and to the walls behind the arcades, in
+/// meters.
 const COURT: f32 = 5.0;
 const WALLS: f32 = 8.0;
-/// The arcades' ceiling, and the top of the storey above it.
+/// Heights of the arcades' ceiling and of the top of the upper story.
 const CEILING: f32 = 3.2;
 const TOP: f32 = 6.2;
 
@@ -81,8 +79,8 @@ fn atrium() -> Vec<Quad> {
     };
     let (c, w) = (COURT, WALLS);
     solid([-w, -0.2, -w], [w, 0.0, w], &paint(0.45, 0.42, 0.38));
-    // Round the court: walls behind the arcades, their ceilings, and the storey above. The sides
-    // along x go round the corners.
+    // Walls behind the arcades, their ceilings, and the story above. The sides along x include the
+    // corners.
     for s in [-1.0f32, 1.0] {
         let along = |from: f32, to: f32| ((s * from).min(s * to), (s * from).max(s * to));
         let (outer, slab, upper) = (
@@ -98,7 +96,7 @@ fn atrium() -> Vec<Quad> {
         solid([-c - 0.1, 3.5, upper.0], [c + 0.1, TOP, upper.1], &render);
         solid([upper.0, 3.5, 0.25 - c], [upper.1, TOP, c - 0.25], &render);
     }
-    // Columns with bases and heads, four spans a side.
+    // Columns with bases and heads, four spans per side.
     for i in -2..=2i32 {
         for k in -2..=2i32 {
             if i.abs() < 2 && k.abs() < 2 {
@@ -117,7 +115,7 @@ fn atrium() -> Vec<Quad> {
             slice(0.25, 2.95, CEILING);
         }
     }
-    // A basin in the middle.
+    // Basin in the middle.
     solid([-1.1, 0.0, -1.1], [1.1, 0.45, 1.1], &stone);
     solid([-0.25, 0.45, -0.25], [0.25, 1.2, 0.25], &terracotta);
     quads
@@ -135,7 +133,7 @@ fn set_up(
         // Arcades see the court between columns: four times the preset's rays.
         rays_per_point: Some(1024),
         sky: SkyModel::Harmonics,
-        // Light in free space, for the mist.
+        // Probes, for the mist.
         probes: Some(ProbeSettings::default()),
         ..default()
     };
@@ -162,8 +160,7 @@ fn set_up(
     ));
 }
 
-/// Mist: Bevy's volumetric fog, which the sun shines through and the level's light fills. Where
-/// there is none, nothing of it is anywhere.
+/// Mist: Bevy's volumetric fog with sunlight and indirect light. Removed entirely while it is off.
 fn mist(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
@@ -199,33 +196,33 @@ fn mist(
     commands.entity(*sun).insert(VolumetricLight);
     for camera in &cameras {
         commands.entity(camera).insert(VolumetricFog {
-            // The level's light takes its place.
+            // The scene's indirect light replaces it.
             ambient_intensity: 0.0,
             ..default()
         });
     }
 }
 
-/// Where the sun is at an hour, of unit length: it rises in the east (+X) at six, and stands
-/// highest at noon, in the south (+Z).
+/// Unit vector to the sun at an hour. It rises in the east (+X) at 6 and is highest at noon in the
+/// south (+Z).
 fn sun_at(hour: f32) -> Vec3 {
     let (high, east) = (PI * (hour - 6.0) / 12.0).sin_cos();
     Vec3::new(east, 0.83 * high, 0.56 * high).normalize()
 }
 
-/// What part of the sun's light comes through the air, linear RGB: less and redder the lower it
-/// stands, none below the horizon.
+/// Fraction of sunlight that passes the air, linear RGB: less and redder at low elevation, 0 below
+/// the horizon.
 fn through_air(sun: Vec3) -> Vec3 {
     let rises = ((sun.y + 0.02) / 0.06).clamp(0.0, 1.0);
     let way = 1.0 / (sun.y.max(0.0) + 0.06);
     rises * (-way * Vec3::new(0.06, 0.12, 0.24)).exp()
 }
 
-/// Illuminance of the sun above the air, lux.
+/// Illuminance of the sun above the atmosphere, in lux.
 const SUN: f32 = 120_000.0;
 
-/// Luminance of the sky in a direction, cd/m²: blue where the sun's light is scattered all day,
-/// warm round a low sun, and a last glimmer at night.
+/// Luminance of the sky in a direction, in cd/m²: blue by day, warm around a low sun, faint at
+/// night.
 fn sky(sun: Vec3, way: Vec3) -> Vec3 {
     let day = ((sun.y + 0.1) / 0.5).clamp(0.0, 1.0).powi(2);
     let up = way.y.max(0.0);
@@ -235,12 +232,12 @@ fn sky(sun: Vec3, way: Vec3) -> Vec3 {
     let beside = (0.5 + 0.5 * way.dot(Vec3::new(sun.x, 0.0, sun.z).normalize_or_zero())).powi(2);
     let warm = low * beside * (1.0 - up).powi(2) * Vec3::new(5200.0, 2000.0, 600.0);
     let night = Vec3::new(0.6, 0.9, 2.0);
-    // What lies below the horizon is ground in the sky's light.
+    // Below the horizon is ground in the sky's light.
     let share = if way.y < 0.0 { 0.25 } else { 1.0 };
     share * (day * blue + warm + night)
 }
 
-/// The sky's nine numbers, from directions spread evenly over the sphere.
+/// Nine coefficients of the sky, from directions spread evenly over the sphere.
 fn nine(sun: Vec3) -> SkyRadiance {
     const DIRECTIONS: usize = 512;
     let golden = TAU * 0.618_034;
@@ -253,7 +250,7 @@ fn nine(sun: Vec3) -> SkyRadiance {
     }))
 }
 
-/// A photographer's choice: less light in the court, a longer look.
+/// Exposure for the illuminance of the court.
 fn exposure(sun: Vec3) -> Exposure {
     let light = (SUN * through_air(sun) * sun.y.max(0.0)).max_element()
         + 3.0 * sky(sun, Vec3::Y).max_element();
@@ -262,7 +259,7 @@ fn exposure(sun: Vec3) -> Exposure {
     }
 }
 
-/// Sun, sky, the picture's background and the exposure follow the hour.
+/// Updates sun, sky, background and exposure.
 fn follow(
     mut commands: Commands,
     clock: Res<Clock>,
@@ -272,7 +269,7 @@ fn follow(
     mut clear: ResMut<ClearColor>,
     mut last: Local<Option<f32>>,
 ) {
-    // At rest nothing must look changed.
+    // Components at rest must not be marked as changed.
     if last.replace(clock.now) == Some(clock.now) {
         return;
     }
@@ -290,7 +287,7 @@ fn follow(
     let exposure = exposure(sun);
     for (camera, place) in &cameras {
         commands.entity(camera).insert(exposure);
-        // What is seen above the roofs is about as bright as the sky there.
+        // The background above the roofs is about as bright as the sky there.
         let above = (*place.forward() + 0.4 * Vec3::Y).normalize();
         let [r, g, b] = (sky(sun, above) * exposure.exposure()).to_array();
         clear.0 = Color::linear_rgb(r, g, b);

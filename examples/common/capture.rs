@@ -1,4 +1,4 @@
-//! A picture of an example without a person or a window: what `--screenshot` of the examples does.
+//! Pictures of an example without a window (`--screenshot`).
 //!
 //! ```text
 //! --screenshot FILE.png    writes a picture of 960 × 540 pixels, and ends; no window opens, and software Vulkan does
@@ -8,8 +8,7 @@
 //! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example knows them; Ctrl+S presses both
 //! ```
 //!
-//! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself
-//! is at the same place on any machine.
+//! Every frame lasts 1/60 s for the app, so that pictures are the same on any machine.
 
 use bevy::app::{PluginGroupBuilder, ScheduleRunnerPlugin};
 use bevy::camera::{RenderTarget, ShadowLodOrigin};
@@ -27,22 +26,22 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Pixels of a picture.
+/// Size of a picture, in pixels.
 const SIZE: UVec2 = UVec2::new(960, 540);
 
-/// What the command line says of a picture.
+/// Picture options of the command line.
 #[derive(Resource, Clone)]
 pub struct Capture {
     file: PathBuf,
     frames: u32,
     while_baking: bool,
-    /// The time that the picture is of.
+    /// Clock time of the picture.
     pub at: Option<f32>,
-    /// Keys that are pressed together, one press after another.
+    /// Presses, one after another, each a set of keys.
     keys: Vec<Vec<KeyCode>>,
 }
 
-/// Bevy's plugins: with a window, or without one where a picture is asked for.
+/// Bevy's plugins, with a window or, for a picture, without one.
 pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     match capture {
         None => DefaultPlugins.build(),
@@ -50,7 +49,7 @@ pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     }
 }
 
-/// Bevy's plugins without a window; a frame is drawn before the next one begins.
+/// Bevy's plugins without a window. A frame is drawn before the next one begins.
 pub fn windowless() -> PluginGroupBuilder {
     DefaultPlugins
         .set(WindowPlugin {
@@ -67,8 +66,8 @@ pub fn windowless() -> PluginGroupBuilder {
 }
 
 impl Capture {
-    /// What the command line says of a picture, where an example knows no other options; after a
-    /// message, the exit code of one who asked for more.
+    /// Reads the command line of an example without further options. Prints a message and returns
+    /// the exit code on an error.
     pub fn from_command_line(example: &str) -> Result<Option<Self>, ExitCode> {
         let mut arguments: Vec<String> = std::env::args().skip(1).collect();
         let why = match Self::take_from(&mut arguments) {
@@ -82,10 +81,10 @@ impl Capture {
         Err(ExitCode::from(2))
     }
 
-    /// Takes its options out of the arguments; None where there is no `--screenshot`.
+    /// Removes the picture options from the arguments. Returns `None` without `--screenshot`.
     ///
     /// # Errors
-    /// A message where an option lacks its value or makes no sense.
+    /// A message if an option has no value or an invalid one.
     pub fn take_from(arguments: &mut Vec<String>) -> Result<Option<Self>, String> {
         let mut value = |name: &str| -> Result<Option<String>, String> {
             let Some(at) = arguments.iter().position(|a| a == name) else {
@@ -153,7 +152,7 @@ impl Capture {
     }
 }
 
-/// What all cameras draw to.
+/// Target of all cameras.
 #[derive(Resource)]
 struct Picture(Handle<Image>);
 
@@ -173,7 +172,7 @@ impl Plugin for Capture {
     }
 }
 
-/// There is no window: cameras draw to the picture, but for the plugin's own.
+/// Directs all cameras to the picture, except the plugin's own.
 fn aim(
     event: On<Add, Camera3d>,
     mut commands: Commands,
@@ -197,7 +196,7 @@ fn capture(
     mut frame: Local<u32>,
 ) {
     if !capture.while_baking && !bakes.is_empty() {
-        // The bake needs the processor more than frames that nobody sees.
+        // Frames are slowed down so that the bake gets the processor.
         std::thread::sleep(Duration::from_millis(200));
         return;
     }

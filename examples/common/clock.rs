@@ -1,29 +1,29 @@
-//! The clock of an example: what moves by itself is where its time says, so that a picture of a
-//! time is the same on any machine.
+//! Clock of an example. Motion depends on its time alone, so that a picture of a time is the same
+//! on any machine.
 
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 
-/// The time of an example. It waits for its light, and stands where a picture of a time is asked
-/// for; M stops it and lets it go on.
+/// Time of an example. It starts when the light is on, and stands still for a picture. M stops and
+/// continues it.
 #[derive(Resource, Clone)]
 pub struct Clock {
-    /// Now, in the example's own unit.
+    /// Current time, in the example's unit.
     pub now: f32,
-    /// Units that a second adds.
+    /// Units per second.
     speed: f32,
-    /// Whether Left and Right turn it back and on.
+    /// Left and Right change the time.
     by_hand: bool,
-    /// Whether it goes.
+    /// The clock runs.
     pub on: bool,
 }
 
-/// Where the clock goes on; what moves by it comes after.
+/// Set that advances the clock. Systems that depend on it run after it.
 #[derive(SystemSet, Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ClockSystems;
 
 impl Clock {
-    /// From `start` on, or stopped at a time that was asked for.
+    /// Creates a clock that runs from `start`, or stands at `at`.
     pub fn new(start: f32, speed: f32, at: Option<f32>) -> Self {
         Self {
             now: at.unwrap_or(start),
@@ -33,7 +33,7 @@ impl Clock {
         }
     }
 
-    /// Left and Right turn it too.
+    /// Lets Left and Right change the time.
     pub fn by_hand(self) -> Self {
         Self {
             by_hand: true,

@@ -1,5 +1,5 @@
-//! Parts that the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key
-//! does, a room to look into, a clock, the tuning panel, the plan on the screen, pictures.
+//! Shared parts of the examples: scenes of flat surfaces as Bevy meshes, gizmos, a stage, a clock,
+//! the tuning panel, the plan overlay, and pictures.
 #![allow(dead_code, reason = "each example uses its part")]
 
 pub mod capture;
@@ -17,8 +17,8 @@ use capture::{Capture, default_plugins};
 use meshless_gi::{Material, Quad};
 use std::process::ExitCode;
 
-/// An app with Bevy's plugins and ours, without Bevy's ambient light, which would count twice; it
-/// makes a picture where one is asked for.
+/// Creates an app with Bevy's plugins and this crate's, without Bevy's ambient light. Adds the
+/// picture options.
 pub fn app(capture: Option<&Capture>) -> App {
     let mut app = App::new();
     app.add_plugins((
@@ -33,7 +33,7 @@ pub fn app(capture: Option<&Capture>) -> App {
     app
 }
 
-/// Runs it to its end.
+/// Runs an app and returns its exit code.
 pub fn run(mut app: App) -> ExitCode {
     match app.run() {
         AppExit::Success => ExitCode::SUCCESS,
@@ -41,7 +41,7 @@ pub fn run(mut app: App) -> ExitCode {
     }
 }
 
-/// Draws the next of: the points, the radii of a level, the non-zero coefficients, nothing.
+/// Selects the next gizmos: points, radii of a level, non-zero coefficients, none.
 pub fn next_gizmos(store: &mut GizmoConfigStore) {
     let (config, group) = store.config_mut::<GiGizmos>();
     let next = match (config.enabled, group.points, group.radii) {
@@ -55,7 +55,7 @@ pub fn next_gizmos(store: &mut GizmoConfigStore) {
     group.level = group.radii.then_some(1);
 }
 
-/// A box along the axes, seen from outside.
+/// Returns the sides of an axis-aligned box that face outward.
 pub fn block(min: Vec3, max: Vec3, material: &Material) -> Vec<Quad> {
     let side = |axis: usize, far: bool| {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -84,16 +84,15 @@ pub fn block(min: Vec3, max: Vec3, material: &Material) -> Vec<Quad> {
     sides.collect()
 }
 
-/// The same box seen from inside.
+/// Returns the sides of an axis-aligned box that face inward.
 pub fn room(min: Vec3, max: Vec3, material: &Material) -> Vec<Quad> {
     let mut quads = block(min, max, material);
     quads.iter_mut().for_each(|quad| quad.corners.reverse());
     quads
 }
 
-/// Spawns the surfaces as children of `root`, a mesh for all of one material, rough and without
-/// reflections; emission is shown as the bake has it. The materials that have a name come back with
-/// it.
+/// Spawns the surfaces as children of `root`, one mesh per material, rough and without reflections.
+/// Returns the named materials.
 pub fn spawn_quads(
     quads: &[Quad],
     root: &mut EntityCommands,

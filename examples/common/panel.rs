@@ -9,7 +9,7 @@
 //! | preset, "bake again" | nothing by itself: the example handles [`BakeAgain`], and offers it by the resource [`PanelPreset`] |
 //! | lights | `GiLight::enabled` of each light |
 //!
-//! F1 shows and hides the panel. It starts hidden where `--screenshot` asks for a picture.
+//! F1 shows and hides the panel. It starts hidden with `--screenshot`.
 
 use super::capture::Capture;
 use super::table;
@@ -44,33 +44,33 @@ pub struct BakeAgain(pub Preset);
 #[derive(Component)]
 pub struct TuningPanel;
 
-/// The value that a control stands for.
+/// Value that a control sets.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub enum Control {
-    /// A view of all cameras.
+    /// View of all cameras.
     View(GiDebugView),
-    /// A number of reflections of all scenes.
+    /// Number of bounces of all scenes.
     Bounces(GiBounceCount),
-    /// A quality of all scenes.
+    /// Quality of all scenes.
     Quality(GiQuality),
-    /// Every pixel, or a fraction of them.
+    /// Splatting of all cameras.
     Full(bool),
-    /// The preset of the next bake.
+    /// Preset of the next bake.
     Preset(Preset),
     /// Starts a bake.
     BakeAgain,
-    /// Switch of a light's part in indirect light.
+    /// Contribution of a light.
     Light(Entity),
 }
 
-/// A heading and its controls with their captions.
+/// Heading, and controls with captions.
 type Section = (&'static str, Vec<(String, Control)>);
 
-/// The controls below the root.
+/// Controls below the root.
 #[derive(Component)]
 struct Controls;
 
-/// The text of the plan.
+/// Text of the plan.
 #[derive(Component)]
 struct PlanText;
 
@@ -110,7 +110,7 @@ fn set_up(mut commands: Commands, capture: Option<Res<Capture>>) {
     };
     commands.spawn((
         TuningPanel,
-        // The picture below gets no clicks on the panel.
+        // Clicks on the panel do not reach the picture.
         (Interaction::default(), FocusPolicy::Block),
         Node {
             position_type: PositionType::Absolute,
@@ -141,7 +141,7 @@ fn show(
     mut focus: ResMut<InputFocus>,
     controls: Query<(), With<Control>>,
 ) {
-    // Keys belong to the example, also after a click on a control.
+    // Keys go to the example, also after a click on a control.
     if focus
         .get()
         .is_some_and(|focused| controls.contains(focused))
@@ -278,7 +278,7 @@ fn build(
     *built = wanted;
 }
 
-/// A button was pressed.
+/// Handles a pressed button.
 fn activate(
     event: On<Activate>,
     mut commands: Commands,
@@ -341,7 +341,7 @@ fn mark(
     lights: Query<&GiLight>,
     preset: Option<Res<PanelPreset>>,
 ) {
-    // Beside the example's camera there may be one that shows direct light alone.
+    // In addition to the example's camera there may be one
     let camera = cameras.iter().max_by_key(|(c, _)| c.enabled);
     let scene = scenes.iter().next();
     for (entity, control, checked) in &controls {

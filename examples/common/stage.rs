@@ -1,5 +1,5 @@
-//! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves
-//! of which the left has direct light alone, a line of help, and the plan.
+//! View of a room: a light that keys and mouse move, one view or two halves (direct light alone on
+//! the left), help lines, and the plan.
 
 use super::panel::TuningPanel;
 use bevy::camera::Viewport;
@@ -7,27 +7,27 @@ use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 
-/// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`];
-/// Space, Tab, V, G, P and H switch what is shown.
+/// Cameras, help and keys. Arrows, Page Up, Page Down and the mouse move the [`MovableLight`].
+/// Space, Tab, V, G, P and H switch the display.
 #[derive(Resource, Clone)]
 pub struct Stage {
-    /// The eye.
+    /// Transform of the camera.
     pub look: Transform,
-    /// Where the lamp may be, meters; None where there is no [`Lamp`].
+    /// Box that limits the light's position, in meters. `None` if there is no [`MovableLight`].
     pub reach: Option<(Vec3, Vec3)>,
-    /// What the example's own keys do, in words.
+    /// Help text of the example's own keys.
     pub keys: &'static str,
 }
 
-/// The lamp that keys and mouse move.
+/// Light that keys and mouse move.
 #[derive(Component)]
-pub struct Lamp;
+pub struct MovableLight;
 
-/// The systems of a [`Stage`].
+/// Systems of a [`Stage`].
 #[derive(SystemSet, Clone, Debug, PartialEq, Eq, Hash)]
 pub struct StageSystems;
 
-/// The camera of the left half: direct light alone. It sleeps while there is one view.
+/// Camera of the left half, which shows direct light alone. Inactive while there is one view.
 #[derive(Component)]
 struct DirectOnly;
 
@@ -51,15 +51,15 @@ impl Plugin for Stage {
             .add_systems(Startup, set_up)
             .add_systems(
                 Update,
-                (move_lamp, switch, lay_out, tell)
+                (move_light, switch, lay_out, tell)
                     .chain()
                     .in_set(StageSystems),
             );
     }
 }
 
-/// A bulb with shadows.
-pub fn spawn_lamp<'a>(
+/// Spawns a point light with shadow maps.
+pub fn spawn_light<'a>(
     commands: &'a mut Commands,
     meshes: &mut Assets<Mesh>,
     materials: &mut Assets<StandardMaterial>,
@@ -71,12 +71,12 @@ pub fn spawn_lamp<'a>(
         ..default()
     });
     commands.spawn((
-        Lamp,
+        MovableLight,
         PointLight {
             color: Color::linear_rgb(1.0, 0.95, 0.85),
             intensity: 60_000.0,
             shadow_maps_enabled: true,
-            // The lamp may come close to a wall; what is nearer than this would cast no shadow.
+            // The light can be close to a wall. Geometry nearer than this casts no shadow.
             shadow_map_near_z: 0.01,
             ..default()
         },
@@ -113,7 +113,7 @@ fn set_up(mut commands: Commands, stage: Res<Stage>) {
             position_type: PositionType::Absolute,
             top: px(8),
             left: px(8),
-            // The panel has the rest.
+            // The panel has the other settings.
             max_width: percent(62),
             padding: UiRect::all(px(4)),
             ..default()
@@ -133,8 +133,8 @@ type TheCamera<'w, 's> = Query<
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
 )]
-fn move_lamp(
-    mut lamp: Single<&mut Transform, With<Lamp>>,
+fn move_light(
+    mut light: Single<&mut Transform, With<MovableLight>>,
     stage: Res<Stage>,
     keys: Res<ButtonInput<KeyCode>>,
     buttons: Res<ButtonInput<MouseButton>>,
@@ -154,7 +154,7 @@ fn move_lamp(
         axis(KeyCode::PageUp, KeyCode::PageDown),
         axis(KeyCode::ArrowDown, KeyCode::ArrowUp),
     );
-    let mut place = lamp.translation + step * time.delta_secs();
+    let mut place = light.translation + step * time.delta_secs();
     let on_panel = panel.iter().any(|over| *over != Interaction::None);
     if buttons.pressed(MouseButton::Left)
         && !on_panel
@@ -166,9 +166,9 @@ fn move_lamp(
         place = ray.get_point(distance);
     }
     let place = place.clamp(low, high);
-    // A lamp at rest must not look changed.
-    if place != lamp.translation {
-        lamp.translation = place;
+    // A light at rest must not be marked as changed.
+    if place != light.translation {
+        light.translation = place;
     }
 }
 
@@ -202,7 +202,7 @@ fn switch(
     }
 }
 
-/// One view over the window, or two halves.
+/// Sets one view over the window, or two halves.
 fn lay_out(
     side_by_side: Res<SideBySide>,
     mut both: Single<&mut Camera, (With<GiCamera>, Without<DirectOnly>)>,
@@ -264,12 +264,12 @@ fn tell(
     } else {
         ""
     };
-    let lamp = match stage.reach {
-        Some(_) => "arrows, Page Up/Down, mouse: lamp    ",
+    let light = match stage.reach {
+        Some(_) => "arrows, Page Up/Down, mouse: light    ",
         None => "",
     };
     let text = format!(
-        "{state}{halves}\n{lamp}Space: indirect light    {}\nTab: side by side    V: view    G: points    P: plan    F1: panel    H: help",
+        "{state}{halves}\n{light}Space: indirect light    {}\nTab: side by side    V: view    G: points    P: plan    F1: panel    H: help",
         stage.keys
     );
     if help.0 != text {

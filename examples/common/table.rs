@@ -1,5 +1,5 @@
-//! The plan of the frame on the screen: which effects run and why, which do not, and the
-//! milliseconds that the device's clock says of them.
+//! Overlay of the frame's plan: effects that run, effects that do not, the reasons, and the
+//! device's measured milliseconds.
 
 use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;
@@ -7,10 +7,10 @@ use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_meshless_gi::{GiFrameStats, GiSystems};
 use std::fmt::Write;
 
-/// Shows the plan; P, for all that has a table.
+/// Overlay plugin. P shows and hides the plan.
 pub struct PlanTable;
 
-/// Frames until its words change: nobody reads faster.
+/// Frames between two updates of the text.
 const EVERY: u32 = 15;
 
 #[derive(Component)]
@@ -18,7 +18,7 @@ struct Table;
 
 impl Plugin for PlanTable {
     fn build(&self, app: &mut App) {
-        // For the device's clock.
+        // Measures GPU times.
         app.add_plugins(RenderDiagnosticsPlugin)
             .add_systems(Startup, set_up)
             .add_systems(Update, tell.after(GiSystems::CollectBakes));

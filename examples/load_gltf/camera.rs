@@ -1,6 +1,6 @@
-//! The camera: where it starts, where it looks, its exposure, and walking.
+//! Camera: start position, direction, exposure, and walking.
 
-use super::drop::{Lamp, Level};
+use super::drop::{CurrentScene, DefaultLight};
 use bevy::camera::Exposure;
 use bevy::input::mouse::AccumulatedMouseMotion;
 use bevy::prelude::*;
@@ -8,19 +8,19 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, Bounds, Bvh, CpuFrame, FrameLight, FrameSettings, Light, Ray};
 use std::f32::consts::{PI, TAU};
 
-/// The camera of the example, and where it stood when the level came.
+/// Camera of the example, with its transform when the scene was loaded.
 #[derive(Component, Default)]
 pub struct Eye {
     start: Transform,
 }
 
-/// Horizontal directions that are compared.
+/// Number of horizontal directions that are compared.
 const DIRECTIONS: usize = 16;
-/// Points of the bake that are looked at, about.
+/// Approximate number of points of the bake that are used.
 const SAMPLES: usize = 2048;
 /// Cosine of half the angle of view in which brightness is compared.
 const VIEW: f32 = 0.8;
-/// Luminance of the picture's mean over the luminance of white.
+/// Mean luminance of the picture relative to white.
 const GRAY: f32 = 0.18;
 
 pub fn set_up(mut commands: Commands) {
@@ -34,7 +34,7 @@ pub fn set_up(mut commands: Commands) {
 }
 
 impl Eye {
-    /// Puts the camera into a level without a bake: near the middle of its box.
+    /// Moves the camera near the middle of a scene without a bake.
     pub fn place(world: &mut World, bounds: &Bounds, size: f32) {
         let extent = bounds.size();
         let at = bounds.center() + Vec3::new(0.25 * extent.x, -0.1 * extent.y, 0.0);
@@ -51,16 +51,16 @@ impl Eye {
     }
 }
 
-/// After a bake: moves the camera to a viewpoint with room around it, turns it to where most of the
-/// level is in view and lit, and sets its exposure. The lamp of a level without lights goes there.
-/// A camera that was moved by hand stays where it is.
+/// After a bake, moves the camera to a viewpoint with clearance, turns it to where most of the
+/// scene is visible and lit, and sets its exposure. Also moves the light of a scene without lights.
+/// A camera that was moved by hand stays.
 pub fn look_at_light(
     event: On<GiBakeFinished>,
     mut scenes: Query<(&GiScene, &mut GiEnvironment)>,
     bakes: Res<Assets<GiBakedScene>>,
-    level: Res<Level>,
-    mut eye: Single<(&Eye, &mut Transform, &mut Exposure), Without<Lamp>>,
-    mut lamp: Query<(&PointLight, &mut Transform), With<Lamp>>,
+    current: Res<CurrentScene>,
+    mut eye: Single<(&Eye, &mut Transform, &mut Exposure), Without<DefaultLight>>,
+    mut default_light: Query<(&PointLight, &mut Transform), With<DefaultLight>>,
 ) {
     let (Ok((gi, mut environment)), Ok(_)) = (scenes.get_mut(event.entity), &event.result) else {
         return;
@@ -72,36 +72,40 @@ pub fn look_at_light(
     let (eye, transform, exposure) = &mut *eye;
     let at_start = **transform == eye.start;
     let outlooks = Outlook::all(bake);
-    let mut lamp = lamp.iter_mut().next();
-    let best = Lit::new(bake, &level.lights_with(None)).best(bake, &outlooks);
+    let mut default_light = default_light.iter_mut().next();
+    let best = Lit::new(bake, &current.lights_with(None)).best(bake, &outlooks);
     if let (true, Some(best)) = (at_start, best) {
         **transform = Transform::from_translation(best.from).looking_to(best.toward, Vec3::Y);
-        if let Some((_, place)) = &mut lamp {
+        if let Some((_, place)) = &mut default_light {
             place.translation = best.from + 0.4 * best.free * best.toward;
         }
     }
-    let lights = level.lights_with(lamp.as_ref().map(|(light, at)| (*light, at.translation)));
+    let lights = current.lights_with(
+        default_light
+            .as_ref()
+            .map(|(light, at)| (*light, at.translation)),
+    );
     let lit = Lit::new(bake, &lights);
     let seen = lit.seen(bake, transform.translation);
     if let Some(ev100) = exposure_of(&around(&seen, transform.forward().into())) {
         exposure.ev100 = ev100;
-        // Bevy shows emissive surfaces alike at any exposure; so shall their light be.
+        // Bevy displays emissive surfaces independently of the exposure. Their light follows that.
         environment.emissive_luminance = 1.2 * ev100.exp2();
     }
 }
 
-/// A viewpoint of the bake and a horizontal direction.
+/// Viewpoint of the bake and a horizontal direction.
 #[derive(Clone, Copy)]
 struct Outlook {
     from: Vec3,
     toward: Vec3,
-    /// Distance to the level straight ahead, meters.
+    /// Distance to the scene straight ahead, in meters.
     free: f32,
 }
 
 impl Outlook {
-    /// All directions of the viewpoints that have half of the largest clearance or more. A
-    /// direction out of the level is none.
+    /// Returns the directions of the viewpoints with at least half of the largest clearance, except
+    /// directions out of the scene.
     fn all(scene: &BakedScene) -> Vec<Self> {
         let far = diagonal(scene);
         let viewpoints = scene.info.viewpoints.iter().take(64);
@@ -135,11 +139,11 @@ fn directions() -> impl Iterator<Item = Vec3> {
     (0..DIRECTIONS).map(|i| Quat::from_rotation_y(i as f32 * TAU / DIRECTIONS as f32) * Vec3::NEG_Z)
 }
 
-/// Distance from a place to the nearest surface, about, meters.
+/// Approximate distance from a position to the nearest surface, in meters.
 fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
     const RAYS: usize = 48;
     let ray = |i: usize| {
-        // Fibonacci's spiral.
+        // Directions of a Fibonacci spiral.
         let z = 1.0 - (2.0 * i as f32 + 1.0) / RAYS as f32;
         let (sine, cosine) = (i as f32 * PI * (3.0 - 5f32.sqrt())).sin_cos();
         let r = (1.0 - z * z).sqrt();
@@ -148,8 +152,8 @@ fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
     (0..RAYS).map(ray).fold(far, f32::min)
 }
 
-/// Distance from a place to the first surface in a direction, to a thousandth of `far`; `far` where
-/// there is none.
+/// Distance from a position to the first surface in a direction, to 0.1 % of `far`. Returns `far`
+/// if there is none.
 fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     let meets = |distance| bvh.occluded(&Ray::segment(from, toward, distance));
     if !meets(far) {
@@ -167,11 +171,11 @@ fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     open
 }
 
-/// Points of the bake in the light: positions, normals and luminances, cd/m².
+/// Lit points of the bake: positions, normals and luminances in cd/m².
 struct Lit(Vec<(Vec3, Vec3, f32)>);
 
 impl Lit {
-    /// Solves the light once on the processor.
+    /// Solves the light once on the CPU.
     fn new(scene: &BakedScene, lights: &[Light]) -> Self {
         let slots: Vec<FrameLight> = (lights.iter())
             .flat_map(|light| FrameLight::expand(light, 16))
@@ -196,13 +200,12 @@ impl Lit {
         Self(points.collect())
     }
 
-    /// Directions and luminances of the points that a place sees.
+    /// Directions and luminances of the points that are visible from a position.
     fn seen(&self, scene: &BakedScene, from: Vec3) -> Vec<(Vec3, f32)> {
         let visible = |(x, n, luminance): &(Vec3, Vec3, f32)| {
             let distance = x.distance(from);
             let toward = (x - from) / distance.max(1e-6);
-            // The front side, with nothing between but for the surface itself in the last
-            // hundredth.
+            // Front side, without an occluder except the surface itself in the last 1 %.
             let clear = || {
                 let ray = Ray::segment(from, toward, 0.99 * distance);
                 !scene.bvh.occluded(&ray)
@@ -212,9 +215,8 @@ impl Lit {
         self.0.iter().filter_map(visible).collect()
     }
 
-    /// The outlook with the most points of the bake in view. Points are dense where a level has
-    /// detail. Of two such outlooks the brighter one is better; luminance counts by its fourth
-    /// root.
+    /// Returns the outlook with the most visible points of the bake, weighted by the fourth root of
+    /// luminance. Points are dense where a scene has detail.
     fn best(&self, scene: &BakedScene, outlooks: &[Outlook]) -> Option<Outlook> {
         let mut best: Option<(f32, Outlook)> = None;
         for same in outlooks.chunk_by(|a, b| a.from == b.from) {
@@ -238,7 +240,7 @@ fn around(seen: &[(Vec3, f32)], toward: Vec3) -> Vec<f32> {
     inside.map(|(_, luminance)| *luminance).collect()
 }
 
-/// The exposure (EV100) that shows the mean of luminances as middle gray; `None` in the dark.
+/// Exposure (EV100) that maps mean luminance to middle gray. `None` in the dark.
 fn exposure_of(luminances: &[f32]) -> Option<f32> {
     let lit: Vec<f32> = (luminances.iter().copied())
         .filter(|luminance| *luminance > 1e-4)
@@ -251,7 +253,7 @@ fn exposure_of(luminances: &[f32]) -> Option<f32> {
     Some((mean.exp() / (1.2 * GRAY)).log2().clamp(-4.0, 16.0))
 }
 
-/// 1, −1 or 0 by two keys.
+/// Returns 1, −1 or 0 by two keys.
 pub fn axis(keys: &ButtonInput<KeyCode>, plus: KeyCode, minus: KeyCode) -> f32 {
     f32::from(u8::from(keys.pressed(plus))) - f32::from(u8::from(keys.pressed(minus)))
 }

@@ -1,5 +1,4 @@
-//! Levels: reading one, showing it in place of the level before, and files that are dropped on the
-//! window.
+//! Scenes: reading, displaying, and files that are dropped on the window.
 
 use super::camera::Eye;
 use super::common::panel::{BakeAgain, PanelPreset};
@@ -12,41 +11,41 @@ use meshless_gi::{Bounds, Geometry, Light, Recipe, TriangleMesh, load_gltf};
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 
-/// A level that was read from a file.
+/// Scene that was read from a file.
 pub struct Loaded {
     path: PathBuf,
     mesh: TriangleMesh,
     lights: Vec<Light>,
 }
 
-/// The level that is shown.
+/// Displayed scene.
 #[derive(Resource)]
-pub struct Level {
-    /// Its file.
+pub struct CurrentScene {
+    /// Path of the file.
     pub path: PathBuf,
-    /// The root of its meshes and its bake.
+    /// Root of the meshes and the bake.
     pub root: Entity,
-    /// The lights of its file, in its own space. Empty for a level with [`Lamp`] and sun.
+    /// Lights of the file in the scene's space. Empty for a scene with [`DefaultLight`] and sun.
     pub lights: Vec<Light>,
-    /// Length of the diagonal of its box, meters.
+    /// Diagonal of the bounding box, in meters.
     pub size: f32,
 }
 
-/// An entity that goes with the level.
+/// Entity that is despawned with the scene.
 #[derive(Component)]
 pub struct LevelPart;
 
-/// The point light of a level without lights of its own.
+/// Point light of a scene without lights.
 #[derive(Component)]
-pub struct Lamp;
+pub struct DefaultLight;
 
-/// Illuminance of the sun of a level without lights, lux.
+/// Illuminance of the sun of a scene without lights, in lux.
 const SUN: f32 = 10_000.0;
 
 /// Direction of that sun.
 const SUN_DIRECTION: Vec3 = Vec3::new(0.35, -1.0, 0.25);
 
-/// Reads a level.
+/// Reads a scene.
 ///
 /// # Errors
 /// A message with the file and the reason.
@@ -59,7 +58,7 @@ pub fn read(path: &Path) -> Result<Loaded, String> {
     })
 }
 
-/// Shows a level in place of the one before, and starts its bake.
+/// Replaces the displayed scene and starts its bake.
 pub fn show(world: &mut World, loaded: Loaded) {
     let mut before = world.query_filtered::<Entity, With<LevelPart>>();
     for entity in before.iter(world).collect::<Vec<_>>() {
@@ -85,7 +84,7 @@ pub fn show(world: &mut World, loaded: Loaded) {
         spawn_lights(world, &bounds, size);
     }
     Eye::place(world, &bounds, size);
-    world.insert_resource(Level {
+    world.insert_resource(CurrentScene {
         path: loaded.path,
         root,
         lights: loaded.lights,
@@ -93,14 +92,14 @@ pub fn show(world: &mut World, loaded: Loaded) {
     });
 }
 
-/// A lamp and a sun.
+/// Spawns a point light and a sun.
 fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
     world.spawn((
         LevelPart,
-        Lamp,
-        Name::new("lamp"),
+        DefaultLight,
+        Name::new("light"),
         PointLight {
-            // As bright at a tenth of the level as a 60 W bulb at two meters.
+            // At a tenth of the scene's size as bright as a 60 W bulb at 2 m.
             intensity: 800.0 * (0.05 * size).powi(2).max(1.0) * 40.0,
             range: 2.0 * size,
             shadow_maps_enabled: true,
@@ -117,8 +116,8 @@ fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
             shadow_maps_enabled: true,
             ..default()
         },
-        // The cascades are for the level, not for Bevy's 150 m: else sunlight shows at the foot of
-        // the walls.
+        // Cascades fit the scene instead of Bevy's 150 m. Otherwise sunlight leaks at the foot of
+        // walls.
         CascadeShadowConfigBuilder {
             minimum_distance: 1e-3 * size,
             first_cascade_far_bound: 0.15 * size,
@@ -130,10 +129,10 @@ fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
     ));
 }
 
-impl Level {
-    /// The lights that shine in the level: those of its file, or lamp and sun.
-    pub fn lights_with(&self, lamp: Option<(&PointLight, Vec3)>) -> Vec<Light> {
-        let Some((light, position)) = lamp else {
+impl CurrentScene {
+    /// Returns the lights of the file, or the default light and the sun.
+    pub fn lights_with(&self, default_light: Option<(&PointLight, Vec3)>) -> Vec<Light> {
+        let Some((light, position)) = default_light else {
             return self.lights.clone();
         };
         let color = LinearRgba::from(light.color).to_vec3();
@@ -151,7 +150,7 @@ impl Level {
     }
 }
 
-/// Lights of glTF files come without shadow maps, and light without them passes walls.
+/// Enables shadow maps on lights of glTF files. Light without them passes walls.
 pub fn cast_shadows(
     mut points: Query<&mut PointLight, Added<PointLight>>,
     mut spots: Query<&mut SpotLight, Added<SpotLight>>,
@@ -167,7 +166,7 @@ pub fn cast_shadows(
         .for_each(|mut l| l.shadow_maps_enabled = true);
 }
 
-/// Shows a level whose file was dropped on the window. A file that is no level keeps the old one.
+/// Displays a scene whose file was dropped on the window. An invalid file keeps the old scene.
 pub fn follow_drops(
     mut commands: Commands,
     mut events: MessageReader<FileDragAndDrop>,
@@ -190,14 +189,14 @@ pub fn follow_drops(
     }
 }
 
-/// Bakes the level anew. The old light stays until the new one is there.
+/// Bakes the scene again. The old light stays until the new bake is done.
 pub fn bake_again(
     event: On<BakeAgain>,
     mut commands: Commands,
-    level: Res<Level>,
+    current: Res<CurrentScene>,
     mut notice: ResMut<Notice>,
 ) {
-    match read(&level.path) {
+    match read(&current.path) {
         Ok(loaded) => {
             let recipe = Recipe {
                 preset: event.0,
@@ -205,7 +204,7 @@ pub fn bake_again(
             };
             notice.0.clear();
             commands
-                .entity(level.root)
+                .entity(current.root)
                 .insert(GiBakeTask::spawn(loaded.mesh, recipe));
         }
         Err(why) => notice.0 = format!("not baked: {why}"),

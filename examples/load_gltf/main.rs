@@ -1,27 +1,27 @@
-//! Any glTF level: bakes in the background while you already walk in it, then lights up.
+//! Any glTF scene, baked in the background while you walk in it.
 //!
 //! ```text
 //! cargo run --release --example load_gltf -- path/to/level.glb [draft|medium|high]
 //! ```
 //!
-//! A `.glb` or `.gltf` that is dropped on the window takes the level's place. A file without lights
-//! gets a lamp and a sun.
+//! A `.glb` or `.gltf` that is dropped on the window replaces the scene. A file without lights gets
+//! a point light and a sun.
 //!
 //! | key | does |
 //! |---|---|
 //! | W A S D, Q E | walk, sink and rise (Shift: fast) |
 //! | right mouse button, held | look round |
-//! | F | puts the lamp at the camera |
-//! | L | the lamp on and off |
+//! | F | puts the light at the camera |
+//! | L | the light on and off |
 //! | Up, Down | sunlight stronger and weaker |
 //! | Space | indirect light on and off |
 //! | Ctrl+S | saves the bake beside the level, as `level.mgi` |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //! | F1 | the tuning panel, with a button that bakes again |
-//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | P | the plan of the frame: passes, reasons, times |
 //!
 //! `--screenshot FILE.png [--frames N] [--press L,Space]` writes a picture without a window when
-//! the bake is done (with `--while-baking`: before), and ends.
+//! the bake is done (with `--while-baking`: before).
 
 mod camera;
 #[path = "../common/mod.rs"]
@@ -36,7 +36,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 use common::capture::{Capture, default_plugins};
 use common::panel::{PanelPreset, TuningPanelPlugin};
-use drop::{Lamp, Loaded};
+use drop::{DefaultLight, Loaded};
 use meshless_gi::Preset;
 use std::path::Path;
 use std::process::ExitCode;
@@ -79,7 +79,7 @@ fn main() -> ExitCode {
     app.add_plugins((
         default_plugins(capture.as_ref()).set(assets()),
         MeshlessGiPlugin::default(),
-        LevelPlugin::new(first, preset),
+        LoadGltfPlugin::new(first, preset),
     ));
     if let Some(capture) = capture {
         app.add_plugins(capture);
@@ -94,7 +94,7 @@ fn usage() -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Levels lie anywhere: assets are loaded by absolute paths.
+/// Scenes can be in any folder: assets are loaded by absolute paths.
 pub fn assets() -> AssetPlugin {
     AssetPlugin {
         unapproved_path_mode: UnapprovedPathMode::Allow,
@@ -102,14 +102,14 @@ pub fn assets() -> AssetPlugin {
     }
 }
 
-/// The example without Bevy's plugins.
-pub struct LevelPlugin {
+/// Plugin of the example.
+pub struct LoadGltfPlugin {
     first: Mutex<Option<Loaded>>,
     preset: Preset,
 }
 
-impl LevelPlugin {
-    /// Starts with this level.
+impl LoadGltfPlugin {
+    /// Creates the plugin with its first scene.
     pub fn new(first: Loaded, preset: Preset) -> Self {
         Self {
             first: Mutex::new(Some(first)),
@@ -118,7 +118,7 @@ impl LevelPlugin {
     }
 }
 
-impl Plugin for LevelPlugin {
+impl Plugin for LoadGltfPlugin {
     fn build(&self, app: &mut App) {
         let mut first = self.first.lock().ok().and_then(|mut f| f.take());
         let set_up = move |world: &mut World| {
@@ -152,8 +152,8 @@ impl Plugin for LevelPlugin {
 
 fn switch(
     keys: Res<ButtonInput<KeyCode>>,
-    mut camera: Single<(&mut GiCamera, &Transform), Without<Lamp>>,
-    mut lamp: Query<(&mut Transform, &mut Visibility), With<Lamp>>,
+    mut camera: Single<(&mut GiCamera, &Transform), Without<DefaultLight>>,
+    mut default_light: Query<(&mut Transform, &mut Visibility), With<DefaultLight>>,
     mut suns: Query<&mut DirectionalLight>,
     mut gizmos: ResMut<GizmoConfigStore>,
     time: Res<Time>,
@@ -164,7 +164,7 @@ fn switch(
     if keys.just_pressed(KeyCode::KeyG) {
         common::next_gizmos(&mut gizmos);
     }
-    for (mut place, mut visibility) in &mut lamp {
+    for (mut place, mut visibility) in &mut default_light {
         if keys.just_pressed(KeyCode::KeyF) {
             place.translation = camera.1.translation;
         }

@@ -1,19 +1,19 @@
-//! The state of the bake on the screen: a bar while it bakes, and lines of text.
+//! Progress bar and text of the bake.
 
 use super::save::Saving;
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::BakeStage;
 
-/// A line about the last file: an error, or where a bake was saved. Empty for none.
+/// Message about the last file: an error, or the path of a saved bake. Empty if there is none.
 #[derive(Resource, Default)]
 pub struct Notice(pub String);
 
-/// The part of the bar that is done.
+/// Completed part of the bar.
 #[derive(Component)]
 pub struct Bar;
 
-/// The lines of text.
+/// Lines of text.
 #[derive(Component)]
 pub struct Lines;
 
@@ -44,7 +44,7 @@ pub fn set_up(mut commands: Commands) {
             position_type: PositionType::Absolute,
             top: px(16),
             left: px(8),
-            // The panel has the rest.
+            // The panel has the other settings.
             max_width: percent(62),
             padding: UiRect::all(px(4)),
             ..default()
@@ -53,8 +53,8 @@ pub fn set_up(mut commands: Commands) {
     ));
 }
 
-/// The part of a whole bake that is done, 0 to 1, of a stage and the part of it. Stages that a
-/// recipe leaves out are passed over.
+/// Completed fraction of the bake, 0 to 1, from a stage and its fraction. Stages that a recipe
+/// leaves out are skipped.
 pub fn overall(stage: BakeStage, done: f32) -> f32 {
     let [from, to] = match stage {
         BakeStage::Bvh => [0.0, 0.02],
@@ -68,7 +68,7 @@ pub fn overall(stage: BakeStage, done: f32) -> f32 {
     from + (to - from) * done.clamp(0.0, 1.0)
 }
 
-/// Shows why a bake failed.
+/// Shows the error of a bake.
 pub fn keep_error(event: On<GiBakeFinished>, mut notice: ResMut<Notice>) {
     if let Err(error) = &event.result {
         notice.0 = format!("the bake failed: {error}");
@@ -92,7 +92,7 @@ pub fn show(
 ) {
     let baking = bakes.iter().next().map(|bake| {
         let (stage, done) = bake.progress();
-        // A bake gathers light more than once, and the bar goes on.
+        // A bake repeats stages. The bar must not go back.
         let before = if bake.is_added() { 0.0 } else { *most };
         *most = before.max(overall(stage, done));
         (stage, *most)
@@ -121,8 +121,8 @@ pub fn show(
         false => format!("\n{}", notice.0),
     };
     let text = format!(
-        "{state}{saving}{notice}\nWASD QE: walk    right mouse: look    F L: lamp    Up Down: sun    Space: indirect light\n\
-         Ctrl+S: save    G: points    P: plan    F1: panel    drop a file: another level"
+        "{state}{saving}{notice}\nWASD QE: walk    right mouse: look    F L: light    Up Down: sun    Space: indirect light\n\
+         Ctrl+S: save    G: points    P: plan    F1: panel    drop a file: another scene"
     );
     if lines.0 != text {
         lines.0 = text;

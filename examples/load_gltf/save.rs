@@ -1,23 +1,22 @@
-//! Saving the bake beside its level, on another thread.
+//! Saves the bake next to its scene, on another thread.
 
-use super::drop::Level;
+use super::drop::CurrentScene;
 use super::progress::Notice;
 use bevy::prelude::*;
 use bevy::tasks::{IoTaskPool, Task, block_on, poll_once};
 use bevy_meshless_gi::prelude::*;
 use std::path::PathBuf;
 
-/// A file that is being written. The task returns the line for the screen.
+/// File that is being written. The task returns a message.
 #[derive(Resource)]
 pub struct Saving(Task<String>);
 
-/// Ctrl+S: starts to write `level.mgi` beside `level.glb`. The file is replaced as a whole or not
-/// at all.
+/// Ctrl+S: starts to write `level.mgi` next to `level.glb`. The file is replaced atomically.
 pub fn start(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
     saving: Option<Res<Saving>>,
-    level: Option<Res<Level>>,
+    current: Option<Res<CurrentScene>>,
     scenes: Query<&GiScene>,
     bakes: Res<Assets<GiBakedScene>>,
     mut notice: ResMut<Notice>,
@@ -26,15 +25,15 @@ pub fn start(
     if !(control && keys.just_pressed(KeyCode::KeyS)) || saving.is_some() {
         return;
     }
-    let Some(level) = level else {
+    let Some(current) = current else {
         return;
     };
-    let baked = scenes.get(level.root).ok();
+    let baked = scenes.get(current.root).ok();
     let Some(bake) = baked.and_then(|gi| bakes.get(&gi.0)) else {
         notice.0 = "not saved: there is no bake yet".into();
         return;
     };
-    let (scene, path): (_, PathBuf) = (bake.scene.clone(), level.path.with_extension("mgi"));
+    let (scene, path): (_, PathBuf) = (bake.scene.clone(), current.path.with_extension("mgi"));
     notice.0.clear();
     let task = IoTaskPool::get().spawn(async move {
         match scene.write(&path) {

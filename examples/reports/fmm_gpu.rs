@@ -1,12 +1,12 @@
-//! The fast multipole method on the device beside the CPU: upward and downward pass, as [G08] Figs.
-//! 10 and 11. Prints a table with the name of the adapter.
+//! Times of the fast multipole method on the device and on the CPU: upward and downward pass, as in
+//! [G08] Figs. 10 and 11. Prints a table with the name of the adapter.
 //!
 //! ```text
 //! cargo run --release --example fmm_gpu
 //! ```
 //!
-//! Each time is the least of three, that of the device from submission until it is done. The CPU's
-//! are in single precision too.
+//! Each time is the minimum of three. Device times are from submission to completion. The CPU
+//! computes in single precision too.
 
 use meshless_gi_lab::fixtures::fmm as room;
 
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for points in [1000, 10_000, 30_000, 100_000, 300_000] {
         let room = with_ball(points);
         let radiosity = glow(&room);
-        // 50 points a leaf, as in [G08] §4.
+        // 50 points per leaf, as in [G08] §4.
         let settings = FmmSettings {
             leaf: 50,
             ..FmmSettings::default()
@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 break;
             }
         };
-        // Nobody sees a sky.
+        // No sky.
         let light = radiosity.iter().chain([&Vec3::ZERO]);
         let light: Vec<[f32; 4]> = light.map(|b| b.extend(0.0).to_array()).collect();
         let buffer = |size: usize| {
@@ -99,7 +99,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let all: &[f32] = bytemuck::cast_slice(&values);
         let pairs = found.iter().zip(all);
         let largest = pairs.fold(0.0f32, |m, (a, b)| m.max((a - b).abs()));
-        // A fourth of the numbers is not used.
+        // The fourth component is unused.
         let rms = (all.iter().map(|e| e * e).sum::<f32>() / (0.75 * all.len() as f32)).sqrt();
         let [a, b, c, d] = least;
         println!(

@@ -1,9 +1,7 @@
-//! What would fewer numbers a point bring? Beside vector irradiance in three channels (48 bytes a
-//! point): irradiance at the point's own normal in three channels, and vector irradiance in one
-//! channel (16 bytes each). And what does kernel `apply_one` bring, which computes in one channel
-//! and writes three? Prints, for a box of flat walls and for the same with a ball, what display and
-//! operator read, what that takes on the CPU and (the operator) on the device, and how far the
-//! pictures are apart.
+//! Cost and error of irradiance in fewer numbers per point. Compares vector irradiance in three
+//! channels (48 bytes per point) with irradiance at the point's normal and with vector irradiance
+//! in one channel (16 bytes each), and the kernel `apply_one` with `apply`. Prints bytes, times and
+//! differences for a box of flat walls, without and with a ball.
 //!
 //! ```text
 //! cargo run --example precision -- draft|medium
@@ -27,9 +25,9 @@ use std::hint::black_box;
 use std::time::Instant;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-/// Places at which the display is read.
+/// Number of positions at which the display is evaluated.
 const PLACES: usize = 20_000;
-/// Runs of which the fastest counts.
+/// Runs. The minimum counts.
 const RUNS: usize = 40;
 const BALL: (Vec3, f32) = (Vec3::new(-0.15, 1.25, 0.25), 0.35);
 
@@ -58,12 +56,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         let scene = bake_scene(&mesh_of_quads(&quads), &recipe, 0, &Progress::default())?.scene;
         let mut frame = CpuFrame::new(&scene);
-        let lamp = Light::Point {
+        let light = Light::Point {
             position: Vec3::new(0.4, 1.7, 0.5),
             intensity: Vec3::splat(2.0),
             range: f32::INFINITY,
         };
-        frame.set_lights(&scene, &FrameLight::expand(&lamp, 1));
+        frame.set_lights(&scene, &FrameLight::expand(&light, 1));
         frame.solve(&scene, &FrameSettings::bounces(4));
         let values = frame.values();
         let scalars: Vec<[f32; 4]> = (scene.points.iter().zip(values))
@@ -96,7 +94,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A ball of flat faces.
+/// Returns a ball of flat faces.
 fn sphere() -> Vec<Quad> {
     let (around, up) = (48, 24);
     let at = |i: usize, j: usize| {
@@ -112,7 +110,7 @@ fn sphere() -> Vec<Quad> {
         BALL.0 + BALL.1 * way
     };
     let mut quads = Vec::new();
-    // The caps are left open by a degree or so: nothing gets in there.
+    // The caps have a gap of about one degree, which no probe enters.
     for j in 1..up - 1 {
         for i in 0..around {
             quads.push(Quad {
@@ -124,7 +122,7 @@ fn sphere() -> Vec<Quad> {
     quads
 }
 
-/// Counted numbers in 0 to 1.
+/// Returns counter-based random numbers in 0 to 1.
 fn number(i: usize, k: u32) -> f32 {
     let mut h = (i as u32).wrapping_mul(0x9e37_79b9) ^ k.wrapping_mul(0x85eb_ca6b);
     h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
@@ -132,7 +130,7 @@ fn number(i: usize, k: u32) -> f32 {
     ((h ^ (h >> 16)) >> 8) as f32 / (1 << 24) as f32
 }
 
-/// Places on the box, with its normals.
+/// Returns positions on the box with their normals.
 fn walls(quads: &[Quad], count: usize) -> Vec<(Vec3, Vec3)> {
     let flat = &quads[..cornell_box().len()];
     (0..count)
@@ -145,7 +143,7 @@ fn walls(quads: &[Quad], count: usize) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Places on the ball, with smooth normals.
+/// Returns positions on the ball with smooth normals.
 fn on_ball() -> Vec<(Vec3, Vec3)> {
     (0..PLACES)
         .map(|i| {
@@ -157,8 +155,7 @@ fn on_ball() -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// The display at a place: the sum of its functions times what `add` adds up, over the sum of their
-/// weights.
+/// Evaluates the display at a position: the weighted sum of `add`, divided by the sum of weights.
 fn gather<T>(
     scene: &BakedScene,
     x: Vec3,
@@ -200,7 +197,7 @@ fn scalar(scene: &BakedScene, values: &[[f32; 4]], x: Vec3, n: Vec3) -> Option<V
     Some((e.truncate() / of).max(Vec3::ZERO))
 }
 
-/// The least seconds of each, taken in turns, so that a busy machine spoils all alike.
+/// Returns the minimum seconds of each, run alternately so that other load affects all alike.
 fn fastest<const N: usize>(mut all: [&mut dyn FnMut(); N]) -> [f64; N] {
     let mut least = [f64::INFINITY; N];
     for _ in 0..RUNS {
@@ -267,7 +264,7 @@ fn display(
     );
 }
 
-/// How far the scalar's light is from the vector's, for normals that are bent by so many radians.
+/// Returns the difference of scalar and vector irradiance for normals bent by an angle in radians.
 fn apart(
     name: &str,
     place: &str,
@@ -303,7 +300,7 @@ fn apart(
     )
 }
 
-/// What the operator reads and writes, and what that takes on one core.
+/// Returns the bytes that the operator reads and writes, and its time on one core.
 fn solve(
     harness: &HeadlessDevice,
     name: &str,
@@ -349,13 +346,13 @@ fn solve(
     ))
 }
 
-/// A kernel as it is.
+/// Kernel without changes.
 fn kernel(name: &str) -> Result<String, Box<dyn Error>> {
     let kernel = KERNELS.iter().find(|k| k.name == name);
     Ok(kernel.ok_or("no such kernel")?.source.into())
 }
 
-/// `apply` for arrays of one channel: a coefficient is one number, a value three.
+/// `apply` for arrays of one channel: one number per coefficient, three per value.
 fn alone() -> Result<String, Box<dyn Error>> {
     let mut source = kernel("apply")?;
     for (from, to) in [
@@ -390,7 +387,7 @@ fn alone() -> Result<String, Box<dyn Error>> {
     Ok(source)
 }
 
-/// The operator on the device, in one of the three.
+/// Times the operator on the device in one of the three forms.
 struct Applied<'a> {
     harness: &'a HeadlessDevice,
     pipeline: wgpu::ComputePipeline,

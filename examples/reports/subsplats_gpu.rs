@@ -1,13 +1,13 @@
-//! What subsplats cost on the device beside every pixel, in one run: 1920 × 1080, the views of
-//! docs/reports/SUBSPLATS.md, the device's own counts. Then [N09] Fig. 14: virtual point lights at
-//! several resolutions of indirect light. Prints tables with the name of the adapter.
+//! Times of multiresolution splatting and of every pixel on the device at 1920 × 1080, for the
+//! views of docs/reports/SUBSPLATS.md. Then [N09] Fig. 14: virtual point lights at several
+//! resolutions. Prints tables with the name of the adapter.
 //!
 //! ```text
 //! cargo run --release --example subsplats_gpu -- [--bakes FOLDER] [LEVEL_FOLDER...]
 //! ```
 //!
-//! Without a folder the cluttered room alone, by a draft bake. `FOLDER/NAME.mgi` spares a bake.
-//! Each time is the least of several submissions, waited for.
+//! Without a folder, only the cluttered room at `Draft`. `FOLDER/NAME.mgi` replaces a bake. Each
+//! time is the minimum of several submissions.
 
 #[path = "../../tests/twins/depth.rs"]
 mod depth;
@@ -29,7 +29,7 @@ use subsplat_support::{Level, Source, Stage, View, clutter};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [1920, 1080];
-/// Submissions of which the shortest counts.
+/// Submissions. The minimum time counts.
 const RUNS: usize = 3;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -87,7 +87,7 @@ fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Erro
     Ok(bake_scene(&level.mesh, &recipe, 0, &Progress::default())?.scene)
 }
 
-/// A view's textures on the device.
+/// Textures of a view on the device.
 struct Textures {
     depth: wgpu::TextureView,
     gbuffer: wgpu::TextureView,
@@ -144,7 +144,7 @@ impl Textures {
     }
 }
 
-/// Milliseconds of the shortest of [`RUNS`] submissions, after one that does not count.
+/// Returns the minimum milliseconds of [`RUNS`] submissions, after one warm-up.
 fn time(
     harness: &HeadlessDevice,
     mut record: impl FnMut(&mut wgpu::CommandEncoder),
@@ -159,7 +159,7 @@ fn time(
     Ok(1000.0 * least)
 }
 
-/// Evaluations of the last frame, by the device's counts.
+/// Returns the evaluations of the last frame by the device's counters.
 fn evaluated(harness: &HeadlessDevice, buffers: &SubsplatBuffers) -> Result<u32, Box<dyn Error>> {
     let levels = buffers.levels();
     let mut sum = 0;
@@ -216,7 +216,7 @@ fn row(harness: &HeadlessDevice, view: &View<'_>, i: usize) -> Result<(), Box<dy
     Ok(())
 }
 
-/// Virtual lights on surfaces that the view sees.
+/// Returns virtual lights on visible surfaces.
 fn virtual_lights(view: &View<'_>, count: u32) -> Vec<Vpl> {
     let drawn: Vec<usize> = (0..view.drawn.depth.len())
         .filter(|&i| view.drawn.depth[i] > 0.0)

@@ -14,9 +14,9 @@ use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
 use bevy_meshless_gi::GiBakeTask;
 use bevy_meshless_gi::prelude::*;
-use level::drop::{Level, Loaded};
+use level::drop::{CurrentScene, Loaded};
 use level::progress::{Bar, Lines, Notice, overall};
-use level::{LevelPlugin, drop};
+use level::{LoadGltfPlugin, drop};
 use meshless_gi::{BakeStage, BakedScene, Limits, Preset};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -32,7 +32,7 @@ fn app_of(first: Loaded) -> App {
     app.add_plugins((
         headless_plugins().set::<AssetPlugin>(level::assets()),
         MeshlessGiPlugin::default(),
-        LevelPlugin::new(first, Preset::Draft),
+        LoadGltfPlugin::new(first, Preset::Draft),
     ));
     ready(&mut app);
     app
@@ -73,7 +73,7 @@ fn eye(app: &mut App) -> (Transform, f32) {
 }
 
 fn shown(app: &App) -> PathBuf {
-    app.world().resource::<Level>().path.clone()
+    app.world().resource::<CurrentScene>().path.clone()
 }
 
 fn press_save(app: &mut App) {
@@ -106,7 +106,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
     let mut app = app_of(drop::read(&first).unwrap());
     run(&mut app, 2);
     assert_eq!(shown(&app), first);
-    let root = app.world().resource::<Level>().root;
+    let root = app.world().resource::<CurrentScene>().root;
 
     // No level, and no file.
     let text = folders[0].path().join("notes.glb");
@@ -123,7 +123,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
         let mut lines = world.query_filtered::<&Text, With<Lines>>();
         assert!(lines.single(world).unwrap().0.contains(&notice));
         assert_eq!(
-            (shown(&app), app.world().resource::<Level>().root),
+            (shown(&app), app.world().resource::<CurrentScene>().root),
             (first.clone(), root)
         );
         assert!(app.world().get_entity(root).is_ok());
@@ -131,7 +131,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
 
     // Another level, and the first one again.
     for path in [&second, &first, &second] {
-        let before = app.world().resource::<Level>().root;
+        let before = app.world().resource::<CurrentScene>().root;
         drop_file(&mut app, path);
         assert_eq!(shown(&app), *path);
         assert_eq!(app.world().resource::<Notice>().0, "");
@@ -164,7 +164,7 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
 
     // At a viewpoint of the bake, inside, level, and exposed for a lit room.
     let (now, ev100) = eye(&mut app);
-    let level = app.world().resource::<Level>();
+    let level = app.world().resource::<CurrentScene>();
     let gi = app.world().get::<GiScene>(level.root).unwrap();
     let bakes = app.world().resource::<Assets<GiBakedScene>>();
     let bake = bakes.get(&gi.0).unwrap().scene.clone();

@@ -1,7 +1,6 @@
-//! What scenes call for, and what that costs: thirteen scenes, from one lamp at rest to everything
-//! at once, in the running plugin without a window. For each the stages that ran in a frame with
-//! their dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into
-//! FOLDER/EFFECTS.md.
+//! Cost of the passes of thirteen scenes, from one light at rest to all effects at once, in the
+//! running plugin without a window. Prints the stages of a frame with their dispatches, pipelines,
+//! buffers, bytes and milliseconds, or writes them to FOLDER/EFFECTS.md.
 //!
 //! ```text
 //! cargo run --example pass_costs -- [-o FOLDER]
@@ -25,9 +24,9 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Pixels of each camera.
+/// Size of each camera, in pixels.
 const SIZE: UVec2 = UVec2::new(640, 360);
-/// Frames that are looked at, after as many to settle.
+/// Frames that are measured, after the same number of frames to settle.
 const FRAMES: u32 = 12;
 
 fn main() -> ExitCode {
@@ -116,14 +115,14 @@ fn table() -> Result<String, String> {
     ))
 }
 
-/// The stages of a frame, with their dispatches.
+/// Returns the stages of a frame with their dispatches.
 fn ran(seen: &FrameStats) -> String {
     let all = seen.dispatches.iter();
     let all: Vec<String> = all.map(|(s, n)| format!("{} {n}", s.name())).collect();
     all.join(", ")
 }
 
-/// What the device's clock said last of one of the plugin's spans.
+/// Returns the last GPU time of one of the plugin's spans.
 fn milliseconds(app: &App, span: &str) -> Option<f64> {
     let path = DiagnosticPath::new(format!("render/meshless_gi_{span}/elapsed_gpu"));
     let store = app.world().resource::<DiagnosticsStore>();
@@ -140,7 +139,7 @@ fn app() -> App {
     let mut app = App::new();
     app.add_plugins((
         common::capture::windowless().disable::<bevy::log::LogPlugin>(),
-        // For the device's clock.
+        // Measures GPU times.
         RenderDiagnosticsPlugin,
         MeshlessGiPlugin::default(),
     ))
@@ -157,7 +156,7 @@ fn frame(app: &mut App, scene: &Scene, k: u32) {
     scenes::step(app, scene, k);
     app.update();
     if let Some(device) = app.world().get_resource::<RenderDevice>() {
-        // What is lost with the device shows in the log.
+        // A lost device shows in the log.
         let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
     }
 }

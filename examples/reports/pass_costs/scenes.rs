@@ -1,5 +1,5 @@
-//! Thirteen scenes, from one lamp at rest to everything at once, and what each of them calls for:
-//! stages that run in every frame, and none but these.
+//! Thirteen scenes, from one light at rest to all effects at once, and the stages that each runs in
+//! every frame.
 
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::{FogVolume, RectLight, VolumetricFog, VolumetricLight};
@@ -15,60 +15,59 @@ use meshless_gi::{
 };
 use std::sync::Arc;
 
-/// What changes in a scene's frames, and what it has.
+/// Content of a scene and its changes per frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Scene {
-    /// In words.
+    /// Description.
     pub name: &'static str,
-    /// A lamp, and whether it moves.
-    lamp: Option<bool>,
-    /// The lamp changes its color.
+    /// Point light, and whether it moves.
+    light: Option<bool>,
+    /// The light changes its color.
     color: bool,
     /// The sky's radiance changes.
     sky: bool,
-    /// The strength of what glows changes.
+    /// The emission of signs changes.
     glow: bool,
     /// A ball moves.
     ball: bool,
-    /// The ball reflects the lamp's light.
+    /// The ball reflects the light.
     bounce: bool,
-    /// A panel with soft shadows, and it moves.
+    /// Moving panel with soft shadows.
     panel: bool,
-    /// A screen in the room comes and goes.
+    /// An occluder in the room opens and closes.
     screen: bool,
-    /// A forward camera beside the deferred one, where it draws what is not deferred, or in its
-    /// place.
+    /// Forward camera in addition to the deferred one, or in place of it.
     forward: bool,
     /// No deferred camera.
     no_deferred: bool,
     /// Fog fills the room, and cameras show it.
     fog: bool,
-    /// The bake knows light in free space and what its points see.
+    /// The bake has probes and visibility.
     rich: bool,
-    /// All surfaces are gray, and so is what glows.
+    /// All surfaces and emission are gray.
     pub gray: bool,
-    /// The stages that run in every frame; no other does.
+    /// Stages that run in every frame. No other stage runs.
     pub runs: &'static [FrameStage],
 }
 
-/// All of them.
+/// Scenes of the report.
 pub const SCENES: [Scene; 13] = [
     Scene {
-        name: "one lamp at rest",
-        lamp: Some(false),
+        name: "one light at rest",
+        light: Some(false),
         runs: &[FrameStage::SPLAT, FrameStage::COMPOSITE],
         ..NONE
     },
     Scene {
         name: "the same, in a bake that could do more",
-        lamp: Some(false),
+        light: Some(false),
         rich: true,
         runs: &[FrameStage::PROBE, FrameStage::SPLAT, FrameStage::COMPOSITE],
         ..NONE
     },
     Scene {
-        name: "one lamp that changes its color",
-        lamp: Some(false),
+        name: "one light that changes its color",
+        light: Some(false),
         color: true,
         runs: &[
             FrameStage::PULL_PUSH,
@@ -80,8 +79,8 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "one lamp that moves",
-        lamp: Some(true),
+        name: "one light that moves",
+        light: Some(true),
         runs: &[
             FrameStage::PROJECT,
             FrameStage::PULL_PUSH,
@@ -94,7 +93,7 @@ pub const SCENES: [Scene; 13] = [
     },
     Scene {
         name: "the same in a gray room",
-        lamp: Some(true),
+        light: Some(true),
         gray: true,
         runs: &[
             FrameStage::PROJECT,
@@ -107,7 +106,7 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "no lamp, a sky that changes",
+        name: "no light, a sky that changes",
         sky: true,
         runs: &[
             FrameStage::PULL_PUSH,
@@ -119,7 +118,7 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "no lamp, signs that change",
+        name: "no light, signs that change",
         glow: true,
         runs: &[
             FrameStage::PULL_PUSH,
@@ -131,8 +130,8 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "a lamp that moves, a ball that moves",
-        lamp: Some(true),
+        name: "a light that moves, a ball that moves",
+        light: Some(true),
         ball: true,
         rich: true,
         runs: &[
@@ -148,7 +147,7 @@ pub const SCENES: [Scene; 13] = [
     },
     Scene {
         name: "the same through a forward camera",
-        lamp: Some(true),
+        light: Some(true),
         ball: true,
         rich: true,
         forward: true,
@@ -163,8 +162,8 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "a lamp that moves, in fog",
-        lamp: Some(true),
+        name: "a light that moves, in fog",
+        light: Some(true),
         rich: true,
         fog: true,
         runs: &[
@@ -181,8 +180,8 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "a lamp at rest, a screen that comes and goes",
-        lamp: Some(false),
+        name: "a light at rest, a screen that comes and goes",
+        light: Some(false),
         screen: true,
         runs: &[
             FrameStage::OCCLUDE,
@@ -214,7 +213,7 @@ pub const SCENES: [Scene; 13] = [
     },
     Scene {
         name: "everything at once",
-        lamp: Some(true),
+        light: Some(true),
         color: true,
         sky: true,
         glow: true,
@@ -247,7 +246,7 @@ pub const SCENES: [Scene; 13] = [
 
 const NONE: Scene = Scene {
     name: "",
-    lamp: None,
+    light: None,
     color: false,
     sky: false,
     glow: false,
@@ -263,7 +262,7 @@ const NONE: Scene = Scene {
     runs: &[],
 };
 
-/// The Cornell box with a sign on its back wall; or all of it in gray.
+/// Cornell box with a sign on its back wall, in color or gray.
 fn quads(gray: bool) -> Vec<Quad> {
     let mut quads = cornell_box();
     let low = Vec3::new(-0.4, 1.3, -0.98);
@@ -284,19 +283,19 @@ fn quads(gray: bool) -> Vec<Quad> {
     quads
 }
 
-/// The box, baked in several ways.
+/// Bakes of the box.
 pub struct Bakes {
-    /// With light in free space and visibility or not, with a screen or not.
+    /// Bakes with and without probes and visibility, with and without a screen.
     of: [[Arc<BakedScene>; 2]; 2],
-    /// In gray, with none of that.
+    /// Gray bake without probes, visibility and screen.
     gray: Arc<BakedScene>,
 }
 
-/// The box baked as `recipe` says, without its light in free space and its visibility, and with
-/// them; of each without a screen in the room, and with one. And in gray, without all that.
+/// Bakes the box by `recipe`: without and with probes and visibility, each without and with a
+/// screen, and in gray.
 ///
 /// # Errors
-/// In words.
+/// Description.
 pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
     let bake = |rich: bool, screen: bool, gray: bool| {
         let mut recipe = recipe.clone();
@@ -329,11 +328,11 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
     })
 }
 
-/// What moves along.
+/// Moving entity, with its start.
 #[derive(Component)]
 pub struct Moves(Vec3);
 
-/// Puts a scene into an empty world.
+/// Spawns a scene into an empty world.
 pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     let world = app.world_mut();
     if scene.no_deferred {
@@ -367,9 +366,9 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             transmittance: 1.0,
         });
     }
-    if let Some(moves) = scene.lamp {
+    if let Some(moves) = scene.light {
         let place = Vec3::new(0.3, 1.6, 0.4);
-        let mut lamp = world.spawn((
+        let mut light = world.spawn((
             PointLight {
                 intensity: 40_000.0,
                 ..default()
@@ -377,10 +376,10 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             Transform::from_translation(place),
         ));
         if moves {
-            lamp.insert(Moves(place));
+            light.insert(Moves(place));
         }
         if scene.bounce {
-            lamp.insert(GiReflectiveShadowMap::default());
+            light.insert(GiReflectiveShadowMap::default());
         }
     }
     if scene.panel {
@@ -421,7 +420,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         }
     }
     if scene.fog {
-        // Bevy draws fog where a light is volumetric.
+        // Bevy draws fog if a light is volumetric.
         let sun = DirectionalLight {
             illuminance: 0.0,
             ..default()
@@ -465,7 +464,7 @@ fn room(
     crate::common::spawn_quads(&quads(gray), &mut root, &mut meshes, &mut materials);
 }
 
-/// What changes from frame `k - 1` to frame `k`.
+/// Applies the changes from frame `k - 1` to frame `k`.
 pub fn step(app: &mut App, scene: &Scene, k: u32) {
     let world = app.world_mut();
     let (sine, cosine) = (0.3 * k as f32).sin_cos();
@@ -474,9 +473,9 @@ pub fn step(app: &mut App, scene: &Scene, k: u32) {
         transform.translation = moves.0 + 0.1 * Vec3::new(cosine, 0.0, sine);
     }
     if scene.color {
-        let mut lamps = world.query::<&mut PointLight>();
-        for mut lamp in lamps.iter_mut(world) {
-            lamp.color = Color::linear_rgb(1.0, 0.6 + 0.4 * sine, 0.6 + 0.4 * cosine);
+        let mut lights = world.query::<&mut PointLight>();
+        for mut light in lights.iter_mut(world) {
+            light.color = Color::linear_rgb(1.0, 0.6 + 0.4 * sine, 0.6 + 0.4 * cosine);
         }
     }
     let mut screens = world.query::<&mut GiOccluder>();
