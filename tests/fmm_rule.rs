@@ -26,7 +26,7 @@ fn lamp() -> [Light; 1] {
     }]
 }
 
-/// What a camera in front of the open side and one below the ceiling see.
+/// Positions visible to a camera in front of the open side and to one below the ceiling.
 fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     let seen = |k: u64| {
         let mut r = Random::new(4, 4, k);

@@ -218,7 +218,7 @@ fn difference(a: &Picture, b: &Picture) -> f32 {
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-/// How many pixels differ from the one in the first corner.
+/// Number of pixels that differ from the one in the first corner.
 fn drawn(picture: &Picture) -> usize {
     let clear = picture.pixels[0];
     picture.pixels.iter().filter(|p| **p != clear).count()

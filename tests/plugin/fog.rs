@@ -53,7 +53,7 @@ fn bake() -> Arc<BakedScene> {
     MADE.get_or_init(make).clone()
 }
 
-/// How a camera draws.
+/// Rendering method of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Deferred,
@@ -71,7 +71,7 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// Where the fog is, in the room's space: it reaches out of the room at one side, and does not fill
+/// Box of the fog in the room's space: it reaches out of the room at one side, and does not fill
 /// it.
 fn fog_place() -> Transform {
     Transform::from_xyz(0.3, 0.9, 0.4)
@@ -157,7 +157,7 @@ impl Shown {
         run(&mut self.app, 2);
     }
 
-    /// What the level's light in fog adds to the picture.
+    /// Light that the scene's fog adds to the picture.
     fn added(&mut self) -> Picture {
         let with = self.picture();
         self.set_fog(0.0);

@@ -187,7 +187,7 @@ fn forward_camera_without_hdr_matches_deferred() {
     assert!(d < 0.5 * MAX_ERROR && v > 1.5 * d, "{d}, {v}");
 }
 
-/// How far the volume's light is from that of the display, relative to indirect light.
+/// Difference of the volume's light from that of the display, relative to indirect light.
 fn error_of_volume(display: &Picture, volume: &Picture, indirect: &Picture) -> f32 {
     let mut moved = indirect.clone();
     let changes = volume

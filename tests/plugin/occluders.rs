@@ -41,7 +41,7 @@ fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedSce
     (room, baked)
 }
 
-/// Where the lamp is: in the small part, behind the screen.
+/// Position of the light: in the small part, behind the screen.
 const PLACE: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
 
 /// The CPU's picture where so much passes the screen.

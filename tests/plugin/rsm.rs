@@ -367,7 +367,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     assert_bounce_alike("bounce_moved", &expected, &drawn);
 }
 
-/// How often maps were read and pixels lit in the last frame.
+/// Number of times that maps were read and pixels lit in the last frame.
 fn ran(app: &App) -> [u32; 2] {
     let c = counters(app);
     [FrameStage::RSM, FrameStage::VPL].map(|s| c.dispatches_of(s))

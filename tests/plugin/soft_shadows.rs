@@ -224,9 +224,9 @@ fn soft_work(c: &FrameStats) -> [u32; 2] {
     [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 
-/// What a picture with soft shadows must be: nothing below black, Bevy's own where the lamp is seen
-/// whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly as the bake
-/// remembers.
+/// Requirements for a picture with soft shadows: nothing below black, Bevy's own where the lamp is
+/// seen whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly as the
+/// bake remembers.
 #[track_caller]
 fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expected) {
     let (by_twins, by_rays) = (expected.by_twins(plain), expected.by_rays(plain));

@@ -22,7 +22,7 @@ use meshless_gi::{
 use std::sync::{Arc, OnceLock};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
-/// What a panel in the air reflects.
+/// Albedo of a panel in the air.
 const PANEL: [f32; 3] = [0.7, 0.65, 0.7];
 /// The largest mean FLIP between the pictures of both cameras.
 const MAX: f32 = 0.05;
@@ -345,7 +345,7 @@ fn volume_does_not_light_gbuffer() {
     assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
 }
 
-/// What is made of a material.
+/// Surface properties of a material.
 type Change = fn(&mut StandardMaterial);
 
 /// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display

@@ -92,7 +92,7 @@ pub fn run(app: &mut App, frames: usize) {
     }
 }
 
-/// What a camera of the test draws to: halves, without tonemapping, so that pixels are
+/// Render target of a test camera: halves, without tonemapping, so that pixels are
 /// scene-linear.
 pub fn target(app: &mut App) -> Handle<Image> {
     let image = drawable(WIDTH, HEIGHT);

@@ -1,5 +1,5 @@
-//! What moving things reflect, as the CPU draws it: the maps that the plugin would draw, by casting
-//! rays, and the twins of the kernels.
+//! Light reflected by dynamic objects, as the CPU draws it: the maps that the plugin would draw, by
+//! casting rays, and the twins of the kernels.
 
 use super::app::{HEIGHT, WIDTH};
 use super::flip::Picture;
@@ -157,7 +157,7 @@ pub fn cpu_vpls(
     rsm::select_vpls(&params, &texels)
 }
 
-/// What `lights` add to the picture of `seen`.
+/// Light that `lights` add to the picture of `seen`.
 pub fn cpu_bounce(
     seen: &Things,
     lights: &[Vpl],
@@ -196,7 +196,7 @@ pub fn cpu_bounce(
     }
 }
 
-/// What smooth surfaces of `seen`, all of this roughness and reflectance, show of `lights`: every
+/// Specular light of `lights` on surfaces of `seen`, all of this roughness and reflectance: every
 /// pixel, no shadows.
 pub fn cpu_gloss(
     seen: &Things,

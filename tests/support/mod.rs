@@ -1,4 +1,4 @@
-//! What the tests of the plugin share.
+//! Functions shared by the tests of the plugin.
 #![allow(dead_code, reason = "each test uses its part")]
 
 pub mod app;

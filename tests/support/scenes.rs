@@ -365,7 +365,7 @@ pub fn cpu_indirect_textured(
     }
 }
 
-/// What a frame shows at a position: light of surfaces, and what their share leaves to light in
+/// Irradiance of a frame at a position: light of surfaces, and what their share leaves to light in
 /// free space.
 fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || Some(frame.probe_irradiance(bake, x, n)?.irradiance(n));

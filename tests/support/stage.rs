@@ -1,5 +1,5 @@
-//! What the tests of the running plugin share: the room on its root, the view of it, its lamp, and
-//! the comparison of pictures.
+//! Functions shared by the tests of the running plugin: the room on its root, the view of it, its
+//! lamp, and the comparison of pictures.
 
 use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
@@ -48,7 +48,7 @@ pub fn indirect() -> GiCamera {
     }
 }
 
-/// What the tests' rooms ask for.
+/// Settings of the tests' rooms.
 pub fn settings() -> FrameSettings {
     FrameSettings {
         emission: 998.0,
@@ -143,7 +143,7 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     );
 }
 
-/// What a frame's counters say of the stages that lights at rest must not run.
+/// Frame counters of the stages that static lights must not run.
 pub fn work(c: &FrameStats) -> [u32; 4] {
     [
         FrameStage::PROJECT,

@@ -1,4 +1,4 @@
-//! What a bake makes passes validation and comes back from its file as it was: each rule, each way
+//! Bakes pass validation and round-trip through their file: each rule, each way
 //! to many bounces, any number of threads.
 
 use glam::Vec3;

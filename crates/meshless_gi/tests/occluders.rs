@@ -17,7 +17,7 @@ const SIZE: Vec3 = Vec3::new(8.0, 2.6, 3.6);
 const WALL: [f32; 2] = [3.9, 4.1];
 const OPENING: [f32; 3] = [1.4, 2.4, 2.0];
 
-/// How the opening is.
+/// State of the opening.
 #[derive(Clone, Copy, PartialEq)]
 enum Opening {
     Open,

@@ -125,7 +125,7 @@ fn tiers_of_open_rooms_are_within_error_bounds() {
     neither_darker_nor_brighter("rooms_open");
 }
 
-/// What a frame of a tier needs of the links is a prefix of them.
+/// The links that a frame of a tier reads are a prefix of all links.
 #[test]
 fn tier_operator_is_prefix_of_links() {
     let level = level("cornell");

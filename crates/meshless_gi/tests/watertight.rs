@@ -67,7 +67,7 @@ fn spiked_box(cells: u32) -> Triangles {
     out
 }
 
-/// Where ray `k` starts and where it goes.
+/// Origin and direction of ray `k`.
 fn ray(triangles: &Triangles, center: Vec3, k: u64) -> Ray {
     let mut r = Random::new(11, 1, k);
     let origin = center + 0.3 * Vec3::new(r.unit() - 0.5, r.unit() - 0.5, r.unit() - 0.5);
@@ -91,7 +91,7 @@ fn ray(triangles: &Triangles, center: Vec3, k: u64) -> Ray {
     Ray::new(origin, direction)
 }
 
-/// How many of `count` rays miss: by closest hit, by the mesh's occlusion, by the frame's.
+/// Number of `count` rays that miss: by closest hit, by the mesh's occlusion, by the frame's.
 fn misses(triangles: &Triangles, center: Vec3, count: u64) -> [u64; 3] {
     let mesh = TriangleMesh::new(
         triangles.clone(),

@@ -157,7 +157,7 @@ fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn
     Ok([seconds, 1e3 * solve, scene.info.estimated_nrmse.into()])
 }
 
-/// What a file of points takes, from reading it to a frame, by how many points it holds.
+/// Time for a file of points, from reading it to a frame, by number of points.
 fn by_number() -> Result<String, Box<dyn Error>> {
     let mut out = "\n## A `.ply` by its number of points\n\n\
          A statue in the Cornell box, all of it points (`meshless_gi scatter`), preset `Draft`. Read: from the bytes of the file to the cells that rays meet. Solve: four reflections of one lamp on the \

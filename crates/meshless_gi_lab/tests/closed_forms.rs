@@ -15,7 +15,7 @@ use std::f32::consts::PI;
 /// Least probability that passes. There are some forty comparisons here, all with fixed random
 /// numbers.
 const LEVEL: f64 = 1e-3;
-/// What rays that start a hair's breadth above the surface may cost.
+/// Tolerance for rays that start slightly above the surface.
 const LIFT: f64 = 1e-3;
 
 fn settings(paths: u32, bounces: Option<u32>) -> ReferenceSettings {

@@ -25,7 +25,7 @@ fn most(preset: Preset, what: &str) -> f64 {
         _ => 0.04,
     }
 }
-/// What the panel of each scene emits, W/(m² sr).
+/// Emission of the panel of each scene, W/(m² sr).
 const GLOW: Vec3 = Vec3::new(8.0, 5.0, 2.0);
 
 /// A scene of which parts may be replaced: triangles and the material of each.
@@ -185,7 +185,7 @@ impl Case {
         Self::of(name, parts, &mesh, preset)
     }
 
-    /// Of a mesh of these parts.
+    /// Creates a case from a mesh of these parts.
     fn of(name: &'static str, parts: Parts, mesh: &TriangleMesh, preset: Preset) -> Self {
         let recipe = Recipe {
             preset,

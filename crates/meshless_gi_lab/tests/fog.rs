@@ -41,7 +41,7 @@ fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
     (mesh, lights, scene)
 }
 
-/// What fog reads: a volume of a bake in one light.
+/// Input of fog: a volume of a bake in one light.
 struct Air {
     shape: VoxelGrid,
     texels: Vec<[f32; 4]>,
@@ -73,7 +73,7 @@ impl Air {
         Self { shape, texels }
     }
 
-    /// What a place sends to an eye whose ray goes along `d`, W/(m² sr).
+    /// Radiance of a position towards an eye whose ray goes along `d`, W/(m² sr).
     fn scattered(&self, x: Vec3, asymmetry: f32, d: Vec3) -> Vec3 {
         // An eye far away, for which all rays go along `d`.
         let alike = FogView {

@@ -39,7 +39,7 @@ const VIEWS: [(&str, [f32; 3]); 3] = [
     ("behind", [5.9, 1.3, 2.6]),
 ];
 
-/// What a pixel shows.
+/// Content of a pixel.
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Door,
@@ -115,7 +115,7 @@ fn stage() -> &'static Stage {
     })
 }
 
-/// What a pixel shows, and its light after one to four reflections.
+/// Content of a pixel, and its light after one to four bounces.
 fn pixel(
     scene: &TriangleMesh,
     level: usize,
@@ -179,7 +179,7 @@ fn solved(scene: &BakedScene, gain: f32) -> CpuFrame {
     frame
 }
 
-/// What a frame shows at a pixel.
+/// Light of a frame at a pixel.
 fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || frame.probe_irradiance(scene, x, n).map(|l| l.irradiance(n));
     let found = splat_covered(&scene.points, &scene.display, frame.values(), x, n);
@@ -191,7 +191,7 @@ fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     }
 }
 
-/// How far a view's pixels are from the truth.
+/// Error of a view's pixels against the reference.
 #[derive(Clone, Copy, Debug)]
 struct Found {
     /// Root mean square of the error of the door's pixels over that of their light.
@@ -256,7 +256,7 @@ fn keep(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
     image::save_buffer(path, &bytes, wide, high, image::ExtendedColorType::Rgb8).unwrap();
 }
 
-/// What passes a door that is shut, and one that is half open.
+/// Light through a closed door and through a half open one.
 const GAINS: [(&str, f32); 2] = [("shut", 0.0), ("half open", 0.5)];
 
 /// The error of each view, and that nothing of the lit room's light is behind a shut door.
@@ -310,7 +310,7 @@ fn door_in_far_half_of_box_is_lit_from_faced_side() {
     assert!(found.nrmse > 0.3, "{found:?}");
 }
 
-/// What forward cameras read beside a shut door: of either room its own light.
+/// Forward cameras read next to a closed door the light of their own room.
 #[test]
 fn volume_at_closed_door_has_light_of_its_side() {
     let scene = baked(Some((0.06, 0.0)));

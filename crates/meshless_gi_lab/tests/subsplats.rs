@@ -72,7 +72,7 @@ fn finite(shown: &Subsplats) {
     }
 }
 
-/// What differs most from full resolution, in parts of white.
+/// Largest difference from full resolution, in parts of white.
 fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
     let pairs = shown.texels.iter().zip(&view.full);
     pairs
@@ -662,7 +662,7 @@ fn subsplat_comparison_detects_one_wrong_node() {
     assert!(worst(&view, &spoiled) > worst(&view, &right) || spoiled.texels != right.texels);
 }
 
-/// What reflects nothing of the lamp, what is unlit: such pixels are sky to subsplats.
+/// Pixels that reflect nothing of the light or are unlit count as sky for subsplats.
 #[test]
 fn unlit_pixels_stay_dark() {
     let stage = ahead(mesh_of_quads(&[wall()]), even);

@@ -1,5 +1,5 @@
-//! [V11]'s experiment on a few hundred points: which basis writes light down how well, with bounds that were measured and have room, and that another
-//! reference breaks.
+//! [V11]'s experiment on a few hundred points: which basis writes light down how well, with bounds
+//! that were measured and have room, and that another reference breaks.
 
 use meshless_gi_lab::accuracy::{
     Basis, ComparisonRow, PointSet, Quantity, Solution, SphereOverDisk, compare_bases,
@@ -19,7 +19,7 @@ fn row(rows: &[ComparisonRow], basis: Basis, quantity: Quantity) -> &ComparisonR
     found.expect("was compared")
 }
 
-/// What holds of the table at the paper's own density, for any point set; the first thing that does
+/// Properties of the table at the paper's own density, for any point set; the first thing that does
 /// not.
 fn check(rows: &[ComparisonRow]) -> Result<(), String> {
     let is = |true_: bool, what: &str| {

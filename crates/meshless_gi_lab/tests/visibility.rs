@@ -601,7 +601,7 @@ fn hall() -> TriangleMesh {
     TriangleMesh::new(triangles, vec![0; count], vec![Material::default()])
 }
 
-/// Of each cluster: the root mean square of what is wrong with e, over its points and over
+/// Error of each cluster: the root mean square of what is wrong with e, over its points and over
 /// directions as irradiance counts them, and that of each of its points by the error that stands
 /// beside it.
 fn wrong(

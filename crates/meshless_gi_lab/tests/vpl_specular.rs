@@ -51,7 +51,7 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
     }
 }
 
-/// Where every light is asked that was seen at all around a node, the sum of changes is the sum of
+/// If every light visible around a node is evaluated, the sum of changes is the sum of
 /// the lights. A light that all nodes around see dark is not asked: few notice.
 #[test]
 fn specular_full_refinement_equals_sum_of_lights() {

@@ -29,8 +29,8 @@ fn lamp() -> [Light; 1] {
     }]
 }
 
-/// What a camera in front of the open side and one below the ceiling see of the box: places on
-/// triangles, with normals.
+/// Positions of the box visible to a camera in front of the open side and to one below the ceiling,
+/// on triangles, with normals.
 fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count)
         .filter_map(|k| {

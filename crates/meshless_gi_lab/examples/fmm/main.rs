@@ -1,4 +1,4 @@
-//! What the fast multipole method ([G08]) does to error and time: by order, by the number of
+//! Error and time of the fast multipole method ([G08]): by order, by the number of
 //! points, by the care for points that look away from each other, and with visibility against the
 //! reference integrator. Writes `FMM.md` and its charts.
 //!
@@ -79,7 +79,7 @@ pub struct Seen {
     pub points: usize,
     /// Points a leaf.
     pub leaf: usize,
-    /// What it is.
+    /// Description.
     pub name: &'static str,
     /// Many bounces against the reference integrator.
     pub errors: Errors,

@@ -42,9 +42,9 @@ pub fn parts(document: &str) -> [String; 3] {
     ]
 }
 
-/// How the second part begins.
+/// Heading of the second part.
 const TRANSFER: &str = "## Transfer\n";
-/// How the third part begins.
+/// Heading of the third part.
 pub const LEVEL: &str = "## Links to senders and bases of light on the same axes: ";
 
 /// The part on visibility, with the document's title.

@@ -31,15 +31,15 @@ pub struct Made {
     /// Share of the examples' light that the bases miss.
     pub missed: f64,
     pub links: usize,
-    /// Of the operator: links, rows, columns with their values.
+    /// Bytes of the operator: links, rows, columns with their values.
     pub bytes: usize,
-    /// Of the bake; none where it was read from a file.
+    /// Seconds of the bake. `None` if it was read from a file.
     pub seconds: Option<f64>,
     pub error: f64,
     pub interval: f64,
 }
 
-/// What was measured on one level.
+/// Measurements of one scene.
 pub struct Transfer {
     pub name: String,
     /// At draft: links to senders, and series by the number of coefficients, one for each size of

@@ -156,7 +156,7 @@ pub struct Other {
     pub rays: f64,
 }
 
-/// What was measured in one scene.
+/// Measurements of one scene.
 pub struct Found {
     pub name: String,
     pub places: (usize, usize),

@@ -10,7 +10,7 @@ use meshless_gi::internals::frame::{SubsplatNode, VectorIrradiance, gbuffer, spl
 use meshless_gi::{Material, NormalTest, Quad, SubsplatSettings, TriangleMesh, mesh_of_quads};
 use std::f32::consts::PI;
 
-/// What nodes hold.
+/// Content of the nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Held {
     Vectors,
@@ -83,7 +83,7 @@ fn bump(view: &mut View<'_>) {
     view.expose(scale);
 }
 
-/// What nodes with one irradiance each give. Between nodes light is interpolated part by part, and
+/// Result of nodes with one irradiance each. Between nodes light is interpolated part by part, and
 /// each pixel takes its normal's: with all of the irradiance along one axis of the six, a pixel
 /// whose normal has that axis gives back what was interpolated.
 fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Measured) {

@@ -6,7 +6,7 @@ use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Mark, Series, Style};
 use std::fmt::{Error, Write};
 
-/// What the issue of subsplats asks for: evaluations over pixels, and FLIP.
+/// Bounds of subsplats: evaluations over pixels, and FLIP.
 const BOUND: (f64, f32) = (1.0 / 8.0, 0.01);
 
 fn depth_name(test: DepthTest) -> (&'static str, f32) {

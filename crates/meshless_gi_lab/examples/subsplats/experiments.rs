@@ -7,7 +7,7 @@ use super::subsplat_support::{Measured, Stage, View};
 use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::error::Error;
 
-/// What the issue of subsplats is about: a screen.
+/// Size of the screen, pixels.
 pub const SCREEN: [u32; 2] = [1920, 1080];
 /// Pictures along the path.
 pub const SMALL: [u32; 2] = [960, 540];
@@ -25,7 +25,7 @@ pub struct Row {
     pub level: String,
     pub view: usize,
     pub measured: Measured,
-    /// Of full resolution and of subsplats.
+    /// Values of full resolution and of subsplats.
     pub seconds: [f64; 2],
 }
 

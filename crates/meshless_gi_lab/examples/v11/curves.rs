@@ -32,10 +32,10 @@ const LINE: f64 = 0.13;
 #[derive(Clone, Copy)]
 struct Curve {
     name: &'static str,
-    /// What people read, with the unit.
+    /// Label of the axis, with the unit.
     what: &'static str,
     sphere: bool,
-    /// Which channel of the samples.
+    /// Channel of the samples.
     channel: usize,
 }
 
@@ -67,7 +67,7 @@ const CURVES: [Curve; 4] = [
 ];
 
 impl Curve {
-    /// Where along the axis the curve has its places: degrees or meters.
+    /// Positions of the curve's points along the axis, degrees or meters.
     fn places(self, solution: &Solution) -> Vec<f64> {
         let (from, to) = if self.sphere {
             (-90.0, 90.0)

@@ -139,7 +139,7 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     oscillation(made, out)
 }
 
-/// What \[V11\] found by eye, at its own density.
+/// Visual results of \[V11\] at its own density.
 fn oscillation(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
@@ -183,7 +183,7 @@ fn cells() -> impl Iterator<Item = (Quantity, bool, f64)> {
     })
 }
 
-/// Where another basis is better, and why.
+/// Cases in which another basis is better, with the reason.
 fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let beaten = |of: &[Basis]| -> Vec<String> {
         let mut found = Vec::new();

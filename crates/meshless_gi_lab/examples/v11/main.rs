@@ -1,5 +1,6 @@
-//! [V11]'s experiment: nine bases write down the light of a sphere over a disk, whose true light is known from two integral equations. Writes the table that the
-//! paper lacks, its curves B(ζ) and D(u) as charts, and pictures, and puts them into a document:
+//! [V11]'s experiment: nine bases write down the light of a sphere over a disk, whose true light is
+//! known from two integral equations. Writes the table that the paper lacks, its curves B(ζ) and
+//! D(u) as charts, and pictures, and puts them into a document:
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example v11 -- -o DIR
@@ -27,7 +28,7 @@ const SETS: u64 = 5;
 /// Cells of the solution that everything is compared with.
 const CELLS: usize = 1600;
 
-/// What everything is made from.
+/// Input of all parts of the document.
 pub struct Experiment {
     pub solution: Solution,
     /// Medians over the point sets.

@@ -13,7 +13,7 @@ const SAMPLES: u32 = 8;
 /// Radiosity that is shown white, W/m²: of all light, of reflected light.
 const WHITE: [f32; 2] = [0.9, 0.6];
 
-/// Where the camera stands: low enough to see the sphere from below.
+/// Position of the camera: low enough to see the sphere from below.
 const CAMERA: Camera = Camera {
     eye: Vec3::new(0.0, 14.0, 46.0),
     target: Vec3::new(0.0, 11.5, 0.0),

@@ -17,15 +17,15 @@ use rayon::prelude::*;
 
 /// t: how many other points a nominal radius reaches ([V11] §V, as [L08]).
 const NEIGHBORS: usize = 10;
-/// Where the Gaussian counts as zero ([V11] §V.A).
+/// Distance from which the Gaussian counts as zero ([V11] §V.A).
 const GAUSSIAN_END: f64 = 4.0;
-/// What is added to the diagonal of a Gaussian system that is singular as it stands, and by how
+/// Term added to the diagonal of a singular Gaussian system, and by how
 /// much more each time that does not help.
 const RIDGE: [f64; 2] = [1e-12, 100.0];
 /// More than this on the diagonal of ones is no interpolation any more.
 const MAX_RIDGE: f64 = 1e-2;
 
-/// What is known at a point: three channels of a scalar, and the vectors whose parts along the
+/// Data of a point: three channels of a scalar, and the vectors whose parts along the
 /// point's normal they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointSample {
@@ -39,16 +39,16 @@ pub struct PointSample {
 /// defined.
 pub type SurfaceField<'a> = Box<dyn Fn(Vec3, Vec3) -> Option<DVec3> + Sync + 'a>;
 
-/// Why there is no function through the samples.
+/// Reason why no function interpolates the samples.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PointBasisError {
     /// Not one sample a point.
     #[error("{samples} samples for {points} points")]
     Count {
-        /// How many points the basis has.
+        /// Number of points of the basis.
         points: usize,
-        /// How many samples were given.
+        /// Number of samples.
         samples: usize,
     },
     /// A point, normal or sample is not finite.
@@ -59,7 +59,7 @@ pub enum PointBasisError {
         "the system of {points} Gaussian functions stays singular with {ridge:e} on its diagonal"
     )]
     Singular {
-        /// How many functions.
+        /// Number of functions.
         points: usize,
         /// The largest ridge tried.
         ridge: f64,
@@ -71,10 +71,10 @@ pub trait PointBasis: Sync {
     /// The function that belongs to these samples, one a point.
     ///
     /// # Errors
-    /// Where the samples are not one a point or not finite.
+    /// Returns an error if the samples are not one per point or not finite.
     fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError>;
 
-    /// What had to be added to the diagonal of the basis' system, whose own entries there are 1, to
+    /// Term added to the diagonal of the basis' system, whose own entries there are 1, to
     /// solve it; 0 where there is none, or it is regular.
     fn ridge(&self) -> f64 {
         0.0
@@ -84,7 +84,7 @@ pub trait PointBasis: Sync {
 /// Checks that there is a finite sample for each of `points` points.
 ///
 /// # Errors
-/// Where there is not.
+/// Returns an error if the counts differ or a sample is not finite.
 pub fn check_samples(points: usize, samples: &[PointSample]) -> Result<(), PointBasisError> {
     if points != samples.len() {
         return Err(PointBasisError::Count {
@@ -129,7 +129,7 @@ impl ShepardBasis {
     /// The basis of points (x, n).
     ///
     /// # Errors
-    /// Where a point is not finite.
+    /// Returns an error if a point is not finite.
     pub fn new(points: Vec<(Vec3, Vec3)>) -> Result<Self, PointBasisError> {
         check_points(&points)?;
         Ok(Self(points))
@@ -175,7 +175,7 @@ impl GaussianBasis {
     /// is added to its diagonal, see [`PointBasis::ridge`].
     ///
     /// # Errors
-    /// Where a point is not finite, or the system stays singular.
+    /// Returns an error if a point is not finite or the system stays singular.
     pub fn new(points: Vec<(Vec3, Vec3)>, width: f64) -> Result<Self, PointBasisError> {
         check_points(&points)?;
         let radii: Vec<f64> = (0..points.len())

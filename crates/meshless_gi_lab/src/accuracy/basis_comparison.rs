@@ -1,5 +1,6 @@
-//! [V11]'s experiment with numbers: each basis writes down the light of the sphere over the disk (`sphere_over_disk.rs`) from samples at the same points, and
-//! is compared with the solution of the integral equations.
+//! [V11]'s experiment with numbers: each basis writes down the light of the sphere over the disk
+//! (`sphere_over_disk.rs`) from samples at the same points, and is compared with the solution of
+//! the integral equations.
 //!
 //! The points are Poisson disks of the project's own sampling, at several spacings. Samples are
 //! either the solution's own values at the points, which shows the basis alone, or, as in [V11]
@@ -32,7 +33,7 @@ const AZIMUTHS: usize = 64;
 const LATITUDES: usize = 120;
 const RADII: usize = 200;
 
-/// What is written down.
+/// Recorded quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Direct and reflected light together, B and D of \[V11\]: with the shadow's edge.
@@ -68,13 +69,13 @@ pub struct SurfaceErrors {
 /// A row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComparisonRow {
-    /// Which basis.
+    /// Basis of the row.
     pub basis: Basis,
     /// Smallest distance of two points, meters.
     pub spacing: f64,
-    /// How many points have a sample.
+    /// Number of points that have a sample.
     pub points: usize,
-    /// What was written down.
+    /// Recorded quantity.
     pub quantity: Quantity,
     /// On the sphere.
     pub sphere: SurfaceErrors,
@@ -279,7 +280,7 @@ pub fn solve_in(
 /// the plugin does: with scalars (design D1), and vectors for the display.
 ///
 /// # Errors
-/// Where a Gaussian system cannot be solved.
+/// Returns an error if a Gaussian system cannot be solved.
 pub fn compare_bases(
     set: &PointSet,
     known: &Solution,

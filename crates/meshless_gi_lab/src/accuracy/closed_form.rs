@@ -86,7 +86,7 @@ pub fn enclosure(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     emitted * series(albedo, bounces)
 }
 
-/// What a closed surface reflects of its own emission: [`enclosure`] without the light that comes
+/// Reflected part of a closed surface's own emission: [`enclosure`] without the light that comes
 /// straight.
 #[must_use]
 pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
@@ -96,8 +96,10 @@ pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f
     }
 }
 
-/// Reflected irradiance anywhere inside a sphere of `radius` in which lamps send `power` (W) in whatever directions, after one to `bounces` reflections. The
-/// form factor between two places of a sphere is the share of its area, so the first reflection is even already: Φ / (4π R²) · (ρ + ρ² + …).
+/// Reflected irradiance anywhere inside a sphere of `radius` in which lamps send `power` (W) in
+/// whatever directions, after one to `bounces` reflections. The form factor between two places of a
+/// sphere is the share of its area, so the first reflection is even already: Φ / (4π R²) · (ρ + ρ²
+/// + …).
 #[must_use]
 pub fn integrating_sphere(power: f64, radius: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     enclosure_reflected(power / (4.0 * PI * radius * radius), albedo, bounces)

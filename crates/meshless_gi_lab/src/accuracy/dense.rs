@@ -12,7 +12,7 @@ const SMALLEST_PIVOT: f64 = 1e-14;
 pub(super) struct Lu {
     /// L below the diagonal (its own is 1), U on and above it, in the order of `order`.
     rows: Vec<Vec<f64>>,
-    /// Which row of the matrix each of them was.
+    /// Original row of the matrix of each of them.
     order: Vec<usize>,
     /// Smallest over largest absolute pivot: about the reciprocal of the condition number, never
     /// far below it.

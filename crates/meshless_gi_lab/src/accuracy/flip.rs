@@ -18,7 +18,7 @@ type Plane = Vec<f32>;
 /// Mean FLIP of two pictures. Around a pixel that is no number the difference is the largest.
 ///
 /// # Panics
-/// Where the pictures differ in size.
+/// Panics if the pictures differ in size.
 #[must_use]
 pub fn flip(reference: &Image, test: &Image) -> f32 {
     let map = flip_map(reference, test);
@@ -30,7 +30,7 @@ pub fn flip(reference: &Image, test: &Image) -> f32 {
 /// FLIP pixel by pixel.
 ///
 /// # Panics
-/// Where the pictures differ in size.
+/// Panics if the pictures differ in size.
 #[must_use]
 pub fn flip_map(reference: &Image, test: &Image) -> Vec<f32> {
     assert_eq!(

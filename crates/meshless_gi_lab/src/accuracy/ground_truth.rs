@@ -31,29 +31,29 @@ pub enum GroundTruthError {
     /// The operating system could not.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The text is no such table.
     #[error("{}, line {line}: {what}", path.display())]
     Content {
-        /// Which file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where, from 1.
+        /// Line number, from 1.
         line: usize,
-        /// What is wrong.
+        /// Description of the fault.
         what: String,
     },
 }
 
-/// How far a baked scene is from the truth.
+/// Errors of a baked scene against ground truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Comparison {
-    /// Of indirect irradiance. A place that no function covers counts as dark.
+    /// Errors of indirect irradiance. A position that no function covers counts as dark.
     pub indirect: Errors,
-    /// Of direct irradiance.
+    /// Errors of direct irradiance.
     pub direct: Errors,
     /// Places that no function covers.
     pub uncovered: usize,

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-/// How far values are from a reference, over all places and color channels.
+/// Errors of values against a reference, over all positions and color channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
     /// ‖x − ref‖₂ / ‖ref‖₂, the reference's own variance subtracted; 0 where the reference is.
@@ -67,13 +67,13 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
     }
 }
 
-/// How much light came through a wall: the root mean square of what is too much or too little on
+/// Light that came through a wall: the root mean square of what is too much or too little on
 /// its dark side, over the root mean square of the light on its lit side. Stricter than a ratio of
 /// means, in which single bright spots drown. Infinite where the lit side is dark but the dark one
 /// is not.
 ///
 /// # Panics
-/// Where `dark` and `dark_reference` differ in length.
+/// Panics if `dark` and `dark_reference` differ in length.
 #[must_use]
 pub fn leak_ratio(dark: &[Vec3], dark_reference: &[Vec3], lit_reference: &[Vec3]) -> f64 {
     assert_eq!(dark.len(), dark_reference.len());

@@ -23,7 +23,7 @@ pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// What a falling curve through `front` (by x, both coordinates above 0) has at `x`, on straight
+/// Value at `x` of a falling curve through `front` (by x, both coordinates above 0), on straight
 /// lines between the logarithms. None outside of it.
 #[must_use]
 pub fn interpolate_log(front: &[(f64, f64)], x: f64) -> Option<f64> {

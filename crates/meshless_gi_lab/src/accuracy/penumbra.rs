@@ -108,7 +108,7 @@ pub fn shadow_places(
         .collect()
 }
 
-/// What `light` of color one does not give to the points of `scene` by shadow rays at the first
+/// Occluded irradiance of `light` of color one at the points of `scene` by shadow rays at the first
 /// `known` points, which are whole levels; the others take the mean of their parents.
 #[must_use]
 pub fn deficits_by_rays(
@@ -141,8 +141,8 @@ pub fn deficits_by_rays(
     out
 }
 
-/// How far irradiance without the share that `occluded_irradiances` say is missing is from the reference, at
-/// `places`: as the kernel `shade` has it on the screen.
+/// Error of irradiance without the share that `occluded_irradiances` reports as occluded, against the
+/// reference, at `places`: as the kernel `shade` has it on the screen.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,

@@ -55,7 +55,7 @@ impl Basis {
         Self::OursTwice,
     ];
 
-    /// What people read.
+    /// Display name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -144,7 +144,7 @@ impl PointSet {
     /// A basis over the points.
     ///
     /// # Errors
-    /// Where the Gaussian system cannot be solved.
+    /// Returns an error if the Gaussian system cannot be solved.
     pub fn build(&self, basis: Basis) -> Result<Box<dyn PointBasis + '_>, PointBasisError> {
         let points = || self.points(basis);
         Ok(match basis {
@@ -163,7 +163,7 @@ impl PointSet {
     /// Gaussian functions with this width in nominal radii.
     ///
     /// # Errors
-    /// Where their system cannot be solved.
+    /// Returns an error if their system cannot be solved.
     pub fn gaussian(&self, width: f64) -> Result<GaussianBasis, PointBasisError> {
         GaussianBasis::new(self.points(Basis::Gaussian), width)
     }
@@ -188,9 +188,9 @@ fn viewpoints(scene: &SphereOverDisk) -> Vec<Vec3> {
 /// The flat display basis as the frame evaluates it.
 struct DisplayBasis<'a> {
     set: &'a PointSet,
-    /// Whether it carries vectors and not scalars.
+    /// Returns `true` if it carries vectors instead of scalars.
     vectors: bool,
-    /// Whether the points' values are moved by what is missed at them.
+    /// Returns `true` if the points' values are corrected by their residuals.
     twice: bool,
 }
 

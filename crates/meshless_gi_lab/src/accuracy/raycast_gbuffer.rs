@@ -1,4 +1,4 @@
-//! What a deferred camera would have drawn of a scene, by casting a ray through the middle of each
+//! G-buffer of a scene as a deferred camera draws it, by casting a ray through the middle of each
 //! pixel: depth and G-buffer as Bevy's prepass writes them. The oracle of everything that works on
 //! the screen, and what reflective shadow maps of tests are made of.
 

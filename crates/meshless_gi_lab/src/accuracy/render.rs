@@ -9,11 +9,11 @@ use rayon::prelude::*;
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where it stands, meters.
+    /// Position, meters.
     pub eye: Vec3,
-    /// What it looks at, meters.
+    /// Target, meters.
     pub target: Vec3,
-    /// Which way is up; not along the view.
+    /// Up direction; not along the view.
     pub up: Vec3,
     /// Full vertical angle of view, radians.
     pub vertical_angle: f32,

@@ -11,9 +11,11 @@
 //! disk. Neither surface sees itself, and what a place of the one does not see of the other lies
 //! behind its own horizon, so there is no other visibility ([V11] §VIII).
 //!
-//! [`SphereOverDisk::solve`] has the inner integral in closed form, and the outer ones by the midpoint rule over cells that end at the shadow's edge;
-//! its error falls with the square of the cells' size. [`SphereOverDisk::solve_sums`] is [V11]'s own discretization, Eqs. (22), (23): plain sums over
-//! evenly spaced latitudes, radii and azimuths. With its n = 100 the thirteenth radius is 5, just the shadow's edge, and half a cell is lit too little.
+//! [`SphereOverDisk::solve`] has the inner integral in closed form, and the outer ones by the
+//! midpoint rule over cells that end at the shadow's edge; its error falls with the square of the
+//! cells' size. [`SphereOverDisk::solve_sums`] is [V11]'s own discretization, Eqs. (22), (23):
+//! plain sums over evenly spaced latitudes, radii and azimuths. With its n = 100 the thirteenth
+//! radius is 5, just the shadow's edge, and half a cell is lit too little.
 //!
 //! The constants. The paper's text as we have it is damaged; what follows from it otherwise: Eq.
 //! (5) must be K = (1/π) cos / d², or the disk would give the sphere more light than there is; with
@@ -63,7 +65,7 @@ impl Default for SphereOverDisk {
     }
 }
 
-/// Why there is no solution.
+/// Reason why there is no solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SphereOverDiskError {
@@ -147,7 +149,7 @@ impl SphereOverDisk {
         }
     }
 
-    /// Which surface a place near one of them belongs to, and where on it.
+    /// Surface that a position near one of them belongs to, and the point on it.
     #[must_use]
     pub fn site(&self, x: Vec3) -> Site {
         let from_center = x.as_dvec3() - DVec3::Y * self.height;
@@ -160,7 +162,7 @@ impl SphereOverDisk {
         }
     }
 
-    /// What rays meet: the sphere, and the disk as the upper end of a flat cylinder.
+    /// Geometry for rays: the sphere, and the disk as the upper end of a flat cylinder.
     #[must_use]
     pub fn geometry(&self) -> ImplicitScene {
         let object = |shape| ImplicitObject {
@@ -225,8 +227,8 @@ impl SphereOverDisk {
         self.ring(latitude, u, a, u * cosine * y)
     }
 
-    /// What a ring of the disk of one W/m² and one meter of circumference per radian gives the
-    /// sphere's place as vector irradiance: outwards and up.
+    /// Irradiance from a ring of the disk of one W/m² and one meter of circumference per radian on
+    /// the sphere's place as vector irradiance: outwards and up.
     fn vector(&self, latitude: f64, u: f64) -> DVec2 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
@@ -246,7 +248,8 @@ impl SphereOverDisk {
     /// The solution with `cells` latitudes and about as many radii.
     ///
     /// # Errors
-    /// Where there is no such scene, or the number of cells is not between 8 and 8192.
+    /// Returns an error if there is no such scene, or the number of cells is not between 8 and
+    /// 8192.
     pub fn solve(&self, cells: usize) -> Result<Solution, SphereOverDiskError> {
         self.check()?;
         check_cells(cells)?;

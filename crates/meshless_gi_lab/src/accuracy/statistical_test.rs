@@ -26,10 +26,10 @@ pub struct Estimates<'a> {
     pub errors: &'a [Vec3],
 }
 
-/// What [`agreement`] found.
+/// Result of [`agreement`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestStatistics {
-    /// How probable differences like these or larger ones are if both estimate the same. 0 where a
+    /// Probability of such or larger differences if both estimate the same. 0 where a
     /// value is not finite.
     pub p: f64,
     /// Places and sums of places compared, for each channel.
@@ -49,7 +49,7 @@ pub struct TestStatistics {
 /// is shortened by that part of the larger value first.
 ///
 /// # Panics
-/// Where lists differ in length.
+/// Panics if lists differ in length.
 #[must_use]
 pub fn agreement(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStatistics {
     assert!(
@@ -149,7 +149,7 @@ impl Pair {
     }
 }
 
-/// What to compare in channel `c`: places, and sums of places that are known coarsely.
+/// Values to compare in channel `c`: places, and sums of places that are known coarsely.
 fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
     let mut out = Vec::new();
     let (mut open, mut summed): (Option<Pair>, Option<usize>) = (None, None);

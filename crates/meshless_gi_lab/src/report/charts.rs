@@ -13,7 +13,7 @@ const BLACK: usize = 6;
 /// Errors to compare with: the axis names them.
 const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
-/// Which factors share a color.
+/// Groups of factors that share a color.
 const GROUPS: [(&str, &[Factor]); 7] = [
     ("presets", &[Factor::Preset]),
     ("rule l08, as published", &[Factor::RuleL08]),
@@ -44,7 +44,7 @@ const GROUPS: [(&str, &[Factor]); 7] = [
 pub struct Figure {
     /// File name.
     pub file: String,
-    /// What it shows.
+    /// Content of the chart.
     pub chart: Chart,
 }
 

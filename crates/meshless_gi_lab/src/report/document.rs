@@ -15,11 +15,11 @@ use std::fmt::Write;
 pub struct Part {
     /// The level's name.
     pub name: String,
-    /// What was measured.
+    /// Measurements.
     pub report: Report,
     /// Its charts.
     pub figures: Vec<Figure>,
-    /// What stands before the names of the charts' files, relative to the document: a folder with
+    /// Prefix of the names of the charts' files, relative to the document: a folder with
     /// its slash, a prefix.
     pub charts: String,
 }
@@ -55,7 +55,7 @@ fn everywhere<'a>(parts: &'a [Part], like: &Row) -> Option<Vec<&'a Row>> {
         .collect()
 }
 
-/// What to choose on any level, and on each of these.
+/// Recommended choices for any scene, and for each of these.
 fn advice(parts: &[Part]) -> String {
     let mut out = String::new();
     let Some(first) = parts.first() else {

@@ -28,7 +28,7 @@ pub fn error(row: &Row) -> String {
     }
 }
 
-/// How a user comes to a row.
+/// Options that select a row.
 pub fn how(row: &Row) -> String {
     match row.settings.factor {
         Factor::Tier => format!(

@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 /// Errors that somebody may want to stay below.
 pub const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
-/// What the default rule may need of the links of `l08` at equal error, and have of its error at
+/// Bounds of the default rule relative to `l08`: links at equal error, and error at
 /// equal links.
 const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
@@ -90,7 +90,7 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
     out
 }
 
-/// What to choose, and why: the beginning of a report.
+/// Recommended choices with reasons: the beginning of a report.
 #[must_use]
 pub fn choice(rows: &[Row]) -> String {
     let mut out = String::new();
@@ -254,7 +254,7 @@ fn factors(rows: &[Row]) -> String {
     out
 }
 
-/// How many times the error halves for each doubling of the bake's time; none where either hardly
+/// Number of times the error halves for each doubling of the bake's time. `None` if either hardly
 /// changes.
 fn gain(base: &Row, row: &Row) -> Option<f64> {
     let (error, time) = (base.nrmse / row.nrmse, row.bake_seconds / base.bake_seconds);
@@ -262,7 +262,7 @@ fn gain(base: &Row, row: &Row) -> Option<f64> {
         .then(|| error.ln() / time.ln())
 }
 
-/// What more reflections cost and bring.
+/// Cost and benefit of more bounces.
 fn reflections(rows: &[Row]) -> String {
     let mut all: Vec<&Row> = rows
         .iter()

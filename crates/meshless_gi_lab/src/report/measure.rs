@@ -20,10 +20,10 @@ const LONG_ENOUGH: Duration = Duration::from_secs(2);
 /// Places that the time of the display is measured on.
 const DISPLAYED: usize = 20_000;
 
-/// What was baked and run.
+/// Baked and measured configuration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RowSettings {
-    /// What it changes from the baseline.
+    /// Difference from the baseline.
     pub factor: Factor,
     /// A few words.
     pub name: String,
@@ -39,7 +39,7 @@ pub struct RowSettings {
 /// A row of a report. All numbers are finite.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// What was baked and run.
+    /// Baked and measured configuration.
     pub settings: RowSettings,
     /// The whole bake, without reading the level and writing the file.
     pub bake_seconds: f64,
@@ -69,7 +69,7 @@ pub struct Row {
     pub nrmse_all: f64,
     /// Share of the places that no basis function covers.
     pub uncovered: f64,
-    /// What the bake says of itself.
+    /// The bake's own estimate.
     pub estimated_nrmse: f64,
     /// Half width of the 95 % confidence interval of that.
     pub estimated_nrmse_interval: f64,
@@ -83,7 +83,7 @@ pub struct Row {
 /// Errors beside another program's truth with as many reflections.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Beside {
-    /// Which lights.
+    /// Lights.
     pub name: String,
     /// As those of a row.
     pub nrmse: f64,
@@ -199,7 +199,7 @@ impl Row {
         self.nrmse.max(self.nrmse_interval)
     }
 
-    /// Whether every number is one: what a report is made of must be.
+    /// Returns `true` if every value is a number. Reports require it.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         [
@@ -222,7 +222,7 @@ impl Row {
     }
 }
 
-/// What a frame runs.
+/// Passes of a frame.
 fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
     FrameSettings {
         baked_bounces: scene.info.bounces == run.bounces,

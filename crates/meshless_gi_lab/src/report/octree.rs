@@ -7,7 +7,7 @@ use super::rules::comparable;
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
-/// Of the bakes by `rule` with at most this error the least of some cost.
+/// Lowest cost among the bakes by `rule` with at most this error.
 fn least(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
         comparable(r)

@@ -6,7 +6,7 @@ use super::variant::Factor;
 use crate::accuracy::{interpolate_log, pareto_front};
 use meshless_gi::TransportMethod;
 
-/// What `bounded` has of what `l08` has.
+/// Values of `bounded` relative to those of `l08`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ratio {
     /// As its front has it.
@@ -63,8 +63,8 @@ pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
         .collect()
 }
 
-/// Whether a row's error is one of representation alone: it runs as many reflections as the
-/// reference has, by sweeps.
+/// Returns `true` if a row's error is one of representation alone: it runs as many reflections as
+/// the reference has, by sweeps.
 #[must_use]
 pub fn comparable(row: &Row) -> bool {
     row.settings.factor != Factor::Bounces
@@ -97,7 +97,7 @@ pub fn compare_with(rows: &[Row], rule: TransportMethod) -> Vec<Compared> {
         .collect()
 }
 
-/// What a falling front has at `x`, over `y`; beyond its end what it has there is an upper bound.
+/// Value of a falling front at `x`, over `y`. Beyond its end the value there is an upper bound.
 fn ratio(front: &[(f64, f64)], x: f64, y: f64) -> Ratio {
     match (interpolate_log(front, x), front.last()) {
         (Some(found), _) => Ratio::Is(found / y),

@@ -13,18 +13,18 @@ use std::time::{Duration, Instant};
 /// Names the variants to try, for the settings that the baseline got.
 pub type Choose = fn(&BakeSettings) -> Vec<Variant>;
 
-/// How much a report does.
+/// Extent of a report.
 #[derive(Clone, Debug)]
 pub struct Sweep {
     /// The reference.
     pub exam: TestSetSize,
-    /// What is baked first, and all others are variants of.
+    /// Baseline: baked first, and all others are variants of it.
     pub baseline: Variant,
-    /// What else, most important first.
+    /// Further variants, most important first.
     pub choose: Choose,
     /// No bake begins that would probably end later than this after the start.
     pub limit: Duration,
-    /// What another program says of this level; presets are compared with it too.
+    /// Ground truth of another program. Presets are compared with it too.
     pub known: Vec<Known>,
     /// Places from which light can be seen, as in a recipe; found where empty.
     pub viewpoints: Vec<[f32; 3]>,
@@ -72,13 +72,13 @@ impl Sweep {
 pub struct Known {
     /// A word for the lights.
     pub name: String,
-    /// What shines.
+    /// Lights.
     pub lights: Vec<Light>,
-    /// What is true then.
+    /// Reference under these lights.
     pub truth: GroundTruth,
 }
 
-/// Why there is no report.
+/// Reason why there is no report.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
@@ -90,31 +90,31 @@ pub enum ReportError {
     /// A bake failed.
     #[error("{name}: {why}")]
     Bake {
-        /// Which variant.
+        /// Name of the variant.
         name: String,
-        /// Why.
+        /// Reason.
         why: BakeSceneError,
     },
     /// A bake could not be written.
     #[error("{name}: {why}")]
     Write {
-        /// Which variant.
+        /// Name of the variant.
         name: String,
-        /// Why.
+        /// Reason.
         why: AssetError,
     },
     /// A bake holds other settings than this version writes: a defect of this crate.
     #[error("{name}: the bake's own settings: {why}")]
     Settings {
-        /// Which variant.
+        /// Name of the variant.
         name: String,
-        /// Why.
+        /// Reason.
         why: String,
     },
     /// A measurement is no number: a defect of this crate. Please report it with the level.
     #[error("{name}: an error was measured that is no number")]
     NotFinite {
-        /// Which variant.
+        /// Name of the variant.
         name: String,
     },
     /// No threads to work on.
@@ -122,18 +122,18 @@ pub enum ReportError {
     Threads(String),
 }
 
-/// What a sweep is doing.
+/// Progress of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// Steps done.
     pub done: usize,
     /// Steps in all.
     pub of: usize,
-    /// What is being done.
+    /// Current step.
     pub what: String,
 }
 
-/// What accuracy costs on a level.
+/// Cost of accuracy on a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     /// All that was tried, the baseline first.

@@ -19,7 +19,7 @@ const TRIED: usize = 6;
 /// Paths that find out how noisy a place is. They count for nothing else.
 const PILOT: u32 = 256;
 
-/// How much work the reference takes.
+/// Effort of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TestSetSize {
     /// Lamps, one shining at a time.
@@ -73,7 +73,7 @@ pub struct TestSet {
     bounces: u32,
 }
 
-/// How a bake did.
+/// Score of a bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TestScore {
     /// Against the reference with as many reflections as the exam has.
@@ -211,7 +211,7 @@ impl TestSet {
     }
 }
 
-/// How many paths each place gets, `paths` in the mean: as many as its noise in a pilot asks for,
+/// Number of paths of each position, `paths` in the mean: as many as its noise in a pilot asks for,
 /// which makes the least noise of all for so much work. The pilot's own paths are not used again,
 /// so that the reference stays unbiased.
 fn allot(

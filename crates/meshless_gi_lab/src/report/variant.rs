@@ -1,4 +1,4 @@
-//! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule
+//! Variants of a report: one factor at a time around a baseline, the presets, and the paper's rule
 //! beside ours.
 
 use meshless_gi::internals::bake::BakeSettings;
@@ -12,7 +12,7 @@ use serde::Serialize;
 /// recipes' default.
 pub const BOUNCES: u32 = 4;
 
-/// What a variant changes.
+/// Factor that a variant changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Factor {
@@ -91,7 +91,7 @@ impl Factor {
     }
 }
 
-/// What is chosen in the frame and not in the bake.
+/// Choices of the frame, not of the bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Diffuse reflections.
@@ -112,13 +112,13 @@ impl Default for Run {
 /// One thing to try.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
-    /// What it changes.
+    /// Factor that it changes.
     pub factor: Factor,
     /// A few words, for charts and tables.
     pub name: String,
-    /// What to bake.
+    /// Recipe of the bake.
     pub recipe: Recipe,
-    /// What to run.
+    /// Settings of the frame.
     pub run: Run,
     /// About how long the bake takes, in bakes of the baseline: only to keep within a report's
     /// time.

@@ -55,7 +55,7 @@ impl Random {
     }
 }
 
-/// What a synthetic scene has.
+/// Content of a synthetic scene.
 #[derive(Clone, Copy)]
 pub struct Make {
     pub seed: u64,
@@ -409,7 +409,7 @@ pub fn build(make: &Make) -> BakedScene {
     scene
 }
 
-/// What points see of a mesh, in several clusters of several components.
+/// Visibility of points in a mesh, in several clusters of several components.
 fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
     let points: Vec<_> = points.iter().map(|p| (p.x(), p.n())).collect();
     let settings = VisibilitySettings {

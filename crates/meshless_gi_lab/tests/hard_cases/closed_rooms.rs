@@ -157,7 +157,7 @@ fn light_in_sphere_gives_uniform_irradiance() {
     );
 }
 
-/// Where all light is reflected for ever there is no answer: the bake lowers what the walls reflect
+/// Lossless reflection has no solution: the bake lowers what the walls reflect
 /// to 99.9 %, and says so.
 #[test]
 fn lossless_walls_get_lowered_albedo() {

@@ -1,4 +1,4 @@
-//! What a bake says of its energy, against a second opinion: gain, row sums and reciprocity,
+//! Energy figures of a bake against independent computations: gain, row sums and reciprocity,
 //! computed here again in double precision or in another way.
 
 use super::support::{baked, closed, cornell, small};
@@ -95,7 +95,7 @@ fn spectral_radius_bound_holds_and_is_tight() {
     }
 }
 
-/// What surfaces give each other differs by noise, and the less the more rays there are.
+/// Exchange between surfaces differs by noise, which decreases with the number of rays.
 #[test]
 fn operator_reciprocity_improves_with_rays() {
     let room = closed(Material::default());

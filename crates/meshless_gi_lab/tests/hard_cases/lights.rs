@@ -126,7 +126,7 @@ fn light_contrast_of_million_fits_f16() {
     assert!(2 * compared > dim.len(), "{compared} of {}", dim.len());
 }
 
-/// What a pixel gets is never more than a half holds, and never NaN, however bright the lamp.
+/// Light of a pixel stays within the range of halves and is never NaN, for any brightness.
 #[test]
 fn bright_lights_stay_finite_in_f16() {
     let glare = Material::emissive(Vec3::splat(0.9), Vec3::splat(f32::MAX));

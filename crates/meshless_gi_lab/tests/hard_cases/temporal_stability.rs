@@ -45,7 +45,7 @@ fn roughness(scene: &BakedScene) -> f32 {
     (bends / light).sqrt() as f32
 }
 
-/// Where senders are lit at one place each, a shadow's edge jumps from one to the next as the lamp
+/// If senders are lit at one position each, a shadow's edge jumps from one to the next as the lamp
 /// moves, and all light with it; \[L08\] has it so.
 #[test]
 fn smoothly_moving_light_gives_smooth_irradiance() {

@@ -71,7 +71,7 @@ pub fn mesh(triangles: Triangles, albedo: Vec3) -> TriangleMesh {
     TriangleMesh::new(triangles, material_of, vec![Material::diffuse(albedo)])
 }
 
-/// What a light draws: a camera at the light, or beside infinity.
+/// View of a light: a camera at the light, or beside infinity.
 #[derive(Clone, Copy)]
 pub struct Aim {
     pub world_from_view: Mat4,

@@ -1,7 +1,7 @@
 //! Axes of a chart: which part of the numbers they show, where they have ticks, and what is written
 //! there.
 
-/// How an axis turns numbers into lengths.
+/// Mapping of an axis from numbers to lengths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scale {
     /// Equal differences are equal lengths.
@@ -11,7 +11,7 @@ pub enum Scale {
     Log,
 }
 
-/// How an axis writes its numbers.
+/// Number format of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Format {
     /// As they are; very large and very small ones with an exponent.
@@ -26,11 +26,11 @@ pub enum Format {
 /// An axis of a chart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
-    /// What it shows, with the unit: "bake time, s".
+    /// Title with the unit: "bake time, s".
     pub label: String,
-    /// How it turns numbers into lengths.
+    /// Mapping from numbers to lengths.
     pub scale: Scale,
-    /// How it writes them.
+    /// Number format.
     pub format: Format,
     /// From where to where; as the data are where this is none or makes no sense. What lies beyond
     /// is cut off.
@@ -69,7 +69,7 @@ pub struct Fitted {
     /// Ends in the scale's own measure (the logarithm, or the number itself); the second is the
     /// greater.
     ends: (f64, f64),
-    /// Where ticks are, and their text; without text a small one.
+    /// Positions of the ticks and their text. A tick without text is small.
     pub ticks: Vec<(f64, String)>,
 }
 
@@ -101,7 +101,7 @@ impl Fitted {
         }
     }
 
-    /// Where `v` lies between the ends: 0 to 1 within them. None where it cannot be shown.
+    /// Relative position of `v` between the ends: 0 to 1 within them. `None` if it cannot be shown.
     pub fn at(&self, v: f64) -> Option<f64> {
         let (from, to) = self.ends;
         Some((measure(self.scale, v)? - from) / (to - from))

@@ -20,7 +20,7 @@ impl Area {
         width.max(0.0) * height.max(0.0)
     }
 
-    /// How much of it lies outside of `frame`.
+    /// Area that lies outside of `frame`.
     fn outside(&self, frame: &Self) -> f64 {
         (self.2 - self.0) * (self.3 - self.1) - self.overlap(frame)
     }

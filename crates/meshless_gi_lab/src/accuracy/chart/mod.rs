@@ -24,7 +24,7 @@ pub struct Chart {
     pub x: Axis,
     /// Vertical axis.
     pub y: Axis,
-    /// What is drawn, the later over the earlier.
+    /// Series in drawing order: later ones cover earlier ones.
     pub series: Vec<Series>,
     /// Horizontal lines to compare with: their height on the y axis, and what to write on them, if
     /// anything.
@@ -36,7 +36,7 @@ pub struct Chart {
 pub struct Series {
     /// The legend's text.
     pub name: String,
-    /// How it is drawn.
+    /// Drawing style.
     pub style: Style,
     /// Its places, in the order in which a line joins them.
     pub points: Vec<Mark>,
@@ -59,7 +59,7 @@ pub struct Mark {
     pub hint: String,
 }
 
-/// How a series is drawn.
+/// Drawing style of a series.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Style {
     /// Markers.

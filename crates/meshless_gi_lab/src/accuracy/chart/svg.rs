@@ -25,7 +25,7 @@ const FAINT: &str = "#666666";
 struct Placed<'a> {
     series: &'a Series,
     look: usize,
-    /// Where its places are; none where they cannot be shown.
+    /// Positions of its points. `None` for points that cannot be shown.
     at: Vec<Option<(f64, f64)>>,
 }
 
@@ -281,7 +281,7 @@ fn line(out: &mut String, placed: &Placed) {
     );
 }
 
-/// Whether a place lies within the frame, or on its edge.
+/// Returns `true` if a position lies within the frame or on its edge.
 fn inside((x, y): (f64, f64)) -> bool {
     let Area(left, top, right, bottom) = FRAME;
     (left - 0.5..=right + 0.5).contains(&x) && (top - 0.5..=bottom + 0.5).contains(&y)
@@ -426,7 +426,7 @@ fn wrapped(text: &str, most: f64, size: f64) -> Vec<String> {
     lines
 }
 
-/// How many places are missing.
+/// Number of missing points.
 fn foot(out: &mut String, placed: &[Placed]) {
     let all = || placed.iter().flat_map(|p| &p.at);
     let missing = all().filter(|at| at.is_none()).count();

@@ -1,4 +1,4 @@
-//! What a chart's text must be, whatever is drawn.
+//! Tests of a chart's text, for any content.
 
 use super::*;
 
