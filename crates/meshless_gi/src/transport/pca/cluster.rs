@@ -1,61 +1,58 @@
-//! Clusters of surface points ([P14] §4.1): root points lie as the sample points themselves do, as
-//! Poisson disks of a larger radius under the 5D distance ([L08] Eq. (11)), and each point belongs
-//! to the nearest root. Where in the flow: from points (x, n) to the parts that a principal
-//! component analysis is made of, for visibility and for transfer.
+//! Clusters of surface points ([P14] §4.1), for principal component analysis of visibility and
+//! transfer. Root points are Poisson disks of a larger radius under the 5D distance (\[L08\] Eq.
+//! (11)). Each point belongs to the nearest root.
 //!
-//! \[P14\] names a radius; a recipe here names how many points a cluster should have, and the
-//! radius is sought by halving. Roots are chosen among the points, in shuffled order, until no
-//! other fits: every point then has a root nearer than the radius, with a normal less than 90° from
+//! \[P14\] prescribes a radius. A recipe here prescribes the number of points per cluster, and the
+//! radius is found by bisection. Roots are chosen among the points, in shuffled order, until no
+//! other fits. Every point then has a root nearer than the radius, with a normal less than 90° from
 //! its own. A cluster is never empty.
 
 use crate::samples::{Random, distance_5d, thin_out};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Halvings of the logarithm of the radius: from a hundred thousandth of the size to a thousand
-/// times it, to 5 %.
+/// Number of bisections of the logarithm of the radius: from 1e-5 to 1e3 of the size, to 5 %.
 const HALVINGS: u32 = 9;
-/// Sets of roots are tried with at most so many points in all: for more, a part of them tells how
-/// many roots a radius gives.
+/// Largest number of points for which sets of roots are tried. Larger sets are sampled.
 const MAX_TRIED: usize = 1 << 16;
 
 /// Points sorted into clusters. Cluster c has the points `members[starts[c]..starts[c + 1]]`, in
 /// ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Clusters {
-    /// The root of each cluster, a point.
+    /// Root of each cluster, a point.
     pub roots: Vec<u32>,
-    /// Where the members of each cluster start, and the end of the last: one more than there are
-    /// clusters.
+    /// Start of each cluster's members, and the end of the last.
     pub starts: Vec<u32>,
     /// Points, cluster after cluster.
     pub members: Vec<u32>,
-    /// The cluster of each point.
+    /// Cluster of each point.
     pub of_point: Vec<u32>,
 }
 
 impl Clusters {
-    /// How many clusters.
+    /// Number of clusters.
     #[must_use]
     pub fn len(&self) -> usize {
         self.roots.len()
     }
 
-    /// True without points.
+    /// Returns `true` without points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.roots.is_empty()
     }
 
-    /// The points of cluster `c`, ascending.
+    /// Points of cluster `c`, ascending.
     #[must_use]
     pub fn members_of(&self, c: usize) -> &[u32] {
         &self.members[self.starts[c] as usize..self.starts[c + 1] as usize]
     }
 }
 
-/// Sorts `points`, places (meters) and unit normals, into clusters of about `target` each. Surfaces
-/// that face six ways make six clusters at least. The same for any number of threads.
+/// Sorts `points`, positions in meters and unit normals, into clusters of about `target` each.
+/// Surfaces with six orientations give at least six clusters. The result does not depend on the
+/// number of threads.
 #[must_use]
 pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
     if points.is_empty() {
@@ -105,7 +102,7 @@ fn extent(points: &[(Vec3, Vec3)]) -> f32 {
     (high - low).max_element()
 }
 
-/// Each point to its nearest root.
+/// Assigns each point to its nearest root.
 fn assign(points: &[(Vec3, Vec3)], mut roots: Vec<u32>) -> Clusters {
     roots.sort_unstable();
     let of_point: Vec<u32> = points

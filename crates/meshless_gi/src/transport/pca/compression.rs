@@ -1,6 +1,6 @@
-//! Senders' light in fewer numbers, as it is baked: c = D b, with a few rows of D for each cluster
-//! of senders. Links of an operator in the form of [`Components`](crate::transport::SenderForm)
-//! multiply c ([P14] Eq. (10)).
+//! Compressed radiosity of senders, as it is stored: c = D b, with a few rows of D per cluster of
+//! senders. Links of an operator in the form of [`Components`](crate::transport::SenderForm)
+//! multiply c (\[P14\] Eq. (10)).
 //!
 //! A column of the operator is a row of D: its senders, and sixteen bits for each of them ([P14]
 //! §4.4), relative to the column's scale. All columns of a cluster share its senders. The last
@@ -16,27 +16,27 @@ use half::f16;
 pub struct Column {
     /// First of its senders in [`Compression::members`].
     pub member: u32,
-    /// How many there are.
+    /// Number of senders.
     pub count: u32,
-    /// First word of its values: two halves a word, the first in the low bits.
+    /// First word of its values: two halves per word, the first in the lower bits.
     pub value: u32,
     /// Multiplies every value.
     pub scale: f32,
 }
 
-/// The matrix D: from the senders' radiosity to the coefficients that links multiply.
+/// Matrix D: from the senders' radiosity to the coefficients that links multiply.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Compression {
     /// The columns of the operator, cluster after cluster; the last is the sky's.
     pub columns: Vec<Column>,
     /// Senders, cluster after cluster; the last is the sky, with the index "number of senders".
     pub members: Vec<u32>,
-    /// Values, column after column, each from a word of its own on.
+    /// Values, column after column. Each column starts at a word.
     pub values: Vec<u32>,
 }
 
 impl Compression {
-    /// From bases in full precision, over `senders` senders.
+    /// Packs bases in full precision, over `senders` senders.
     #[must_use]
     pub fn new(basis: &LightBasis, senders: usize) -> Self {
         let mut out = Self::default();
@@ -70,13 +70,13 @@ impl Compression {
             .extend(words.map(|w| half(&w[0]) | w.get(1).map_or(0, half) << 16));
     }
 
-    /// How many columns, the sky's not counted.
+    /// Number of columns, without the sky.
     #[must_use]
     pub fn components(&self) -> usize {
         self.columns.len().saturating_sub(1)
     }
 
-    /// The senders of column `c` and their values.
+    /// Senders of column `c` and their values.
     pub fn column(&self, c: usize) -> impl Iterator<Item = (u32, f32)> {
         let column = self.columns[c];
         let words = &self.values[column.value as usize..];
@@ -87,7 +87,7 @@ impl Compression {
         })
     }
 
-    /// What each column makes of senders and a sky that all shine 1 W/m².
+    /// Coefficient of each column if all senders and the sky emit 1 W/m².
     #[must_use]
     pub fn of_ones(&self) -> Vec<f64> {
         (0..self.columns.len())

@@ -1,10 +1,12 @@
-//! Principal components of a set of rows: the orthonormal vectors that the rows are most nearly
-//! combinations of ([P14] §3.3, Eq. (7) to (9)). Serves the bases of direct light and of depth.
+//! Principal components of a set of rows: the orthonormal vectors whose combinations approximate
+//! the rows best ([P14] §3.3, Eq. (7) to (9)). Used for light bases and for depths.
 //!
-//! [P14] Eq. (7) decomposes A − M = U Σ Vᵀ, with M the mean row; here A is taken as it is: who wants the mean off subtracts it first, for a basis
-//! of light must not. The right singular vectors are the eigenvectors of AᵀA, or follow from those of AAᵀ, whichever is the
-//! smaller; where both are large, of a small matrix again: rows are combined at random into a few more vectors than are asked for, those span nearly all that
-//! the first components do, and two power iterations make up for singular values that fall slowly ([HMT11] Algorithms 4.4 and 5.1).
+//! \[P14\] Eq. (7) decomposes A − M = U Σ Vᵀ, with the mean row M. Here A is decomposed as it is,
+//! and the caller subtracts the mean if needed. A light basis must not. The right singular vectors
+//! are the eigenvectors of AᵀA, or follow from those of AAᵀ, whichever is smaller. If both are
+//! large, rows are combined at random into some more vectors than requested. These span nearly all
+//! of the first components. Two power iterations improve slowly falling singular values ([HMT11]
+//! Algorithms 4.4 and 5.1).
 //!
 //! A bake is the same on every machine (design D5): products are sums in fixed order, in double
 //! precision, the small eigenproblem is nalgebra's with `libm` for what is not rounded alike
@@ -13,32 +15,30 @@
 use crate::samples::Random;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// Matrices whose smaller side has no more are decomposed as a whole.
+/// Largest smaller side of matrices that are decomposed directly.
 const WHOLE: usize = 128;
-/// Combinations of rows beyond the components asked for ([HMT11] §4.2: five or ten).
+/// Number of combinations of rows beyond the requested components ([HMT11] §4.2: five or ten).
 const MORE: usize = 10;
-/// Power iterations ([HMT11] §4.5).
+/// Number of power iterations ([HMT11] §4.5).
 const POWERS: usize = 2;
-/// Singular values below this share of the largest are rounding, and their components directions of
-/// chance.
+/// Relative size of singular values that are rounding errors.
 const ROUNDING: f64 = 1e-6;
-/// Steps of the eigenproblem, a row: it needs two or three.
+/// Largest number of steps per row of the eigenproblem. It needs two or three.
 const STEPS: usize = 64;
 
-/// Principal components, those that hold most first.
+/// Principal components, in descending order of singular values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Components {
-    /// Numbers of a component; those of a row.
+    /// Length of a component and of a row.
     pub length: usize,
-    /// The components, one behind the other: orthonormal, in each the largest number positive.
+    /// Orthonormal components, one after the other. The largest number of each is positive.
     pub vectors: Vec<f32>,
-    /// Singular values, falling, in the unit of the rows: the squares sum to what the components
-    /// hold of the rows' squares.
+    /// Singular values, descending, in the unit of the rows.
     pub values: Vec<f32>,
 }
 
 impl Components {
-    /// How many there are.
+    /// Number of components.
     #[must_use]
     pub fn count(&self) -> usize {
         self.values.len()
@@ -51,9 +51,9 @@ impl Components {
     }
 }
 
-/// The first principal components, `most` at most, of `rows`: numbers of any unit, `length` of them
-/// a row, row after row. There are fewer where the rows span less, and none of rows that are zero;
-/// numbers that are not finite count as zero.
+/// First principal components, at most `most`, of `rows`: numbers of any unit, `length` per row.
+/// There are fewer if the rows span less, and none for rows of zeros. Numbers that are not finite
+/// count as zero.
 #[must_use]
 pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Components {
     let empty = Components {
@@ -127,7 +127,7 @@ pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Compone
     out
 }
 
-/// The matrix.
+/// Matrix.
 #[derive(Clone, Copy)]
 struct Rows<'a> {
     rows: &'a [f32],
@@ -143,7 +143,7 @@ impl<'a> Rows<'a> {
         self.rows.chunks_exact(self.length)
     }
 
-    /// `r` rows QᵀA, with Q an orthonormal basis of nearly all that A makes of anything.
+    /// Computes `r` rows QᵀA, with an orthonormal basis Q of nearly all of the range of A.
     fn range(self, r: usize, seed: u64) -> Vec<f64> {
         let mut random = Random::new(seed, 0x70_63_61, 0);
         let mut x: Vec<f64> = (0..self.length * r)
@@ -208,8 +208,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-/// Roots of the eigenvalues, falling, with their eigenvectors, of a symmetric matrix with none
-/// below zero; without those that are rounding.
+/// Roots of the eigenvalues, descending, and eigenvectors of a symmetric matrix without negative
+/// eigenvalues. Leaves out rounding errors.
 fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
     let matrix = DMatrix::from_row_slice(n, n, matrix);
     let Some(eigen) = SymmetricEigen::try_new(matrix, f64::EPSILON, STEPS * n.max(1)) else {
@@ -227,8 +227,7 @@ fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
     found
 }
 
-/// Makes the columns of `x`, `r` numbers a row, orthonormal; those that depend on others become
-/// zero.
+/// Orthonormalizes the columns of `x`, `r` numbers per row. Dependent columns become zero.
 fn orthonormalize(x: &mut [f64], r: usize) {
     let mut columns: Vec<Vec<f64>> = Vec::with_capacity(r);
     for j in 0..r {
@@ -245,8 +244,8 @@ fn orthonormalize(x: &mut [f64], r: usize) {
     }
 }
 
-/// Takes off what `vector` has of the orthonormal `others` and gives it the length one. Twice, for
-/// the first time leaves roundings; false where nothing is left.
+/// Orthogonalizes `vector` to the orthonormal `others` and normalizes it. Runs twice, since the
+/// first pass leaves rounding errors. Returns `false` if nothing is left.
 fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
     for _ in 0..2 {
         let before = dot(vector, vector).sqrt();

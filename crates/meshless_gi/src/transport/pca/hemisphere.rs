@@ -1,20 +1,20 @@
-//! Directions over a hemisphere as a rectangular map of equal solid angles: what the depths of a
-//! point are looked up in ([P14] §4.2, §5).
+//! Directions over a hemisphere as a rectangular map of equal solid angles, for depth look-ups
+//! ([P14] §4.2, §5).
 //!
-//! \[P14\] spreads its directions evenly and searches the four nearest; here they are the middles
-//! of the texels of a map, so that the four nearest of any direction are a bilinear cell with
-//! weights. The map is Shirley and Chiu's concentric one from the square to the disk, and Lambert's
-//! from the disk to the hemisphere: both keep areas, neither has a seam.
+//! \[P14\] spreads its directions evenly and searches the four nearest. Here they are the texel
+//! centers of a map, so the four nearest of any direction are a bilinear cell with weights. The map
+//! is Shirley and Chiu's concentric map from the square to the disk, and Lambert's from the disk to
+//! the hemisphere. Both preserve areas, neither has a seam.
 
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
-/// A map of the hemisphere about z.
+/// Map of the hemisphere about z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HemisphereGrid {
     /// Texels in a row.
     pub columns: u32,
-    /// Rows.
+    /// Number of rows.
     pub rows: u32,
 }
 
@@ -28,12 +28,12 @@ impl Default for HemisphereGrid {
     }
 }
 
-/// Atan(t) / t for |t| ≤ 1 as a polynomial in t², 1e-5 exact (Abramowitz and Stegun 4.4.47): the
-/// same numbers on every device, where `atan` is not.
+/// Atan(t) / t for |t| ≤ 1 as a polynomial in t², exact to 1e-5 (Abramowitz and Stegun 4.4.47). It
+/// gives the same numbers on every device, unlike `atan`.
 const ARC: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835_1];
 
 impl HemisphereGrid {
-    /// A map of about `directions` texels, as square as 8 to 7.
+    /// Creates a map of about `directions` texels with an aspect ratio of about 8 to 7.
     #[must_use]
     pub fn of(directions: u32) -> Self {
         let columns = (directions as f32 * (8.0 / 7.0)).sqrt().round().max(1.0) as u32;
@@ -41,13 +41,13 @@ impl HemisphereGrid {
         Self { columns, rows }
     }
 
-    /// How many directions.
+    /// Number of directions.
     #[must_use]
     pub fn len(self) -> usize {
         self.columns as usize * self.rows as usize
     }
 
-    /// True without directions.
+    /// Returns `true` without directions.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.len() == 0
@@ -75,8 +75,8 @@ impl HemisphereGrid {
         )
     }
 
-    /// The four texels around unit direction `d` (z up; below the horizon: at it), and their
-    /// weights, which sum to one.
+    /// Four texels around the unit direction `d` (z up, clamped to the horizon), and their weights,
+    /// which sum to one.
     #[must_use]
     #[inline]
     pub fn lookup(self, d: Vec3) -> ([u32; 4], [f32; 4]) {

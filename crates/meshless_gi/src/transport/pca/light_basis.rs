@@ -1,24 +1,23 @@
-//! A basis of direct light for each cluster of senders, and rows of the operator in it ([P14]
-//! §4.3).
+//! Light basis for each cluster of senders, and rows of the operator in it ([P14] §4.3).
 //!
-//! Example lamps say what light on a cluster looks like; its first principal components are the
-//! basis D_s (§4.3.1). A gathered row F_i is written in it as it is gathered, S_i,(s,j) = Σ_k F_ik
-//! D_s[j,k]: the full matrix is never made (§4.3.2, where basis vectors light the scene one by one
-//! in place of that).
+//! The first principal components of a training set of lights on a cluster are its basis D_s
+//! (§4.3.1). A gathered row F_i is projected onto it right after the gather, S_i,(s,j) = Σ_k F_ik
+//! D_s[j,k]. The full matrix is never stored. §4.3.2 lights the scene with one basis vector after
+//! the other instead.
 //!
-//! Deviations. The mean over the examples is not taken off (Eq. (10)): transport is linear, twice
-//! the light must give twice the light and none none. In its place the first vector of each basis
-//! is constant, and the examples lose their own mean: even light, the energy of any white room, is
-//! exact whatever the examples were, and all other vectors carry no mass. Examples are relative to
-//! what comes back of each lamp, so that a lamp beside a wall does not speak for all. Senders carry
-//! radiosity and links geometry (design D1), so that albedo and emission may change; the examples
-//! are radiosity too, with the albedo of one color after the other.
+//! Deviations. The mean over the training set is not subtracted (Eq. (10)): transport is linear, so
+//! twice the light must give twice the result and no light none. Instead the first vector of each
+//! basis is constant, and the training set is reduced by its mean over the cluster. Even light, the
+//! energy of any white room, is then exact for any training set, and all other vectors have no
+//! mass. Lights are scaled by their returned light, so that a light next to a wall does not
+//! dominate. Senders have radiosity and links geometry (design D1), so albedo and emission can
+//! change. The training set has radiosity too, with the albedo of one color channel per light.
 //!
-//! Entries that say little are left out (§4.4): those that matter least to the examples first,
-//! until what they would add, root of the sum of squares, reaches ε of the light. What an entry
-//! would add is a product of what the even and the odd rays say of it, as in
-//! [`bounded`](crate::transport::bounded), so that noise makes no links. Constant vectors' entries
-//! stay: nothing darkens or brightens.
+//! Small entries are dropped (§4.4), those with the smallest effect on the training set first,
+//! until the root of their sum of squares reaches ε of the light. The effect of an entry is the
+//! product of its values by the even and the odd rays, as in
+//! [`bounded`](crate::transport::bounded), so noise does not create links. Entries of constant
+//! vectors stay, so nothing darkens or brightens.
 
 use super::{Clusters, decompose};
 use crate::basis::{WeightEntry, Weights};
@@ -26,15 +25,15 @@ use crate::transport::{Gathered, Link};
 use glam::Vec3A;
 use rayon::prelude::*;
 
-/// Share of the square that is asked of a row's tangential parts, which only normal maps see; as
-/// refinement has it.
+/// Weight of the squared tangential components of a row, which only normal maps show, as in
+/// refinement.
 const TANGENTIAL: f32 = 0.1;
 
-/// Direct light that examples have put on the senders.
+/// Radiosity under the training lights.
 pub struct Examples {
-    /// The senders whose light is their own, that others are means of: what clusters are made of.
+    /// Senders that are not means of others. Clusters consist of these.
     pub own: Vec<u32>,
-    /// Radiosity of every sender in `own`, lamp after lamp, W/m² or relative.
+    /// Radiosity of every sender in `own`, light after light, in W/m² or relative.
     pub light: Vec<f32>,
 }
 
@@ -43,42 +42,42 @@ pub struct Examples {
 pub struct LightBasis {
     /// Senders, cluster after cluster.
     members: Vec<u32>,
-    /// Where each cluster starts among them, and the end.
+    /// Start of each cluster's senders, and the end.
     starts: Vec<u32>,
-    /// Where each cluster's columns start, and the end.
+    /// Start of each cluster's columns, and the end.
     columns: Vec<u32>,
     /// The vectors, column after column.
     vectors: Vec<f32>,
-    /// Where each cluster's vectors start.
+    /// Start of each cluster's vectors.
     first: Vec<usize>,
-    /// The same sender by sender: for each member all its cluster's values.
+    /// Same vectors, sender by sender: for each member all values of its cluster.
     by_member: Vec<f32>,
-    /// Mean square over the examples of each column's coefficient.
+    /// Mean square of each column's coefficient over the training set.
     squares: Vec<f32>,
-    /// For each sender: its place among `members` and its cluster; of those that are means, none.
+    /// Index among `members` and cluster of each sender. `None` for senders that are means.
     place: Vec<Option<(u32, u32)>>,
-    /// What those are means of.
+    /// Weights of the senders that are means.
     means: Weights,
-    /// Root of the share of the examples' squares that the bases miss.
+    /// Root of the part of the training set's squares that the bases miss.
     missed: f64,
 }
 
-/// Room for [`LightBasis::compress`]; one a thread.
+/// Scratch memory of [`LightBasis::compress`], one per thread.
 #[derive(Default)]
 pub struct CompressScratch {
     /// Even and odd sums of each column.
     sums: Vec<[Vec3A; 2]>,
-    /// Clusters that were met.
+    /// Clusters with hits.
     met: Vec<u32>,
     marks: Vec<bool>,
-    /// What an entry would add, squared, and its column.
+    /// Squared effect of an entry, and its column.
     order: Vec<(f32, u32)>,
     kept: Vec<bool>,
 }
 
 impl LightBasis {
-    /// Bases of at most `coefficients` vectors (one at least) for `clusters` of the examples' own
-    /// senders. `pull` says what the other senders are means of.
+    /// Creates bases of at most `coefficients` vectors (at least one) for `clusters` of the
+    /// training set's senders. `pull` has the weights of the other senders.
     #[must_use]
     pub fn new(
         examples: &Examples,
@@ -98,7 +97,7 @@ impl LightBasis {
                 let members = clusters.members_of(s);
                 let n = members.len();
                 let mut rows = Vec::with_capacity(lamps * n);
-                // The constant vector's mean square; all squares, and those held.
+                // Mean square of the constant vector, all squares, and those that the basis keeps.
                 let (mut even, mut all) = (0.0f64, 0.0f64);
                 for light in examples.light.chunks_exact(own.max(1)) {
                     let at = rows.len();
@@ -153,31 +152,31 @@ impl LightBasis {
         out
     }
 
-    /// How many clusters.
+    /// Number of clusters.
     #[must_use]
     pub fn clusters(&self) -> usize {
         self.first.len()
     }
 
-    /// How many columns the operator gets, the sky's not counted.
+    /// Number of columns of the operator, without the sky.
     #[must_use]
     pub fn columns(&self) -> usize {
         self.squares.len()
     }
 
-    /// Root of the share of the examples' squares that the bases miss, dimensionless.
+    /// Root of the part of the training set's squares that the bases miss, dimensionless.
     #[must_use]
     pub fn missed(&self) -> f64 {
         self.missed
     }
 
-    /// The senders of cluster `s`.
+    /// Senders of cluster `s`.
     #[must_use]
     pub fn members_of(&self, s: usize) -> &[u32] {
         &self.members[self.starts[s] as usize..self.starts[s + 1] as usize]
     }
 
-    /// The basis of cluster `s`: orthonormal, the constant vector first.
+    /// Basis of cluster `s`: orthonormal, the constant vector first.
     pub fn vectors_of(&self, s: usize) -> impl ExactSizeIterator<Item = &[f32]> {
         let n = self.members_of(s).len();
         let count = self.count(s);
@@ -188,9 +187,9 @@ impl LightBasis {
         (self.columns[s + 1] - self.columns[s]) as usize
     }
 
-    /// The gathered row of a receiver with normal `n` in the bases: columns and their S_i, columns
-    /// ascending, without what examples say is worth less than `epsilon` of the light together.
-    /// With an ε of 0 they are all there.
+    /// Projects the gathered row of a receiver with normal `n` onto the bases. Returns columns and
+    /// their S_i, columns ascending, without entries whose effect is together below `epsilon` of
+    /// the light. An ε of 0 keeps all.
     pub fn compress(
         &self,
         gathered: &Gathered,
@@ -248,7 +247,8 @@ impl LightBasis {
         let (budget, mut spent) = (epsilon * epsilon, 0.0);
         for &(square, c) in &*order {
             spent += square;
-            // What no example lights is worth nothing; without a threshold all stays.
+            // Columns without light in the training set have no effect. Without a threshold all
+            // stay.
             kept[c as usize] = epsilon <= 0.0 || (spent > budget && square > 0.0);
         }
         let mut links = Vec::new();
@@ -266,7 +266,7 @@ impl LightBasis {
     }
 }
 
-/// What each sender that is a mean is the mean of, down to senders with light of their own.
+/// Resolves senders that are means of others down to senders that are not.
 fn resolve(pull: &Weights, place: &[Option<(u32, u32)>]) -> Weights {
     let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); pull.len()];
     // Children have higher indices than their parents.

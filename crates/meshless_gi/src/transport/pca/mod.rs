@@ -1,5 +1,5 @@
-//! Precomputed light after \[P14\]: the points in clusters, and a basis for each of them by
-//! principal component analysis.
+//! Precomputed light after \[P14\]: clusters of points, with a basis for each by principal
+//! component analysis.
 
 mod cluster;
 mod compression;

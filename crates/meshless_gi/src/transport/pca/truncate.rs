@@ -1,11 +1,9 @@
-//! Visibility with fewer components than were baked: what the first of them say alone. Where in the
-//! flow: beside [`Visibility`], for measures of the error by the number of components (\[P14\] Fig.
-//! 4), which then need one bake and not one each.
+//! Visibility with fewer components than were baked. Used to measure the error by the number of
+//! components (\[P14\] Fig. 4) from one bake.
 //!
-//! Principal components are nested: of the same clusters, the first k of a hundred are those that a
-//! bake of k finds. What the others said becomes error: for each direction of a cluster the mean
-//! square of what is dropped, over its points, is added to the square of the error that stands
-//! there, and each point's share of the error follows what it loses itself.
+//! Principal components are nested: the first k of a hundred are those of a bake with k, for the
+//! same clusters. The mean square of the dropped components, for each direction of a cluster, is
+//! added to the square of its error. Each point's part of the error follows its own loss.
 
 use super::visibility::{
     Visibility, VisibilityCluster, VisiblePoint, from_short, from_snorm, pack, to_snorm,
@@ -13,7 +11,7 @@ use super::visibility::{
 use super::visibility_bake::weights;
 
 impl Visibility {
-    /// The first `most` components of each cluster, with the error of these.
+    /// Keeps the first `most` components of each cluster and updates the errors.
     #[must_use]
     pub fn truncated(&self, most: u32) -> Self {
         let mut out = Self {
@@ -23,8 +21,8 @@ impl Visibility {
         };
         let weights = weights(self.grid);
         let dropped = self.dropped(most);
-        // Of each cluster: the sum over directions of the square of its error, and of each
-        // component that is dropped the square of its length, as directions count.
+        // For each cluster: the squared error summed over directions, and the squared length of
+        // each dropped component, both weighted like irradiance.
         let mut lengths: Vec<(f32, Vec<f32>)> = Vec::with_capacity(dropped.len());
         for (cluster, squares) in self.clusters.iter().zip(&dropped) {
             let count = cluster.components.min(most) as usize;

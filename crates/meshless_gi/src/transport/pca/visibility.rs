@@ -1,44 +1,44 @@
-//! What surface points see, as it is kept: hemispherical depth in few numbers ([P14] §4.2, §4.4).
-//! Where in the flow: [`bake_visibility`](super::bake_visibility) makes it, the asset holds it, the
-//! frame's soft shadows read it.
+//! Stored visibility of surface points: compressed hemispherical depth ([P14] §4.2, §4.4).
+//! [`bake_visibility`](super::bake_visibility) computes it, the asset stores it, and soft shadows
+//! read it.
 //!
 //! A depth is the mean of the point's cluster plus the point's coefficients times the cluster's
-//! components (\[P14\] Eq. (9)). Where we deviate:
+//! components (\[P14\] Eq. (9)). Deviations:
 //!
-//! - **e = d² / (d² + s²) and not d**, with s of each cluster; no hit is e = 1. How near a near
-//!   thing is does not matter to a lamp, for it hides the lamp anyhow; what tells a lamp from what
-//!   hangs before it is the difference of far depths, and with d, or d / (d + s), the components
-//!   are spent on the other.
-//! - **Each cluster knows its error**: beside mean and components stands, for each direction, the
-//!   root mean square of what they leave out, and with each point how much of that it has. It says
-//!   how soft a comparison with a depth must be.
-//! - **Components are signed 8-bit numbers**, means, errors and coefficients signed 16-bit ones,
-//!   with a scale for each component of each cluster: \[P14\] §4.4 stores 16 bits of all.
-//!   Components are what takes the room, and more directions in the same room are worth more than
-//!   more exact ones. The error that a cluster knows has their rounding in it.
-//! - **Sparse coefficients** (\[P14\] §4.4): a mask says which are there.
+//! - **e = d² / (d² + s²) and not d**, with s per cluster. No hit is e = 1. Exact distances of near
+//!   geometry do not matter, since it occludes a light anyhow. Differences of far depths separate a
+//!   light from objects in front of it. With d, or d / (d + s), the components represent mainly
+//!   near geometry.
+//! - **Errors are stored**: each cluster has, for each direction, the root mean square error of its
+//!   components. Each point has its part of it. The error determines the width of a depth
+//!   comparison.
+//! - **Components are signed 8-bit numbers**. Means, errors and coefficients are signed 16-bit
+//!   numbers, with a scale for each component of each cluster. \[P14\] §4.4 stores 16 bits of all.
+//!   Components take most of the memory, and more directions are worth more than more exact ones.
+//!   The stored error includes their rounding.
+//! - **Sparse coefficients** (\[P14\] §4.4): a mask has the stored components.
 
 use super::HemisphereGrid;
 use crate::samples::tangents;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// Depths count up to so many times s.
+/// Largest depth relative to s.
 pub const MAX_RATIO: f32 = 1e9;
 
 /// A cluster's basis. 32 bytes, the layout of `VisibilityCluster` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VisibilityCluster {
-    /// Where the frames of its points turn their first axis to, a unit vector.
+    /// Direction of the first axis of its points' frames, a unit vector.
     pub tangent: [f32; 3],
-    /// Its components, the mean not counted.
+    /// Number of components, without the mean.
     pub components: u32,
-    /// Where its part of [`Visibility::basis`] starts: direction after direction,
+    /// Start of its part of [`Visibility::basis`]: direction after direction,
     /// [`words`](Self::words) each.
     pub basis: u32,
-    /// Where its part of [`Visibility::scales`] starts: the mean's, the error's, then each
-    /// component's.
+    /// Start of its part of [`Visibility::scales`]: of the mean, of the error, then of each
+    /// component.
     pub scales: u32,
     /// s of e = d² / (d² + s²), meters.
     pub near: f32,
@@ -47,14 +47,15 @@ pub struct VisibilityCluster {
 }
 
 impl VisibilityCluster {
-    /// e of something at `distance` meters.
+    /// Value e of a hit at `distance` meters.
     #[must_use]
     #[inline]
     pub fn encode(&self, distance: f32) -> f32 {
         encode(distance, self.near)
     }
 
-    /// Words of the basis a direction: one for mean and error, then components, four a word.
+    /// Number of words of the basis per direction: one for mean and error, then components, four
+    /// per word.
     #[must_use]
     pub fn words(&self) -> usize {
         (self.components as usize).div_ceil(4) + 1
@@ -65,11 +66,11 @@ impl VisibilityCluster {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct VisiblePoint {
-    /// Its cluster.
+    /// Cluster.
     pub cluster: u32,
-    /// Its first coefficient, in halves of the words of [`Visibility::coefficients`].
+    /// First coefficient, in halves of the words of [`Visibility::coefficients`].
     pub first: u32,
-    /// How wrong its depths are beside those of its cluster, in parts of [`VisiblePoint::ONE`].
+    /// Error of its depths relative to that of its cluster, in units of 1 / [`VisiblePoint::ONE`].
     pub error: u32,
     /// Not used.
     pub pad: u32,
@@ -78,11 +79,11 @@ pub struct VisiblePoint {
 }
 
 impl VisiblePoint {
-    /// [`VisiblePoint::error`] of a point as wrong as its cluster.
+    /// [`VisiblePoint::error`] of a point with the same error as its cluster.
     pub const ONE: u32 = 32;
 
-    /// The error of a point of this mean square in a cluster of that: rounded up, and never
-    /// nothing.
+    /// Error of a point with mean square `square` in a cluster with mean square `mean`. Rounded up,
+    /// and at least 1.
     pub(super) fn error_of(square: f32, mean: f32) -> u32 {
         if mean > 0.0 {
             ((square / mean).sqrt() * Self::ONE as f32).ceil().max(1.0) as u32
@@ -91,33 +92,33 @@ impl VisiblePoint {
         }
     }
 
-    /// How many coefficients it has.
+    /// Number of coefficients.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.mask.iter().map(|m| m.count_ones()).sum()
     }
 }
 
-/// The visibility of the first points of a baked scene.
+/// Visibility of the first points of a baked scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Visibility {
-    /// Which directions.
+    /// Directions.
     pub grid: HemisphereGrid,
-    /// The clusters.
+    /// Clusters.
     pub clusters: Vec<VisibilityCluster>,
-    /// One a point.
+    /// One entry per point.
     pub points: Vec<VisiblePoint>,
-    /// Of each direction its mean and its error, two signed normalized 16-bit numbers in a word,
-    /// then its components, four signed normalized 8-bit numbers a word.
+    /// For each direction its mean and its error, two signed normalized 16-bit numbers in a word,
+    /// then its components, four signed normalized 8-bit numbers per word.
     pub basis: Vec<u32>,
-    /// What the numbers of the basis and the coefficients are to be multiplied by.
+    /// Scales of the basis and of the coefficients.
     pub scales: Vec<f32>,
     /// Coefficients, two signed normalized 16-bit numbers a word.
     pub coefficients: Vec<u32>,
 }
 
 impl Visibility {
-    /// Most components of a cluster: bits of a point's mask.
+    /// Largest number of components of a cluster: bits of a point's mask.
     pub const MAX_COMPONENTS: u32 = 128;
 
     /// Bytes of all arrays in memory and on the device.
@@ -127,7 +128,7 @@ impl Visibility {
             + 4 * (self.basis.len() + self.scales.len() + self.coefficients.len())
     }
 
-    /// Share of the coefficients that are kept.
+    /// Part of the coefficients that is stored.
     #[must_use]
     pub fn kept(&self) -> f64 {
         let all: u64 = self
@@ -139,10 +140,9 @@ impl Visibility {
         kept as f64 / all.max(1) as f64
     }
 
-    /// Says where the arrays of each cluster and point start, one behind the other, from how many
-    /// components and coefficients they have. Returns how long the arrays are: words of the basis,
-    /// scales, words of the coefficients; none where that is beyond 32 bits, or a point names no
-    /// cluster.
+    /// Sets the start of the arrays of each cluster and point from their numbers of components and
+    /// coefficients. Returns the lengths of the arrays: words of the basis, scales, words of the
+    /// coefficients. Returns `None` if a length exceeds 32 bits, or a point has an invalid cluster.
     #[must_use]
     pub fn place(&mut self) -> Option<(usize, usize, usize)> {
         let (mut basis, mut scales) = (0u32, 0u32);
@@ -171,13 +171,13 @@ impl Visibility {
         Some((basis as usize, scales as usize, end.div_ceil(2) as usize))
     }
 
-    /// Number `at` of the coefficients, as it is stored.
+    /// Stored coefficient at `at`.
     pub(super) fn coefficient(&self, at: u32) -> u16 {
         (self.coefficients[at as usize / 2] >> (16 * (at % 2))) as u16
     }
 
-    /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, 1 for the
-    /// error, then one a component. Returns how many numbers these are.
+    /// Writes the coefficients of point `i` with their scales to `out`: 1 for the mean, 1 for the
+    /// error, then one per component. Returns their number.
     #[inline]
     pub fn decode(&self, i: usize, out: &mut [f32; Self::MAX_COMPONENTS as usize + 2]) -> usize {
         let point = &self.points[i];
@@ -196,8 +196,8 @@ impl Visibility {
         cluster.components as usize + 2
     }
 
-    /// e in direction `texel` of a point of `cluster` whose decoded coefficients these are, \[P14\]
-    /// Eq. (9), and the root mean square error of that for the points of the cluster.
+    /// Value e in direction `texel` of a point of `cluster` with these decoded coefficients
+    /// (\[P14\] Eq. (9)), and its root mean square error over the points of the cluster.
     #[must_use]
     #[inline]
     pub fn reconstruct(
@@ -229,13 +229,13 @@ pub fn encode(distance: f32, near: f32) -> f32 {
     q * q / (1.0 + q * q)
 }
 
-/// A signed normalized number, as WGSL's `unpack2x16snorm` reads it.
+/// Decodes a signed normalized 16-bit number like WGSL's `unpack2x16snorm`.
 #[inline]
 pub(super) fn from_snorm(bits: u16) -> f32 {
     (f32::from(bits as i16) / 32767.0).max(-1.0)
 }
 
-/// A signed normalized number of eight bits, as WGSL's `unpack4x8snorm` reads it.
+/// Decodes a signed normalized 8-bit number like WGSL's `unpack4x8snorm`.
 #[inline]
 pub(super) fn from_short(bits: u8) -> f32 {
     (f32::from(bits as i8) / 127.0).max(-1.0)
@@ -255,8 +255,8 @@ pub(super) fn pack(numbers: &[u16]) -> impl Iterator<Item = u32> + '_ {
         .map(|pair| u32::from(pair[0]) | u32::from(pair.get(1).copied().unwrap_or(0)) << 16)
 }
 
-/// The axes of a point's directions: x along the tangent of its cluster as far as that lies in the
-/// surface, z along its normal.
+/// Axes of a point's directions: x along the tangent of its cluster, projected to the surface, z
+/// along its normal.
 #[must_use]
 #[inline]
 pub fn frame(tangent: Vec3, n: Vec3) -> (Vec3, Vec3) {

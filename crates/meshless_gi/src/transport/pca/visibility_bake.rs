@@ -1,27 +1,26 @@
-//! The bake of what points see ([P14] §4.2, §4.4): depths by rays, compressed by principal
-//! component analysis. Where in the flow: from points and geometry to [`Visibility`].
+//! Bake of visibility ([P14] §4.2, §4.4): depths by rays, compressed by principal component
+//! analysis. Computes [`Visibility`] from points and geometry.
 //!
-//! For each cluster of points: the depths of all its points in all directions of a
-//! [`HemisphereGrid`] are rows of a matrix, from which the mean row is taken (\[P14\] Eq. (7)); the
-//! rows are projected onto the first principal components (Eq. (8)). Where we deviate, beside what
-//! [`Visibility`] says:
+//! For each cluster of points, the depths of all points in all directions of a [`HemisphereGrid`]
+//! are rows of a matrix. The mean row is subtracted (\[P14\] Eq. (7)), and the rows are projected
+//! onto the first principal components (Eq. (8)). Deviations, in addition to those of
+//! [`Visibility`]:
 //!
 //! - **Directions count with their cosine.** Components minimize the mean square of √cos θ · e, as
-//!   irradiance counts directions: what lies along a wall is deep, changes much from point to
-//!   point, and hardly lights anything.
-//! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from
-//!   that of its cluster: neighbors look the same way, or else their depths would have nothing in
-//!   common.
-//! - **s follows the cluster**, as it is before any cut: [`NEAR`] times the median of its depths.
-//!   With one s for a level, what points of a hall's side aisle see is all next to nothing beside
-//!   the sky.
-//! - **Clusters are cut where their error is large** ([`VisibilitySettings::error`]): points on the
-//!   two sides of a pillar see different things, and no fifty components make them alike. The cut
-//!   goes through the points' coefficients of the first component, at the mean ([B98]), so that
-//!   each half has what looks alike, or at the median where next to nothing would be cut off. A
-//!   half with no more points than components is exact but for rounding.
-//! - **Coefficients too small to move a depth** by [`VisibilitySettings::tolerance`] are left out,
-//!   and components that no point keeps.
+//!   irradiance weights directions. Directions along a wall are deep, vary from point to point and
+//!   hardly contribute.
+//! - **One frame per cluster.** The directions of a point start from its own normal and its
+//!   cluster's tangent. Neighbors then have corresponding directions, without which their depths
+//!   have little in common.
+//! - **s follows the cluster** before any split: [`NEAR`] times the median of its depths. With one
+//!   s for a scene, depths in a side aisle of a hall would all be close to zero.
+//! - **Clusters with a large error are split** ([`VisibilitySettings::error`]): points on the two
+//!   sides of a pillar differ, and fifty components cannot represent both. The split is at the mean
+//!   of the coefficients of the first component ([B98]), so that each part has similar points, or
+//!   at the median if a part would be too small. A part with no more points than components is
+//!   exact except for rounding.
+//! - **Coefficients whose effect is below** [`VisibilitySettings::tolerance`] are dropped, and
+//!   components that no point uses.
 
 use super::visibility::{encode, pack};
 use super::visibility_compress::{ClusterDepths, CompressedCluster, compress};
@@ -32,63 +31,64 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
-/// s of a cluster, in parts of the median of its depths.
+/// Value s of a cluster relative to the median of its depths.
 pub const NEAR: f32 = 2.0;
 
-/// s is never below this part of the level's size.
+/// Smallest s relative to the scene's size.
 const MIN_NEAR: f32 = 1e-4;
 
-/// The usual number of directions, about.
+/// Default number of directions, approximate.
 const DIRECTIONS: u32 = 4000;
 
-/// Directions nearer to the horizon count as if they had this cosine.
+/// Smallest cosine of the weights. Directions nearer to the horizon count like this one.
 const MIN_COSINE: f32 = 0.05;
 
-/// A half is no smaller part of what is cut.
+/// Smallest part of a split.
 const MIN_HALF: usize = 8;
 
-/// Words of all bases at most: 2 GiB.
+/// Largest number of words of all bases: 2 GiB.
 const MAX_WORDS: usize = 1 << 29;
 
-/// Why there is no visibility.
+/// Error of a visibility bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum VisibilityError {
-    /// Who was told how much is done said stop.
+    /// Cancelled by the progress callback.
     #[error("stopped")]
     Stopped,
-    /// More than can be stored.
+    /// Exceeds the size limit.
     #[error(
         "what points see takes more than {most} bytes: fewer directions, a larger error or fewer points take less"
     )]
     TooLarge {
-        /// Bytes that it may take.
+        /// Size limit in bytes.
         most: u64,
     },
 }
 
-/// How visibility is baked.
+/// Settings of a visibility bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisibilitySettings {
-    /// Directions a point.
+    /// Directions of each point.
     pub grid: HemisphereGrid,
-    /// Most components a cluster, at most [`Visibility::MAX_COMPONENTS`].
+    /// Largest number of components per cluster, at most [`Visibility::MAX_COMPONENTS`].
     pub components: u32,
-    /// Points a cluster has about, before any is cut.
+    /// Approximate number of points of a cluster before splits.
     pub cluster_points: u32,
-    /// Root mean square of what is wrong with e, over the points of a cluster and over directions
-    /// as irradiance counts them, beyond which it is cut in two; infinite for no cuts.
+    /// Largest root mean square error of e over the points of a cluster, and over directions as
+    /// irradiance weights them. Clusters with a larger error are split. Infinite for no splits.
     pub error: f32,
-    /// Root mean square, over all directions, of the change in e below which a coefficient is left
-    /// out.
+    /// Smallest effect of a stored coefficient: the root mean square change of e over all
+    /// directions.
     pub tolerance: f32,
     /// Seed of the random numbers.
     pub seed: u64,
 }
 
 impl Default for VisibilitySettings {
-    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]), 50 coefficients, and §4.1 1000
-    /// points a cluster; here twice the directions in half the bits, and clusters of 400 points, or
-    /// of fewer where these see much: docs/reports/PCA.md says why.
+    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]) and 50 coefficients, §4.1 has
+    /// 1000 points per cluster. The defaults here are twice the directions in half the bits, and
+    /// clusters of 400 points, or fewer where visibility varies. docs/reports/PCA.md has the
+    /// measurements.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::of(DIRECTIONS),
@@ -101,15 +101,15 @@ impl Default for VisibilitySettings {
     }
 }
 
-/// How directions count: the root of their cosine.
+/// Weights of the directions: the root of their cosine.
 pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
     (0..grid.len())
         .map(|i| grid.direction(i).z.max(MIN_COSINE).sqrt())
         .collect()
 }
 
-/// Depths, in meters, of all directions of `grid` from (x, n), with the tangent of its cluster;
-/// infinite where there is nothing.
+/// Writes the depths, in meters, of all directions of `grid` from (x, n), with the tangent of its
+/// cluster. Infinite without a hit.
 pub fn depths(
     geometry: &dyn Geometry,
     (x, n): (Vec3, Vec3),
@@ -126,14 +126,14 @@ pub fn depths(
     }
 }
 
-/// Bakes the visibility of `points`, places (meters) and unit normals. Also says how many rays it
-/// took. `told` hears how much is done, and says false to stop.
+/// Bakes the visibility of `points`, positions in meters and unit normals. Returns it and the
+/// number of rays cast. `told` gets the completed part and returns false to cancel.
 ///
-/// The same for any number of threads.
+/// The result does not depend on the number of threads.
 ///
 /// # Errors
 ///
-/// When told to stop, and when it takes more than 2 GiB.
+/// Returns an error if canceled, or if the data exceeds 2 GiB.
 pub fn bake_visibility(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],
@@ -207,7 +207,7 @@ pub fn bake_visibility(
     Ok((out, (points.len() * settings.grid.len()) as u64))
 }
 
-/// Casts the rays of a cluster with a root of normal `root`, in a level of `size` meters.
+/// Casts the rays of a cluster with a root of normal `root`, in a scene of `size` meters.
 fn look(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],
@@ -238,8 +238,8 @@ fn look(
     }
 }
 
-/// Compresses what is seen, in as many clusters as its error asks for. None where all that is
-/// there, with the `words` of others, is too much.
+/// Compresses a cluster, split until its error is small enough. Returns `None` if the data,
+/// together with `words`, exceeds its limit.
 fn divide(
     seen: ClusterDepths,
     settings: &VisibilitySettings,
