@@ -44,9 +44,9 @@ pub(super) struct Place {
     pub x: Vec3,
     /// Its normal; zero in free space.
     pub n: Vec3,
-    /// What the function weighs there, dimensionless.
+    /// Weight of the function there, dimensionless.
     pub weight: f32,
-    /// Whether the function's center cannot see it.
+    /// `true` if it is hidden from the function's center.
     pub blocked: bool,
 }
 
@@ -142,8 +142,8 @@ pub fn clip_planes(
     choose_planes(&mut places, &occluders, &candidates, x_j, radius)
 }
 
-/// How far above its center (x, n), meters, a function of this radius has its eye: high enough to
-/// see over gravel and round a bend, and no higher than half-way to whatever is above.
+/// Height of the visibility origin above the center (x, n) of a function with this radius, in
+/// meters. It sees over gravel and around bends, and is at most half-way to the geometry above.
 pub(super) fn eye_height(
     geometry: &dyn Geometry,
     x: Vec3,

@@ -18,13 +18,13 @@ use rayon::prelude::*;
 
 /// Functions that reach a place.
 const NEAREST: usize = 5;
-/// How many times the distance of the second nearest counts as near.
+/// Largest distance of a near function, relative to the second nearest.
 const FAR: f32 = 3.0;
-/// How much further than the places asked a function reaches.
+/// Range of a function relative to that of the tested positions.
 const MARGIN: f32 = 1.1;
 /// Paths of the importance particles.
 const PATHS: u64 = 6_144;
-/// How far beside a point, in parts of its own level's radius, it is asked too.
+/// Distance of the additional test positions of a point, relative to the radius of its own level.
 const BESIDE: f32 = 0.5;
 
 impl Hierarchy {
@@ -149,8 +149,8 @@ impl Hierarchy {
             .collect()
     }
 
-    /// Where clip planes left a place without any function, the nearest one whose own level says
-    /// that it reaches it loses the planes that say otherwise; but those of occluders stay.
+    /// Removes clip planes where they leave a position without any function: those of the nearest
+    /// function whose own level reaches it. Planes of occluders stay.
     fn open(
         &self,
         flat: &mut LevelBasis,

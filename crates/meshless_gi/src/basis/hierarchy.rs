@@ -17,15 +17,15 @@ const OVERLAP: [f32; 2] = [1.5, 2.5];
 /// Rays that look for candidates of an added level around a point.
 const LOCAL_RAYS: u64 = 64;
 
-/// How to build a hierarchy.
+/// Settings of a hierarchy.
 #[derive(Clone, Debug)]
 pub struct HierarchySettings {
     /// Disk radius of the coarsest level, meters; halves from level to level.
     pub coarse_radius: f32,
-    /// How many levels.
+    /// Number of levels.
     pub levels: usize,
-    /// How many of them, from the coarsest, are senders. The finest sender level and the finest
-    /// level of all cover everything; the others leave tight corners to finer levels.
+    /// Number of levels, from the coarsest, that are senders. The finest sender level and the
+    /// finest level of all cover everything. The others leave tight corners to finer levels.
     pub sender_levels: usize,
     /// Most points of each level.
     pub most: Vec<usize>,
@@ -35,9 +35,9 @@ pub struct HierarchySettings {
     /// uses one basis for both and asks, in §5.2, for different ones: smoothness is for receivers;
     /// tight senders blur less and are looked up faster).
     pub sender_overlap: Option<f32>,
-    /// Whether functions stop at walls. Off is \[L08\].
+    /// Clip planes end functions at walls. `false` is the method of \[L08\].
     pub clip: bool,
-    /// Whether particles drop their first bounces.
+    /// Particles drop their first bounces.
     pub drop_first: bool,
 }
 
@@ -50,7 +50,7 @@ pub struct Hierarchy {
     pub senders: Vec<LevelBasis>,
     /// The surface at each point, all levels behind one another.
     pub surfaces: Vec<Surface>,
-    /// Where each level starts among all points, and the end.
+    /// Start of each level among all points, and the end.
     pub level_starts: Vec<u32>,
     /// Rays that the construction took.
     pub rays: u64,
@@ -177,7 +177,7 @@ impl Hierarchy {
         filled.len()
     }
 
-    /// How many points there are on all levels.
+    /// Number of points of all levels.
     #[must_use]
     pub fn len(&self) -> usize {
         self.surfaces.len()
@@ -304,12 +304,12 @@ impl Hierarchy {
             .collect()
     }
 
-    /// How much surface each point of the tree shows to the rest of the scene, in arbitrary units,
-    /// once for every sender level: how often importance particles, which visit a closed scene
-    /// evenly, land nearest to it after a flight longer than the level's functions reach. Who takes
-    /// a coarse sender's mean for its children looks from afar and does not see into the cracks
-    /// between them; a plain mean by area counts their darkness, and loses per cents of the light.
-    /// Also says how many rays it took.
+    /// Area that each point of the tree shows to the rest of the scene, in arbitrary units, for
+    /// every sender level. It is the number of importance particles, which visit a closed scene
+    /// evenly, that land nearest to the point after a flight longer than the level's functions
+    /// reach. Receivers that use a coarse sender's mean are far away and do not see into the cracks
+    /// between its children. A mean by area would count their darkness and lose some percent of the
+    /// light. Also returns the number of rays cast.
     #[must_use]
     pub fn shown_areas(
         &self,

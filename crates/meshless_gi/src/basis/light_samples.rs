@@ -1,11 +1,15 @@
-//! Where a sender is lit: places spread over its function's support, as dense as the function
-//! weighs ([L08] Eq. (9)).
+//! Light samples of a sender, spread over its function's support with the density of its weight
+//! ([L08] Eq. (9)).
 //!
-//! [L08] §2.1 takes a coefficient from the light at the function's own center. A lamp's shadow edge then jumps from center to center as the lamp moves,
-//! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
-//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the center are left out.
-//! On a rough surface (the cells of a point cloud) they stand above the rims around them, which a frame's shadow rays would meet otherwise, and one looks from a little above, as for clip planes: the
-//! next cell of a bend would hide all behind it. Triangles are looked at from the surface itself, as from higher up one sees over sills and ledges to what is lit otherwise.
+//! \[L08\] §2.1 evaluates light at the function's own center. The shadow edge of a moving light
+//! then jumps from center to center, and a sender next to a lit ledge is either lit or dark. A
+//! sender of the finest level is therefore the mean over several samples. They come from a lattice
+//! with the kernel's density, rotated for each sender and projected to the surface. Samples that a
+//! wall or a fold hides from the center are left out. On a rough surface (the cells of a point
+//! cloud) samples lie above the surrounding rims, which the frame's shadow rays would hit
+//! otherwise. Visibility is then tested from above the surface, as for clip planes, since the next
+//! cell of a bend would hide everything behind it. On triangles it is tested from the surface
+//! itself: a higher origin would see over sills and ledges to surfaces with other light.
 
 use super::LevelBasis;
 use super::clip::eye_height;

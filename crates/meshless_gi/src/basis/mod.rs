@@ -1,4 +1,4 @@
-//! How light is written down: the multilevel Shepard basis of \[L08\] §2.
+//! Representation of light: the multilevel Shepard basis of \[L08\] §2.
 
 mod clip;
 mod flat;

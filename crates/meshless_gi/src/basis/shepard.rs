@@ -17,7 +17,7 @@ pub struct LevelBasis {
     pub points: Vec<Point>,
     /// Their clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0.
     pub planes: Vec<[f32; 4]>,
-    /// Which functions may cover a place.
+    /// Grid that finds the functions near a position.
     pub grid: HashedGrid,
 }
 

@@ -18,7 +18,7 @@ const LOOKS: u32 = 64;
 /// A piece of a point's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPart {
-    /// Where, meters.
+    /// Position in meters.
     pub position: Vec3,
     /// Unit normal there.
     pub normal: Vec3,
@@ -107,7 +107,7 @@ fn look_around(
     (seen, rays)
 }
 
-/// So many of the pieces at most, for all of their area.
+/// Reduces the pieces to at most `most`, which keep the total area.
 fn thinned(seen: &[CellPart], most: usize) -> Vec<CellPart> {
     let kept = most.min(seen.len());
     let area = seen.iter().map(|p| p.area).sum::<f32>() / kept as f32;

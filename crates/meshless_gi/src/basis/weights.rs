@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WeightEntry {
-    /// Which point.
+    /// Index of the point.
     pub index: u32,
     /// Its normalized weight, dimensionless.
     pub weight: f32,
@@ -15,7 +15,7 @@ pub struct WeightEntry {
 /// Compressed sparse rows of weights. Row `i` is `entries[starts[i]..starts[i + 1]]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Weights {
-    /// Where each row starts, and the end of the last: one more than there are rows.
+    /// Start of each row, and the end of the last.
     pub starts: Vec<u32>,
     /// All rows behind one another.
     pub entries: Vec<WeightEntry>,
@@ -45,7 +45,7 @@ impl Weights {
         }
     }
 
-    /// How many rows.
+    /// Number of rows.
     #[must_use]
     pub fn len(&self) -> usize {
         self.starts.len().saturating_sub(1)

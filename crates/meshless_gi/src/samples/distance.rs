@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-/// How much faster the distance grows along the normal, less one (\[L08\] §2.2).
+/// Additional growth of the distance along the normal (\[L08\] §2.2).
 pub const F_SQUASH: f32 = 2.0;
 
 /// dist_j(x) of \[L08\] Eq. (10): the length of v + F_squash ⟨v, n_j⟩ n_j with v = x − x_j, meters.

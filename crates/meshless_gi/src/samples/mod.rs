@@ -1,5 +1,5 @@
-//! Where light is known: surface points that light can reach, spread as Poisson disks, and how to
-//! find the ones near a place.
+//! Sample points: surface points that light can reach, spread as Poisson disks, and look-up of
+//! points near a position.
 
 mod direction;
 mod distance;

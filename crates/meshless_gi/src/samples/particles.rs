@@ -21,7 +21,7 @@ pub struct Candidate {
     pub free: Vec3,
 }
 
-/// What tracing particles gave.
+/// Result of tracing particles.
 #[derive(Debug, Default)]
 pub struct TracedParticles {
     /// The candidates, in the order of the particles.

@@ -26,7 +26,7 @@ const MAX_PARTICLES: u64 = 1 << 18;
 /// Rays from each point that look for bare places.
 const LOOKS: u64 = 16;
 
-/// How one level is filled.
+/// Settings of one level.
 #[derive(Clone, Copy, Debug)]
 pub struct DiskSettings {
     /// Disk radius R, meters.
@@ -38,7 +38,7 @@ pub struct DiskSettings {
     pub most: usize,
     /// Seed; the level's number should be in it, so that levels do not share their candidates.
     pub seed: u64,
-    /// Whether particles drop their first bounces, see [`trace_particles`].
+    /// Particles drop their first bounces, see [`trace_particles`].
     pub drop_first: bool,
 }
 
@@ -142,7 +142,7 @@ pub fn fill_level(
     out
 }
 
-/// Whether no point is nearer than `radius` under \[L08\] Eq. (11).
+/// Returns `true` if no point is nearer than `radius` under \[L08\] Eq. (11).
 fn bare(candidate: &Candidate, radius: f32, points: &[Candidate], buckets: &Buckets) -> bool {
     let (x, n) = (candidate.surface.position, candidate.surface.normal);
     !buckets.any_near(x, |i| {

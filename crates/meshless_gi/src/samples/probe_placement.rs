@@ -1,11 +1,11 @@
-//! Where light is known off the surfaces: places in free space, where what moves may come. From
-//! geometry to the centers of the probes' basis.
+//! Probe placement: positions in open space that dynamic objects can reach. They are the centers of
+//! the probes' basis.
 //!
-//! Free space is what paths of light cross. Importance particles ([L08] §2.3) and short ways up
-//! from the surfaces that they reach give candidates; none can lie inside of solid things. A
-//! candidate becomes a probe where no probe within the spacing *sees* it: both sides of a thin wall
-//! get their own, and what lies round a corner too. Those with the most room around them are asked
-//! first.
+//! Open space is where light paths pass. Candidates come from importance particles (\[L08\] §2.3)
+//! and from short paths upwards from the surfaces that they reach. None lies inside solid geometry.
+//! A candidate becomes a probe if no *visible* probe is within the spacing. Both sides of a thin
+//! wall then get their own probes, and so do regions around corners. Candidates with the largest
+//! clearance come first.
 
 use super::{Random, cosine_hemisphere, lattice, tangents, trace_particles, uniform_sphere};
 use crate::scene::{Geometry, Ray};
@@ -24,7 +24,7 @@ const FEELERS: u32 = 14;
 /// Candidates of a round at most.
 const MAX_CANDIDATES: usize = 1 << 15;
 
-/// How densely.
+/// Settings of the placement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbePlacementSettings {
     /// Distance that no two probes which see each other are below, meters; above zero.
@@ -33,18 +33,18 @@ pub struct ProbePlacementSettings {
     pub most: usize,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// Whether particles drop their first bounces.
+    /// Particles drop their first bounces.
     pub drop_first: bool,
 }
 
-/// What was found.
+/// Placed probes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProbePlacement {
     /// The probes' places, meters.
     pub probes: Vec<Vec3>,
     /// Other places in free space, meters.
     pub crossed: Vec<Vec3>,
-    /// Whether there would have been more than the most.
+    /// `true` if the limit was reached.
     pub truncated: bool,
     /// Rays that it took.
     pub rays: u64,

@@ -17,7 +17,7 @@ const RAYS: u32 = 32;
 /// Viewpoints kept at most.
 const KEPT: usize = 64;
 
-/// What one place sees.
+/// Visibility from one position.
 struct View {
     place: Vec3,
     hits: u32,

@@ -16,7 +16,7 @@ use glam::DVec3;
 /// units of the scene.
 const FLAT: f64 = 1e-6;
 
-/// How two nodes look at each other.
+/// Relative orientation of two nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facing {
     /// All points of each see the front of all points of the other, within the slack.
@@ -40,7 +40,7 @@ pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
     away(a, b) || away(b, a)
 }
 
-/// How the nodes look at each other: exact but for the spread of normals, which is bounded.
+/// Relative orientation of two nodes, exact except for the spread of normals, which is bounded.
 #[must_use]
 pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
     let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);

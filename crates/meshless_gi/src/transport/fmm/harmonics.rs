@@ -78,9 +78,9 @@ pub fn inverse_fourth(order: usize, x: Vector, y: Vector) -> Vec<f64> {
         .collect()
 }
 
-/// What the source at `y` with normal `ny`, weight 1 and radiosity π sends to `x`, by degree in y:
-/// \[G08\] Eqs. (6)-(9). Their sum goes to the vector [n_y·(x − y)] (y − x) / |x − y|⁴, whose
-/// product with n_x is the kernel of Eq. (4) times π.
+/// Irradiance at `x` from the source at `y` with normal `ny`, weight 1 and radiosity π, by degree
+/// in y: \[G08\] Eqs. (6)-(9). The sum converges to the vector [n_y·(x − y)] (y − x) / |x − y|⁴,
+/// whose product with n_x is the kernel of Eq. (4) times π.
 ///
 /// The product of brackets is R M(x) ⊗ S M(y): with u = n_y·x and v = n_y·y it is −u x + (v x + u
 /// y) − v y, of degrees 0, 1 and 2 in y.

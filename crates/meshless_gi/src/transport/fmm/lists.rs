@@ -36,7 +36,7 @@ pub struct Entry {
 /// One list of every node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct List {
-    /// Where each node's entries begin, and one past the last.
+    /// Start of each node's entries, and the end of the last.
     pub starts: Vec<u32>,
     /// The entries.
     pub entries: Vec<Entry>,
@@ -79,16 +79,16 @@ pub struct Lists {
     pub multipole: List,
     /// Points to points.
     pub near: List,
-    /// What they are made of.
+    /// Counts of the construction.
     pub counts: ListCounts,
 }
 
-/// What was looked at for the lists.
+/// Counts of the construction of lists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ListCounts {
     /// Pairs of nodes.
     pub visited: u64,
-    /// Of these, pairs that look away from each other.
+    /// Pairs that face away from each other.
     pub away: u64,
     /// Pairs that are well separated, but face each other in part only.
     pub mixed: u64,

@@ -22,7 +22,7 @@ pub struct FmmNode {
     pub end: u32,
     /// First child.
     pub first_child: u32,
-    /// How many children; none for a leaf.
+    /// Number of children. 0 for a leaf.
     pub children: u32,
     /// Its parent; itself for the root.
     pub parent: u32,
@@ -118,8 +118,8 @@ pub struct FmmOperator {
 }
 
 impl FmmOperator {
-    /// Of a tree and its lists; nobody sees a sky yet. `point` says whose radiosity each point of
-    /// the tree's input sends, and where what it receives goes.
+    /// Builds the operator from a tree and its lists. Sky visibility is zero until it is set.
+    /// `point` maps a point of the tree's input to the baked point that sends and receives for it.
     #[must_use]
     pub fn new(
         tree: &Tree,
@@ -178,7 +178,7 @@ impl FmmOperator {
         }
     }
 
-    /// How many levels.
+    /// Number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len().saturating_sub(1)

@@ -25,7 +25,7 @@ pub struct FieldPoint<T> {
     pub normal: [T; 3],
     /// Weight over π; nothing where it gives no light.
     pub share: T,
-    /// Which radiosity is its own.
+    /// Index of its radiosity.
     pub point: u32,
 }
 
@@ -36,7 +36,7 @@ pub struct Field<'a, T> {
     pub nodes: Cow<'a, [FmmNode]>,
     /// First node of each level, and one past the last node.
     pub level_starts: &'a [u32],
-    /// What the lists of the nodes hold.
+    /// Entries of the nodes' lists.
     pub entries: Cow<'a, [Entry]>,
     /// Tables.
     pub expansions: Cow<'a, Expansions>,
@@ -64,7 +64,7 @@ fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
 }
 
 impl<'a, T: Real> Field<'a, T> {
-    /// Of a tree and its lists. Point i of the tree's input has the radiosity i.
+    /// Creates the field of a tree and its lists. Point i of the tree's input has the radiosity i.
     #[must_use]
     pub fn new(tree: &'a Tree, lists: &Lists, expansions: &'a Expansions, disks: bool) -> Self {
         let order = expansions.terms.order();
@@ -92,7 +92,7 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// Of an octree in the arrays that a bake stores.
+    /// Creates the field of a baked octree.
     #[must_use]
     pub fn of(operator: &'a FmmOperator) -> Self {
         let narrow = |v: [f32; 3]| v.map(|c| T::of(c.into()));
@@ -120,7 +120,7 @@ impl<'a, T: Real> Field<'a, T> {
         self.expansions.terms.len()
     }
 
-    /// How many levels of nodes there are.
+    /// Number of levels of nodes.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len().saturating_sub(1)

@@ -1,4 +1,4 @@
-//! What goes into the fast multipole method, and what can be wrong with it.
+//! Settings and errors of the fast multipole method.
 
 use super::terms::MAX_ORDER;
 use glam::Vec3;
@@ -17,7 +17,7 @@ pub struct FmmPoint {
     pub receives: bool,
 }
 
-/// How exact, and at what cost.
+/// Settings of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FmmSettings {
     /// Highest degree of the expansions, at most [`MAX_ORDER`]. The error of a pair falls like
@@ -61,26 +61,26 @@ impl Default for FmmSettings {
     }
 }
 
-/// Why there is no solution.
+/// Error of the solver.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmmError {
     /// A point has a value that no surface has.
     #[error("point {index}: {what} is {value}, {right}")]
     Point {
-        /// Which point.
+        /// Index of the point.
         index: usize,
-        /// Which of its values.
+        /// Name of the value.
         what: &'static str,
         /// The value.
         value: f32,
-        /// What it should be.
+        /// Allowed values.
         right: &'static str,
     },
     /// A setting is out of its range.
     #[error("{what} is {value}, not in {right}")]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         what: &'static str,
         /// Its value.
         value: f64,
@@ -90,11 +90,11 @@ pub enum FmmError {
     /// There are not as many values as points.
     #[error("{what}: {have} values for {points} points")]
     Count {
-        /// What was given.
+        /// Name of the input.
         what: &'static str,
-        /// How many.
+        /// Number of values.
         have: usize,
-        /// How many points there are.
+        /// Number of points.
         points: usize,
     },
     /// More entries in the lists than indices of 32 bits reach: larger leaves or a larger

@@ -104,7 +104,7 @@ impl Fmm {
         FmmOperator::new(&self.tree, &self.lists, order, disks, point)
     }
 
-    /// How it was made.
+    /// Settings of the solver.
     #[must_use]
     pub fn settings(&self) -> &FmmSettings {
         &self.settings

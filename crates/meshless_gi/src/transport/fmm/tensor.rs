@@ -19,10 +19,10 @@ use super::terms::{Terms, place};
 /// K's six different entries: xx, xy, xz, yy, yz, zz.
 pub type Six<T> = [T; 6];
 
-/// Which two components each of the six is of.
+/// Indices of the two components of each of the six products.
 pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
 
-/// What [`Derivatives::at`] walks, prepared once an order: where γ − e_i and γ − 2e_i stand.
+/// Steps of [`Derivatives::at`], prepared once per order: the indices of γ − e_i and γ − 2e_i.
 #[derive(Clone, Debug)]
 pub struct Derivatives {
     /// For each γ: places of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`] where
@@ -71,7 +71,7 @@ impl Derivatives {
         }
     }
 
-    /// Where the nine lower terms of each γ stand: −x, −y, −z, −2x, −2y, −2z, −x−y, −x−z, −y−z.
+    /// Indices of the nine lower terms of each γ: −x, −y, −z, −2x, −2y, −2z, −x−y, −x−z, −y−z.
     #[must_use]
     pub fn down(&self) -> &[[u16; 9]] {
         &self.down

@@ -7,7 +7,7 @@
 /// Highest order that is taken: C(19, 3) = 969 terms.
 pub const MAX_ORDER: usize = 16;
 
-/// How many terms there are up to degree `order`.
+/// Number of terms up to degree `order`.
 #[must_use]
 pub const fn count(order: usize) -> usize {
     (order + 1) * (order + 2) * (order + 3) / 6
@@ -20,12 +20,12 @@ pub const fn place(e: [usize; 3]) -> usize {
     n * (n + 1) * (n + 2) / 6 + m * (m + 1) / 2 + e[2]
 }
 
-/// How a term follows from one of a degree less: times component `axis` over `exponent`.
+/// Step from a term of the degree below: times component `axis` over `exponent`.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     /// The term of a degree less.
     pub from: u32,
-    /// Which component.
+    /// Component.
     pub axis: u32,
     /// Its exponent in the term.
     pub exponent: f64,
@@ -39,7 +39,7 @@ pub struct Terms {
     /// a! b! c! of each term.
     factorials: Vec<f64>,
     steps: Vec<Step>,
-    /// Of term α, the places of α + β for all β up to degree order − |α|.
+    /// For each term α, the indices of α + β for all β up to degree order − |α|.
     sums: Vec<Vec<u16>>,
 }
 
@@ -90,7 +90,7 @@ impl Terms {
         self.order
     }
 
-    /// How many terms an expansion has.
+    /// Number of terms of an expansion.
     #[must_use]
     pub fn len(&self) -> usize {
         self.exponents.len()
@@ -114,8 +114,7 @@ impl Terms {
         &self.factorials
     }
 
-    /// How each term follows from an earlier one; the first has none, its own step is not to be
-    /// used.
+    /// Step to each term from an earlier one. The step of the first term is not used.
     #[must_use]
     pub fn steps(&self) -> &[Step] {
         &self.steps

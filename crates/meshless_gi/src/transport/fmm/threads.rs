@@ -10,7 +10,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// How long the parts of a pass took.
+/// Times of the parts of a pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PassTimes {
     /// S-expansions and S→S.
@@ -24,7 +24,7 @@ const NODES: usize = 8;
 
 /// The buffers of the passes, used again and again.
 pub struct Passes<'a, T> {
-    /// What the passes run over.
+    /// Field of the passes.
     pub field: Field<'a, T>,
     /// S-expansions, node after node.
     pub sources: Vec<Term<T>>,
@@ -161,7 +161,7 @@ fn descend<T: Real>(
     field.receive(node, sources, parent, radiosity, scratch, out);
 }
 
-/// What arrives at a leaf, likewise.
+/// Evaluates the light at the receivers of a leaf.
 #[multiversion(targets("x86_64+avx2"))]
 fn arrive<T: Real>(
     field: &Field<'_, T>,

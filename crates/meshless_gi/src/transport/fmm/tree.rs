@@ -48,13 +48,13 @@ pub struct TreeNode {
     pub end: u32,
     /// Its first child; children stand together.
     pub first_child: u32,
-    /// How many; none for a leaf.
+    /// Number of children. 0 for a leaf.
     pub children: u32,
     /// Its parent; itself for the root.
     pub parent: u32,
-    /// How many of its points give light: the first ones of a leaf.
+    /// Number of its points that emit: the first ones of a leaf.
     pub sources: u32,
-    /// How many receive: the last ones of a leaf.
+    /// Number of its points that receive: the last ones of a leaf.
     pub receivers: u32,
     /// Corners of the smallest box around its points.
     pub min: DVec3,
@@ -82,7 +82,7 @@ impl TreeNode {
         self.start as usize..self.end as usize
     }
 
-    /// How many points it has.
+    /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {
         (self.end - self.start) as usize
@@ -125,8 +125,8 @@ pub struct Tree {
     /// Points in the order of the leaves; those of length-zero normals, and those that neither give
     /// nor receive, are not among them.
     pub points: Vec<TreePoint>,
-    /// Of each of these, its index in the input. Those of a leaf that only give light come first,
-    /// those that only receive last.
+    /// Index of each point in the input. Points of a leaf that only emit come first, those that
+    /// only receive last.
     pub order: Vec<u32>,
     /// Nodes, level after level.
     pub nodes: Vec<TreeNode>,
@@ -138,7 +138,7 @@ pub struct Tree {
     pub corner: DVec3,
 }
 
-/// How a node is to be divided.
+/// Kind of the next division of a node.
 #[derive(Clone, Copy)]
 enum Stage {
     /// Into the faces of the cube of directions.
@@ -162,8 +162,8 @@ fn face(n: DVec3) -> usize {
     2 * axis + usize::from(n[axis] < 0.0)
 }
 
-/// Which ninth of its face it meets. The middle one holds the axis, so that walls along the axes
-/// stay whole.
+/// Ninth of the face that a direction hits. The middle one contains the axis, so that walls along
+/// the axes are not divided.
 fn part(n: DVec3) -> usize {
     let axis = face(n) / 2;
     let of = |c: f64| {
@@ -349,7 +349,7 @@ impl Tree {
         }
     }
 
-    /// How many levels there are.
+    /// Number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1

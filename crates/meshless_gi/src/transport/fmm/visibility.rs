@@ -1,6 +1,6 @@
-//! What two nodes of the octree see of each other: \[G08\] §3 step 3, by rays between their points.
-//! \[G08\] takes an answer of yes or no from a method of its own; here it is a part between 0 and
-//! 1, of the light that would go between the nodes if nothing were in the way.
+//! Visibility between two nodes of the octree (\[G08\] §3 step 3), by rays between their points.
+//! \[G08\] uses a binary result of another method. Here it is the part, between 0 and 1, of the
+//! unoccluded light between the nodes.
 
 use super::settings::FmmPoint;
 use super::tree::{Tree, TreeNode};
@@ -11,7 +11,7 @@ use std::ops::Range;
 
 /// Casts rays between nodes.
 pub struct Visibility<'a> {
-    /// What is in the way.
+    /// Geometry that rays intersect.
     pub geometry: &'a dyn Geometry,
     /// The points as they were given, meters.
     pub points: &'a [FmmPoint],
@@ -125,14 +125,14 @@ fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode))
 /// exchange light. Leaves have fewer, but where points coincide.
 const MAX_PAIRS: u64 = 1 << 16;
 
-/// What the rays of a pair of nodes have said.
+/// Result of the rays of a pair of nodes.
 #[derive(Default)]
 struct Sum {
     /// The kernel between the pairs that see each other.
     seen: f64,
     /// Between all.
     whole: f64,
-    /// How many pairs, a ray each.
+    /// Number of pairs, one ray each.
     rays: u64,
 }
 

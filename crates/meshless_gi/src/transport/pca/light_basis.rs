@@ -343,8 +343,7 @@ mod tests {
         out
     }
 
-    /// What the row says of `light` on the senders with light of their own, and what the gather
-    /// says.
+    /// Values of the projected row and of the gathered row for `light`.
     fn both(basis: &LightBasis, row: &[(u32, Vec3A)], of: &Gathered, light: &[f32]) -> [Vec3A; 2] {
         let mut all = [0.0; SENDERS];
         all[2..].copy_from_slice(light);
