@@ -28,7 +28,7 @@ const MIN_BACK: f64 = 0.5;
 
 /// Light of unit strength.
 #[derive(Clone, Copy, Debug)]
-enum Lamp {
+enum TrainingLight {
     /// 1 W/sr at this position.
     Point(Vec3),
     /// 1 W/m² from this direction.
@@ -92,22 +92,22 @@ fn training_set(
     );
     rays += cast;
     let mut random = Random::new(seed, 0, 0);
-    let lamps: Vec<Lamp> = (free.iter().enumerate())
+    let sources: Vec<TrainingLight> = (free.iter().enumerate())
         .map(|(k, &x)| match open && k % SUN_OF == SUN_OF - 1 {
-            true => Lamp::Sun(uniform_sphere(Vec2::new(random.unit(), random.unit()))),
-            false => Lamp::Point(x),
+            true => TrainingLight::Sun(uniform_sphere(Vec2::new(random.unit(), random.unit()))),
+            false => TrainingLight::Point(x),
         })
         .collect();
-    let mut light = Vec::with_capacity(own.len() * lamps.len());
-    let mut powers: Vec<[f64; 2]> = Vec::with_capacity(lamps.len());
-    for (batch, lamps) in lamps.chunks(TRAINING_LIGHTS).enumerate() {
+    let mut light = Vec::with_capacity(own.len() * sources.len());
+    let mut powers: Vec<[f64; 2]> = Vec::with_capacity(sources.len());
+    for (batch, sources) in sources.chunks(TRAINING_LIGHTS).enumerate() {
         let scene = (hierarchy, geometry, light_samples, pull);
-        let values = radiosity(scene, lamps, batch * TRAINING_LIGHTS);
-        rays += (own.len() * lamps.len()) as u64;
+        let values = radiosity(scene, sources, batch * TRAINING_LIGHTS);
+        rays += (own.len() * sources.len()) as u64;
         let back = mean_squares(&rows, &values);
-        for (lamp, back) in back.into_iter().enumerate().take(lamps.len()) {
+        for (source, back) in back.into_iter().enumerate().take(sources.len()) {
             let first = light.len();
-            light.extend(own.iter().map(|&j| values[j as usize][lamp]));
+            light.extend(own.iter().map(|&j| values[j as usize][source]));
             let square: f64 = light[first..].iter().map(|v| f64::from(v * v)).sum();
             powers.push([f64::from(back), square / own.len().max(1) as f64].map(f64::sqrt));
         }
@@ -136,7 +136,7 @@ fn training_set(
 /// the first light.
 fn radiosity(
     (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &LightSamples, &Weights),
-    lamps: &[Lamp],
+    sources: &[TrainingLight],
     first: usize,
 ) -> Vec<[f32; TRAINING_LIGHTS]> {
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
@@ -150,7 +150,7 @@ fn radiosity(
                 return row;
             }
             let s = &hierarchy.surfaces[j];
-            for (k, (value, lamp)) in row.iter_mut().zip(lamps).enumerate() {
+            for (k, (value, source)) in row.iter_mut().zip(sources).enumerate() {
                 let number = first + k;
                 let (x, n) = match j < finest || count == 0 {
                     true => (s.position, s.normal),
@@ -159,7 +159,7 @@ fn radiosity(
                         (place.x(), place.n())
                     }
                 };
-                *value = s.albedo[number % 3] * shine(geometry, lamp, x, n, far);
+                *value = s.albedo[number % 3] * shine(geometry, source, x, n, far);
             }
             row
         })
@@ -179,20 +179,20 @@ fn turn(number: usize, count: usize) -> usize {
 }
 
 /// Irradiance at (x, n), W/m².
-fn shine(geometry: &dyn Geometry, lamp: &Lamp, x: Vec3, n: Vec3, far: f32) -> f32 {
+fn shine(geometry: &dyn Geometry, source: &TrainingLight, x: Vec3, n: Vec3, far: f32) -> f32 {
     let start = x + n * geometry.ray_offset(x);
-    match *lamp {
-        Lamp::Point(lamp) => {
-            let to = lamp - start;
+    match *source {
+        TrainingLight::Point(source) => {
+            let to = source - start;
             let (square, cosine) = (to.length_squared(), to.dot(n));
-            let lit = cosine > 0.0 && square > 0.0 && !geometry.occluded(start, lamp);
+            let lit = cosine > 0.0 && square > 0.0 && !geometry.occluded(start, source);
             if lit {
                 cosine / (square * square.sqrt())
             } else {
                 0.0
             }
         }
-        Lamp::Sun(to) => {
+        TrainingLight::Sun(to) => {
             let cosine = to.dot(n);
             let lit = cosine > 0.0 && !geometry.occluded(start, start + far * to);
             if lit { cosine } else { 0.0 }

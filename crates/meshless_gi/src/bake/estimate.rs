@@ -91,7 +91,7 @@ pub struct ErrorEstimate {
 
 /// Error of one tier under one light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct LampError {
+struct LightError {
     /// Squared NRMSE. Its noise can make it negative.
     square: f64,
     /// Variance of the square by the reference paths alone.
@@ -109,20 +109,20 @@ pub fn estimate_errors(
     seed: u64,
     progress: &Progress,
 ) -> Option<(Vec<ErrorEstimate>, u64)> {
-    let (lamps, rays) = lamp_errors(scene, geometry, &Effort::of(scene), seed, progress)?;
-    let estimates = lamps.iter().map(|l| summarize(l)).collect();
+    let (sources, rays) = light_errors(scene, geometry, &Effort::of(scene), seed, progress)?;
+    let estimates = sources.iter().map(|l| summarize(l)).collect();
     Some((estimates, rays))
 }
 
 /// Error of each tier under each light with a given budget. Leaves out lights without indirect
 /// light.
-fn lamp_errors(
+fn light_errors(
     scene: &BakedScene,
     geometry: &dyn Geometry,
     effort: &Effort,
     seed: u64,
     progress: &Progress,
-) -> Option<(Vec<Vec<LampError>>, u64)> {
+) -> Option<(Vec<Vec<LightError>>, u64)> {
     // Differs from the seeds of the points and training lights of the bake.
     let seed = seed ^ 0x65_73_74_69_6d;
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
@@ -130,7 +130,7 @@ fn lamp_errors(
     let mut candidates = traced.candidates;
     let mut random = Random::new(seed, 0, 0);
     let count = COLORS * effort.triples;
-    let lamps = sample_open_positions(geometry, &candidates, count, TRIED, &mut random);
+    let sources = sample_open_positions(geometry, &candidates, count, TRIED, &mut random);
     let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_PER_POSITION;
     // Morton order: equal steps spread over the surface.
     let bounds = geometry.bounds();
@@ -144,12 +144,12 @@ fn lamp_errors(
         frame: CpuFrame::new(scene),
         reach: 2.0 * radii.fold(f32::INFINITY, f32::min),
     };
-    let mut all: Vec<Vec<LampError>> = vec![Vec::new(); scene.tiers() as usize];
-    for (k, three) in lamps.chunks_exact(COLORS).enumerate() {
+    let mut all: Vec<Vec<LightError>> = vec![Vec::new(); scene.tiers() as usize];
+    for (k, three) in sources.chunks_exact(COLORS).enumerate() {
         if !progress.set(BakeStage::ErrorEstimate, k as f32 / effort.triples as f32) {
             return None;
         }
-        let lamps: Vec<Light> = (three.iter().zip([Vec3::X, Vec3::Y, Vec3::Z]))
+        let sources: Vec<Light> = (three.iter().zip([Vec3::X, Vec3::Y, Vec3::Z]))
             .map(|(&position, intensity)| Light::Point {
                 position,
                 intensity,
@@ -157,7 +157,7 @@ fn lamp_errors(
             })
             .collect();
         let pool = spread(&candidates, effort.pool, &mut random);
-        let (found, cast) = question.ask(&lamps, k as u64, &pool, &mut random);
+        let (found, cast) = question.ask(&sources, k as u64, &pool, &mut random);
         rays += cast;
         for (all, found) in all.iter_mut().zip(found) {
             all.extend(found);
@@ -189,13 +189,13 @@ impl Question<'_> {
     /// Errors of all tiers under the lights that return light, and the number of rays cast.
     fn ask(
         &mut self,
-        lamps: &[Light],
+        sources: &[Light],
         stream: u64,
         pool: &[Candidate],
         random: &mut Random,
-    ) -> (Vec<Vec<LampError>>, u64) {
+    ) -> (Vec<Vec<LightError>>, u64) {
         let tiers = self.scene.tiers();
-        let slots: Vec<FrameLight> = lamps
+        let slots: Vec<FrameLight> = sources
             .iter()
             .flat_map(|l| FrameLight::expand(l, 1))
             .collect();
@@ -206,7 +206,7 @@ impl Question<'_> {
         };
         let scores = self.scores(pool, whole, lower.last(), random);
         let drawn = systematic(&scores, self.effort.places, random);
-        let (truth, rays) = self.truth(lamps, stream, pool, whole, &scores, &drawn);
+        let (truth, rays) = self.truth(sources, stream, pool, whole, &scores, &drawn);
         // E f = Σ f(x) / (n p(x)) over n drawn points.
         let weights: Vec<f64> = drawn
             .iter()
@@ -237,12 +237,12 @@ impl Question<'_> {
             (0..COLORS)
                 // Without indirect light the relative error is undefined.
                 .filter(|&c| power[c] > 1e-6 * direct[c] && power[c].is_finite())
-                .map(|c| LampError {
+                .map(|c| LightError {
                     square: square[c] / power[c],
                     noise: noise[c] / power[c].powi(2),
                     returns: power[c] / direct[c],
                 })
-                .filter(|lamp| lamp.returns.is_finite())
+                .filter(|source| source.returns.is_finite())
                 .collect()
         };
         (values.iter().map(of_tier).collect(), rays)
@@ -319,7 +319,7 @@ impl Question<'_> {
     /// were drawn for other reasons than their brightness get fewer.
     fn truth(
         &self,
-        lamps: &[Light],
+        sources: &[Light],
         stream: u64,
         pool: &[Candidate],
         whole: &[DVec3],
@@ -345,7 +345,7 @@ impl Question<'_> {
                     seed: self.seed.wrapping_add(stream),
                 };
                 let [a, b] = [0, 1]
-                    .map(|half| irradiance(&lit, lamps, x, n, 2 * j as u64 + half, &settings));
+                    .map(|half| irradiance(&lit, sources, x, n, 2 * j as u64 + half, &settings));
                 let halves = Halves {
                     first: a.indirect.as_dvec3(),
                     second: b.indirect.as_dvec3(),
@@ -407,15 +407,21 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// With the mean m and the variance s², 95 % of lights stay below m + t s √(1 + 1/n) if squares are
 /// normal, with Student's t for n − 1 degrees of freedom. Squares are skewed to larger errors, so
 /// the upper end gives the width on both sides.
-fn summarize(lamps: &[LampError]) -> ErrorEstimate {
-    let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
-    let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
+fn summarize(sources: &[LightError]) -> ErrorEstimate {
+    let usual = RETURNS * median(sources.iter().map(|l| l.returns));
+    let weights: Vec<f64> = sources
+        .iter()
+        .map(|l| (l.returns / usual).min(1.0))
+        .collect();
     let total: f64 = weights.iter().sum();
     if total <= 0.0 {
         return ErrorEstimate::default();
     }
-    let mean = |of: &dyn Fn(&LampError) -> f64| {
-        let parts = lamps.iter().zip(&weights).map(|(l, weight)| weight * of(l));
+    let mean = |of: &dyn Fn(&LightError) -> f64| {
+        let parts = sources
+            .iter()
+            .zip(&weights)
+            .map(|(l, weight)| weight * of(l));
         parts.sum::<f64>() / total
     };
     let m = mean(&|l| l.square).max(0.0);
@@ -431,7 +437,7 @@ fn summarize(lamps: &[LampError]) -> ErrorEstimate {
     }
     let seen = mean(&|l| (l.square - m).powi(2)) * count / (count - 1.0);
     // The median, since a single light with large noise often has a large error.
-    let noise = median(lamps.iter().map(|l| l.noise)).clamp(0.0, seen);
+    let noise = median(sources.iter().map(|l| l.noise)).clamp(0.0, seen);
     let width = student(count - 1.0) * (seen - noise + seen / count).sqrt();
     ErrorEstimate {
         nrmse: nrmse as f32,
@@ -451,8 +457,8 @@ fn student(freedom: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn lamp(square: f64, noise: f64, returns: f64) -> LampError {
-        LampError {
+    fn source(square: f64, noise: f64, returns: f64) -> LightError {
+        LightError {
             square,
             noise,
             returns,
@@ -468,14 +474,14 @@ mod tests {
 
     #[test]
     fn interval_differing_lights_is_wide_and_noise_is_narrow() {
-        let alike = summarize(&[lamp(0.01, 0.0, 1.0); 20]);
+        let alike = summarize(&[source(0.01, 0.0, 1.0); 20]);
         assert!(
             (alike.nrmse - 0.1).abs() < 1e-6 && alike.interval < 1e-6,
             "{alike:?}"
         );
-        let differ = |noise| -> Vec<LampError> {
+        let differ = |noise| -> Vec<LightError> {
             let squares = (0..20).map(|k| if k % 2 == 0 { 0.005 } else { 0.015 });
-            squares.map(|square| lamp(square, noise, 1.0)).collect()
+            squares.map(|square| source(square, noise, 1.0)).collect()
         };
         let (wide, known) = (summarize(&differ(0.0)), summarize(&differ(1.0)));
         assert!(
@@ -484,11 +490,11 @@ mod tests {
         );
         assert!(known.interval < 0.4 * wide.interval, "{known:?}");
         // What next to no light comes back of hardly counts.
-        let mut lamps = vec![lamp(0.01, 0.0, 1.0); 20];
-        lamps.push(lamp(1.0, 0.0, 1e-5));
-        assert!((summarize(&lamps).nrmse - 0.1).abs() < 1e-3);
+        let mut sources = vec![source(0.01, 0.0, 1.0); 20];
+        sources.push(source(1.0, 0.0, 1e-5));
+        assert!((summarize(&sources).nrmse - 0.1).abs() < 1e-3);
         assert_eq!(summarize(&[]), ErrorEstimate::default());
-        let one = summarize(&[lamp(0.01, 0.0, 1.0)]);
+        let one = summarize(&[source(0.01, 0.0, 1.0)]);
         assert_eq!(one.nrmse, one.interval);
     }
 

@@ -263,11 +263,14 @@ mod tests {
 
     #[test]
     fn recipe_in_earlier_spelling_is_the_same_recipe() {
-        let earlier = "(preset: Draft, rays: 64, places: 3, extra_levels: 1, extra_points: 9, \
+        let alias = "lamps: 50";
+        let earlier = format!(
+            "(preset: Draft, rays: 64, places: 3, extra_levels: 1, extra_points: 9, \
             rule: Pca, epsilon: 0.1, tolerance: 0.2, max_error: 0.3, coefficients: 7, \
-            cluster_points: 30, lamps: 50, order: 3, leaf: 8, sources: 2, pair_rays: 5, \
+            cluster_points: 30, {alias}, order: 3, leaf: 8, sources: 2, pair_rays: 5, \
             fallback: true, live_materials: false, walls: false, bounce_mode: Live, \
-            probes: (rays: 99), soft_shadows: (error: 0.5))";
+            probes: (rays: 99), soft_shadows: (error: 0.5))"
+        );
         let now = "(preset: Draft, rays_per_point: 64, samples_per_sender: 3, \
             refinement_levels: 1, max_refinement_points: 9, truncation_error: 0.1, \
             transport: Pca(coefficients: 7, cluster_size: 30, training_lights: 50), \
@@ -277,12 +280,11 @@ mod tests {
             probes: None,
             ..recipe
         };
-        let read: Recipe = ron_options().from_str(earlier).unwrap();
+        let read: Recipe = ron_options().from_str(&earlier).unwrap();
         assert_eq!(read.probes.unwrap().rays_per_probe, Some(99));
         assert_eq!(with_probes(read), Recipe::from_ron(now).unwrap());
 
-        let earlier =
-            "(rule: Fmm, order: 3, leaf: 8, sources: 2, pair_rays: 5, fallback: true, lamps: 1)";
+        let earlier = "(rule: Fmm, order: 3, leaf: 8, sources: 2, pair_rays: 5, fallback: true, coefficients: 1)";
         let fmm = FmmRecipe {
             order: 3,
             leaf_size: 8,
@@ -316,7 +318,7 @@ mod tests {
         let text = "(transport: Fmm())";
         let transport = Recipe::from_ron(text).unwrap().transport;
         assert_eq!(transport, TransportMethod::fmm());
-        assert!(Recipe::from_ron("(transport: Fmm(lamps: 3))").is_err());
+        assert!(Recipe::from_ron("(transport: Fmm(coefficients: 3))").is_err());
         assert!(Recipe::from_ron("(lights: 3)").is_err());
     }
 }

@@ -59,7 +59,8 @@ pub(super) struct RecipeText {
     rule: Option<Rule>,
     coefficients: Option<u32>,
     cluster_points: Option<u32>,
-    lamps: Option<u32>,
+    #[serde(alias = "lamps")]
+    training_lights: Option<u32>,
     order: Option<u32>,
     leaf: Option<u32>,
     sources: Option<u32>,
@@ -82,7 +83,7 @@ impl RecipeText {
             TransportMethod::Pca(pca) => {
                 pca.coefficients = self.coefficients.unwrap_or(pca.coefficients);
                 pca.cluster_size = self.cluster_points.or(pca.cluster_size);
-                pca.training_lights = self.lamps.unwrap_or(pca.training_lights);
+                pca.training_lights = self.training_lights.unwrap_or(pca.training_lights);
             }
             TransportMethod::Fmm(fmm) => {
                 fmm.order = self.order.unwrap_or(fmm.order);

@@ -66,7 +66,7 @@ pub(super) fn train(
     let geometry = gathering.geometry;
     let hierarchy = &points.hierarchy;
     let senders = tree.parent.len();
-    let (lamps, mut rays) = sample_light_positions(
+    let (sources, mut rays) = sample_light_positions(
         geometry,
         &survey.viewpoints,
         BATCHES * TRAINING_LIGHTS,
@@ -78,7 +78,7 @@ pub(super) fn train(
     let mut signals = Vec::new();
     let mut exposure = vec![0.0f32; senders];
     let mut counted = 0;
-    for batch in lamps.chunks(TRAINING_LIGHTS) {
+    for batch in sources.chunks(TRAINING_LIGHTS) {
         // Training lights use light samples, like a frame. Exposures use the senders' own points.
         let own = LightSamples::default();
         let places = if signals.is_empty() {
@@ -114,7 +114,7 @@ pub(super) fn train(
 fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,
-    lamps: &[Vec3],
+    sources: &[Vec3],
     places: &LightSamples,
     pull: &Weights,
     senders: usize,
@@ -127,13 +127,13 @@ fn radiosity(
             let s = &hierarchy.surfaces[j];
             let mut row = [0.0; TRAINING_LIGHTS];
             if j < finest || count == 0 {
-                shine(geometry, lamps, s.position, s.normal, 1.0, &mut row);
+                shine(geometry, sources, s.position, s.normal, 1.0, &mut row);
             } else {
                 let first = (j - finest) * count;
                 let own = &places.list[first..first + count];
                 for place in own {
                     let share = 1.0 / count as f32;
-                    shine(geometry, lamps, place.x(), place.n(), share, &mut row);
+                    shine(geometry, sources, place.x(), place.n(), share, &mut row);
                 }
             }
             // Rec. 709 luminance represents the three channels.
@@ -160,18 +160,18 @@ fn radiosity(
 /// Adds the irradiance at (x, n) of lights of 1 W/sr, scaled by `share`.
 fn shine(
     geometry: &dyn Geometry,
-    lamps: &[Vec3],
+    sources: &[Vec3],
     x: Vec3,
     n: Vec3,
     share: f32,
     row: &mut [f32; TRAINING_LIGHTS],
 ) {
     let start = x + n * geometry.ray_offset(x);
-    for (value, &lamp) in row.iter_mut().zip(lamps) {
-        let to = lamp - start;
+    for (value, &source) in row.iter_mut().zip(sources) {
+        let to = source - start;
         let square = to.length_squared();
         let cosine = to.dot(n);
-        if cosine > 0.0 && square > 0.0 && !geometry.occluded(start, lamp) {
+        if cosine > 0.0 && square > 0.0 && !geometry.occluded(start, source) {
             *value += share * cosine / (square * square.sqrt());
         }
     }

@@ -276,7 +276,7 @@ mod tests {
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
-        // Nothing but the ball is there: a lamp above a place's own and its neighbors' horizon
+        // Nothing but the ball is there: a light above a place's own and its neighbors' horizon
         // shines on it. The start is a frame's.
         let blocked = |raised: f32| {
             let dark = |(k, place): (usize, &LightSample)| {

@@ -164,7 +164,7 @@ impl Fmm {
 
     /// Bounces light until the last bounce's power is at most `tolerance` of that of all bounces,
     /// or `bounces` are computed: B = M + ρ E(B) as the sum of its Neumann series. `emission` is M,
-    /// W/m² (what lamps make the points reflect at once belongs there too), `albedo` is ρ in \[0,
+    /// W/m² (what lights make the points reflect at once belongs there too), `albedo` is ρ in \[0,
     /// 1\].
     ///
     /// # Errors

@@ -87,7 +87,7 @@ impl LightBasis {
         seed: u64,
     ) -> Self {
         let own = examples.own.len();
-        let lamps = examples.light.len() / own.max(1);
+        let sources = examples.light.len() / own.max(1);
         let coefficients = coefficients
             .min((Link::MAX_SENDERS - 1) / clusters.len().max(1))
             .max(1);
@@ -96,7 +96,7 @@ impl LightBasis {
             .map(|s| {
                 let members = clusters.members_of(s);
                 let n = members.len();
-                let mut rows = Vec::with_capacity(lamps * n);
+                let mut rows = Vec::with_capacity(sources * n);
                 // Mean square of the constant vector, all squares, and those that the basis keeps.
                 let (mut even, mut all) = (0.0f64, 0.0f64);
                 for light in examples.light.chunks_exact(own.max(1)) {
@@ -112,7 +112,7 @@ impl LightBasis {
                 let rest = decompose(&rows, n, coefficients - 1, seed ^ (s as u64) << 32);
                 let mut vectors = vec![1.0 / (n as f32).sqrt(); n];
                 vectors.extend(&rest.vectors);
-                let share = 1.0 / lamps.max(1) as f64;
+                let share = 1.0 / sources.max(1) as f64;
                 let mut squares = vec![(even * share) as f32];
                 squares.extend(rest.values.iter().map(|v| v * v * share as f32));
                 let held = even + rest.values.iter().map(|v| f64::from(v * v)).sum::<f64>();
@@ -318,10 +318,14 @@ mod tests {
         }
     }
 
-    fn basis(coefficients: usize, lamps: usize, light: impl Fn(usize, usize) -> f32) -> LightBasis {
+    fn basis(
+        coefficients: usize,
+        sources: usize,
+        light: impl Fn(usize, usize) -> f32,
+    ) -> LightBasis {
         let examples = Examples {
             own: (2..SENDERS as u32).collect(),
-            light: (0..lamps)
+            light: (0..sources)
                 .flat_map(|l| (0..19).map(move |k| (l, k)))
                 .map(|(l, k)| light(l, k))
                 .collect(),
@@ -370,15 +374,15 @@ mod tests {
         type Light = fn(usize, usize) -> f32;
         let lights: [(usize, Light); 5] = [
             (0, |_, _| 0.0),
-            // A sealed room; one lamp; lamps that all do the same; lamps of all sorts.
+            // A sealed room; one light; lights that all do the same; lights of all sorts.
             (30, |_, _| 0.0),
             (1, noise),
             (30, |l, k| (l + 1) as f32 * noise(0, k)),
             (30, noise),
         ];
-        for (lamps, light) in lights {
+        for (sources, light) in lights {
             for coefficients in [1, 4, 100] {
-                let basis = basis(coefficients, lamps, light);
+                let basis = basis(coefficients, sources, light);
                 let row =
                     basis.compress(&gathered(3), Vec3A::Z, 0.5, &mut CompressScratch::default());
                 assert!(row.is_sorted_by_key(|l| l.0) && row.len() >= 3);
@@ -429,8 +433,8 @@ mod tests {
 
     #[test]
     fn light_basis_size_is_bounded_by_senders() {
-        // A cluster of one has the constant vector; lamps that all do the same one more; fewer
-        // lamps than vectors no more than lamps.
+        // A cluster of one has the constant vector; lights that all do the same one more; fewer
+        // lights than vectors no more than lights.
         let counts = |b: &LightBasis| [0, 1, 2].map(|s| b.vectors_of(s).len());
         assert_eq!(counts(&basis(100, 40, noise)), [1, 8, 10]);
         assert_eq!(counts(&basis(100, 3, noise)), [1, 4, 4]);
