@@ -206,7 +206,7 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
 
 fn bake(geometry: &dyn Geometry, points: &[(Vec3, Vec3)]) -> Visibility {
     let settings = VisibilitySettings {
-        grid: HemisphereGrid::of(252),
+        grid: HemisphereGrid::with_directions(252),
         components: 30,
         cluster_points: 100,
         ..VisibilitySettings::default()
@@ -294,7 +294,7 @@ fn cancelled_bake_returns_early() {
         .map(|i| (Vec3::new(i as f32 / 200.0 - 1.0, 0.0, 0.7), Vec3::Y))
         .collect();
     let settings = VisibilitySettings {
-        grid: HemisphereGrid::of(16),
+        grid: HemisphereGrid::with_directions(16),
         cluster_points: 4,
         ..VisibilitySettings::default()
     };
@@ -393,7 +393,7 @@ fn pca_components_are_prefix_of_larger_bake() {
         .collect();
     let bake = |components| {
         let settings = VisibilitySettings {
-            grid: HemisphereGrid::of(252),
+            grid: HemisphereGrid::with_directions(252),
             components,
             error: f32::INFINITY,
             tolerance: 0.0,
@@ -651,7 +651,7 @@ fn high_error_clusters_are_split_and_errors_stored() {
         .collect();
     let bake = |error| {
         let settings = VisibilitySettings {
-            grid: HemisphereGrid::of(504),
+            grid: HemisphereGrid::with_directions(504),
             components: 20,
             cluster_points: 250,
             error,

@@ -15,7 +15,7 @@ use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::{Random, mix, uniform_sphere};
 use crate::scene::Geometry;
-use crate::transport::pca::{Examples, LightBasis, cluster};
+use crate::transport::pca::{LightBasis, TrainingSet, cluster};
 use crate::transport::{GatherSettings, TRAINING_LIGHTS, coarse_rows, mean_squares};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -69,7 +69,7 @@ fn training_set(
     survey: &Survey,
     own: Vec<u32>,
     lights: u32,
-) -> (Examples, u64) {
+) -> (TrainingSet, u64) {
     let PointSet {
         hierarchy,
         pull,
@@ -129,7 +129,7 @@ fn training_set(
         let scale = if scale.is_finite() { scale } else { 0.0 };
         row.iter_mut().for_each(|v| *v *= scale);
     }
-    (Examples { own, light }, rays)
+    (TrainingSet { own, light }, rays)
 }
 
 /// Radiosity of the senders for each light, in one color channel per light. `first` is the index of

@@ -4,7 +4,7 @@ use super::context::BakeContext;
 use super::survey::Survey;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats};
 use crate::asset::LightSamples;
-use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
+use crate::basis::{Hierarchy, HierarchySettings, Weights, place_light_samples};
 use crate::scene::Geometry;
 
 /// Result of the stage.
@@ -63,7 +63,7 @@ pub(super) fn build_points(
     stats.rays += rays;
     let tree = hierarchy.tree();
     let (pull, visible_areas) = if method.has_sender_tree() {
-        let (areas, rays) = hierarchy.shown_areas(geometry, viewpoints, &tree, &building);
+        let (areas, rays) = hierarchy.visible_areas(geometry, viewpoints, &tree, &building);
         stats.rays += rays;
         (hierarchy.tree_pull(&tree, &areas), areas)
     } else {
@@ -94,7 +94,7 @@ fn sample_senders(
     }
     let finest = settings.sender_levels as usize - 1;
     let level = hierarchy.level(finest);
-    let (list, rays) = find_places(
+    let (list, rays) = place_light_samples(
         geometry,
         &hierarchy.senders[finest],
         &mut hierarchy.surfaces[level],

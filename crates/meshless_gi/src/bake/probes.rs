@@ -4,7 +4,7 @@ use super::recipe::{RecipeError, in_range};
 use super::{BakeError, BakeStage, BakeStats, Progress};
 use crate::asset::Probes;
 use crate::basis::{Hierarchy, probe_basis};
-use crate::samples::{ProbePlacementSettings as PlaceSettings, fill_free_space};
+use crate::samples::{ProbePlacementSettings as PlaceSettings, place_probes};
 use crate::scene::Bounds;
 use crate::transport::{
     GatherSettings, SenderForm, SenderTree, Training, UnindexedLinkTerm, pack, probe_rows,
@@ -93,7 +93,7 @@ pub(super) fn bake_probes(
     if !progress.set(BakeStage::Probes, 0.0) {
         return Err(BakeError::Canceled);
     }
-    let placement = fill_free_space(
+    let placement = place_probes(
         geometry,
         input.viewpoints,
         &PlaceSettings {

@@ -3,7 +3,7 @@
 use super::BakeSettings;
 use crate::asset::BakedScene;
 use crate::scene::Geometry;
-use crate::transport::cast_only;
+use crate::transport::trace_gather_rays;
 use rayon::prelude::*;
 
 /// Casts the rays of the operator's gather and nothing else. Returns the number of rays.
@@ -26,7 +26,14 @@ pub fn cast_gather_rays(
                 .map(|i| {
                     let p = &scene.points[i];
                     // The hits are used, so that no compiler leaves the work out.
-                    std::hint::black_box(cast_only(geometry, p.x(), p.n(), i, rays, settings.seed));
+                    std::hint::black_box(trace_gather_rays(
+                        geometry,
+                        p.x(),
+                        p.n(),
+                        i,
+                        rays,
+                        settings.seed,
+                    ));
                 })
                 .count();
             active as u64 * u64::from(rays)

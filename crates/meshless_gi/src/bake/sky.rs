@@ -3,7 +3,7 @@
 use super::BakeSettings;
 use crate::basis::Hierarchy;
 use crate::scene::{Geometry, SkyRadiance};
-use crate::transport::{Part, RawRow, look_up, merge_parts};
+use crate::transport::{Part, RawRow, gather_sky_harmonics, merge_parts};
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -51,7 +51,7 @@ pub(super) fn terms(
             }
             let parts = &mut row.parts;
             let (x, n) = (s.position, s.normal);
-            look_up(
+            gather_sky_harmonics(
                 geometry,
                 x,
                 n,

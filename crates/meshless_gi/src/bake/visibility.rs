@@ -62,7 +62,7 @@ impl VisibilityRecipe {
     #[must_use]
     pub fn settings(&self, seed: u64) -> VisibilitySettings {
         VisibilitySettings {
-            grid: HemisphereGrid::of(self.directions),
+            grid: HemisphereGrid::with_directions(self.directions),
             components: self.coefficients,
             cluster_points: self.cluster_size,
             error: self.max_cluster_error,

@@ -24,7 +24,7 @@ const MAX_PLANES: usize = 4;
 /// A plane may cut off this share of the visible weight for each share of blocked weight.
 const LOSS: f32 = 0.5;
 /// Height above the surface, in radii, from which one looks: over gravel, not over walls.
-const EYE: f32 = 0.1;
+const ORIGIN_HEIGHT: f32 = 0.1;
 
 /// Positions at most that a function looks at for its clip planes.
 const MAX_VISIBILITY_SAMPLES: usize = 64;
@@ -108,8 +108,8 @@ pub fn clip_planes(
     // shine on the other when they shut.
     let geometry = geometry.with_occluders_closed().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
-    let lift = (EYE * radius).max(geometry.ray_offset(x_j));
-    let height = eye_height(geometry, x_j, n_j, radius, rays);
+    let lift = (ORIGIN_HEIGHT * radius).max(geometry.ray_offset(x_j));
+    let height = visibility_origin_height(geometry, x_j, n_j, radius, rays);
     let eye = x_j + n_j * height;
     let mut places: Vec<Place> = Vec::new();
     let mut candidates: Vec<Vec4> = Vec::new();
@@ -144,7 +144,7 @@ pub fn clip_planes(
 
 /// Height of the visibility origin above the center (x, n) of a function with this radius, in
 /// meters. It sees over gravel and around bends, and is at most half-way to the geometry above.
-pub(super) fn eye_height(
+pub(super) fn visibility_origin_height(
     geometry: &dyn Geometry,
     x: Vec3,
     n: Vec3,
@@ -152,7 +152,7 @@ pub(super) fn eye_height(
     rays: &mut u64,
 ) -> f32 {
     let lift = geometry.ray_offset(x);
-    let high = (EYE * radius).max(lift);
+    let high = (ORIGIN_HEIGHT * radius).max(lift);
     *rays += 1;
     let up = Ray::segment(x + n * lift, n, 2.0 * high);
     geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)

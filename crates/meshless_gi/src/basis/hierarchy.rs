@@ -311,7 +311,7 @@ impl Hierarchy {
     /// between its children. A mean by area would count their darkness and lose some percent of the
     /// light. Also returns the number of rays cast.
     #[must_use]
-    pub fn shown_areas(
+    pub fn visible_areas(
         &self,
         geometry: &dyn Geometry,
         viewpoints: &[Vec3],

@@ -12,7 +12,7 @@
 //! itself: a higher origin would see over sills and ledges to surfaces with other light.
 
 use super::LevelBasis;
-use super::clip::eye_height;
+use super::clip::visibility_origin_height;
 use super::kernel::weight;
 use crate::samples::{LightSample, Random, lattice, tangents};
 use crate::scene::{Geometry, Ray, Surface};
@@ -26,7 +26,7 @@ const LATTICES: u32 = 4;
 /// The places of a level's functions, so many each, behind one another; `surfaces` are those at the
 /// functions' centers and get the mean reflectance and emission over the places. Also says how many
 /// rays it took.
-pub fn find_places(
+pub fn place_light_samples(
     geometry: &dyn Geometry,
     level: &LevelBasis,
     surfaces: &mut [Surface],
@@ -84,7 +84,7 @@ fn look_around(
     let mut rays = 0;
     let lift = geometry.ray_offset(x);
     let up = match geometry.surface_relief(x) > 0.0 {
-        true => eye_height(geometry, x, n, point.radius, &mut rays).max(lift),
+        true => visibility_origin_height(geometry, x, n, point.radius, &mut rays).max(lift),
         false => lift,
     };
     let eye = x + n * up;
@@ -203,7 +203,7 @@ mod tests {
         );
         let mut surfaces: Vec<Surface> =
             level.points.iter().map(|p| surface(p.x(), p.n())).collect();
-        let (places, rays) = find_places(&mesh, &level, &mut surfaces, 16, 3);
+        let (places, rays) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
         assert_eq!(places.len(), 32);
         assert!(rays >= 2 * 32);
         let (open, beside) = places.split_at(16);
@@ -226,7 +226,7 @@ mod tests {
         let x = Vec3::new(0.0, 5.0, 0.0);
         let level = LevelBasis::new(vec![Point::new(x, Vec3::Y, 0.5)], Vec::new());
         let mut surfaces = [surface(x, Vec3::Y)];
-        let (places, _) = find_places(&mesh, &level, &mut surfaces, 4, 1);
+        let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 4, 1);
         assert!(places.len() == 4 && places.iter().all(|p| p.x() == x));
         assert_eq!(surfaces[0].albedo, Vec3::ONE);
     }
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn light_samples_on_point_sphere_follow_curvature() {
         let (mesh, level, mut surfaces) = ball();
-        let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
+        let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
         let mut sum = 0.0;
         for (point, own) in level.points.iter().zip(places.chunks(16)) {
             let square = |p: &LightSample| (p.x() - point.x()).length_squared();
@@ -275,7 +275,7 @@ mod tests {
     #[test]
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
-        let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
+        let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 64, 3);
         // Nothing but the ball is there: a light above a place's own and its neighbors' horizon
         // shines on it. The start is a frame's.
         let blocked = |raised: f32| {

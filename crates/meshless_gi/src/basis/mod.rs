@@ -13,7 +13,7 @@ mod weights;
 pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{LEAN_FROM, kernel, weight};
-pub use light_samples::find_places;
+pub use light_samples::place_light_samples;
 pub use probes::{PROBE_OVERLAP, probe_basis, weight_in_space};
 pub use shepard::{LevelBasis, support_bounds};
 pub use voronoi_cells::{CellPart, find_cells};

@@ -142,7 +142,7 @@ fn planes_of(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::samples::{ProbePlacementSettings, Random, fill_free_space};
+    use crate::samples::{ProbePlacementSettings, Random, place_probes};
     use crate::scene::{Material, Quad, mesh_of_quads};
 
     /// The six walls of a room, seen from within.
@@ -180,7 +180,7 @@ mod tests {
             seed: 1,
             drop_first: true,
         };
-        let space = fill_free_space(&mesh, &eyes, &settings);
+        let space = place_probes(&mesh, &eyes, &settings);
         let (basis, _) = probe_basis(&mesh, &space.probes, &space.crossed, 0.4);
         let reaching = |x: Vec3, planes: bool| {
             let own = |p: &Point| match planes {

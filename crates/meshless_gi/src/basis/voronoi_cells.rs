@@ -13,7 +13,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Lattice points a disk: a third of them lie in the cell.
-const LOOKS: u32 = 64;
+const LATTICE_POINTS: u32 = 64;
 
 /// A piece of a point's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,12 +60,12 @@ fn look_around(
     let turn = Random::new(seed, 0x63_65_6c_6c, i as u64).unit();
     let height = 0.25 * point.radius;
     let lift = geometry.ray_offset(x);
-    let area = std::f32::consts::PI * point.radius * point.radius / LOOKS as f32;
+    let area = std::f32::consts::PI * point.radius * point.radius / LATTICE_POINTS as f32;
     let mut seen = Vec::new();
     let mut rays = 0;
-    for k in 0..LOOKS {
-        let angle = lattice(k, LOOKS, Vec2::new(0.0, turn)).y * std::f32::consts::TAU;
-        let r = ((k as f32 + 0.5) / LOOKS as f32).sqrt() * point.radius;
+    for k in 0..LATTICE_POINTS {
+        let angle = lattice(k, LATTICE_POINTS, Vec2::new(0.0, turn)).y * std::f32::consts::TAU;
+        let r = ((k as f32 + 0.5) / LATTICE_POINTS as f32).sqrt() * point.radius;
         let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * r;
         let ray = Ray::segment(x + across + n * height, -n, 2.0 * height);
         rays += 1;
@@ -150,7 +150,7 @@ mod tests {
     fn voronoi_cells_partition_floor_area() {
         let (mesh, level) = floor();
         let (cells, rays) = find_cells(&mesh, &level, 6, 1);
-        assert!(rays >= 64 * u64::from(LOOKS));
+        assert!(rays >= 64 * u64::from(LATTICE_POINTS));
         let area = |cell: &Vec<CellPart>| cell.iter().map(|p| p.area).sum::<f32>();
         let whole: f32 = cells.iter().map(area).sum();
         // The wall takes a strip 5 cm wide from the column that it divides, seen from its points at

@@ -24,7 +24,7 @@ pub use openness::{OPENNESS_RAYS, openness};
 pub use particles::{Candidate, TracedParticles, local_candidates, trace_particles};
 pub use point::Point;
 pub use poisson::{DiskSettings, PoissonSamples, fill_level, thin_out, throw_darts};
-pub use probe_placement::{ProbePlacement, ProbePlacementSettings, fill_free_space};
+pub use probe_placement::{ProbePlacement, ProbePlacementSettings, place_probes};
 pub use random::{Random, mix};
 pub use scatter::scatter;
 pub use viewpoints::find_viewpoints;

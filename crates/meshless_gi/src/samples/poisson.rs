@@ -24,7 +24,7 @@ const BATCH: u64 = 4096;
 const MAX_PARTICLES: u64 = 1 << 18;
 
 /// Rays from each point that look for bare places.
-const LOOKS: u64 = 16;
+const COVERAGE_RAYS: u64 = 16;
 
 /// Settings of one level.
 #[derive(Clone, Copy, Debug)]
@@ -126,8 +126,14 @@ pub fn fill_level(
     let surfaces: Vec<Surface> = out.points.iter().map(|c| c.surface).collect();
     let all: Vec<usize> = (0..surfaces.len()).collect();
     let reach = 2.0 * settings.radius;
-    let (candidates, rays) =
-        local_candidates(geometry, &surfaces, &all, reach, LOOKS, settings.seed);
+    let (candidates, rays) = local_candidates(
+        geometry,
+        &surfaces,
+        &all,
+        reach,
+        COVERAGE_RAYS,
+        settings.seed,
+    );
     out.rays += rays;
     for candidate in candidates {
         if out.points.len() >= settings.most {

@@ -53,7 +53,7 @@ pub struct ProbePlacement {
 /// Spreads probes over the free space of `geometry` that can be reached from `viewpoints`. The same
 /// for any number of threads.
 #[must_use]
-pub fn fill_free_space(
+pub fn place_probes(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
     settings: &ProbePlacementSettings,
@@ -184,7 +184,7 @@ mod tests {
     fn probe_placement_covers_only_open_positions() {
         let mesh = mesh_of_quads(&cornell_box());
         let eye = [Vec3::new(0.0, 1.0, 0.9)];
-        let found = fill_free_space(&mesh, &eye, &settings(0.25));
+        let found = place_probes(&mesh, &eye, &settings(0.25));
         assert!(!found.truncated);
         // The box is open to one side, where free space goes on for a little.
         let Bounds { min, max } = mesh.bounds();
@@ -206,21 +206,17 @@ mod tests {
             !found.probes.iter().any(seen)
         });
         assert_eq!(far.count(), 0);
-        assert_eq!(found, fill_free_space(&mesh, &eye, &settings(0.25)));
+        assert_eq!(found, place_probes(&mesh, &eye, &settings(0.25)));
         // Half as far apart: about eight times as many.
-        let twice = fill_free_space(&mesh, &eye, &settings(0.125)).probes.len();
+        let twice = place_probes(&mesh, &eye, &settings(0.125)).probes.len();
         let ratio = twice as f64 / found.probes.len() as f64;
         assert!((4.0..12.0).contains(&ratio), "{ratio}");
         let few = ProbePlacementSettings {
             most: 5,
             ..settings(0.25)
         };
-        let few = fill_free_space(&mesh, &eye, &few);
+        let few = place_probes(&mesh, &eye, &few);
         assert!(few.truncated && few.probes.len() == 5);
-        assert!(
-            fill_free_space(&mesh, &[], &settings(0.25))
-                .probes
-                .is_empty()
-        );
+        assert!(place_probes(&mesh, &[], &settings(0.25)).probes.is_empty());
     }
 }

@@ -236,7 +236,7 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
 /// the directions without a hit, and the part along the normal that hits the back of a single-sided
 /// surface.
 #[must_use]
-pub fn look_out(
+pub fn gather_sky_visibility(
     geometry: &dyn Geometry,
     x: Vec3,
     n: Vec3,
@@ -267,7 +267,7 @@ pub fn look_out(
 /// dω over the directions without a hit. Calls `part` with the parts that cross occluders, ray
 /// after ray.
 #[must_use]
-pub fn look_up(
+pub fn gather_sky_harmonics(
     geometry: &dyn Geometry,
     x: Vec3,
     n: Vec3,
@@ -305,7 +305,14 @@ pub fn look_up(
 /// Casts the rays of [`gather`] for receiver `i` at (`x`, `n`) and returns the number of hits. Its
 /// time is a lower bound for the gather.
 #[must_use]
-pub fn cast_only(geometry: &dyn Geometry, x: Vec3, n: Vec3, i: usize, rays: u32, seed: u64) -> u64 {
+pub fn trace_gather_rays(
+    geometry: &dyn Geometry,
+    x: Vec3,
+    n: Vec3,
+    i: usize,
+    rays: u32,
+    seed: u64,
+) -> u64 {
     let (t, b) = tangents(n);
     let start = x + n * geometry.ray_offset(x);
     let mut random = Random::new(seed, 0x67_61_74_68, i as u64);

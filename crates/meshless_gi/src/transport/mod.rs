@@ -21,7 +21,8 @@ mod truncation_mass;
 
 pub use bounded::SenderTree;
 pub use gather::{
-    Deposit, GatherScene, GatherSettings, Gathered, cast_only, gather, look_out, look_up,
+    Deposit, GatherScene, GatherSettings, Gathered, gather, gather_sky_harmonics,
+    gather_sky_visibility, trace_gather_rays,
 };
 pub use neumann::{BounceScene, bounce_operator};
 pub use occluded_links::{

@@ -77,8 +77,8 @@ pub fn probe_rows(
             .par_iter()
             .enumerate()
             .map_init(
-                || Room::new(senders),
-                |room, (k, &x)| one(scene, chunk * AT_ONCE + k, x, tree, &measure, room),
+                || ProbeScratch::new(senders),
+                |scratch, (k, &x)| one(scene, chunk * AT_ONCE + k, x, tree, &measure, scratch),
             )
             .collect();
         for mut probe in found {
@@ -111,7 +111,7 @@ struct Probe {
 }
 
 /// Scratch memory of one thread.
-struct Room {
+struct ProbeScratch {
     gathered: Gathered,
     cut: CutScratch,
     found: Vec<WeightEntry>,
@@ -123,7 +123,7 @@ struct Room {
 
 const NONE: u32 = u32::MAX;
 
-impl Room {
+impl ProbeScratch {
     fn new(senders: usize) -> Self {
         Self {
             gathered: Gathered::new(senders),
@@ -141,7 +141,7 @@ fn one(
     x: Vec3,
     tree: &SenderTree,
     measure: &CutMeasure<'_>,
-    room: &mut Room,
+    scratch: &mut ProbeScratch,
 ) -> Probe {
     let mut random = Random::new(scene.seed, 0x7072_6f62, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
@@ -152,8 +152,8 @@ fn one(
         terms: [[Vec3A::ZERO; SkyRadiance::TERMS]; PROBE_ROWS],
         lost: 0.0,
     };
-    room.gathered.reset();
-    room.met.clear();
+    scratch.gathered.reset();
+    scratch.met.clear();
     for k in 0..scene.rays {
         let way = uniform_sphere(lattice(k, scene.rays, shift)).normalize_or(Vec3::Y);
         let ray = Ray::new(x, way);
@@ -176,7 +176,7 @@ fn one(
         };
         let site = scene.geometry.hit_point(&ray, &hit);
         let covering = (0..scene.sender_levels).rev().find(|&l| {
-            scene.hierarchy.senders[l].weights(site.position, site.normal, &mut room.found)
+            scene.hierarchy.senders[l].weights(site.position, site.normal, &mut scratch.found)
         });
         let Some(l) = covering else {
             out.lost += weight;
@@ -186,25 +186,31 @@ fn one(
             .geometry
             .crossed_occluders(&Ray::segment(x, way, hit.t));
         let first = scene.hierarchy.level_starts[l];
-        for entry in &room.found {
+        for entry in &scratch.found {
             let (j, w) = (first + entry.index, entry.weight * weight);
             // Truncation uses each sender's contribution to c.
-            room.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
-            room.met.push((j, w, way, crossed));
+            scratch.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
+            scratch.met.push((j, w, way, crossed));
         }
     }
-    let cut = cut_row(&mut room.gathered, tree, Vec3A::Z, measure, &mut room.cut);
+    let cut = cut_row(
+        &mut scratch.gathered,
+        tree,
+        Vec3A::Z,
+        measure,
+        &mut scratch.cut,
+    );
     for (at, &(j, _)) in cut.iter().enumerate() {
-        room.place[j as usize] = at as u32;
+        scratch.place[j as usize] = at as u32;
     }
     let mut links = vec![[Vec3A::ZERO; PROBE_ROWS]; cut.len()];
-    for &(j, w, way, crossed) in &room.met {
+    for &(j, w, way, crossed) in &scratch.met {
         // Moved mass belongs to the nearest kept ancestor.
         let mut k = j;
-        while room.place[k as usize] == NONE && tree.parent[k as usize] != k {
+        while scratch.place[k as usize] == NONE && tree.parent[k as usize] != k {
             k = tree.parent[k as usize];
         }
-        if let Some(link) = links.get_mut(room.place[k as usize] as usize) {
+        if let Some(link) = links.get_mut(scratch.place[k as usize] as usize) {
             let parts = harmonics(way, w);
             link.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
             if crossed != 0 {
@@ -213,7 +219,7 @@ fn one(
         }
     }
     for (&(j, _), link) in cut.iter().zip(&links) {
-        room.place[j as usize] = NONE;
+        scratch.place[j as usize] = NONE;
         for (row, part) in out.rows.iter_mut().zip(link) {
             row.active = true;
             row.links.push((j, *part));

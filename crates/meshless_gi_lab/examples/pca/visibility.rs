@@ -348,7 +348,7 @@ pub fn measure(
             ..usual
         })?,
         bake(&VisibilitySettings {
-            grid: HemisphereGrid::of(8064),
+            grid: HemisphereGrid::with_directions(8064),
             cluster_points: 150,
             ..usual
         })?,

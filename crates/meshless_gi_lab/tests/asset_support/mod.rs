@@ -413,7 +413,7 @@ pub fn build(make: &Make) -> BakedScene {
 fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
     let points: Vec<_> = points.iter().map(|p| (p.x(), p.n())).collect();
     let settings = VisibilitySettings {
-        grid: HemisphereGrid::of(16),
+        grid: HemisphereGrid::with_directions(16),
         components: 5,
         cluster_points: 4,
         ..VisibilitySettings::default()

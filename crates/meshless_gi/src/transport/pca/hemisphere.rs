@@ -35,7 +35,7 @@ const ARC: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835
 impl HemisphereGrid {
     /// Creates a map of about `directions` texels with an aspect ratio of about 8 to 7.
     #[must_use]
-    pub fn of(directions: u32) -> Self {
+    pub fn with_directions(directions: u32) -> Self {
         let columns = (directions as f32 * (8.0 / 7.0)).sqrt().round().max(1.0) as u32;
         let rows = (directions as f32 / columns as f32).round().max(1.0) as u32;
         Self { columns, rows }
@@ -134,8 +134,11 @@ mod tests {
                 assert!((square - 1.0 / 3.0).abs() < texel, "{square}");
             }
         }
-        assert_eq!(HemisphereGrid::of(2016), HemisphereGrid::default());
-        assert_eq!(HemisphereGrid::of(1).len(), 1);
+        assert_eq!(
+            HemisphereGrid::with_directions(2016),
+            HemisphereGrid::default()
+        );
+        assert_eq!(HemisphereGrid::with_directions(1).len(), 1);
     }
 
     #[test]
@@ -171,8 +174,8 @@ mod tests {
     fn hemisphere_lookup_invalid_direction_stays_in_map() {
         for grid in [
             HemisphereGrid::default(),
-            HemisphereGrid::of(1),
-            HemisphereGrid::of(3),
+            HemisphereGrid::with_directions(1),
+            HemisphereGrid::with_directions(3),
         ] {
             for d in [
                 Vec3::Z,

@@ -30,7 +30,7 @@ use rayon::prelude::*;
 const TANGENTIAL: f32 = 0.1;
 
 /// Radiosity under the training lights.
-pub struct Examples {
+pub struct TrainingSet {
     /// Senders that are not means of others. Clusters consist of these.
     pub own: Vec<u32>,
     /// Radiosity of every sender in `own`, light after light, in W/m² or relative.
@@ -80,7 +80,7 @@ impl LightBasis {
     /// training set's senders. `pull` has the weights of the other senders.
     #[must_use]
     pub fn new(
-        examples: &Examples,
+        examples: &TrainingSet,
         clusters: &Clusters,
         coefficients: usize,
         pull: &Weights,
@@ -323,7 +323,7 @@ mod tests {
         sources: usize,
         light: impl Fn(usize, usize) -> f32,
     ) -> LightBasis {
-        let examples = Examples {
+        let examples = TrainingSet {
             own: (2..SENDERS as u32).collect(),
             light: (0..sources)
                 .flat_map(|l| (0..19).map(move |k| (l, k)))

@@ -15,6 +15,6 @@ pub use cluster::{Clusters, cluster};
 pub use compression::{Column, Compression};
 pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
-pub use light_basis::{CompressScratch, Examples, LightBasis};
+pub use light_basis::{CompressScratch, LightBasis, TrainingSet};
 pub use visibility::{MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};
 pub use visibility_bake::{NEAR, VisibilityError, VisibilitySettings, bake_visibility, depths};

@@ -91,7 +91,7 @@ impl Default for VisibilitySettings {
     /// measurements.
     fn default() -> Self {
         Self {
-            grid: HemisphereGrid::of(DIRECTIONS),
+            grid: HemisphereGrid::with_directions(DIRECTIONS),
             components: 50,
             cluster_points: 400,
             error: 0.03,
