@@ -13,7 +13,7 @@ use meshless_gi::internals::asset::write_file;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{Progress, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::GroundTruth;
-use meshless_gi_lab::report::{Known, Part, Sweep, document, figures, sweep};
+use meshless_gi_lab::report::{ExternalReference, Part, Sweep, document, figures, sweep};
 use std::error::Error;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -97,7 +97,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// A level and what another program says of it: a folder with both, or a file without the latter.
-fn level(path: &Path) -> Result<(TriangleMesh, Vec<Known>), Box<dyn Error>> {
+fn level(path: &Path) -> Result<(TriangleMesh, Vec<ExternalReference>), Box<dyn Error>> {
     if !path.is_dir() {
         return Ok((load_gltf(path)?.mesh, Vec::new()));
     }
@@ -113,7 +113,7 @@ fn level(path: &Path) -> Result<(TriangleMesh, Vec<Known>), Box<dyn Error>> {
             let geometry = description.geometry.first();
             mesh = Some(load_gltf(geometry.ok_or("a scene without geometry")?)?.mesh);
         }
-        known.push(Known {
+        known.push(ExternalReference {
             name: format!("L{i}"),
             lights: description.lights,
             truth: GroundTruth::read(file.with_extension("csv"))?,

@@ -9,7 +9,7 @@ use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
 use meshless_gi::{
     Geometry, Irradiance, Light, Material, Quad, ReferenceSettings, TriangleMesh, mesh_of_quads,
 };
-use meshless_gi_lab::accuracy::{Estimates, TestStatistics, agreement, closed_form};
+use meshless_gi_lab::accuracy::{Estimates, TestStatistics, closed_form, test_equality};
 use std::f32::consts::PI;
 
 /// Least probability that passes. There are some forty comparisons here, all with fixed random
@@ -40,7 +40,7 @@ fn check(what: &str, found: &[(Vec3, Vec3)], right: &[Vec3], wrong: f32) {
             values: right,
             errors: &none,
         };
-        agreement(ours, theirs, LIFT)
+        test_equality(ours, theirs, LIFT)
     };
     let found = against(right);
     println!(

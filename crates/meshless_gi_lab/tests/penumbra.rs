@@ -10,7 +10,9 @@ use meshless_gi::internals::transport::pca::Visibility;
 use meshless_gi::{
     BakedScene, Light, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene,
 };
-use meshless_gi_lab::accuracy::{PenumbraSample, deficits_by_rays, shadow_errors, shadow_places};
+use meshless_gi_lab::accuracy::{
+    PenumbraSample, deficits_by_rays, penumbra_samples, shadow_errors,
+};
 use meshless_gi_lab::fixtures::data::published_mesh;
 
 /// The bound.
@@ -48,7 +50,7 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
 /// Errors from memory, by rays at the same points, and from five coefficients a point.
 fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
     let visibility = scene.visibility.as_ref().expect("visibility");
-    let places: Vec<PenumbraSample> = shadow_places(scene, mesh, light, PATHS)
+    let places: Vec<PenumbraSample> = penumbra_samples(scene, mesh, light, PATHS)
         .into_iter()
         .filter(PenumbraSample::in_penumbra)
         .collect();

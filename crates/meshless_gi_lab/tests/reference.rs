@@ -7,7 +7,7 @@ use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, SceneDescription, Shape};
 use meshless_gi::{Irradiance, Light, Material, ReferenceSettings, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::{
-    BOUNCES, Estimates, GroundTruth, TestStatistics, agreement, errors,
+    BOUNCES, Estimates, GroundTruth, TestStatistics, errors, test_equality,
 };
 use meshless_gi_lab::fixtures::data::{published, unpublished};
 use std::f32::consts::PI;
@@ -177,7 +177,7 @@ fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> Te
         values: &found,
         errors: &noise,
     };
-    agreement(ours, Estimates { values, errors }, 1e-3)
+    test_equality(ours, Estimates { values, errors }, 1e-3)
 }
 
 /// The lamps, one part in ten brighter.

@@ -13,8 +13,8 @@ use meshless_gi::internals::transport::pca::{
 };
 use meshless_gi::{BakedScene, Geometry, Light, Ray, Surface, TriangleMesh};
 use meshless_gi_lab::accuracy::{
-    Camera, Errors, Image, PenumbraSample, deficits_by_rays, errors, render, shadow_errors,
-    shadow_places, shadowed_irradiance,
+    Camera, Errors, Image, PenumbraSample, deficits_by_rays, errors, penumbra_samples, render,
+    shadow_errors, shadowed_irradiance,
 };
 use rayon::prelude::*;
 use std::error::Error;
@@ -210,7 +210,7 @@ pub fn cuts(
     light: &Light,
 ) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
     let lamp = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
-    let shade = penumbra_of(&shadow_places(scene, mesh, light, PATHS));
+    let shade = penumbra_of(&penumbra_samples(scene, mesh, light, PATHS));
     let points = remembering(scene);
     let occluded_irradiances = deficits_by_rays(scene, mesh, &lamp, points.len());
     let rays = shadow_errors(scene, &occluded_irradiances, &shade).nrmse;
@@ -322,7 +322,7 @@ pub fn measure(
 ) -> Result<Found, Box<dyn Error>> {
     let light = lamp(name);
     let lamp = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
-    let lit = shadow_places(scene, mesh, &light, PATHS);
+    let lit = penumbra_samples(scene, mesh, &light, PATHS);
     let shade = penumbra_of(&lit);
     eprintln!(
         "{name}: {} places, {} in the penumbra",
@@ -372,7 +372,7 @@ pub fn measure(
     let mut others = Vec::new();
     for (what, light) in other_lamps(name) {
         let lamp = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
-        let shade = penumbra_of(&shadow_places(scene, mesh, &light, PATHS));
+        let shade = penumbra_of(&penumbra_samples(scene, mesh, &light, PATHS));
         let error = |visibility: &Visibility| memory(scene, visibility, &lamp, &shade).nrmse;
         let occluded_irradiances = deficits_by_rays(scene, mesh, &lamp, known);
         others.push(Other {

@@ -31,10 +31,11 @@ pub use ground_truth::{BOUNCES, Comparison, GroundTruth, GroundTruthError};
 pub use metrics::{Errors, errors, leak_ratio};
 pub use pareto::{interpolate_log, pareto_front};
 pub use penumbra::{
-    PENUMBRA, PenumbraSample, deficits_by_rays, shadow_errors, shadow_places, shadowed_irradiance,
+    PENUMBRA, PenumbraSample, deficits_by_rays, penumbra_samples, shadow_errors,
+    shadowed_irradiance,
 };
 pub use point_set::{Basis, PointSet};
 pub use raycast_gbuffer::RaycastView;
 pub use render::{Camera, Image, render};
 pub use sphere_over_disk::{Site, Solution, SphereOverDisk, SphereOverDiskError};
-pub use statistical_test::{Estimates, TestStatistics, agreement};
+pub use statistical_test::{Estimates, TestStatistics, test_equality};

@@ -82,7 +82,7 @@ pub fn shadowed_irradiance(
 /// Places where importance particles of `paths` paths land, that the rectangle `light` of radiance
 /// one lights or would light.
 #[must_use]
-pub fn shadow_places(
+pub fn penumbra_samples(
     scene: &BakedScene,
     mesh: &TriangleMesh,
     light: &Light,

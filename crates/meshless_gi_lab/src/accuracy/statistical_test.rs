@@ -26,7 +26,7 @@ pub struct Estimates<'a> {
     pub errors: &'a [Vec3],
 }
 
-/// Result of [`agreement`].
+/// Result of [`test_equality`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestStatistics {
     /// Probability of such or larger differences if both estimate the same. 0 where a
@@ -51,7 +51,7 @@ pub struct TestStatistics {
 /// # Panics
 /// Panics if lists differ in length.
 #[must_use]
-pub fn agreement(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStatistics {
+pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStatistics {
     assert!(
         [a.errors.len(), b.values.len(), b.errors.len()] == [a.values.len(); 3],
         "lists of one length"
@@ -231,7 +231,7 @@ mod tests {
             s.push(Vec3::splat(sigma));
         }
         let estimates = |values| Estimates { values, errors: &s };
-        agreement(estimates(&a), estimates(&b), 0.0).p
+        test_equality(estimates(&a), estimates(&b), 0.0).p
     }
 
     #[test]
@@ -279,7 +279,7 @@ mod tests {
                 values: &brighter,
                 errors: &b.1,
             };
-            agreement(ours, theirs, 0.0)
+            test_equality(ours, theirs, 0.0)
         };
         let failed = |brightness| (0..60).filter(|&r| found(r, brightness).p < 1e-3).count();
         assert!((4..20).contains(&found(0, 1.0).count[0]));
@@ -294,12 +294,12 @@ mod tests {
             errors: &none,
         };
         let (a, b) = ([Vec3::ONE; 2], [Vec3::ONE, Vec3::new(1.0, 1.0, 1.001)]);
-        assert_eq!(agreement(exact(&a), exact(&a), 0.0).p, 1.0);
-        let off = agreement(exact(&a), exact(&b), 0.0);
+        assert_eq!(test_equality(exact(&a), exact(&a), 0.0).p, 1.0);
+        let off = test_equality(exact(&a), exact(&b), 0.0);
         assert!(off.p == 0.0 && off.at == 1 && off.largest == f64::INFINITY);
-        assert_eq!(agreement(exact(&a), exact(&b), 0.002).p, 1.0);
+        assert_eq!(test_equality(exact(&a), exact(&b), 0.002).p, 1.0);
         let odd = [Vec3::ONE, Vec3::new(1.0, f32::NAN, 1.0)];
-        assert_eq!(agreement(exact(&a), exact(&odd), 0.1).p, 0.0);
+        assert_eq!(test_equality(exact(&a), exact(&odd), 0.1).p, 0.0);
         // Found nothing, without any error, where the other one has light: a guess.
         let dark = Estimates {
             values: &none,
@@ -309,12 +309,12 @@ mod tests {
             values: &[Vec3::ONE; 2],
             errors: &[Vec3::splat(0.6); 2],
         };
-        let found = agreement(dark, dim, 0.0);
+        let found = test_equality(dark, dim, 0.0);
         assert!(found.count == [1; 3] && found.p > 0.01, "{found:?}");
         let nothing = Estimates {
             values: &[],
             errors: &[],
         };
-        assert_eq!(agreement(nothing, nothing, 0.0).p, 1.0);
+        assert_eq!(test_equality(nothing, nothing, 0.0).p, 1.0);
     }
 }

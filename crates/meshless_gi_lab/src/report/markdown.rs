@@ -6,6 +6,7 @@ use super::measure::Row;
 use super::octree::beside_octree;
 use super::rules::{Compared, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
+use super::tables::{known, table};
 use super::variant::{BOUNCES, Factor};
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
@@ -417,63 +418,6 @@ pub fn beside_bases(rows: &[Row]) -> String {
         percent(ours)
     );
     out
-}
-
-fn table(rows: &[Row]) -> String {
-    let mut out = "| what | bake, s | frame, ms | display of 1000 places, ms | file | links | points | error | 99 % below | bias | by its own estimate |\n\
-                   |---|---|---|---|---|---|---|---|---|---|---|\n"
-        .to_string();
-    for factor in Factor::ALL {
-        for row in rows
-            .iter()
-            .filter(|r| r.settings.factor == factor && comparable(r))
-        {
-            let _ = writeln!(
-                out,
-                "| {} | {} | {} | {} | {} | {} | {} | {} ± {} | {} | {} | {} ± {} |",
-                cell(&row.settings.name),
-                short(row.bake_seconds),
-                short(row.frame_ms),
-                short(row.splat_ms_per_1000),
-                megabytes(row.bytes),
-                count(row.links),
-                count(row.points),
-                error(row),
-                percent(row.nrmse_interval),
-                percent(row.p99),
-                percent(row.bias),
-                percent(row.estimated_nrmse),
-                percent(row.estimated_nrmse_interval),
-            );
-        }
-    }
-    out
-}
-
-/// The presets beside another program's truth, where there is one.
-fn known(rows: &[Row], mark: &str) -> String {
-    let mut out = String::new();
-    for row in rows {
-        for k in &row.known {
-            let _ = writeln!(
-                out,
-                "| {} | {} | {} | {} | {} | {} |",
-                cell(&row.settings.name),
-                cell(&k.name),
-                percent(k.nrmse),
-                percent(k.bias),
-                percent(k.p99),
-                error(row),
-            );
-        }
-    }
-    if out.is_empty() {
-        return out;
-    }
-    format!(
-        "\n{mark} Beside another program's truth\n\nIrradiance after {BOUNCES} reflections that another program computed for this level, at places and under lights of its \
-         own.\n\n| preset | lights | error | bias | 99 % below | error in this report |\n|---|---|---|---|---|---|\n{out}"
-    )
 }
 
 fn method(report: &Report) -> String {

@@ -1,6 +1,6 @@
 //! One bake, measured: what it cost to make, what it costs to keep and to run, and how wrong it is.
 
-use super::sweep::Known;
+use super::sweep::ExternalReference;
 use super::test_set::{TestScore, TestSet};
 use super::variant::{BOUNCES, Factor, Run, Variant};
 use crate::accuracy::BOUNCES as BOUNCES_OF_TRUTH;
@@ -173,7 +173,7 @@ impl<'a> Measured<'a> {
 
     /// Compares the bake with what another program says of `level`.
     #[must_use]
-    pub fn compare(&self, level: &TriangleMesh, known: &Known) -> Beside {
+    pub fn compare(&self, level: &TriangleMesh, known: &ExternalReference) -> Beside {
         let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));
         let evaluator = Evaluator::new(
             self.scene,

@@ -15,6 +15,7 @@ mod measure;
 mod octree;
 mod rules;
 mod sweep;
+mod tables;
 mod test_set;
 mod variant;
 
@@ -24,6 +25,6 @@ pub use markdown::{beside_bases, choice, section, text};
 pub use measure::{Beside, Row, RowSettings};
 pub use octree::beside_octree;
 pub use rules::{Compared, Ratio, compare};
-pub use sweep::{Choose, Known, Report, ReportError, Step, Sweep, sweep};
+pub use sweep::{Choose, ExternalReference, Report, ReportError, Step, Sweep, sweep};
 pub use test_set::{TestScore, TestSet, TestSetSize};
 pub use variant::{BOUNCES, Factor, Run, Variant, baseline, full, quick};

@@ -25,7 +25,7 @@ pub struct Sweep {
     /// No bake begins that would probably end later than this after the start.
     pub limit: Duration,
     /// Ground truth of another program. Presets are compared with it too.
-    pub known: Vec<Known>,
+    pub known: Vec<ExternalReference>,
     /// Places from which light can be seen, as in a recipe; found where empty.
     pub viewpoints: Vec<[f32; 3]>,
     /// Threads; 0 for one a processor.
@@ -69,7 +69,7 @@ impl Sweep {
 
 /// Another program's truth of the level under some lights.
 #[derive(Clone, Debug)]
-pub struct Known {
+pub struct ExternalReference {
     /// A word for the lights.
     pub name: String,
     /// Lights.
@@ -271,7 +271,7 @@ fn measure(
     last: &Last,
     variant: &Variant,
     exam: &TestSet,
-    (level, known): (&TriangleMesh, &[Known]),
+    (level, known): (&TriangleMesh, &[ExternalReference]),
 ) -> Result<(), ReportError> {
     let measured = Measured::new(
         &last.baked.scene,
