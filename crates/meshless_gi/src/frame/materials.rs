@@ -12,13 +12,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// No material that changes reflects more, but what was baked so: light must die away whatever the
-/// game says, and the bake's own guard (design D12) has seen the baked colors only.
+/// Largest albedo of a material that changed, except for baked values. The bounce series must
+/// converge for any input, and the bake's own limit (design D12) covers the baked colors only.
 pub const MAX_ALBEDO: f32 = 0.99;
 
-/// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a
-/// light may have at most, zero for what is no number; one a material of `live`, those that are
-/// missing as they were baked.
+/// Clamps `factors` to physical values: base color to [0, 1], emission to [0, a quarter of the
+/// largest intensity of a light], NaN to 0. The result has one entry per material of `live`.
+/// Missing entries keep the baked value.
 #[must_use]
 pub fn sanitize_factors(
     live: &DynamicMaterials,
@@ -66,8 +66,8 @@ pub fn live_surface(
     }
 }
 
-/// The surfaces of all senders of `scene` for these factors, one a material; nothing where the bake
-/// knows no materials.
+/// Surfaces of all senders of `scene` for these factors, one per material. Returns `None` if the
+/// bake has no dynamic materials.
 #[must_use]
 pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<Vec<PointSurface>> {
     let live = scene.materials.as_ref()?;
@@ -80,9 +80,9 @@ pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<
     )
 }
 
-/// The senders' surfaces as they are now, and what they see of the sky's terms: for these factors
-/// of the materials, and where so much passes each set of occluders. What is left empty is as
-/// baked. What the senders see is empty where the bake knows a uniform sky only.
+/// Current surfaces of the senders and their visibility of the sky's terms, for these material
+/// factors and transmittances of occluder sets. Empty results mean the baked values. The visibility
+/// is empty if the bake supports a uniform sky only.
 #[must_use]
 pub fn current_surfaces(
     scene: &BakedScene,

@@ -4,17 +4,15 @@
 //!
 //! Weights are squared as in `splat`: a near probe counts more than several distant ones.
 
-use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
-use super::splat::{LARGEST_HALF, pixel_position, to_world};
+use super::splat::{LARGEST_HALF, lit_pixel, pixel_position, to_world};
 use super::subsplat::{SubsplatNode, state};
 use crate::asset::Probes;
 use crate::basis::{NO_COVER, weight_in_space};
 use crate::transport::PROBE_ROWS;
 use glam::{Vec3, Vec4};
 
-/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m²: what arrives at a place in free
-/// space.
+/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m², at a position in free space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeIrradiance {
     /// d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
@@ -37,8 +35,7 @@ impl ProbeIrradiance {
         (e.truncate() + linear.dot(n)).max(Vec3::ZERO)
     }
 
-    /// The vector irradiance that gives E(n) at n and changes beside it as E does: what a node of
-    /// subsplats keeps.
+    /// Vector irradiance that gives E(n) at n and has its gradient there. Subsplats store it.
     #[must_use]
     pub fn around(&self, n: Vec3) -> VectorIrradiance {
         let [linear, a, m] = &self.parts;
@@ -63,14 +60,14 @@ impl ProbeIrradiance {
     }
 }
 
-/// Distance before a surface at which light is read where no probe reaches the surface itself, in
-/// cells of the probes' grid. A cell is as large as a function's radius.
+/// Distance in front of a surface at which probes are read if none reaches the surface, in cells of
+/// the probes' grid. A cell is as large as a function's radius.
 pub const RETRY_OFFSET: f32 = 0.1;
 
-/// The light at `x` for what faces `n`; `None` where no probe reaches. `n` decides which side of an
-/// occluder counts inside of it, and is zero where nothing faces anything. What stands within the
-/// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides:
-/// where no probe reaches a surface, the light a little before it counts.
+/// Irradiance at `x` for surfaces that face `n`. `n` selects the side inside an occluder, and is
+/// zero without a surface. Objects inside the thickness of a thin wall, as a door, are behind the
+/// clip planes of probes on both sides. If no probe reaches a surface, the irradiance a little in
+/// front of it is used. Returns `None` if no probe reaches that either.
 #[must_use]
 pub fn probe(
     probes: &Probes,
@@ -122,10 +119,12 @@ pub fn probe_pixel(
     texel: [u32; 4],
     earlier: [f32; 4],
 ) -> [f32; 4] {
-    if earlier[3] >= 1.0 || depth <= 0.0 || gbuffer::is_unlit(texel) {
+    if earlier[3] >= 1.0 {
         return earlier;
     }
-    let (x, n) = pixel_position(params, pixel, depth, texel);
+    let Some((x, n)) = lit_pixel(params, pixel, depth, texel) else {
+        return earlier;
+    };
     match probe(probes, values, x, n) {
         Some(light) => (light.irradiance(n) * params.scale)
             .lerp(Vec4::from_array(earlier).truncate(), earlier[3])

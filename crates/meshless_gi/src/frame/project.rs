@@ -124,7 +124,7 @@ pub fn unshadowed_within(
     e
 }
 
-/// The shadow ray from (x, n) to `light`: it starts and ends a [`lift`] off the surfaces. None
+/// The shadow ray from (x, n) to `light`: it starts and ends one [`ray_offset`] off the surfaces. None
 /// where nothing fits between.
 #[must_use]
 #[inline]
@@ -170,12 +170,12 @@ fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32
     }
 }
 
-/// Places of a sender that one patch of a rectangle light shines on at most: the patches are many,
-/// and their shadows' edges soften each other.
+/// Most samples of a sender for one patch of a rectangle light. The patches are many, and their
+/// shadow edges blend.
 pub const PATCH_SAMPLES: usize = 4;
 
-/// The places among a sender's `own` that `light` is projected onto: all of them, or
-/// [`PATCH_SAMPLES`] from all over them.
+/// Samples among a sender's `own` that `light` is projected onto: all of them, or [`PATCH_SAMPLES`]
+/// evenly from them.
 pub fn samples_for_light<'a>(
     light: &FrameLight,
     own: &'a [LightSample],

@@ -21,17 +21,18 @@ use super::{FrameLight, vpl};
 use crate::scene::Bvh;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
-/// Threads of `choose`; each sums up a run of texels.
+/// Threads of `select_vpls`. Each sums a run of texels.
 pub const CHUNKS: usize = 256;
-/// No place is farther from the space's origin, meters: beyond, a texel is dark.
+/// Largest distance from the space's origin, meters. Texels beyond it are dark.
 pub const FARTHEST: f32 = 1e8;
-/// Surfaces that are seen at a lower cosine count as no larger, for their spread.
+/// Lower bound of the cosine in a texel's area.
 pub const MIN_COSINE: f32 = 0.1;
-/// Below its square (a square centimeter, as Bevy's lights) a light grows no brighter, m².
+/// Squared distance below which a light grows no brighter (a square centimeter, as for Bevy's
+/// lights), m².
 pub const NEAREST_SQUARE: f32 = 1e-4;
 
-/// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbors on the
-/// curve are neighbors in the map, which Morton's curve does not give.
+/// Index of texel (x, y) along Hilbert's curve through a map of `side` texels. Neighbors on the
+/// curve are neighbors in the map, unlike on Morton's curve.
 #[must_use]
 pub fn hilbert_index(side: u32, x: u32, y: u32) -> u32 {
     let (mut x, mut y, mut at) = (x, y, 0);

@@ -18,7 +18,7 @@ pub struct FrameSettings {
     /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MAX_SWEEPS`] of them
     /// run. Not used where the bake holds its bounces and `baked_bounces` is on.
     pub sweeps: u32,
-    /// Use the bake's further bounces, where it has them.
+    /// Use the bake's further bounces, if it has them.
     pub baked_bounces: bool,
     /// Radiance of the sky, W/(m² sr). A bake that was not asked for more than a uniform sky takes
     /// its mean over all directions.
@@ -46,8 +46,8 @@ impl Default for FrameSettings {
 }
 
 impl FrameSettings {
-    /// Most sweeps of a solve, whatever is asked for: each is recorded directly, and a frame must
-    /// end. Walls that reflect 95 % of the light leave 2e-6 of it after so many.
+    /// Most sweeps of a solve. Each is recorded separately, and a frame must end. Walls that
+    /// reflect 95 % of the light leave 2e-6 of it after this number.
     pub const MAX_SWEEPS: u32 = 255;
 
     /// The highest tier, whatever the bake.
@@ -81,8 +81,8 @@ pub struct SceneDimensions {
     pub form: SenderForm,
     /// Columns of an operator of components, the sky's among them; 0 in the other forms.
     pub columns: usize,
-    /// The bake knows what comes from parts of the sky: [`SkyRadiance::TERMS`] more coefficients
-    /// behind the sky's.
+    /// True if the bake has the light of parts of the sky: [`SkyRadiance::TERMS`] further
+    /// coefficients after the sky's.
     pub sky_terms: bool,
     /// The bake holds further bounces.
     pub bounces: bool,
@@ -219,7 +219,7 @@ pub struct SolveSchedule {
     pub differences: bool,
     /// Coefficients are components: `compress` runs before every `apply`.
     pub components: bool,
-    /// Links are applied in one channel: `apply_one` in place of `apply`.
+    /// True if links are applied in one channel: `apply_one` in place of `apply`.
     pub one: bool,
     /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten`
     /// for points of finer levels than send.

@@ -19,22 +19,21 @@ use crate::basis::{NO_COVER, weight};
 use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
-/// A half holds no more; what is brighter must not become infinite.
+/// Largest finite half float. Brighter values are clamped.
 pub const LARGEST_HALF: f32 = 65_504.0;
 
-/// The usual [`SplatParams::seam`] of a scene with probe irradiance. Of places on baked surfaces
-/// next to none have less cover (`--test probes` prints how many), so that they look as they do
-/// without probes.
+/// Default [`SplatParams::seam`] of a scene with probes. Almost no points on baked surfaces have
+/// less cover (`--test probes` prints their number), so they look as without probes.
 pub const SEAM: f32 = 0.5;
 
 /// Smallest cosine between the normals of a function and of a surface that it covers: 46 degrees. A
-/// function has the light of its own side. A surface that tilts farther is another one beside it,
-/// as a door that is ajar is beside its jamb.
+/// function has the light of its own side. A surface that tilts farther is another surface, as a
+/// half-open door next to its jamb.
 pub const MIN_COVER_COSINE: f32 = 0.7;
 /// Cosine from which on a function covers a surface with all of its weight: 26 degrees.
 pub const FULL_COVER_COSINE: f32 = 0.9;
 
-/// Smallest share of a pixel that functions reach. A share of zero is that of a pixel without any.
+/// Smallest share of a pixel that functions reach. A share of zero marks a pixel without functions.
 pub const MIN_SHARE: f32 = 1.0 / 1024.0;
 
 /// Part of a function's weight that covers a surface, by the cosine between their normals.
@@ -42,8 +41,8 @@ fn cover_of(cosine: f32) -> f32 {
     ((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE)).clamp(0.0, 1.0)
 }
 
-/// Share of the light that functions on surfaces have where they cover a place so much: 0 to 1, all
-/// of it from `seam` on.
+/// Share of the light that functions on surfaces have at this cover, 0 to 1. All of it from `seam`
+/// on.
 #[must_use]
 pub fn share(cover: f32, seam: f32) -> f32 {
     if cover >= seam {
@@ -53,8 +52,8 @@ pub fn share(cover: f32, seam: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. Returns `None` where
-/// no function covers the place.
+/// Vector irradiance of the flat basis at `x`, for surfaces that face `n`. Returns `None` where no
+/// function covers the point.
 #[must_use]
 pub fn splat_vector(
     points: &[Point],
@@ -113,9 +112,9 @@ pub fn splat(
     splat_vector(points, display, values, x, n).map(|e| e.dot(n).max(Vec3::ZERO))
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB:
-/// irradiance × `scale`; alpha: the [`share`] that this has, 1 where it is all; where nothing
-/// covers the texel all is 0.
+/// Texel that the shader writes for a pixel with this depth and G-buffer. RGB is irradiance ×
+/// `scale`. Alpha is the [`share`] of functions on surfaces, 1 for all of the light. All zero where
+/// no function covers the pixel.
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,
@@ -125,11 +124,9 @@ pub fn splat_pixel(
     depth: f32,
     texel: [u32; 4],
 ) -> [f32; 4] {
-    // Reversed depth: 0 is infinitely far, where nothing was drawn.
-    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+    let Some((x, n)) = lit_pixel(params, pixel, depth, texel) else {
         return [0.0; 4];
-    }
-    let (x, n) = pixel_position(params, pixel, depth, texel);
+    };
     match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
             .min(Vec3::splat(LARGEST_HALF))
@@ -154,15 +151,14 @@ pub fn splat_node(
         return;
     }
     let predicted_luminance = node.predicted_luminance();
-    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+    let Some((x, n)) = lit_pixel(params, pixel, depth, texel) else {
         *node = SubsplatNode::new(
             &VectorIrradiance::default(),
             predicted_luminance,
             state::EVALUATED,
         );
         return;
-    }
-    let (x, n) = pixel_position(params, pixel, depth, texel);
+    };
     *node = match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => SubsplatNode::new(
             &to_world(params, &e),
@@ -191,6 +187,21 @@ pub(super) fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrra
     };
     let [x, y, z] = params.local_from_world.map(axis);
     VectorIrradiance { x, y, z }
+}
+
+/// Position and normal of a pixel's lit surface in the bake's local space. Returns `None` for the
+/// background and for unlit materials.
+pub(super) fn lit_pixel(
+    params: &SplatParams,
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+) -> Option<(Vec3, Vec3)> {
+    // Reversed depth: 0 is infinitely far, where nothing was drawn.
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return None;
+    }
+    Some(pixel_position(params, pixel, depth, texel))
 }
 
 /// Position and normal of a pixel's surface in the bake's local space.

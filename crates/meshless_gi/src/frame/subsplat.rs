@@ -70,7 +70,7 @@ pub struct SubsplatSettings {
     /// pixels; 2 to [`COARSEST`].
     pub coarsest: u32,
     /// Level below which no cell is refined: 1 at least, and below `coarsest`. Single pixels are
-    /// evaluated where nothing around is [`alike`](Self::alike).
+    /// evaluated where fewer neighbors than [`alike`](Self::alike) are similar.
     pub finest: u32,
     /// Test of depth.
     pub depth: DepthTest,

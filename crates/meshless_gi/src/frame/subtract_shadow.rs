@@ -18,7 +18,7 @@ use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::project::extent;
 use super::soft_shadow::{SoftLight, corners, lambert, unshadowed, window};
-use super::splat::{LARGEST_HALF, pixel_position};
+use super::splat::{LARGEST_HALF, lit_pixel};
 use crate::asset::BakedScene;
 use crate::basis::{NO_COVER, weight};
 use crate::frame::brdf::{MIN_NDOTV, MIN_ROUGHNESS};
@@ -26,8 +26,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 use std::f32::consts::FRAC_1_PI;
 
-/// Part of what is missing that is taken away: pictures of halves are rounded, and must not fall
-/// below nothing.
+/// Fraction of the occluded radiance that is subtracted. Half-float pictures are rounded and must
+/// not become negative.
 pub const TAKEN: f32 = 0.998;
 
 /// The lights of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
@@ -239,10 +239,9 @@ pub fn subtract_shadow_pixel(
     depth: f32,
     texel: [u32; 4],
 ) -> [f32; 4] {
-    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+    let Some((x, n)) = lit_pixel(view, pixel, depth, texel) else {
         return [0.0; 4];
-    }
-    let (x, n) = pixel_position(view, pixel, depth, texel);
+    };
     let Some(share) = missing(scene, occluded_irradiances, x, n) else {
         return [0.0; 4];
     };

@@ -12,17 +12,16 @@ use glam::{UVec3, Vec3};
 pub const OPEN: f32 = -1.999;
 /// Offset that [`WallDistances::encode`](super::WallDistances::encode) adds to a distance.
 pub const QUARTER: f32 = 0.25;
-/// A place less than this beyond a wall, voxels, is lit as if it were before it.
+/// Distance beyond a wall, voxels, up to which a point is lit as if it were in front of it.
 pub const BEFORE: f32 = 0.01;
-/// One farther than this beyond a wall is not lit from before it.
+/// Distance beyond a wall from which a point gets no light from in front of it.
 pub const BEYOND: f32 = 0.03;
 /// Sum of the weights of the eight voxels below which all of them count.
 pub const MIN: f32 = 1e-3;
 
-/// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white
-/// one, in the texels' unit. `size` counts the voxels along each edge, `place` is in voxels from
-/// the volume's corner, `texels` are those of [`volume`](super::volume::volume), x first and z
-/// last.
+/// Irradiance at a point for a surface that faces `n`, a unit vector of the world, in the texels'
+/// unit. `size` counts the voxels along each edge. `place` is in voxels from the volume's corner.
+/// `texels` are those of [`volume`](super::volume::volume), x first and z last.
 #[must_use]
 pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
     let voxels = UVec3::from(size);
@@ -43,7 +42,7 @@ fn index(size: UVec3, voxel: UVec3, side: usize) -> usize {
     (t.x + size.x * (t.y + 2 * size.y * t.z)) as usize
 }
 
-/// The same for what `light` says of each voxel; `texels` say how far it is to walls.
+/// The same for a value `light` of each voxel. `texels` hold the distances to walls.
 #[must_use]
 pub fn read_voxels(
     size: [u32; 3],

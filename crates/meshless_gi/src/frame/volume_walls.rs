@@ -19,25 +19,26 @@ use crate::samples::Point;
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec3, Vec3, Vec4};
 
-/// A side reads a face where the cosine between them is more: 60 degrees, so that all three sides
-/// by which an engine may see a wall show its light.
+/// Minimum cosine between a side and a wall sample that it reads: 60 degrees, so that all three
+/// sides by which an engine may sample a wall have its light.
 pub const FACING: f32 = 0.5;
-/// Cosines that differ by less are the same, and the first face counts: rounding decides nothing.
+/// Cosines that differ by less count as equal, and the first wall sample is used: rounding decides
+/// nothing.
 pub const SAME: f32 = 1e-4;
 /// Cosine between wall normals from which walls share one sample of a voxel: 30 degrees.
 const ALIKE: f32 = 0.866_025_4;
-/// Most faces of a voxel.
+/// Most wall samples of a voxel.
 pub const MAX_FACES: usize = 6;
-/// Most shares of all faces of a volume: what WebGPU binds at most, 128 MiB. Voxels behind the one
-/// that would be over have no faces.
+/// Most weights of all wall samples of a volume, by the largest binding of WebGPU, 128 MiB. Voxels
+/// beyond this limit have no wall samples.
 const MAX_TOTAL: usize = 1 << 24;
 /// No function.
 const NONE: u32 = u32::MAX;
-/// A function stands for the wall up to this part of its radius: one that covers alone covers well
-/// as far as that.
+/// Fraction of its radius within which a function represents the wall. A single function has enough
+/// cover up to there.
 const CORE: f32 = 0.5;
 
-/// A place on a wall beside a voxel. 16 bytes.
+/// A point on a wall next to a voxel. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WallSample {
@@ -57,19 +58,19 @@ pub struct WallWeight {
     pub part: f32,
 }
 
-/// Faces of voxels that follow one another.
+/// Wall samples of consecutive voxels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WallSamples {
     /// End of each voxel's wall samples, from the first one.
     pub ends: Vec<u32>,
     /// Wall samples with the start of their weights.
     pub wall_samples: Vec<WallSample>,
-    /// The shares.
+    /// Weights of the wall samples.
     pub weights: Vec<WallWeight>,
 }
 
 impl WallSamples {
-    /// Puts `other` behind; what would be over the limit without its faces.
+    /// Appends `other`. Voxels beyond the limit get no wall samples.
     pub(super) fn append(&mut self, other: Self) {
         let (wall_samples, weights) = (self.wall_samples.len() as u32, self.weights.len() as u32);
         if self.weights.len() + other.weights.len() > MAX_TOTAL {
@@ -100,8 +101,8 @@ impl WallSamples {
         &self.weights[self.wall_samples[face].start as usize..end.unwrap_or(self.weights.len())]
     }
 
-    /// Adds the faces of the next voxel, whose middle is `x`: the places `beside` it. Says how many
-    /// functions were looked at.
+    /// Adds the wall samples of the next voxel, whose center is `x`, from the points `beside` it.
+    /// Returns the number of functions processed.
     pub(super) fn find(
         &mut self,
         beside: &[Beside],
@@ -161,10 +162,10 @@ impl WallSamples {
     }
 }
 
-/// The place on a wall that is nearest to a voxel's middle.
+/// Point on a wall that is nearest to a voxel center.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beside {
-    /// The function that stands for it.
+    /// Function that represents it.
     point: u32,
     at: Vec3,
     /// The wall's normal.
@@ -190,8 +191,8 @@ impl Beside {
     }
 }
 
-/// For each voxel of a volume the functions that stand for the walls beside it: of those that face
-/// alike the nearest.
+/// Functions that represent the walls next to each voxel of a volume: the nearest one of those with
+/// similar normals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct WallIndex {
     /// The functions of each voxel; the last ones may be none.
@@ -201,9 +202,8 @@ pub(super) struct WallIndex {
 }
 
 impl WallIndex {
-    /// Goes on with the functions of a scene until about `most` voxels were looked at, each as
-    /// often as a function may stand beside it. Says how many it were; 0 when all functions are
-    /// seen.
+    /// Processes functions of a scene until about `most` voxels were visited. Returns the number of
+    /// visits, 0 when all functions are processed.
     pub fn find(
         &mut self,
         shape: &VoxelGrid,
@@ -221,7 +221,7 @@ impl WallIndex {
         looks
     }
 
-    /// The places beside a voxel with middle `x`.
+    /// Wall points next to a voxel with center `x`.
     pub fn beside(
         &self,
         voxel: u32,
@@ -279,8 +279,8 @@ impl WallIndex {
     }
 }
 
-/// The place nearest to `x` that a function stands for: on its plane, within [`CORE`] of its
-/// radius, and before its clip planes.
+/// Point nearest to `x` that a function represents: on its plane, within [`CORE`] of its radius,
+/// and in front of its clip planes.
 fn on_wall(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
     let (center, n, radius) = (point.x(), point.n(), CORE * point.radius);
     let from = x - center;

@@ -19,19 +19,20 @@ use rayon::prelude::*;
 
 /// Most voxels along an edge: the texture is twice as high and three times as deep.
 pub const MAX_VOXELS: u32 = 512;
-/// Most voxels of a volume: with [`MAX_WEIGHTS`] each they fill what WebGPU binds at most, 128 MiB.
+/// Most voxels of a volume. With [`MAX_WEIGHTS`] each they fill the largest binding of WebGPU, 128
+/// MiB.
 pub const MAX_VOLUME_VOXELS: u32 = 1 << 20;
-/// Most shares of a place; where more probes reach it, those that say most have them.
+/// Most weights of a voxel. If more probes reach it, the largest weights are kept.
 pub const MAX_WEIGHTS: usize = 32;
-/// Bits of a share's part.
+/// Bits of a quantized weight.
 pub const WEIGHT_BITS: u32 = 12;
-/// The largest part.
+/// Largest quantized weight.
 const FULL_WEIGHT: u32 = (1 << WEIGHT_BITS) - 1;
-/// Places that one task finds.
+/// Voxels per task.
 const RUN: u32 = 256;
-/// A ray takes as long as looking at this many functions, about.
+/// Cost of a ray in functions processed, approximate.
 const RAY: u64 = 8;
-/// Tasks between two looks at how much was done.
+/// Tasks between two checks of the budget.
 const RUNS: u32 = 8;
 
 const _: () = assert!(Probes::MAX <= 1 << (32 - WEIGHT_BITS));
@@ -197,9 +198,8 @@ impl VoxelWeights {
         places
     }
 
-    /// Goes on until about `most` functions of probes and surfaces were looked at, each as often as
-    /// it may reach a place, or all is found, which it says. The same `scene` for all calls.
-    /// Deterministic for any number of threads.
+    /// Processes up to about `most` functions of probes and surfaces, and returns `true` when the
+    /// table is complete. All calls take the same `scene`. Deterministic for any number of threads.
     pub fn find(&mut self, scene: &BakedScene, most: u64) -> bool {
         let all = self.shape.voxels();
         let (points, display) = (&scene.points, &scene.display);
@@ -246,32 +246,32 @@ impl VoxelWeights {
         &self.shape
     }
 
-    /// For each place where its shares start, and at last where they end.
+    /// Start of each voxel's weights, and last their end.
     #[must_use]
     pub fn starts(&self) -> &[u32] {
         &self.starts
     }
 
-    /// The shares: a probe's index times 2^[`WEIGHT_BITS`], and its part.
+    /// Weights: a probe's index times 2^[`WEIGHT_BITS`], plus the quantized weight.
     #[must_use]
     pub fn weights(&self) -> &[u32] {
         &self.weights
     }
 
-    /// The faces.
+    /// Wall samples.
     #[must_use]
     pub fn wall_samples(&self) -> &WallSamples {
         &self.wall_samples
     }
 
-    /// For each place how far the ways to the next ones are free.
+    /// Distances of each voxel to walls.
     #[must_use]
     pub fn wall_distances(&self) -> &[WallDistances] {
         &self.wall_distances
     }
 
-    /// The light at a place that is found; `None` where no probe reaches. `values` are those of the
-    /// probes, [`PROBE_ROWS`] each.
+    /// Irradiance at a voxel that is found. `values` are those of the probes, [`PROBE_ROWS`] each.
+    /// Returns `None` if no probe reaches it.
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<ProbeIrradiance> {
         let at = place as usize;
@@ -288,7 +288,7 @@ impl VoxelWeights {
     }
 }
 
-/// Shares of places that follow one another.
+/// Weights of consecutive voxels.
 struct Run {
     /// End of each voxel's weights, from the run's first one.
     ends: Vec<u32>,

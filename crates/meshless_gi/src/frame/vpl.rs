@@ -26,11 +26,11 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Squared radius of an even disk over its mean squared distance from the center.
 pub const DISK: f32 = 2.0;
-/// Shadow rays start so many times [`lift`] off the surface: the place comes from a depth buffer.
+/// Start of shadow rays in multiples of [`ray_offset`]: positions come from a depth buffer.
 pub const LIFTS: f32 = 4.0;
 
-/// Squares of the distance over the squared radius of a light between which `near` goes over to the
-/// point's formula.
+/// Squared distances over the squared radius of a light between which `near` blends to the formula
+/// of a point.
 pub const NEAR_SQUARES: [f32; 2] = [9.0, 16.0];
 /// Squared lengths of the mean normal between which a light becomes flat enough for `near`.
 pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
@@ -101,11 +101,11 @@ fn step(low: f32, high: f32, v: f32) -> f32 {
 }
 
 /// The form factor of a square of even radiosity over its area, 1/m²: the square lies at `toward`
-/// from the place, has the normal `normal` and the area of a disk of squared radius `disk`.
+/// from the point, has the normal `normal` and the area of a disk of squared radius `disk`.
 /// Lambert's sum over the edges; what the surface's horizon cuts off is estimated as for a ball of
-/// equal form factor, whose cosines are spread as [`facing`]'s are. What hardly rises above the
-/// horizon of a surface that looks the same way fades, so that rounding lights no flat surface by
-/// itself.
+/// equal form factor, whose cosines are spread as those of [`mean_clamped_cosine`]. What hardly
+/// rises above the horizon of a surface that looks the same way fades, so that rounding lights no
+/// flat surface by itself.
 fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
     if normal.dot(toward) >= 0.0 {
         return Vec3::ZERO;
@@ -250,8 +250,8 @@ pub fn pixel_position(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Ve
     h.truncate() / h.w
 }
 
-/// Entry point `evaluate_list`, for one node of a list: adds to what baked scenes gave it, if any
-/// was asked; else the node holds what was predicted, which goes.
+/// Entry point `evaluate_list`, for one node of a list. Adds to the light of baked scenes, if they
+/// were evaluated. Else the node holds its prediction, which is replaced.
 pub fn vpl_node(
     params: &VplViewParams,
     lit: &VplParams,
