@@ -34,7 +34,7 @@ pub enum Pass {
     Averages,
     /// `flatten`, differences.
     Differences,
-    /// `soft`.
+    /// `soft_shadow`.
     SoftShadow,
     /// `splat`, the first scene of a view.
     Splat,
@@ -74,13 +74,13 @@ pub enum Pass {
     Resolve,
     /// `upsample`, the pixels that were evaluated by themselves.
     Fill,
-    /// `gloss`, the nodes of a level.
+    /// `vpl_specular`, the nodes of a level.
     VplSpecular,
-    /// `gloss`, the pixels.
+    /// `vpl_specular`, the pixels.
     VplSpecularPixels,
-    /// `shade`, the first scene of a view.
+    /// `subtract_shadow`, the first scene of a view.
     SubtractShadow,
-    /// `shade`, a further scene of a view.
+    /// `subtract_shadow`, a further scene of a view.
     SubtractShadowOver,
     /// `fmm_up`, a level.
     FmmUp,

@@ -1,4 +1,4 @@
-//! Soft shadows on the device: what the kernel `soft` reads of a baked scene, and the recording of
+//! Soft shadows on the device: what the kernel `soft_shadow` reads of a baked scene, and the recording of
 //! it and of `flatten` behind it. A scene without visibility, and one whose lights all cast hard
 //! shadows or none, makes no such buffers.
 
@@ -249,7 +249,7 @@ impl SoftShadowBuffers {
         self.counters.dispatches[kernel as usize] += 1;
     }
 
-    /// What is missing at every point, and what there would be, W/m²: `shade` reads it.
+    /// What is missing at every point, and what there would be, W/m²: `subtract_shadow` reads it.
     #[must_use]
     pub fn occluded_irradiances(&self) -> &wgpu::Buffer {
         &self.occluded_irradiances

@@ -1,4 +1,4 @@
-//! Records what soft shadows take from a view: the kernel `shade`, for one baked scene in one view.
+//! Records what soft shadows take from a view: the kernel `subtract_shadow`, for one baked scene in one view.
 //! A view whose lamps cast none makes no such buffers.
 
 use super::error::GpuError;
@@ -81,7 +81,7 @@ impl SubtractShadowBuffers {
     }
 
     /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that
-    /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`]. `gloss` where
+    /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`]. `vpl_specular` where
     /// rectangles were drawn with it: [`SubtractShadowBuffers::record`] gets the tables then.
     ///
     /// # Errors

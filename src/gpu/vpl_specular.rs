@@ -1,4 +1,4 @@
-//! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by
+//! Records what a view's glossy surfaces show of virtual point lights: the kernel `vpl_specular`, level by
 //! level, and its pixels, in the order of
 //! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). Which lights are evaluated where
 //! is decided on the device; nothing is read back.

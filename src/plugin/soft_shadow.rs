@@ -1,6 +1,6 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps
 //! as the render world needs them, and what scenes and views hold of them on the device. The
-//! kernels are [`soft`](meshless_gi::internals::frame::soft_shadow) and [`shade`](meshless_gi::internals::frame::subtract_shadow).
+//! kernels are [`soft_shadow`](meshless_gi::internals::frame::soft_shadow) and [`subtract_shadow`](meshless_gi::internals::frame::subtract_shadow).
 //!
 //! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the
 //! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.

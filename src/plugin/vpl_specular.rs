@@ -1,5 +1,5 @@
 //! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what
-//! a view holds for it on the device. The kernel is [`gloss`](meshless_gi::internals::frame::vpl_specular).
+//! a view holds for it on the device. The kernel is [`vpl_specular`](meshless_gi::internals::frame::vpl_specular).
 
 use super::splatting::ViewLights;
 use crate::gpu::{

@@ -1,4 +1,4 @@
-//! The kernel `soft`, and `flatten` behind it, against their twins, on a small baked box with a
+//! The kernel `soft_shadow`, and `flatten` behind it, against their twins, on a small baked box with a
 //! rectangle, a sphere and a point.
 
 use super::compare::{Scale, differing};

@@ -1,4 +1,4 @@
-//! The kernel `shade` and what is drawn of it against their twins, on the baked box of `soft` as a
+//! The kernel `subtract_shadow` and what is drawn of it against their twins, on the baked box of `soft_shadow` as a
 //! camera sees it.
 
 use super::depth::depth_texture;
@@ -91,7 +91,7 @@ impl Shaded {
         }
     }
 
-    /// By the twins: `shade`, and `subtract_shadow_over` the earlier scene.
+    /// By the twins: `subtract_shadow`, and `next_scene` the earlier scene.
     fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
         let params = SubtractShadowParams::new(&self.scene, self.lights.len());
         let tables = gloss.then_some(&self.tables);
@@ -121,7 +121,7 @@ fn earlier(i: usize) -> [f32; 4] {
     }
 }
 
-/// What the device makes of it: `shade`, `subtract_shadow_over`, and the picture after the draw of the first.
+/// What the device makes of it: `subtract_shadow`, `next_scene`, and the picture after the draw of the first.
 fn on_gpu(
     harness: &HeadlessDevice,
     shaded: &Shaded,
@@ -135,7 +135,7 @@ fn on_gpu(
     let visibility = scene.visibility.as_ref().unwrap();
     let soft_buffers =
         SoftShadowBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
-    // From the twin's, so that nothing of `soft` reaches the comparison.
+    // From the twin's, so that nothing of `soft_shadow` reaches the comparison.
     queue.write_buffer(
         soft_buffers.occluded_irradiances(),
         0,

@@ -1,4 +1,4 @@
-//! The kernel `gloss` against its twin, on a room with a glossy floor: node by node, bit by bit,
+//! The kernel `vpl_specular` against its twin, on a room with a glossy floor: node by node, bit by bit,
 //! pixel by pixel, and with shadows.
 
 use super::compare::HALF;

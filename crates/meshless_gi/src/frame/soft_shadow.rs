@@ -287,7 +287,7 @@ pub fn occluded_irradiance(
 /// Occluded irradiance of all `lights` at one point that has visibility, W/m². The fourth floats of
 /// the three axes are red, green and blue of the unshadowed irradiance of all lights.
 #[must_use]
-pub fn soft_at(
+pub fn soft_shadow_at(
     params: &SoftShadowParams,
     visibility: &Visibility,
     lights: &[SoftLight],
@@ -314,7 +314,7 @@ pub fn soft_at(
 }
 
 /// Fills the first `visibility.points` of `out`, one value a point.
-pub fn soft(
+pub fn soft_shadow(
     params: &SoftShadowParams,
     visibility: &Visibility,
     points: &[Point],
@@ -327,7 +327,7 @@ pub fn soft(
         .enumerate()
         .for_each(|(i, out)| {
             let p = &points[i];
-            *out = soft_at(params, visibility, lights, i, p.x(), p.n());
+            *out = soft_shadow_at(params, visibility, lights, i, p.x(), p.n());
         });
 }
 
@@ -342,7 +342,7 @@ pub fn occluded_irradiances(scene: &BakedScene, lights: &[SoftLight]) -> Vec<Vec
 }
 
 /// Occluded irradiance at all points of `scene` by a visibility of its first levels, W/m²:
-/// [`soft`], and the parents' mean at finer points.
+/// [`soft_shadow`], and the parents' mean at finer points.
 #[must_use]
 pub fn occluded_irradiances_from(
     scene: &BakedScene,
@@ -351,7 +351,7 @@ pub fn occluded_irradiances_from(
 ) -> Vec<VectorIrradiance> {
     let mut out = vec![VectorIrradiance::default(); scene.points.len()];
     let params = SoftShadowParams::new(visibility, extent(scene), lights.len());
-    soft(&params, visibility, &scene.points, lights, &mut out);
+    soft_shadow(&params, visibility, &scene.points, lights, &mut out);
     fill_finer_levels(scene, visibility.points.len(), &mut out);
     out
 }

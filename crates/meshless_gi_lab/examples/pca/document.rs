@@ -82,7 +82,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
     }
     out += "\nThese are the first so many of one bake's. \"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
         ## Other panels\n\n\
-        The constants of `soft` were chosen with the panel above. Panels of other places and sizes, %:\n\n\
+        The constants of `soft_shadow` were chosen with the panel above. Panels of other places and sizes, %:\n\n\
         | scene | panel | places in the penumbra | the defaults | 8064 directions, 150 points a cluster | by rays |\n|---|---|---|---|---|---|\n";
     for f in found {
         for o in &f.others {
@@ -101,7 +101,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
     out += "\n## Three ways to the screen\n\n\
         With 50 coefficients, over the penumbra / over all places that the panel would light, %: (i) the irradiance that arrives is splatted; (ii) what is missing is \
         splatted and taken from the unshadowed light of each place; (iii) what is missing and what would be there without shadows are splatted, and their quotient is the missing share, as the kernel \
-        `shade` has it. All other figures here are of (iii).\n\n\
+        `subtract_shadow` has it. All other figures here are of (iii).\n\n\
         | scene | places, penumbra | (i) | (ii) | (iii) | (iii) by rays |\n|---|---|---|---|---|---|\n";
     for f in found {
         let pair = |k: usize| {

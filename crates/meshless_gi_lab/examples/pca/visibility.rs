@@ -44,7 +44,7 @@ pub fn lamp(name: &str) -> Light {
     }
 }
 
-/// Panels that the constants of [`soft`] were not chosen with: elsewhere, of other sizes and other
+/// Panels that the constants of [`soft_shadow`] were not chosen with: elsewhere, of other sizes and other
 /// shapes.
 pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
     let panel = |center: [f32; 3], u: f32, v: f32| Light::Rect {
@@ -71,7 +71,7 @@ pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
 /// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is
 /// splatted, (ii) what is missing is splatted and taken from the unshadowed light of the place,
 /// (iii) what is missing and what would be there without shadows are splatted, and their quotient,
-/// the missing share, is taken, as the kernel `shade` does.
+/// the missing share, is taken, as the kernel `subtract_shadow` does.
 fn compare(
     scene: &BakedScene,
     visibility: &Visibility,

@@ -142,7 +142,7 @@ pub fn deficits_by_rays(
 }
 
 /// Error of irradiance without the share that `occluded_irradiances` reports as occluded, against the
-/// reference, at `places`: as the kernel `shade` has it on the screen.
+/// reference, at `places`: as the kernel `subtract_shadow` has it in a view.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,
