@@ -177,8 +177,9 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
     assert_alike("drawn door", &shut, &picture(&mut app, &image));
     // With planes that do not lean the screen is black.
     let mut upright = (*bake).clone();
-    let probes = &mut upright.probes.as_mut().unwrap().planes;
-    for plane in probes.iter_mut().chain(&mut upright.display.planes) {
+    let arrays = &mut *upright;
+    let probes = &mut arrays.probes.as_mut().unwrap().planes;
+    for plane in probes.iter_mut().chain(&mut arrays.display.planes) {
         let length = Vec3::from_slice(&plane[..3]).length();
         *plane = plane.map(|c| c / length);
     }

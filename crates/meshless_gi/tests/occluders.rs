@@ -543,8 +543,9 @@ fn damaged_occluder_bake_is_rejected() {
     }
     // Parts that cancel out when open would make light when one is shut.
     let mut bright = scene.clone();
-    let known = bright.occluders.as_mut().unwrap();
-    let row = (bright.operator.rows.iter())
+    let arrays = &mut *bright;
+    let known = arrays.occluders.as_mut().unwrap();
+    let row = (arrays.operator.rows.iter())
         .find(|r| r.count > 0 && known.links.iter().any(|p| p.link == r.start))
         .copied();
     if let Some(row) = row {

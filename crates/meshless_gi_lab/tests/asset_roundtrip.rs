@@ -194,7 +194,7 @@ fn validation_detects_broken_octree() {
         }),
     ];
     let good = || build(&makes()[6]);
-    let lists = good().fmm.unwrap();
+    let lists = good().fmm.clone().unwrap();
     for list in 0..4 {
         let entries: usize = lists.nodes.iter().map(|n| n.lists()[list].len()).sum();
         assert!(entries > 0, "list {list} has no entries");
@@ -267,7 +267,7 @@ fn validation_detects_broken_columns() {
             .any(|v| v.place == "columns")
     );
     let mut scene = build(&makes()[0]);
-    scene.operator.compression = good().operator.compression;
+    scene.operator.compression = good().operator.compression.clone();
     assert!(
         scene
             .validate()

@@ -5,7 +5,7 @@
 use meshless_gi_lab::fixtures::synthetic;
 
 use glam::Vec3;
-use meshless_gi::internals::asset::{FlatBasis, LightSamples, PointSurface};
+use meshless_gi::internals::asset::{FlatBasis, LightSamples, PointSurface, SceneData};
 use meshless_gi::internals::basis::{Weights, support_bounds};
 use meshless_gi::internals::frame::project;
 use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
@@ -36,7 +36,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         let sender = if to_sky { SENDERS } else { (i + 1) % SENDERS };
         Link::pack(normal(i), 1.0, sender as u16)
     };
-    BakedScene {
+    BakedScene::from(SceneData {
         surfaces: vec![
             PointSurface {
                 albedo: [ALBEDO; 3],
@@ -86,7 +86,7 @@ fn furnace(to_sky: bool) -> BakedScene {
             }],
             ..BakeInfo::default()
         },
-    }
+    })
 }
 
 /// A sender's light is the mean over its places: with one of four in the shadow it is three

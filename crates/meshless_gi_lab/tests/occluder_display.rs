@@ -300,8 +300,9 @@ fn door_in_far_half_of_box_is_lit_from_faced_side() {
     let scene = baked(Some((0.06, -0.04)));
     check("off the middle", &scene, false);
     let mut upright = scene.clone();
-    let probes = &mut upright.probes.as_mut().unwrap().planes;
-    for plane in probes.iter_mut().chain(&mut upright.display.planes) {
+    let arrays = &mut *upright;
+    let probes = &mut arrays.probes.as_mut().unwrap().planes;
+    for plane in probes.iter_mut().chain(&mut arrays.display.planes) {
         let length = Vec3::from_slice(&plane[..3]).length();
         *plane = plane.map(|c| c / length);
     }

@@ -3,17 +3,20 @@
 //! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the
 //! first `sender_levels` levels are the senders: sender j is point j.
 
+use super::BakeInfo;
 use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
 use super::probes::Probes;
 use super::sky::SkyVisibility;
 use crate::basis::Weights;
 use crate::samples::{HashedGrid, LightSample, Point};
-use crate::scene::Bvh;
+use crate::scene::{Bounds, Bvh};
 use crate::transport::fmm::FmmOperator;
 use crate::transport::pca::Visibility;
 use crate::transport::{BounceOperator, Operator};
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use std::ops::{Deref, DerefMut};
 
 /// The material at a point, and how much of the sky it sees. 48 bytes.
 #[repr(C)]
@@ -42,16 +45,16 @@ pub struct FlatBasis {
     /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
     /// points here.
     pub planes: Vec<[f32; 4]>,
-    /// Which functions may cover a place.
+    /// Grid of the functions that may cover a position.
     pub grid: HashedGrid,
 }
 
-/// Where light is projected onto the senders of the finest sender level: a sender's light is the
-/// mean over its places. Where there are none, and on coarser levels, it is that at the sender's
-/// own point.
+/// Positions at which light is projected onto the senders of the finest sender level. A sender's
+/// light is the mean over its samples. Without samples, and on coarser levels, it is that at the
+/// sender's own point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightSamples {
-    /// How many each sender has.
+    /// Number of samples per sender.
     pub per_sender: u32,
     /// Sender after sender, from the first of the finest sender level.
     pub list: Vec<LightSample>,
@@ -62,19 +65,19 @@ impl LightSamples {
     pub const MAX: u32 = 64;
 }
 
-/// Everything that a frame reads.
+/// Arrays of a baked scene, as the kernels read them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BakedScene {
+pub struct SceneData {
     /// All points, level after level, coarse first. `radius` and `planes` are those of the display
     /// basis.
     pub points: Vec<Point>,
     /// One surface a point.
     pub surfaces: Vec<PointSurface>,
-    /// Where each level starts, and the end of the last.
+    /// First point of each level, and the end of the last.
     pub level_starts: Vec<u32>,
-    /// How many of the levels, from the coarsest, are senders.
+    /// Number of levels, from the coarsest, that are senders.
     pub sender_levels: u32,
-    /// Where the senders of the finest sender level are lit.
+    /// Light samples of the finest sender level.
     pub places: LightSamples,
     /// Row k (a sender): which senders of the next level its value is the mean of, with weights
     /// that sum to one. An empty row (and all of the finest sender level) keeps its own light. One
@@ -96,28 +99,81 @@ pub struct BakedScene {
     /// Irradiance of every point under the lights that its maker chose, W/m², direct light and all
     /// reflections the recipe asks for; empty where nobody asked.
     pub illumination: Vec<[f32; 3]>,
-    /// What the senders and the points of whole levels behind them see, where the recipe asked for
-    /// it: soft shadows without rays.
+    /// Visibility of the senders and of the points of whole levels behind them, for soft shadows
+    /// without rays. `None` if the recipe has none.
     pub visibility: Option<Visibility>,
-    /// What the senders see of a sky that is not uniform, where the recipe asked for it; links to
-    /// its terms are among the operator's.
+    /// Sky visibility of the senders for a sky that is not uniform. `None` if the recipe has none.
+    /// Links to its terms are among the operator's.
     pub sky: Option<SkyVisibility>,
-    /// Which materials cover the senders, where the recipe asked for materials that change.
+    /// Dynamic materials of the senders. `None` if the recipe has none.
     pub materials: Option<DynamicMaterials>,
     /// The light in free space, where the recipe asked for it.
     pub probes: Option<Probes>,
-    /// What comes and goes, where the recipe names any.
+    /// Occluders. `None` if the recipe names none.
     pub occluders: Option<Occluders>,
     /// The display basis.
     pub display: FlatBasis,
-    /// What casts shadows.
+    /// Shadow casters.
     pub bvh: Bvh,
-    /// What it was made from, how, and how wrong it is.
-    pub info: super::BakeInfo,
+    /// Sources, settings, error estimate and statistics of the bake.
+    pub info: BakeInfo,
+}
+
+/// A baked scene: the result of a bake, and all that a frame reads. Read and written as a `.mgi`
+/// file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakedScene(SceneData);
+
+// For the crates of this workspace: a dependency on the arrays is exempt from semantic versioning.
+#[doc(hidden)]
+impl From<SceneData> for BakedScene {
+    fn from(data: SceneData) -> Self {
+        Self(data)
+    }
+}
+
+#[doc(hidden)]
+impl Deref for BakedScene {
+    type Target = SceneData;
+
+    fn deref(&self) -> &SceneData {
+        &self.0
+    }
+}
+
+#[doc(hidden)]
+impl DerefMut for BakedScene {
+    fn deref_mut(&mut self) -> &mut SceneData {
+        &mut self.0
+    }
 }
 
 impl BakedScene {
-    /// How many levels.
+    /// Returns the arrays.
+    pub(crate) fn into_data(self) -> SceneData {
+        self.0
+    }
+
+    /// Sources, settings, error estimate and statistics of the bake.
+    #[must_use]
+    pub fn info(&self) -> &BakeInfo {
+        &self.info
+    }
+
+    /// Box around the geometry, meters. [`Bounds::EMPTY`] if it has no surface.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        let [min, max] = self.info.bounds.map(Vec3::from);
+        Bounds { min, max }
+    }
+
+    /// Number of points of all levels.
+    #[must_use]
+    pub fn point_count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1
@@ -135,8 +191,7 @@ impl BakedScene {
         single + self.places.list.len() as u64
     }
 
-    /// How many of a frame's tiers use links: those of the operator, and none where an octree
-    /// carries the light and there are no links.
+    /// Number of tiers that use links: those of the operator, or 0 if an octree replaces all links.
     #[must_use]
     pub fn link_tiers(&self) -> u32 {
         match self.fmm.is_some() && self.operator.rows.iter().all(|row| row.tier == 0) {
@@ -145,8 +200,8 @@ impl BakedScene {
         }
     }
 
-    /// How many tiers a frame may choose from, 1 at least: those with links, and on top of them the
-    /// octree where there is one.
+    /// Number of tiers that a frame may choose from, at least 1: those with links, and the octree
+    /// above them if there is one.
     #[must_use]
     pub fn tiers(&self) -> u32 {
         self.link_tiers() + u32::from(self.fmm.is_some())
@@ -171,7 +226,7 @@ impl BakedScene {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// How many senders, the sky not counted.
+    /// Number of senders without the sky.
     #[must_use]
     pub fn senders(&self) -> usize {
         self.level_starts[self.sender_levels as usize] as usize

@@ -1,4 +1,4 @@
-//! How an array of plain structs becomes bytes that compress well, and back.
+//! Conversion of arrays of plain structs to bytes that compress well, and back.
 //!
 //! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a
 //! word. In columns, the values of all items are written field after field: first all lowest bytes,
@@ -9,7 +9,7 @@
 
 use bytemuck::Pod;
 
-/// Which part of a word a field is.
+/// Part of a word that a field occupies.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
     Whole,
@@ -107,7 +107,7 @@ impl Field {
     }
 }
 
-/// Which fields of a struct are stored, and in which order.
+/// Fields of a struct that are stored, in their order.
 #[derive(Clone, Copy)]
 pub(super) struct Layout {
     fields: &'static [Field],

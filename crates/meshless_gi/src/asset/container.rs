@@ -20,11 +20,11 @@ const LZ4_RATIO: u64 = 255;
 /// Bytes of memory that reading takes beyond what grows with the file: ends of arrays, messages.
 const SLACK: u64 = 1 << 16;
 
-/// How a section's bytes are stored.
+/// Encoding of a section's bytes.
 const STORED: u16 = 0;
 const LZ4: u16 = 1;
 
-/// What a section holds: what the table must say about it, and what it takes in memory.
+/// Content of a section: the required entry of the table, and the size in memory.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kind {
     /// Number in the table. Sections stand in ascending order of it.
@@ -106,7 +106,7 @@ struct Entry<'a> {
     body: &'a [u8],
 }
 
-/// How many items a section has, and its raw bytes.
+/// Number of items of a section, and its raw bytes.
 pub(super) type Content<'a> = (usize, Cow<'a, [u8]>);
 
 /// A file whose header and table are sound, and small enough.

@@ -1,4 +1,4 @@
-//! What can be wrong with a `.mgi` file, and how much memory reading one may take.
+//! Errors of a `.mgi` file, and limits of the memory that reading one may take.
 
 use super::validate::Violation;
 use crate::scene::ReadError;
@@ -18,18 +18,18 @@ impl Default for Limits {
     }
 }
 
-/// Why an asset could not be written or read.
+/// Error of writing or reading an asset.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AssetError {
     /// The operating system could not read or write: nothing is known about the content.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// Path of the file.
         path: PathBuf,
         /// "read" or "write".
         action: &'static str,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The file was refused before its content was looked at.
@@ -45,7 +45,7 @@ pub enum AssetError {
     Version {
         /// In the file.
         found: u32,
-        /// What this program reads.
+        /// Version that this program reads.
         expected: u32,
     },
     /// The bytes end too early.
@@ -53,13 +53,13 @@ pub enum AssetError {
     Truncated {
         /// As the header says.
         needed: u64,
-        /// How many there are.
+        /// Number found.
         found: u64,
     },
     /// The header or the section table makes no sense.
     #[error("header: {problem}")]
     Header {
-        /// What is wrong.
+        /// Problem.
         problem: String,
     },
     /// A checksum does not match.
@@ -73,15 +73,15 @@ pub enum AssetError {
     Section {
         /// The section's name.
         section: &'static str,
-        /// What is wrong.
+        /// Problem.
         problem: String,
     },
     /// Decoding would take more memory than [`Limits`] allows.
     #[error("{what} would take {needed} bytes of memory, but at most {allowed} are allowed")]
     Limit {
-        /// What would take it.
+        /// Name of the array.
         what: &'static str,
-        /// How much, bytes.
+        /// Memory that it takes, bytes.
         needed: u64,
         /// [`Limits::max_bytes`].
         allowed: u64,

@@ -84,7 +84,7 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Where writing to a path ends.
+/// File that a path leads to for writing.
 enum Target {
     /// A regular file, there or not.
     File(PathBuf),

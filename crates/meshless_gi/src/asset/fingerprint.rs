@@ -1,4 +1,4 @@
-//! Whether a bake is stale: a digest of everything that it depends on.
+//! Digest of all inputs of a bake, for the detection of stale bakes.
 
 /// BLAKE3, as hex, over `parts`; each part's length counts, so that parts cannot run into one
 /// another.

@@ -19,7 +19,7 @@ const MAX_LEVELS: usize = 64;
 /// a scene whose walls fold a thousand times.
 const MAX_SHARE: f32 = 1e3;
 
-/// What a point's light is multiplied by.
+/// Largest factor of a point's light.
 const MAX_FACTOR: f32 = 16.0;
 
 const NODE: Layout = Layout::columns(&[

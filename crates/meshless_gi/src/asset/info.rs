@@ -1,12 +1,10 @@
-//! What a bake was made from and how wrong it is: everything here is the same for the same input on
-//! any machine.
+//! Facts about a bake: inputs, error and sizes. All are equal for equal input on any machine.
 
 use super::baked::BakedScene;
 use crate::transport::Link;
 use serde::{Deserialize, Serialize};
 
-/// What a frame of a tier uses, and how wrong it is: this tier's rows and those of all tiers below
-/// it.
+/// Size and error of a tier. They include the rows of all lower tiers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TierInfo {
     /// Rows.
@@ -74,7 +72,7 @@ pub struct BakeInfo {
     pub rays: u64,
     /// Box around the geometry, meters: smallest and largest corner.
     pub bounds: [[f32; 3]; 2],
-    /// Where the importance particles started, meters.
+    /// Start positions of the importance particles, meters.
     pub viewpoints: Vec<[f32; 3]>,
     /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface
     /// points for random lights.
@@ -93,7 +91,7 @@ pub struct BakeInfo {
     pub uncovered: f32,
     /// Largest row sum of F·n that was gathered.
     pub largest_row_sum: f32,
-    /// What the bake's bounces can gain and lose.
+    /// Spectral radius and energy checks of the bounces.
     #[serde(default)]
     pub energy: EnergyInfo,
     /// BLAKE3, as hex, of the request of a bake from entities: geometry, materials, recipe and
@@ -102,8 +100,8 @@ pub struct BakeInfo {
     pub request: String,
 }
 
-/// What a reflection can gain at most, and how well the operator keeps to the two laws that light
-/// obeys. Read off the packed operator, as a frame uses it.
+/// Bound on the gain of one reflection, and deviations of the operator from energy conservation and
+/// reciprocity. Measured on the packed operator that a frame uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct EnergyInfo {
@@ -114,7 +112,7 @@ pub struct EnergyInfo {
     pub spectral_radius_bound: f32,
     /// The gain is an estimate: operators of components have signs, of which nothing is proved.
     pub estimated: bool,
-    /// What a power iteration found it to be.
+    /// Estimate of the spectral radius by power iteration.
     #[serde(alias = "gain_found")]
     pub spectral_radius_estimate: f32,
     /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so

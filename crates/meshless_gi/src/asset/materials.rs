@@ -1,6 +1,6 @@
-//! Which materials the senders are covered by, and how, so that base colors and emission may change
-//! in a running game: in memory, in the file, and whether a frame can run on them. Four sections
-//! that are there together or not at all.
+//! Dynamic materials: the coverage of senders by materials whose base color and emission may change
+//! at run time. In memory, in the file, and validation. Four sections that are present together or
+//! not at all.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -12,7 +12,7 @@ use crate::scene::MaterialFactors;
 use crate::transport::SenderForm;
 use bytemuck::{Pod, Zeroable};
 
-/// What a material has of a sender. 28 bytes.
+/// Coverage of a sender by a material. 28 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct MaterialCoverage {
@@ -29,12 +29,12 @@ pub struct MaterialCoverage {
 /// emitted radiosity π Σ share · emissive factor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DynamicMaterials {
-    /// What the materials are called; names may be empty, and come again.
+    /// Names of the materials. They may be empty or repeat.
     pub names: Vec<String>,
     /// Their factors when they were baked.
     pub factors: Vec<MaterialFactors>,
-    /// Where each sender's shares start; one more than there are senders. A sender without any
-    /// keeps the surface that it was baked with.
+    /// First coverage of each sender, one more than there are senders. A sender without coverage
+    /// keeps its baked surface.
     pub starts: Vec<u32>,
     /// The shares, sender after sender.
     pub shares: Vec<MaterialCoverage>,

@@ -22,7 +22,7 @@ mod validate;
 mod validate_columns;
 mod visibility;
 
-pub use baked::{BakedScene, FlatBasis, LightSamples, PointSurface};
+pub use baked::{BakedScene, FlatBasis, LightSamples, PointSurface, SceneData};
 pub use container::{VERSION as FORMAT_VERSION, is_container};
 pub use error::{AssetError, Limits};
 pub use file::{check_writable, write_file};

@@ -1,7 +1,6 @@
-//! What a bake knows of its occluders, so that doors and lifts may open and shut in a running game:
-//! in memory, in the file, and whether a frame can run on it. Five sections that are there together
-//! or not at all (that of the probes where there are probes). The occluders' triangles are the last
-//! of the BVH.
+//! Occluders of a bake, which can be opened and closed at run time: in memory, in the file, and
+//! validation. Five sections that are present together or not at all (the one of the probes if
+//! there are probes). The occluders' triangles are the last of the BVH.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -17,7 +16,7 @@ use glam::Vec3;
 /// The occluders of a baked scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluders {
-    /// What they are called, by number; no name comes twice.
+    /// Names by number, without repetition.
     pub names: Vec<String>,
     /// The sets of occluders that light passes one after the other, bit k for number k: ascending,
     /// the empty one first.

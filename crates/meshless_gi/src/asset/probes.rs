@@ -20,7 +20,7 @@ pub struct Probes {
     /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
     /// points here.
     pub planes: Vec<[f32; 4]>,
-    /// Which functions may cover a place.
+    /// Grid of the functions that may cover a position.
     pub grid: HashedGrid,
     /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics (`transport::probe_rows`). All of tier 1.
     pub rows: Vec<Row>,

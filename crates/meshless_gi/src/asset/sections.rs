@@ -5,7 +5,7 @@
 //! rows start (their lengths are stored), the fields that are not used, and the display's grid,
 //! where building it again gives the same one.
 
-use super::baked::{BakedScene, FlatBasis, LightSamples, PointSurface};
+use super::baked::{BakedScene, FlatBasis, LightSamples, PointSurface, SceneData};
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
@@ -212,24 +212,24 @@ static KINDS: [Kind; 49] = [
     OCCLUDERS[4],
 ];
 const OCCLUDERS: [Kind; 5] = occluders::KINDS;
-/// Where those of the occluders start.
+/// Index of the first section of the occluders.
 const FIRST_OCCLUDER: usize = 44;
 const MATERIALS: [Kind; 4] = materials::KINDS;
-/// Where those of the materials start.
+/// Index of the first section of the materials.
 const FIRST_MATERIAL: usize = 40;
 const PROBES: [Kind; 5] = probes::KINDS;
-/// Where those of the probes start.
+/// Index of the first section of the probes.
 const FIRST_PROBES: usize = 34;
-/// Where the sky's terms are.
+/// Index of the section of the sky's terms.
 const SKY_PLACE: usize = 39;
 const SKY: &Kind = &KINDS[SKY_PLACE];
 const VISIBLE: [Kind; 6] = visibility::KINDS;
-/// Where those of the visibility start.
+/// Index of the first section of the visibility.
 const FIRST_VISIBLE: usize = 22;
 const OCTREE: [Kind; 5] = fmm::KINDS;
-/// Where those of the octree start.
+/// Index of the first section of the octree.
 const FIRST_OCTREE: usize = 28;
-/// Where the illumination is.
+/// Index of the section of the illumination.
 const ILLUMINATED: usize = 33;
 
 const INFO: &Kind = &KINDS[0];
@@ -417,7 +417,7 @@ impl BakedScene {
         let mut triangles: Vec<BvhTriangle> = items(&file, TRIANGLES, TRIANGLE)?;
         let kinds = &KINDS[FIRST_OCCLUDER..];
         let occluders = occluders::read(&file, &mut triangles, kinds)?;
-        let scene = Self {
+        let scene = Self::from(SceneData {
             points,
             surfaces,
             level_starts: items(&file, LEVELS, INDEX)?,
@@ -455,7 +455,7 @@ impl BakedScene {
             },
             occluders,
             info: info(&file)?,
-        };
+        });
         scene.validate().map_err(AssetError::Invalid)?;
         Ok(scene)
     }
@@ -504,7 +504,7 @@ pub(super) fn counts(starts: &[u32]) -> Vec<u32> {
     starts.windows(2).map(|w| w[1] - w[0]).collect()
 }
 
-/// Where rows start, from their lengths.
+/// Returns the starts of rows from their lengths.
 pub(super) fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
     let (count, raw) = file
         .section(kind)?
@@ -549,7 +549,7 @@ fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
     ron::from_str(text).map_err(|e| broken(INFO, e))
 }
 
-/// Where a grid takes more memory than is left.
+/// Error of a grid that takes more memory than the limits leave.
 pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
     AssetError::Limit {
         what,

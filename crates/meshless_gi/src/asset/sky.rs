@@ -1,6 +1,6 @@
-//! What a bake knows of a sky that is not uniform: in memory, in the file, and whether a frame can
-//! run on it. Links to the eight terms ([`SkyRadiance`]) stand among the operator's; here is what
-//! the senders have straight from them.
+//! Sky visibility of a bake for a sky that is not uniform: in memory, in the file, and validation.
+//! Links to the eight terms ([`SkyRadiance`]) are among the operator's. The senders' direct light
+//! from the terms is here.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -11,7 +11,7 @@ use super::validate::Check;
 use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;
 
-/// What the senders see of the sky's terms.
+/// Visibility of the sky's terms at the senders.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SkyVisibility {
     /// For each sender, (1/π) ∫ p_k(ω) (n·ω) dω over the directions that meet nothing, with the

@@ -1,4 +1,4 @@
-//! What a valid baked scene consists of, counted: what `inspect` and `validate` show.
+//! Counts of a valid baked scene, as `inspect` and `validate` show them.
 
 use super::baked::BakedScene;
 use super::materials::DynamicMaterials;
@@ -9,7 +9,7 @@ use crate::samples::GridSlot;
 use crate::transport::fmm::FmmOperator;
 use crate::transport::pca::Compression;
 
-/// What a valid scene consists of.
+/// Counts of a valid scene.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct BakedStats {
     /// Points of each level, coarse first.

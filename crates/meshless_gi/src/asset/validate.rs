@@ -1,5 +1,5 @@
-//! Whether a frame can run on a baked scene: every index in range, every number in its range, every
-//! walk finite. Nothing is used before it has passed here (design D10).
+//! Validation of a baked scene: every index and number is in range, and every traversal is finite.
+//! Nothing is used before it has passed (design D10).
 
 use super::baked::{BakedScene, LightSamples};
 use super::stats::BakedStats;
@@ -9,9 +9,9 @@ use crate::transport::{Link, Operator, SenderForm, row_order};
 use glam::{Vec3, Vec4};
 use std::fmt;
 
-/// So many violations are listed; what is wrong more often is wrong as a whole.
+/// Largest number of violations that are listed.
 const MAX_VIOLATIONS: usize = 32;
-/// How far sums of weights and lengths of normals may be from one.
+/// Largest deviation from one of sums of weights and lengths of normals.
 pub(super) const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
 const DEEPEST: u8 = 62;
@@ -25,11 +25,11 @@ pub(super) const LARGEST_LINK: f32 = 16.0;
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Violation {
-    /// Which array or field.
+    /// Name of the array or field.
     pub place: &'static str,
-    /// Which item of it, where it is an array.
+    /// Index of the item. `None` for a field that is no array.
     pub index: Option<usize>,
-    /// What is wrong.
+    /// Problem.
     pub problem: String,
 }
 
@@ -295,7 +295,7 @@ impl BakedScene {
         }
     }
 
-    /// What the facts about the tiers say is what is there.
+    /// Checks the recorded sizes of the tiers against the operator.
     fn check_tiers(&self, check: &mut Check) {
         let (sizes, told) = (self.tier_sizes(), &self.info.tiers);
         check.whole(sizes.len() == told.len(), "tiers", || {

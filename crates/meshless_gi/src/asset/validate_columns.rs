@@ -1,4 +1,4 @@
-//! Whether a frame can run on an operator of components: its columns, and rows in them. Part of
+//! Validation of an operator of components: its columns, and rows in them. Part of
 //! [`validate`](super::validate) (design D10).
 
 use super::baked::BakedScene;

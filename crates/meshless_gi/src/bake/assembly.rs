@@ -8,7 +8,7 @@ use super::{
     BAKE_VERSION, BakeError, BakeStats, SkyModel, canonical_recipe, materials, occluders, sky,
 };
 use crate::asset::{
-    BakeInfo, BakedScene, EnergyInfo, FlatBasis, PointSurface, SkyVisibility, TierInfo,
+    BakeInfo, BakedScene, EnergyInfo, FlatBasis, PointSurface, SceneData, SkyVisibility, TierInfo,
 };
 use crate::transport::pca::Compression;
 use crate::transport::{RawRow, assign_tiers, pack};
@@ -89,7 +89,7 @@ pub(super) fn assemble(
     let (probes, probe_terms) = probes.map_or((None, Vec::new()), |baked| {
         (Some(baked.probes), baked.occluded)
     });
-    let mut scene = BakedScene {
+    let mut scene = BakedScene::from(SceneData {
         surfaces,
         sender_levels: settings.sender_levels,
         places: points.light_samples,
@@ -118,7 +118,7 @@ pub(super) fn assemble(
         bvh: source.bvh.clone(),
         info: bake_info(context, survey, stats),
         level_starts: hierarchy.level_starts,
-    };
+    });
     scene.info.tiers = TierInfo::of(&scene);
     let coarsest = &hierarchy.surfaces[scene.level(0)];
     Ok(Assembled {

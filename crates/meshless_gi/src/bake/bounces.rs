@@ -3,7 +3,7 @@
 use super::assembly::Assembled;
 use super::context::BakeContext;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats, BounceMode, energy};
-use crate::asset::{BakeInfo, BakedScene};
+use crate::asset::{BakeInfo, BakedScene, SceneData};
 use crate::transport::{BounceScene, bounce_operator};
 use std::time::Instant;
 
@@ -47,12 +47,14 @@ pub(super) fn bound_and_bounce(
     if context.progress.is_canceled() {
         return Err(BakeError::Canceled);
     }
-    Ok(BakedScene {
+    let data = scene.into_data();
+    let info = BakeInfo {
+        energy,
+        ..data.info
+    };
+    Ok(BakedScene::from(SceneData {
         bounces,
-        info: BakeInfo {
-            energy,
-            ..scene.info
-        },
-        ..scene
-    })
+        info,
+        ..data
+    }))
 }

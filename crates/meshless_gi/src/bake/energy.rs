@@ -171,6 +171,7 @@ fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
     let compression = scene.operator.compression.as_ref();
     let even = compression.map(|c| components::even_sums(scene, c));
     let most = scene.operator.coefficients(scene.senders());
+    let scene = &mut **scene;
     let operator = &mut scene.operator;
     let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
     for (i, ((row, point), &missed)) in rows.enumerate() {

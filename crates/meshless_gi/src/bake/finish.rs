@@ -2,7 +2,7 @@
 
 use super::context::BakeContext;
 use super::{BakeError, BakeStats, estimate_errors};
-use crate::asset::{BakeInfo, BakedScene};
+use crate::asset::{BakeInfo, BakedScene, SceneData};
 use std::time::Instant;
 
 /// Estimates the error of each tier.
@@ -16,7 +16,8 @@ pub(super) fn estimate(
     let (estimates, rays) =
         estimate_errors(&scene, geometry, seed, context.progress).ok_or(BakeError::Canceled)?;
     stats.rays += rays;
-    let mut tiers = scene.info.tiers;
+    let data = scene.into_data();
+    let mut tiers = data.info.tiers;
     for (tier, estimate) in tiers.iter_mut().zip(&estimates) {
         tier.estimated_nrmse = estimate.nrmse;
         tier.estimated_nrmse_interval = estimate.interval;
@@ -26,14 +27,14 @@ pub(super) fn estimate(
     stats.estimated_nrmse = f64::from(all_links.nrmse);
     stats.estimated_nrmse_interval = f64::from(all_links.interval);
     stats.seconds.estimate = began.elapsed().as_secs_f64();
-    Ok(BakedScene {
+    Ok(BakedScene::from(SceneData {
         info: BakeInfo {
             estimated_nrmse: all_links.nrmse,
             estimated_nrmse_interval: all_links.interval,
             rays: stats.rays,
             tiers,
-            ..scene.info
+            ..data.info
         },
-        ..scene
-    })
+        ..data
+    }))
 }

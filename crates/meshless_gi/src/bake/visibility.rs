@@ -3,7 +3,7 @@
 use super::context::BakeContext;
 use super::recipe::{RecipeError, in_range};
 use super::{BakeError, BakeSettings, BakeStage, BakeStats};
-use crate::asset::BakedScene;
+use crate::asset::{BakedScene, SceneData};
 use crate::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
 };
@@ -107,8 +107,8 @@ pub(super) fn add_visibility(
         let note = "soft shadows: visibility is baked with all occluders open; direct light of soft lights passes closed occluders";
         stats.warnings.push(note.into());
     }
-    Ok(BakedScene {
+    Ok(BakedScene::from(SceneData {
         visibility: Some(visibility),
-        ..scene
-    })
+        ..scene.into_data()
+    }))
 }

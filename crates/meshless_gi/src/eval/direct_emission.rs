@@ -32,12 +32,12 @@ pub struct EmissionIntegrator<'a> {
     /// π times the sky's radiance, W/m².
     sky: SkyRadiance,
     emitters: Vec<Emitter>,
-    /// Which emitter a triangle of a mesh is.
+    /// Emitter of each emissive triangle, by mesh and index.
     emitter_of: HashMap<(usize, u32), usize>,
 }
 
 impl<'a> EmissionIntegrator<'a> {
-    /// What `meshes` emit, under a sky of radiance `sky`, W/(m² sr).
+    /// Creates the integrator of the emission of `meshes` under a sky of radiance `sky`, W/(m² sr).
     #[must_use]
     pub fn new(meshes: &'a [TriangleMesh], sky: SkyRadiance) -> Self {
         let mut emitters = Vec::new();
@@ -79,7 +79,7 @@ impl<'a> EmissionIntegrator<'a> {
         }
     }
 
-    /// How far what is near `x` rises over it, meters; see [`Geometry::surface_relief`].
+    /// Height of nearby surface above `x`, meters. See [`Geometry::surface_relief`].
     #[must_use]
     pub fn surface_relief(&self, x: Vec3) -> f32 {
         let rises = self.meshes.iter().map(|m| m.surface_relief(x));

@@ -18,13 +18,13 @@ use glam::Vec3;
 pub(crate) const PATCHES: u32 = 64;
 /// Patches of a rectangle light where its direct light is asked for.
 const FINE_PATCHES: u32 = 1024;
-/// What further reflections may add, relative to the light, where they are left out.
+/// Largest contribution of further bounces, relative to the light, that is neglected.
 const CONVERGED: f32 = 1e-4;
 
-/// How many diffuse reflections count.
+/// Number of diffuse bounces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounces {
-    /// So many; one at least, and at most one more than [`FrameSettings::MAX_SWEEPS`].
+    /// This number: 1 at least, and at most one more than [`FrameSettings::MAX_SWEEPS`].
     Count(u32),
     /// As many as change anything.
     All,
@@ -40,7 +40,7 @@ pub struct Evaluated {
     pub indirect: Option<Vec3>,
 }
 
-/// What a solve leaves: values at the points, and at the probes where there are any.
+/// Result of a solve: values at the points, and at the probes if there are any.
 struct Solved {
     points: Vec<VectorIrradiance>,
     probes: Vec<VectorIrradiance>,

@@ -24,7 +24,7 @@ use rayon::prelude::*;
 /// only while ρ² < s: with 0.999 for ρ up to 0.9995 in a closed room.
 const MAX_SURVIVE: f32 = 0.999;
 
-/// How much work the reference takes.
+/// Effort of the reference integrator.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferenceSettings {
     /// Paths a place.

@@ -1,6 +1,6 @@
-//! What lamps an error is measured under: points in free space, with room around them, that no bake
-//! has seen. The self-measurement of a bake and the exam of a report draw them in the same way, so
-//! that the two are about the same thing.
+//! Light positions for error measurements: positions with clearance that no bake used. The error
+//! estimate of a bake and the test set of a report sample them in the same way, so that both
+//! measure the same quantity.
 
 use crate::samples::{Candidate, Random, lattice, uniform_sphere};
 use crate::scene::{Bounds, Geometry, Hit, Ray, Surface};
@@ -48,7 +48,7 @@ pub fn sample_open_positions(
 
 /// The geometry without its own emission: errors are of lamps' light.
 pub struct NonEmissive<'a> {
-    /// What it is of.
+    /// Geometry with its emission.
     pub geometry: &'a dyn Geometry,
 }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Where an irradiance volume lies and how bright it is. In RON it is the file beside the texture.
+/// Transform and intensity of an irradiance volume. Written as RON to the file next to the texture.
 ///
 /// Bevy shows it with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a
 /// `Transform` of `translation`, `rotation` and `scale`.

@@ -20,7 +20,7 @@ use std::path::Path;
 /// light of a frame is above 10¹⁸.
 const SMALL: f32 = 1.0 / (1u128 << 64) as f32;
 
-/// What a volume is made of.
+/// Settings of an exported volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VolumeExport {
     /// Edge of a voxel, meters in the space of the bake. `None`: half of the distance between the

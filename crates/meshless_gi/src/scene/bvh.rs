@@ -16,7 +16,7 @@ pub struct BvhNode {
     pub first: u32,
     /// Largest corner.
     pub max: [f32; 3],
-    /// How many triangles; 0 for an inner node.
+    /// Number of triangles. 0 for an inner node.
     pub count: u32,
 }
 
@@ -30,7 +30,7 @@ pub struct BvhTriangle {
     pub occluder: u32,
     /// Second vertex.
     pub b: [f32; 3],
-    /// What passes it: 0 where it stays, the occluder's gain in [0, 1] else.
+    /// Transmittance in [0, 1]. 0 for geometry that is not an occluder.
     pub gain: f32,
     /// Third vertex.
     pub c: [f32; 3],
@@ -56,8 +56,9 @@ impl Bvh {
     /// Most occluders: one bit each of what a walk has crossed.
     pub const MAX_OCCLUDERS: usize = 64;
 
-    /// Which part of the light passes along `ray` with t in (0, `ray.max_t`): 0 behind any triangle
-    /// that stays, else the product of the gains of the occluders in between, each once.
+    /// Returns the fraction of light that passes along `ray` with t in (0, `ray.max_t`). 0 behind
+    /// static geometry, else the product of the transmittances of the occluders on the way, each
+    /// counted once.
     #[must_use]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
         let (mut passes, mut crossed) = (1.0, 0u64);
@@ -87,8 +88,8 @@ impl Bvh {
         crossed
     }
 
-    /// How far `ray` comes before it meets something, meters, occluders among it, open or not;
-    /// `ray.max_t` where it meets nothing.
+    /// Returns the distance to the first hit of `ray` in meters, or `ray.max_t` without a hit.
+    /// Occluders count at any transmittance.
     #[must_use]
     pub fn distance(&self, ray: &Ray) -> f32 {
         let mut ray = *ray;
@@ -108,7 +109,7 @@ impl Bvh {
         self.transmittance(ray) <= 0.0
     }
 
-    /// Where the occluders' triangles start.
+    /// Index of the first triangle of an occluder.
     #[must_use]
     pub fn first_occluder(&self) -> usize {
         self.triangles.partition_point(|t| t.occluder == 0)
@@ -181,7 +182,7 @@ fn bit_of(triangle: &BvhTriangle) -> u64 {
 /// A ray's own coordinate system, in which it runs along z: Woop, Benthin & Wald 2013. A ray
 /// through a shared edge meets one of its triangles.
 struct Shear {
-    /// Which axis becomes x, y and z.
+    /// Axes that become x, y and z.
     axes: [usize; 3],
     s: Vec3,
 }
@@ -206,7 +207,7 @@ impl Shear {
         }
     }
 
-    /// Where along the ray; none where they do not meet.
+    /// Returns the distance along the ray, or `None` if the ray misses the triangle.
     fn meets(&self, ray: &Ray, triangle: &BvhTriangle) -> Option<f32> {
         let [x, y, z] = self.axes;
         let corner = |v: [f32; 3]| {

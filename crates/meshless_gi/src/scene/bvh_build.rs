@@ -201,7 +201,7 @@ fn flatten(binary: &Bvh2, triangles: &[Corners]) -> (Bvh, Vec<u32>) {
     (bvh, order)
 }
 
-/// How many nodes lie on the longest way from the root to a leaf.
+/// Number of nodes on the longest path from the root to a leaf.
 fn depth(binary: &Bvh2) -> usize {
     let mut deepest = 0;
     let mut open = vec![(0usize, 1usize)];

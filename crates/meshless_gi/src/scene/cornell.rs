@@ -9,7 +9,7 @@ use glam::{Quat, Vec3};
 pub struct Quad {
     /// Meters.
     pub corners: [Vec3; 4],
-    /// What it is made of; textures are not used.
+    /// Material. Textures are not used.
     pub material: Material,
 }
 

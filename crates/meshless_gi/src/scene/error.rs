@@ -1,9 +1,9 @@
-//! What can be wrong with a scene, and where.
+//! Errors of reading a scene, with file and position.
 
 use super::{PlyError, PointsError, ReadError};
 use std::path::{Path, PathBuf};
 
-/// Why a scene could not be loaded. Every variant says in which file.
+/// Error of loading a scene. Every variant names the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
@@ -12,7 +12,7 @@ pub enum SceneError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Message of the operating system.
         reason: String,
     },
     /// A file was refused before its content was looked at.
@@ -28,7 +28,7 @@ pub enum SceneError {
     Format {
         /// The file.
         file: String,
-        /// What is wrong, and where as far as it is known.
+        /// Problem, and its position if known.
         reason: String,
     },
     /// A point cloud's file is not valid.
@@ -36,7 +36,7 @@ pub enum SceneError {
     Ply {
         /// The file.
         file: String,
-        /// What is wrong, and in which line or at which byte.
+        /// Problem, with its line or byte.
         why: PlyError,
     },
     /// The points of a file make no surface.
@@ -44,7 +44,7 @@ pub enum SceneError {
     Points {
         /// The file.
         file: String,
-        /// What is wrong with them.
+        /// Problem of the points.
         why: PointsError,
     },
     /// A mesh of the file is not valid.
@@ -54,9 +54,9 @@ pub enum SceneError {
         file: String,
         /// Index and, where it has one, name of the mesh.
         mesh: String,
-        /// Which primitive of the mesh.
+        /// Index of the primitive in the mesh.
         primitive: usize,
-        /// What is wrong, with the accessor's index where it is one.
+        /// Problem, with the index of the accessor if one is involved.
         reason: String,
     },
     /// A texture could not be decoded.
@@ -66,7 +66,7 @@ pub enum SceneError {
         file: String,
         /// Index of the image in the file.
         image: usize,
-        /// What is wrong.
+        /// Problem.
         reason: String,
     },
     /// More than this program takes on.
@@ -74,11 +74,11 @@ pub enum SceneError {
     TooLarge {
         /// The file.
         file: String,
-        /// What there is too much of.
+        /// Name of the quantity.
         what: &'static str,
-        /// How many there are.
+        /// Number found.
         count: u64,
-        /// How many there may be.
+        /// Largest number allowed.
         limit: u64,
     },
     /// There is not one usable triangle.
@@ -86,7 +86,7 @@ pub enum SceneError {
     Empty {
         /// The file.
         file: String,
-        /// How many triangles were there but could not be used.
+        /// Number of triangles that were dropped.
         dropped: u64,
     },
     /// A value of a scene description is out of its range.
@@ -94,9 +94,9 @@ pub enum SceneError {
     Value {
         /// The file.
         file: String,
-        /// Which value, as a path into the description.
+        /// Path of the value in the description.
         place: String,
-        /// What is wrong with it.
+        /// Problem of the value.
         reason: String,
     },
 }

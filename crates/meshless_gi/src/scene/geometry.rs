@@ -78,12 +78,12 @@ impl Ray {
     }
 }
 
-/// Where a ray met a surface.
+/// Intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance along the ray, in meters.
     pub t: f32,
-    /// Which primitive of the geometry (a triangle's index, a shape's index).
+    /// Index of the primitive: a triangle or a shape.
     pub primitive: u32,
     /// Barycentric weights of the second and third vertex, or any two surface parameters.
     pub uv: [f32; 2],
@@ -116,8 +116,8 @@ pub struct HitPoint {
     pub lit: bool,
 }
 
-/// What a material's factors are multiplied with at a hit: the textures alone, the side seen, and
-/// what metal leaves.
+/// Terms that multiply a material's factors at a hit: textures, visible side and dielectric
+/// fraction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaterialTerms {
     /// Index of the material among [`Geometry::materials`].
@@ -129,8 +129,8 @@ pub struct MaterialTerms {
     pub emission: Vec3,
 }
 
-/// Where a function ends at a surface: a plane, and how far light for one side may be asked for
-/// beyond it.
+/// Plane at which a basis function ends, and the range behind the plane that still belongs to its
+/// side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Barrier {
     /// Unit normal, toward the start of the ray that met it.
@@ -142,9 +142,8 @@ pub struct Barrier {
     pub half_thickness: Option<f32>,
 }
 
-/// What light transport asks of a scene, and all that it asks.
-///
-/// Implementations are pure: the same ray gives the same answer on any thread.
+/// Queries of light transport to a scene. Implementations are pure: the same ray gives the same
+/// result on any thread.
 pub trait Geometry: Sync {
     /// A box around everything. [`Bounds::EMPTY`] when there is nothing.
     fn bounds(&self) -> Bounds;
@@ -193,7 +192,7 @@ pub trait Geometry: Sync {
         None
     }
 
-    /// Where functions end at what `ray` met at `hit`.
+    /// Returns the plane at which basis functions end at the hit of `ray`.
     fn barrier(&self, ray: &Ray, hit: &Hit) -> Barrier {
         let surface = self.surface(ray, hit);
         Barrier {
@@ -209,9 +208,9 @@ pub trait Geometry: Sync {
         mesh_ray_offset(self.bounds().size().max_element(), p)
     }
 
-    /// What of [`ray_offset`](Self::ray_offset) is due to parts of the surface near `p` that rise over it,
-    /// meters; 0 for smooth surfaces. A frame knows no geometry but triangles, and lifts its shadow
-    /// rays for rounding alone: places that are to be lit by one stand so far above the surface.
+    /// Part of [`ray_offset`](Self::ray_offset) that is due to surface near `p` that rises above
+    /// it, meters. 0 for smooth surfaces. A frame offsets its shadow rays for rounding only, so
+    /// light samples are placed this far above the surface.
     fn surface_relief(&self, _p: Vec3) -> f32 {
         0.0
     }

@@ -14,9 +14,9 @@ pub struct LoadedGeometry {
     pub mesh: TriangleMesh,
     /// Points whose cells are in the mesh; 0 where there are triangles only.
     pub points: u64,
-    /// What was left out or corrected in triangles.
+    /// Problems of triangles that were dropped or corrected.
     pub problems: MeshProblems,
-    /// What the files hold that was not read as it was meant, in words.
+    /// Notes on content that was not read or was read in another way.
     pub notes: Vec<String>,
 }
 

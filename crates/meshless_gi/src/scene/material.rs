@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
 
-/// What a texture coordinate outside [0, 1] means.
+/// Meaning of a texture coordinate outside of [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
     /// The texture repeats.
@@ -54,7 +54,7 @@ impl Texture {
         })
     }
 
-    /// How many texels it has.
+    /// Number of texels.
     #[cfg(feature = "gltf")]
     pub(super) fn len(&self) -> u64 {
         self.texels.len() as u64
@@ -182,7 +182,7 @@ pub struct Material {
     pub base_color: Vec4,
     /// Multiplies `base_color`: sRGB color, linear alpha.
     pub base_color_texture: Option<u32>,
-    /// How much of the surface is metal, which reflects nothing diffusely: 0 to 1.
+    /// Metallic fraction of the surface, 0 to 1. Metal has no diffuse reflection.
     pub metallic: f32,
     /// Multiplies `metallic` by its blue channel.
     pub metallic_texture: Option<u32>,
@@ -192,10 +192,9 @@ pub struct Material {
     pub emissive_texture: Option<u32>,
     /// False: the back reflects and emits nothing. It blocks light all the same.
     pub double_sided: bool,
-    /// Where alpha is below this there is no surface. None: alpha means nothing.
+    /// Alpha below which there is no surface. `None`: alpha is ignored.
     pub alpha_cutoff: Option<f32>,
-    /// What it is called; empty for no name. Light knows nothing of it, and neither does the
-    /// content's hash.
+    /// Name, or empty. Not part of the content hash.
     pub name: String,
 }
 

@@ -39,7 +39,7 @@ pub struct TriangleUvs {
     pub emissive: [Vec2; 3],
 }
 
-/// What a mesh is made of, triangles in their order.
+/// Parts of a mesh, with the triangles in their order.
 pub(super) struct FaceParts {
     pub(super) triangles: Vec<[Vec3; 3]>,
     pub(super) material_of: Vec<u32>,
@@ -61,14 +61,14 @@ struct Face {
     index: u32,
     /// Index of the material.
     material: u32,
-    /// Whether alpha can cut holes into it.
+    /// True if alpha can cut holes into the face.
     masked: bool,
 }
 
 /// Triangles with materials, ready for rays.
 pub struct TriangleMesh {
     faces: Vec<Face>,
-    /// Where the triangle with some index lies in `faces`.
+    /// Position in `faces` of each triangle.
     place: Vec<u32>,
     uvs: Vec<TriangleUvs>,
     materials: Vec<Material>,
@@ -77,11 +77,11 @@ pub struct TriangleMesh {
     wide: CwBvh,
     bvh_time: Duration,
     problems: MeshProblems,
-    /// Where the cells of points are rough.
+    /// Ray offsets of the cells of points.
     lifts: Vec<Lifts>,
     /// The nodes of the file that it came from; none where there was no file, or one without any.
     nodes: Vec<MeshNode>,
-    /// Which of them each triangle belongs to.
+    /// Node of each triangle.
     node_of: Vec<u32>,
 }
 
@@ -208,7 +208,7 @@ impl TriangleMesh {
         within_reach(corners) && has_area(corners)
     }
 
-    /// How many triangles it has.
+    /// Number of triangles.
     #[must_use]
     pub fn len(&self) -> usize {
         self.faces.len()
@@ -234,13 +234,13 @@ impl TriangleMesh {
             .and_then(|&k| self.materials.get(self.faces[k as usize].material as usize))
     }
 
-    /// What was left out or corrected.
+    /// Problems that were dropped or corrected.
     #[must_use]
     pub fn problems(&self) -> &MeshProblems {
         &self.problems
     }
 
-    /// How long building the hierarchy that a bake's rays walk took.
+    /// Time of building the hierarchy for a bake's rays.
     #[must_use]
     pub fn bvh_time(&self) -> Duration {
         self.bvh_time
@@ -399,7 +399,7 @@ impl TriangleMesh {
         power_of_two(unit.clamp(1e-15, 1e15))
     }
 
-    /// Whether a hit is on the surface or in one of its holes.
+    /// Returns true if a hit is on the surface and not in one of its holes.
     fn solid(&self, face: &Face, hit: &TriangleHit) -> bool {
         if !face.masked {
             return true;
@@ -443,22 +443,22 @@ fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
     (length > 0.0).then(|| (cross / length).as_vec3())
 }
 
-/// Whether a triangle's coordinates are numbers that rays can reckon with.
+/// Returns true if the coordinates of a triangle are finite and small enough for rays.
 fn within_reach(corners: &[Vec3; 3]) -> bool {
     (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
 }
 
-/// Whether rays can meet a triangle.
+/// Returns true if a ray can hit the triangle.
 pub(super) fn has_area(corners: &[Vec3; 3]) -> bool {
     normal(corners).is_some()
 }
 
-/// Whether a mesh keeps a triangle.
+/// Returns true if a mesh keeps the triangle.
 pub(super) fn is_usable(corners: &[Vec3; 3]) -> bool {
     within_reach(corners) && normal(corners).is_some()
 }
 
-/// Where a ray meets a face, the face's normal on the side that the ray came from, and whether that
+/// Returns the hit position on a face, the normal on the side of the ray's origin, and true if that
 /// is the front.
 fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
     let [a, b, c] = face.corners;

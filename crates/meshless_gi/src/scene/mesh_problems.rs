@@ -1,6 +1,6 @@
-//! What was wrong with the triangles and materials that a mesh was built from.
+//! Problems of the triangles and materials that a mesh was built from.
 
-/// What was left out or corrected when a mesh was built, counted.
+/// Numbers of parts that were dropped or corrected when a mesh was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshProblems {
     /// Triangles dropped because a coordinate was not finite, or beyond 10⁹ m.

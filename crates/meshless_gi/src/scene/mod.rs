@@ -1,7 +1,7 @@
-//! What light meets. Basis and transport know a scene only through [`Geometry`] (\[L08\] §5.1);
-//! everything here may be swapped for another representation without touching them.
+//! Scenes: geometry, lights and readers. Basis and transport use a scene only through [`Geometry`]
+//! (\[L08\] §5.1), so that any other representation can be added.
 //!
-//! Lengths are meters, right-handed, Y up; light is linear RGB.
+//! Lengths are meters, right-handed, Y up. Light is linear RGB.
 
 mod bvh;
 mod bvh_build;

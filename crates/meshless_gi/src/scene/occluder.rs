@@ -12,7 +12,7 @@ use glam::Vec3;
 /// A part of a level that comes and goes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluder {
-    /// What it is called.
+    /// Name.
     pub name: String,
     /// Corners of its triangles where it is shut, meters.
     pub triangles: Vec<[Vec3; 3]>,
@@ -20,16 +20,15 @@ pub struct Occluder {
     pub boxes: Vec<Shutter>,
 }
 
-/// What stands in the way of light in place of a box, inside of which what is drawn may lie
-/// anywhere: its middle across the thinnest edge, and those of the four sides around that no wall
-/// adjoins. From one large side to the other it is as closed as the box, and what lies inside is
-/// before one of them.
+/// Planes that replace a box, since rendered geometry may lie anywhere inside of it: the middle
+/// across the thinnest edge, and those of the four sides that no wall adjoins. They are as closed
+/// as the box from one large side to the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
     bounds: Bounds,
     /// The thinnest edge.
     axis: usize,
-    /// Which of the four sides stand.
+    /// Sides that exist.
     sides: [bool; 4],
 }
 
@@ -40,7 +39,7 @@ const CORNERS: [(f32, f32); 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 
 const LOOKS: usize = 9;
 
 impl Shutter {
-    /// Of a box, meters, in the opening that `geometry` leaves for it.
+    /// Creates the planes of a box (meters) in the opening of `geometry`.
     #[must_use]
     pub fn new(bounds: Bounds, geometry: &dyn Geometry) -> Self {
         let size = bounds.size();
@@ -55,7 +54,7 @@ impl Shutter {
         shutter
     }
 
-    /// Whether a wall adjoins the middle all along a side.
+    /// Returns true if a wall adjoins the middle along the whole side.
     fn adjoins(&self, geometry: &dyn Geometry, side: usize) -> bool {
         let ((a, b), (c, d)) = (CORNERS[side], CORNERS[(side + 1) % 4]);
         let (from, to) = (self.corner(0.0, a, b), self.corner(0.0, c, d));
@@ -129,7 +128,7 @@ impl Occluder {
 /// A node of the file, or an entity of the world, that triangles of a mesh came from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshNode {
-    /// What it is called; empty where the file gives no name.
+    /// Name, or empty if the file has none.
     pub name: String,
     /// The node above it, which has a lower index.
     pub parent: Option<u32>,
@@ -226,8 +225,8 @@ impl<'a> OccluderGeometry<'a> {
 }
 
 impl Shut<'_> {
-    /// Where functions end at a door's `primitive`: at the middle between its two sides, as seen
-    /// from the ray's start.
+    /// Returns the plane at which basis functions end at a door's `primitive`: the middle of its
+    /// two sides, toward the ray's origin.
     fn door(&self, ray: &Ray, hit: &Hit) -> Barrier {
         let surface = self.doors.surface(ray, hit);
         let own = Barrier {
@@ -356,8 +355,8 @@ impl Geometry for Shut<'_> {
 }
 
 impl FaceParts {
-    /// Where each triangle's node is among those of several parts, of which `first` come from the
-    /// parts before.
+    /// Returns the nodes, and the node of each triangle, with indices shifted by `first`: the
+    /// number of nodes of earlier parts.
     pub(super) fn nodes_behind(&self, first: u32) -> (Vec<MeshNode>, Vec<u32>) {
         let nodes = self.nodes.iter().map(|node| MeshNode {
             name: node.name.clone(),

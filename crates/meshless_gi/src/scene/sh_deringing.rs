@@ -26,7 +26,8 @@ const SECOND: f64 = 2.0 / 15.0;
 const PENALTY: f64 = 0.3;
 /// Steps at most. No sky of the tests takes more than 230.
 const STEPS: u32 = 400;
-/// How near two steps are when it ends, and what counts as zero, beside a mean of one.
+/// Largest difference of two steps at which the iteration ends, and the threshold of zero, relative
+/// to a mean of one.
 const NEAR: f64 = 1e-6;
 /// Terms beside a mean of one are no larger here: what is seen from one direction alone has 7.5.
 const MAX: f64 = 10.0;

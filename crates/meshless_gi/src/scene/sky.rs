@@ -133,13 +133,13 @@ impl SkyRadiance {
         out
     }
 
-    /// Whether it is the same in all directions.
+    /// Returns true if the sky is the same in all directions.
     #[must_use]
     pub fn is_uniform(&self) -> bool {
         self.terms == [Vec3::ZERO; Self::TERMS]
     }
 
-    /// Whether it sheds no light.
+    /// Returns true if the sky emits no light.
     #[must_use]
     pub fn is_black(&self) -> bool {
         *self == Self::BLACK

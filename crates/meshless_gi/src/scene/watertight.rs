@@ -18,13 +18,13 @@ use glam::Vec3;
 #[derive(Clone, Copy, Debug)]
 pub struct WatertightRay {
     origin: Vec3,
-    /// Which axes of the world become x, y and z.
+    /// World axes that become x, y and z.
     axes: [usize; 3],
     /// Shear in x and y and the scale in z.
     shear: Vec3,
 }
 
-/// Where a ray meets a triangle's plane inside the triangle.
+/// Intersection of a ray with the plane of a triangle, inside the triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangleHit {
     /// Distance in lengths of the ray's direction.
@@ -69,7 +69,7 @@ impl WatertightRay {
         Vec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
     }
 
-    /// Where the ray meets the triangle, from either side, with t in (0, `max_t`].
+    /// Returns the intersection with the triangle from either side, with t in (0, `max_t`].
     #[must_use]
     #[inline]
     pub fn meet(&self, a: Vec3, b: Vec3, c: Vec3, max_t: f32) -> Option<TriangleHit> {

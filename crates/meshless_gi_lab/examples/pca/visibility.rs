@@ -392,10 +392,8 @@ pub fn measure(
     ] {
         let error = |places: &[PenumbraSample]| compare(scene, &visibility, &lamp, places);
         let (penumbra, all) = (error(&shade), error(&lit));
-        let with = BakedScene {
-            visibility: Some(visibility),
-            ..scene.clone()
-        };
+        let mut with = scene.clone();
+        with.visibility = Some(visibility);
         let packed = with.to_bytes()?.len() - scene.to_bytes()?.len();
         let visibility = with.visibility.as_ref().ok_or("lost")?;
         variants.push(Variant {

@@ -10,7 +10,7 @@ use by_hand::operator;
 use glam::Vec3;
 use meshless_gi::internals::asset::{
     DynamicMaterials, FlatBasis, LightSamples, MaterialCoverage, Occluders, PointSurface,
-    SkyVisibility,
+    SceneData, SkyVisibility,
 };
 use meshless_gi::internals::basis::{WeightEntry, Weights, support_bounds};
 use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
@@ -338,7 +338,7 @@ pub fn build(make: &Make) -> BakedScene {
         compression,
         ..operator(make.form, rows, &links)
     };
-    let mut scene = BakedScene {
+    let mut scene = BakedScene::from(SceneData {
         visibility: None,
         probes: None,
         occluders: None,
@@ -378,7 +378,7 @@ pub fn build(make: &Make) -> BakedScene {
             planes,
             grid,
         },
-    };
+    });
     if let Some(linked) = make.octree {
         scene.fmm = Some(octree(&scene));
         scene.illumination = scene

@@ -143,7 +143,7 @@ impl Buffers<'_> {
         })
     }
 
-    /// What `index` says and the sizes that it stands for.
+    /// Returns the accessor at `index`, its component type and its number of components.
     fn checked(&self, index: Index<Accessor>) -> Result<(&Accessor, ComponentType, usize), String> {
         let i = index.value();
         let accessor = self

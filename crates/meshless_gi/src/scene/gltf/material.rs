@@ -21,7 +21,7 @@ const MAX_METADATA: u64 = 1 << 26;
 /// more.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
-/// Which texture coordinates a texture reads, and how it moves them (KHR_texture_transform).
+/// Texture coordinate set of a texture, and its transform (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct TexturePlacement {
     /// Number of the coordinate set; none where the material has no such texture.
@@ -66,8 +66,8 @@ pub(super) struct Placed {
     pub(super) placements: [TexturePlacement; 3],
 }
 
-/// What a primitive without a material has: white, fully metallic says the format, which reflects
-/// nothing diffusely; every viewer shows it white, and so do we.
+/// Returns the material of a primitive without one: white and not metallic, as viewers show it. The
+/// format's default is fully metallic, which has no diffuse reflection.
 pub(super) fn plain() -> Placed {
     Placed {
         material: Material {

@@ -64,9 +64,9 @@ pub struct LoadedScene {
     pub lights: Vec<Light>,
     /// A name for each light; empty where the file has none.
     pub light_names: Vec<String>,
-    /// What was left out or corrected in the mesh.
+    /// Problems of the mesh that were dropped or corrected.
     pub problems: MeshProblems,
-    /// What the file holds that was not read as it was meant, in words.
+    /// Notes on content that was not read or was read in another way.
     pub notes: Vec<String>,
 }
 

@@ -8,7 +8,7 @@ const MAX_PARTS: usize = 1024;
 /// A header ends within so many bytes.
 const LONGEST: usize = 1 << 20;
 
-/// How the body is written.
+/// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -75,7 +75,7 @@ pub(super) struct Element {
     pub(super) name: String,
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
-    /// Where the header announces it.
+    /// Line of the header that declares it.
     pub(super) line: usize,
 }
 
@@ -90,7 +90,7 @@ impl Element {
         self.properties.iter().map(of).sum()
     }
 
-    /// Where the property of this name is, if it is there and no list.
+    /// Returns the index of the scalar property of this name. `None` if it is absent or a list.
     pub(super) fn scalar(&self, name: &str) -> Option<usize> {
         self.properties
             .iter()
@@ -98,12 +98,12 @@ impl Element {
     }
 }
 
-/// What a header says.
+/// Content of a header.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// Where the body begins.
+    /// Offset of the body, bytes.
     pub(super) body: usize,
     /// Lines of the header.
     pub(super) lines: usize,

@@ -33,7 +33,7 @@ pub use write::{PlyEncoding, write_ply};
 /// have.
 const MAX_POINTS: u64 = 1 << 23;
 
-/// What is wrong with a `.ply` file, and where.
+/// Error of a `.ply` file, with its position.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlyError {
@@ -42,7 +42,7 @@ pub enum PlyError {
     Header {
         /// Counted from 1.
         line: usize,
-        /// What is wrong.
+        /// Problem.
         what: String,
     },
     /// The body of an ASCII file does not hold what the header says.
@@ -50,7 +50,7 @@ pub enum PlyError {
     Text {
         /// Counted from 1, the header's lines too.
         line: usize,
-        /// What is wrong.
+        /// Problem.
         what: String,
     },
     /// The body of a binary file does not hold what the header says.
@@ -58,15 +58,15 @@ pub enum PlyError {
     Binary {
         /// Counted from 0, the header's bytes too.
         byte: usize,
-        /// What is wrong.
+        /// Problem.
         what: String,
     },
     /// More points than this program takes on.
     #[error("{count} points, at most {limit}")]
     TooMany {
-        /// How many there are.
+        /// Number found.
         count: u64,
-        /// How many there may be.
+        /// Largest number allowed.
         limit: u64,
     },
 }

@@ -1,4 +1,4 @@
-//! What is read, what is refused and where, and bytes that were changed.
+//! Reading, rejected files with positions, and changed bytes.
 
 use super::*;
 use crate::samples::Random;

@@ -4,7 +4,7 @@
 use glam::Vec3;
 use std::io::Write;
 
-/// How the body of a file is written.
+/// Encoding of the body of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlyEncoding {
     /// Text, with as many digits as give the same number again.

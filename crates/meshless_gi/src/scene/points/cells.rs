@@ -1,6 +1,6 @@
-//! What piece of surface each point of a cloud stands for: a flat, convex cell in its tangent
-//! plane. Its area is the point's weight in [G08] §2.4 and Eq. (9); its outline, a little enlarged,
-//! is what rays meet.
+//! Cells of a point cloud: the flat, convex piece of surface of each point in its tangent plane.
+//! Its area is the point's weight in [G08] §2.4 and Eq. (9); its outline, a little enlarged, is
+//! what rays meet.
 //!
 //! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a point holds what of its tangent plane is nearer to it
 //! than to its neighbors (a Voronoi cell of the neighbors seen along the normal), so that the cells of a flat surface tile it, and their areas sum up to its
@@ -30,8 +30,8 @@ const NEIGHBORS: usize = 24;
 /// Neighbors that may bound a cell that those leave open: a hole in a random sample is told from a
 /// border by what lies behind it.
 const MORE_NEIGHBORS: usize = 96;
-/// How far such a cell reaches, in parts of the farthest of those neighbors' distance of 5.5
-/// spacings: cells at a border close too, but farther away.
+/// Size of such a cell, relative to the distance of the farthest of those neighbors (5.5 spacings):
+/// cells at a border close too, but farther away.
 const FARTHER: f64 = 0.42;
 /// A cell reaches no farther than this part of the farthest neighbor's distance: beyond half of it
 /// a neighbor may be unknown, but random samples have holes of up to two spacings, and 24 neighbors
@@ -41,9 +41,9 @@ const REACH: f64 = 0.7;
 const SAME: f64 = 0.766;
 /// Normals that enclose a larger angle are of two sides: its cosine, 120 degrees.
 const OTHER_SIDE: f64 = -0.5;
-/// How far neighboring cells overlap, in spacings.
+/// Overlap of neighboring cells, spacings.
 const OVERLAP: f64 = 0.02;
-/// How far a cell reaches over an open border, in spacings.
+/// Distance that a cell extends over an open border, spacings.
 const BORDER: f64 = 0.75;
 /// Cells have up to so many corners.
 pub(super) const MAX_CORNERS: usize = 16;
@@ -55,14 +55,14 @@ const OPEN: u8 = u8::MAX;
 pub(super) struct Cell {
     /// m².
     pub(super) area: f32,
-    /// How far a ray's start has to be lifted off the cell to clear its neighbors' rims, meters.
+    /// Ray offset off the cell that clears the rims of its neighbors, meters.
     pub(super) lift: f32,
     /// Corners, meters, counter-clockwise as seen from where the normal points. Empty where the
     /// point stands for no surface.
     pub(super) outline: Vec<Vec3>,
     /// Distance between neighbors, meters.
     pub(super) spacing: f32,
-    /// Whether neighbors or creases bound it on all sides.
+    /// True if neighbors or creases bound the cell on all sides.
     closed: bool,
 }
 
@@ -113,7 +113,7 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
 /// A neighbor of the same surface.
 struct Own {
     index: u32,
-    /// Where it lies in the tangent plane.
+    /// Position in the tangent plane.
     at: DVec2,
     /// The step between the two tangent planes half-way between the points.
     step: f64,
@@ -229,7 +229,7 @@ impl Plane {
             .collect()
     }
 
-    /// What neighbors and creases leave of the frame, each moved outwards by these distances.
+    /// Returns the frame cut by neighbors and creases, each moved outward by these distances.
     fn bounded(&self, overlap: f64, over_creases: f64) -> Polygon {
         let mut polygon = self.frame();
         for (k, own) in self.own.iter().enumerate() {

@@ -34,7 +34,7 @@ const FARTHEST: f32 = 1e9;
 /// Most points of a cloud: the corners of their cells, [`cells::MAX_CORNERS`] each at most, are
 /// numbered by 32 bits.
 const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
-/// What a point without a color reflects.
+/// Albedo of a point without a color.
 const GRAY: Vec3 = Vec3::splat(0.5);
 /// Normals of one place that enclose an angle with a cosine above this are of one point.
 const SAME: f32 = 0.766;
@@ -42,7 +42,7 @@ const SAME: f32 = 0.766;
 /// Points around a corner of a cell whose normals it may have a part of.
 const AROUND: usize = 8;
 
-/// Why points make no surface.
+/// Error of building a surface from points.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PointsError {
@@ -64,11 +64,11 @@ pub enum PointsError {
     /// Normals or colors are not as many as positions.
     #[error("{positions} positions, but {others} {what}")]
     Lengths {
-        /// How many positions.
+        /// Number of positions.
         positions: usize,
-        /// Of what there are not as many.
+        /// Name of the array with another length.
         what: &'static str,
-        /// How many of that.
+        /// Length of that array.
         others: usize,
     },
     /// The points are there, but so close together that their cells have no area in single
@@ -77,7 +77,7 @@ pub enum PointsError {
     NoArea,
 }
 
-/// What was left out or corrected when a cloud was built, counted.
+/// Numbers of parts that were dropped or corrected when a cloud was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PointProblems {
     /// Points dropped because a coordinate was not finite, or beyond 10⁹ m.
@@ -105,7 +105,7 @@ pub struct PointCloud {
     pub areas: Vec<f32>,
     /// True where the file gave no normals at all.
     pub normals_estimated: bool,
-    /// What was left out or corrected.
+    /// Problems that were dropped or corrected.
     pub problems: PointProblems,
     /// Corners of all cells, those of point i from `first[i]` to `first[i + 1]`.
     corners: Vec<Vec3>,
@@ -203,7 +203,7 @@ impl PointCloud {
         Ok(cloud)
     }
 
-    /// How many points it has.
+    /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {
         self.positions.len()
@@ -258,7 +258,7 @@ impl PointCloud {
             .collect()
     }
 
-    /// Which of [`corner_normals`](Self::corner_normals) belong to the corners of point `i`'s cell.
+    /// Range in [`corner_normals`](Self::corner_normals) of the corners of point `i`'s cell.
     #[must_use]
     pub fn corners_of(&self, i: usize) -> Range<usize> {
         match (self.first.get(i), self.first.get(i + 1)) {
@@ -306,7 +306,7 @@ impl PointCloud {
         (mesh, point_of)
     }
 
-    /// Where rays have to be lifted farther than off a mesh.
+    /// Returns the ray offsets that exceed those of a mesh.
     fn lifts(&self) -> Option<Lifts> {
         let rough = |i: &usize| self.lifts[*i] > 1e-3 * self.spacings[*i];
         let rough: Vec<usize> = (0..self.len()).filter(rough).collect();
@@ -322,11 +322,11 @@ impl PointCloud {
     }
 }
 
-/// How far rays are lifted off cells that do not lie in their neighbors' planes.
+/// Ray offsets of cells that do not lie in the planes of their neighbors.
 #[derive(Clone, Debug)]
 pub(super) struct Lifts {
     tree: PointTree,
-    /// Of each point of the tree: its lift, and how far from it that counts; meters.
+    /// Ray offset and radius of influence of each point of the tree, meters.
     lifts: Vec<[f32; 2]>,
     /// The largest of those reaches, meters.
     farthest: f32,
@@ -415,7 +415,7 @@ fn reflectance(color: Vec3, clamped: &mut u64) -> Vec3 {
 pub struct LoadedPoints {
     /// The points.
     pub cloud: PointCloud,
-    /// What the file holds that was not read as it was meant, in words.
+    /// Notes on content that was not read or was read in another way.
     pub notes: Vec<String>,
 }
 

@@ -189,7 +189,8 @@ fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
     )
 }
 
-/// How well two sides agree, in [-1, 1]: n_i · n_j, n_j mirrored in the plane between the points.
+/// Returns the agreement of two sides, in [-1, 1]: n_i · n_j, with n_j mirrored in the plane
+/// between the points.
 fn agreement(x_i: Vec3, n_i: Vec3, x_j: Vec3, n_j: Vec3) -> f32 {
     let along = (x_j - x_i).normalize_or_zero();
     n_i.dot(n_j - 2.0 * along * along.dot(n_j))
@@ -261,8 +262,8 @@ fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
     found.into_iter().map(|(root, _)| root).collect()
 }
 
-/// What an oriented point shows of itself at `from`, as a solid angle; the sum over a closed part
-/// is 4π within it and 0 outside, positive where the part faces `from`.
+/// Returns the solid angle of an oriented point at `from`. The sum over a closed part is 4π inside
+/// of it and 0 outside. Positive if the part faces `from`.
 fn solid_angle(from: DVec3, x: Vec3, n: Vec3, area: f64) -> f64 {
     let to = from - x.as_dvec3();
     let square = to.length_squared().max(area);

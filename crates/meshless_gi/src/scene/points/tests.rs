@@ -83,7 +83,7 @@ fn total(cloud: &PointCloud) -> f32 {
     cloud.areas.iter().sum()
 }
 
-/// How much of what leaves `from` in all directions meets nothing.
+/// Fraction of the directions from `from` that hit nothing.
 fn leak(cloud: &PointCloud, from: Vec3) -> f64 {
     let (mesh, _) = cloud.mesh();
     let rays = 100_000;
