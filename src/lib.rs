@@ -69,16 +69,15 @@ pub use plugin::{
 };
 
 // Cameras and lights.
+pub use meshless_gi::{DepthTest, NormalTest, SpecularSettings, SubsplatSettings};
 #[cfg(feature = "bevy")]
 pub use plugin::{
     GiCamera, GiDebugView, GiForwardCamera, GiLight, GiReflectiveShadowMap, GiRsmCamera,
     GiSoftShadow, GiSpecular, GiSplatting, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
 };
-#[cfg(feature = "bevy")]
-pub use plugin::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
 
 // Bakes.
-pub use meshless_gi::{OccluderDesc, Preset, ProbeSettings, Recipe};
+pub use meshless_gi::{Preset, Recipe};
 #[cfg(feature = "bevy")]
 pub use plugin::{
     GiBakeCommands, GiBakeError, GiBakeExclude, GiBakeFinished, GiBakeProgress, GiBakeRequest,

@@ -7,6 +7,6 @@ pub use crate::{
     GiForwardCamera, GiFrameStats, GiIrradianceVolume, GiLight, GiOccluder, GiQuality,
     GiReflectiveShadowMap, GiReflector, GiRenderSystems, GiRsmCamera, GiScene, GiSettings, GiSky,
     GiSoftShadow, GiSolver, GiSpecular, GiSplatting, GiSystems, GiVolumetricFog, GiWarning,
-    GiWarnings, MeshlessGiDebugPlugin, MeshlessGiPlugin, OccluderDesc, Preset, ProbeSettings,
-    Recipe,
+    GiWarnings, MeshlessGiDebugPlugin, MeshlessGiPlugin,
 };
+pub use meshless_gi::{OccluderDesc, Preset, ProbeSettings, Recipe};

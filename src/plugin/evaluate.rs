@@ -199,7 +199,7 @@ pub(super) fn evaluate(
                 queue,
                 ctx.command_encoder(),
                 &SpecularView {
-                    settings: gloss.into(),
+                    settings: gloss.0,
                     view_from_clip: clip_from_view.inverse(),
                     view_from_world: world_from_view.inverse(),
                     viewport,
@@ -226,7 +226,7 @@ pub(super) fn evaluate(
     let subsplats = match &shown_by.display {
         GiSplatting::Multiresolution(settings) if !runtime.too_large => {
             let params = SubsplatParams::new(
-                &(*settings).into(),
+                settings,
                 clip_from_view.inverse(),
                 world_from_view.inverse(),
                 viewport,

@@ -149,7 +149,7 @@ pub use settings::GiSettings;
 pub use sky::{GiSky, GiSkyError};
 pub use soft_shadow::GiSoftShadow;
 pub use solver::GiSolver;
-pub use splatting::{GiDepthTest, GiNormalTest, GiSplatting, GiSubsplatSettings};
+pub use splatting::GiSplatting;
 pub use transform::SimilarityTransform;
 pub use validation::{GiWarning, GiWarnings};
 pub use volume::GiIrradianceVolume;

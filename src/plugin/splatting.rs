@@ -7,11 +7,11 @@ use crate::gpu::{
 };
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
+use meshless_gi::SubsplatSettings;
 use meshless_gi::internals::frame::subsplat::LEVELS;
 use meshless_gi::internals::frame::{
     SubsplatCounts, SubsplatLevels, SubsplatParams, VplParams, VplViewParams,
 };
-use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -22,111 +22,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub enum GiSplatting {
     /// Evaluates a fraction of the pixels and interpolates within surfaces (\[N09\], multiresolution
     /// splatting). The default.
-    Multiresolution(GiSubsplatSettings),
+    Multiresolution(SubsplatSettings),
     /// Evaluates every pixel. This is the reference; it costs several times more.
     PerPixel,
 }
 
 impl Default for GiSplatting {
     fn default() -> Self {
-        Self::Multiresolution(GiSubsplatSettings::default())
-    }
-}
-
-/// Settings of multiresolution splatting, see [`SubsplatSettings`].
-#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Default, Clone, Debug, PartialEq)]
-pub struct GiSubsplatSettings {
-    /// The first subsplats are 2^coarsest pixels apart; each is refined once. 2 to 6.
-    pub coarsest: u32,
-    /// None are refined below 2^finest pixels; 1 at least. Single pixels are evaluated where
-    /// nothing around them is of their surface.
-    pub finest: u32,
-    /// Detection of depth discontinuities.
-    pub depth: GiDepthTest,
-    /// Detection of creases.
-    pub normal: GiNormalTest,
-    /// Look for both in the diagonal neighbors too.
-    pub diagonal: bool,
-    /// Refine where light differs by more than this part from what its surroundings foretold.
-    /// Infinite for never.
-    pub light: f32,
-    /// Evaluate a pixel by itself where no more than this share of its surroundings is of its own
-    /// surface.
-    pub alike: f32,
-    /// α of \[N09\] Eq. (3); 0 for none.
-    pub detail: f32,
-}
-
-/// Detection of depth discontinuities, see [`DepthTest`]. Thresholds are fractions of the depth.
-#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Clone, Debug, PartialEq)]
-pub enum GiDepthTest {
-    /// Distance from the plane through a pixel's neighbors.
-    Plane(f32),
-    /// Range of depths.
-    MinMax(f32),
-    /// Largest slope.
-    Derivative(f32),
-}
-
-/// Detection of creases, see [`NormalTest`]. Thresholds are from 0 to 2.
-#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Clone, Debug, PartialEq)]
-pub enum GiNormalTest {
-    /// Range of the normal's components.
-    MinMax(f32),
-    /// Largest curvature.
-    Curvature(f32),
-}
-
-impl Default for GiSubsplatSettings {
-    fn default() -> Self {
-        SubsplatSettings::default().into()
-    }
-}
-
-impl From<SubsplatSettings> for GiSubsplatSettings {
-    fn from(settings: SubsplatSettings) -> Self {
-        Self {
-            coarsest: settings.coarsest,
-            finest: settings.finest,
-            depth: match settings.depth {
-                DepthTest::Plane(t) => GiDepthTest::Plane(t),
-                DepthTest::MinMax(t) => GiDepthTest::MinMax(t),
-                DepthTest::Derivative(t) => GiDepthTest::Derivative(t),
-            },
-            normal: match settings.normal {
-                NormalTest::MinMax(t) => GiNormalTest::MinMax(t),
-                NormalTest::Curvature(t) => GiNormalTest::Curvature(t),
-            },
-            diagonal: settings.diagonal,
-            light: settings.light,
-            alike: settings.alike,
-            detail: settings.detail,
-        }
-    }
-}
-
-impl From<GiSubsplatSettings> for SubsplatSettings {
-    fn from(settings: GiSubsplatSettings) -> Self {
-        Self {
-            coarsest: settings.coarsest,
-            finest: settings.finest,
-            depth: match settings.depth {
-                GiDepthTest::Plane(t) => DepthTest::Plane(t),
-                GiDepthTest::MinMax(t) => DepthTest::MinMax(t),
-                GiDepthTest::Derivative(t) => DepthTest::Derivative(t),
-            },
-            normal: match settings.normal {
-                GiNormalTest::MinMax(t) => NormalTest::MinMax(t),
-                GiNormalTest::Curvature(t) => NormalTest::Curvature(t),
-            },
-            diagonal: settings.diagonal,
-            light: settings.light,
-            alike: settings.alike,
-            detail: settings.detail,
-        }
+        Self::Multiresolution(SubsplatSettings::default())
     }
 }
 

@@ -11,48 +11,16 @@ use bevy::reflect::prelude::*;
 use meshless_gi::SpecularSettings;
 use meshless_gi::internals::frame::{VplParams, VplViewParams};
 
-/// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the
-/// highlights of the virtual lights that [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)
-/// lamps make. Goes beside [`GiCamera`](super::GiCamera). Each light is evaluated where it changes
-/// on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing while nothing bounces
-/// in view.
-#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+/// Specular reflections of dynamic objects' light in a camera: smooth and metallic surfaces show
+/// highlights of the virtual lights of
+/// [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)s. Goes next to
+/// [`GiCamera`](super::GiCamera).
+///
+/// Each virtual light is evaluated where it changes on the screen, and interpolated elsewhere
+/// (\[N09\] §3.3.1). It costs nothing if no virtual light is in view.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct GiSpecular {
-    /// All lights are evaluated at places 2^coarsest pixels apart, 2 to 6: highlights much narrower
-    /// may be missed.
-    pub coarsest: u32,
-    /// None are evaluated at places nearer than 2^finest pixels; 1 at least.
-    pub finest: u32,
-    /// A light is evaluated further where it is off by more than this part of all gloss there.
-    pub light: f32,
-    /// What is no metal shows gloss up to this perceptual roughness; metals always do.
-    pub roughest: f32,
-}
-
-impl Default for GiSpecular {
-    fn default() -> Self {
-        let settings = SpecularSettings::default();
-        Self {
-            coarsest: settings.coarsest,
-            finest: settings.finest,
-            light: settings.light,
-            roughest: settings.roughest,
-        }
-    }
-}
-
-impl From<GiSpecular> for SpecularSettings {
-    fn from(gloss: GiSpecular) -> Self {
-        Self {
-            coarsest: gloss.coarsest,
-            finest: gloss.finest,
-            light: gloss.light,
-            roughest: gloss.roughest,
-            together: false,
-        }
-    }
-}
+pub struct GiSpecular(pub SpecularSettings);
 
 /// What a view holds for its gloss.
 pub(crate) struct ViewSpecular {

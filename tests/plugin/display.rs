@@ -7,7 +7,7 @@ use crate::support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, 
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
+use bevy_meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 
 /// Pixels of the pictures: enough for all levels.
 const SIZE: UVec2 = UVec2::new(256, 192);
@@ -60,23 +60,23 @@ fn subsplats_match_per_pixel_display() {
     // Few pixels, so that edges weigh much: docs/reports/SUBSPLATS.md has a full screen's.
     assert!(share < 0.35, "{share}");
     // Other tests, [N09]'s own, and coarser ones.
-    let settings = GiSubsplatSettings::default();
+    let settings = SubsplatSettings::default();
     for (name, settings) in [
         (
             "minima",
-            GiSubsplatSettings {
+            SubsplatSettings {
                 coarsest: 6,
-                depth: GiDepthTest::MinMax(0.05),
-                normal: GiNormalTest::MinMax(0.3),
+                depth: DepthTest::MinMax(0.05),
+                normal: NormalTest::MinMax(0.3),
                 light: f32::INFINITY,
                 ..settings
             },
         ),
         (
             "derivatives",
-            GiSubsplatSettings {
-                depth: GiDepthTest::Derivative(0.05),
-                normal: GiNormalTest::Curvature(0.3),
+            SubsplatSettings {
+                depth: DepthTest::Derivative(0.05),
+                normal: NormalTest::Curvature(0.3),
                 ..settings
             },
         ),
@@ -90,10 +90,10 @@ fn subsplats_match_per_pixel_display() {
         assert_alike(name, &full, &by);
     }
     // What is set wrongly is brought into range.
-    let wild = GiSubsplatSettings {
+    let wild = SubsplatSettings {
         coarsest: 0,
         finest: 99,
-        depth: GiDepthTest::Plane(f32::NAN),
+        depth: DepthTest::Plane(f32::NAN),
         light: f32::NAN,
         alike: 7.0,
         detail: -1.0,

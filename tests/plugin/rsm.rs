@@ -12,7 +12,9 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
+use bevy_meshless_gi::{
+    FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER, SpecularSettings,
+};
 use meshless_gi::Light;
 use std::f32::consts::PI;
 
@@ -489,11 +491,11 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     app.world_mut()
         .entity_mut(eye)
         // A picture so small has room for few nodes.
-        .insert(GiSpecular {
+        .insert(GiSpecular(SpecularSettings {
             coarsest: 2,
             light: 1e-4,
             ..default()
-        });
+        }));
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(
