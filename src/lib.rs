@@ -48,6 +48,7 @@
 //! | `plan` | effects that a frame's scene needs |
 //! | `gpu` | kernels on any wgpu device (feature `gpu`) |
 //! | `plugin` | [`MeshlessGiPlugin`] (feature `bevy`) |
+//! | [`prelude`] | names that most games use (feature `bevy`) |
 #![warn(missing_docs)]
 
 #[cfg(feature = "gpu")]
