@@ -6,12 +6,14 @@
 //! | `documents` | citations, decisions, links, tables that repeat the source |
 //! | `generated` | chapters of the book that repeat doc comments |
 //! | `figures` | lengths of files, functions and lines |
+//! | `surface` | public names and their list |
 //! | `words` | writing rules of comments and documents |
 
 mod documents;
 mod figures;
 mod generated;
 mod imports;
+mod surface;
 mod words;
 
 use std::fs;
