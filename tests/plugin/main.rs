@@ -1,5 +1,7 @@
-//! Tests of the running plugin, headless, on any GPU adapter (a software one is enough). They are one
-//! program, because each further one would link Bevy again.
+//! Tests of the running plugin, headless, on any GPU adapter (a software one is enough): assets,
+//! bakes, changes of the world, the plan and its costs. They are one program, because each further
+//! one would link Bevy again. Tests of images are in `plugin_views` and `plugin_forward`: a software
+//! driver keeps memory of each view until the program ends.
 
 #[path = "../../examples/common/mod.rs"]
 mod common;
@@ -7,16 +9,11 @@ mod common;
 mod support;
 
 mod assets;
-mod cameras;
-mod display;
-mod dynamic_lighting;
 mod ecs_changes;
 mod effects;
 mod entity_bake;
 mod example_panel;
 mod examples;
-mod fog;
-mod forward;
 mod frame;
 mod invalid_input;
 mod load_gltf;
@@ -25,11 +22,6 @@ mod octree;
 mod outdated_scene;
 mod plan;
 mod point_cloud;
-mod probes;
 mod processing;
 mod quality;
 mod reflect;
-mod rsm;
-mod soft_shadows;
-mod volume;
-mod volume_export;

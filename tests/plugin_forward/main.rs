@@ -1,6 +1,9 @@
 //! The display of cameras that are not deferred: the same light as a deferred camera shows, also
 //! without HDR, in a viewport, and beside what is transparent or transmissive.
 
+#[path = "../support/mod.rs"]
+mod support;
+
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::Room;
