@@ -1,6 +1,6 @@
 //! Errors of a `.mgi` file, and limits of the memory that reading one may take.
 
-use super::validate::Violation;
+use super::violation::Violation;
 use crate::scene::ReadError;
 use std::path::PathBuf;
 

@@ -7,7 +7,7 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::sections::{COUNT, broken, items, kind, section};
-use super::validate::Check;
+use super::violation::Check;
 use crate::transport::fmm::lists::Entry;
 use crate::transport::fmm::terms::MAX_ORDER;
 use crate::transport::fmm::{FmmNode, FmmOperator, FmmPlace};

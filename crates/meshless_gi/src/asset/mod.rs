@@ -20,6 +20,7 @@ mod sky;
 mod stats;
 mod validate;
 mod validate_columns;
+mod violation;
 mod visibility;
 
 pub use baked::{BakedScene, FlatBasis, LightSamples, PointSurface, SceneData};
@@ -33,4 +34,4 @@ pub use occluders::Occluders;
 pub use probes::Probes;
 pub use sky::SkyVisibility;
 pub use stats::BakedStats;
-pub use validate::Violation;
+pub use violation::Violation;

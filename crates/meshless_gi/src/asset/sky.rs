@@ -7,7 +7,7 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::sections::{items, section};
-use super::validate::Check;
+use super::violation::Check;
 use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;
 

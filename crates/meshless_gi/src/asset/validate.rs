@@ -3,14 +3,12 @@
 
 use super::baked::{BakedScene, LightSamples};
 use super::stats::BakedStats;
+use super::violation::{Check, Violation};
 use crate::basis::Weights;
 use crate::samples::GridSlot;
 use crate::transport::{Link, Operator, SenderForm, row_order};
 use glam::{Vec3, Vec4};
-use std::fmt;
 
-/// Largest number of violations that are listed.
-const MAX_VIOLATIONS: usize = 32;
 /// Largest deviation from one of sums of weights and lengths of normals.
 pub(super) const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
@@ -21,66 +19,6 @@ pub(super) const BRIGHTEST: f32 = 1e20;
 pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
 pub(super) const LARGEST_LINK: f32 = 16.0;
-
-/// One thing that is wrong.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Violation {
-    /// Name of the array or field.
-    pub place: &'static str,
-    /// Index of the item. `None` for a field that is no array.
-    pub index: Option<usize>,
-    /// Problem.
-    pub problem: String,
-}
-
-impl fmt::Display for Violation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.index {
-            Some(i) => write!(f, "{}[{i}]: {}", self.place, self.problem),
-            None => write!(f, "{}: {}", self.place, self.problem),
-        }
-    }
-}
-
-/// Collects what is wrong.
-pub(super) struct Check(pub(super) Vec<Violation>);
-
-impl Check {
-    pub(super) fn full(&self) -> bool {
-        self.0.len() >= MAX_VIOLATIONS
-    }
-
-    pub(super) fn item(
-        &mut self,
-        ok: bool,
-        place: &'static str,
-        index: usize,
-        problem: impl FnOnce() -> String,
-    ) {
-        if !ok && !self.full() {
-            self.0.push(Violation {
-                place,
-                index: Some(index),
-                problem: problem(),
-            });
-        }
-    }
-
-    pub(super) fn whole(
-        &mut self,
-        ok: bool,
-        place: &'static str,
-        problem: impl FnOnce() -> String,
-    ) {
-        if !ok && !self.full() {
-            self.0.push(Violation {
-                place,
-                index: None,
-                problem: problem(),
-            });
-        }
-    }
-}
 
 impl BakedScene {
     /// Checks everything that a frame relies on. A scene that passes can be used without a further

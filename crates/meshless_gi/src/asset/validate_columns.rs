@@ -2,7 +2,8 @@
 //! [`validate`](super::validate) (design D10).
 
 use super::baked::BakedScene;
-use super::validate::{Check, LARGEST_ROW_SUM, TOLERANCE};
+use super::validate::{LARGEST_ROW_SUM, TOLERANCE};
+use super::violation::Check;
 use crate::transport::pca::Compression;
 use crate::transport::{Link, SenderForm};
 

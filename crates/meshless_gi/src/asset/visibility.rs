@@ -7,7 +7,7 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::sections::{COUNT, broken, items, kind, section};
-use super::validate::Check;
+use super::violation::Check;
 use crate::transport::pca::{HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint};
 use glam::Vec3;
 

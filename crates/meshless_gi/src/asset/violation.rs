@@ -1,0 +1,66 @@
+//! Violations that a validation finds, and their list.
+
+use std::fmt;
+
+/// Largest number of violations that are listed.
+const MAX_VIOLATIONS: usize = 32;
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// Name of the array or field.
+    pub place: &'static str,
+    /// Index of the item. `None` for a field that is no array.
+    pub index: Option<usize>,
+    /// Problem.
+    pub problem: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.index {
+            Some(i) => write!(f, "{}[{i}]: {}", self.place, self.problem),
+            None => write!(f, "{}: {}", self.place, self.problem),
+        }
+    }
+}
+
+/// Collects what is wrong.
+pub(super) struct Check(pub(super) Vec<Violation>);
+
+impl Check {
+    pub(super) fn full(&self) -> bool {
+        self.0.len() >= MAX_VIOLATIONS
+    }
+
+    pub(super) fn item(
+        &mut self,
+        ok: bool,
+        place: &'static str,
+        index: usize,
+        problem: impl FnOnce() -> String,
+    ) {
+        if !ok && !self.full() {
+            self.0.push(Violation {
+                place,
+                index: Some(index),
+                problem: problem(),
+            });
+        }
+    }
+
+    pub(super) fn whole(
+        &mut self,
+        ok: bool,
+        place: &'static str,
+        problem: impl FnOnce() -> String,
+    ) {
+        if !ok && !self.full() {
+            self.0.push(Violation {
+                place,
+                index: None,
+                problem: problem(),
+            });
+        }
+    }
+}
