@@ -6,48 +6,11 @@ use super::kernels::{COMPOSITE, KERNELS};
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::ViewBuffers;
 
-/// Draws a view's irradiance onto its picture, as
-/// [`GpuFrame::composite`](super::GpuFrame::composite) does, for views without a baked scene.
-/// `textures`: irradiance, G-buffer and lighting passes.
-pub fn draw_composite(
-    kernels: &KernelPipelines,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    replace: bool,
-    view: &ViewBuffers,
-    textures: [&wgpu::TextureView; 3],
-) {
-    let how = if replace { Draw::Replace } else { Draw::Add };
-    draw(kernels, pass, format, how, view, textures);
-}
-
-/// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance.
-/// `textures`: what [`SpecularBuffers::record`](super::SpecularBuffers::record) wrote, G-buffer and
-/// lighting passes.
-pub fn draw_specular(
-    kernels: &KernelPipelines,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    view: &ViewBuffers,
-    textures: [&wgpu::TextureView; 3],
-) {
-    draw(kernels, pass, format, Draw::Specular, view, textures);
-}
-
-/// Takes from a view's picture the light of lamps with soft shadows that does not get there.
-/// `textures`: what [`SubtractShadowBuffers::record`](super::SubtractShadowBuffers::record) wrote, G-buffer and
-/// lighting passes.
-pub fn draw_shadow(
-    kernels: &KernelPipelines,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    view: &ViewBuffers,
-    textures: [&wgpu::TextureView; 3],
-) {
-    draw(kernels, pass, format, Draw::Shadow, view, textures);
-}
-
-fn draw(
+/// Draws a texture of a view's size over its picture, in the way `how`: irradiance
+/// ([`Draw::Add`], [`Draw::Replace`]), specular radiance ([`Draw::Specular`]), or radiance to
+/// subtract ([`Draw::Shadow`]). `pass` has one target, of `format`. The textures are the one to
+/// draw, the G-buffer and the lighting passes.
+pub fn draw_over(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,

@@ -1,8 +1,8 @@
 //! Records a frame of one baked scene: the steps of [`SolveSchedule`], which the CPU's frame runs too, as
 //! dispatches.
 
-use super::draw::draw_composite;
-use super::pipelines::KernelPipelines;
+use super::draw::draw_over;
+use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
@@ -188,7 +188,9 @@ impl GpuFrame {
         self.counters.projected += slots.len() as u64;
     }
 
-    /// Carries the projected light on to all points. At most once a submission.
+    /// Computes the irradiance of all points from the projected lights: [`pull_push`](Self::pull_push),
+    /// [`apply`](Self::apply), [`flatten`](Self::flatten), [`apply_probes`](Self::apply_probes). At
+    /// most once a submission.
     pub fn solve(
         &mut self,
         kernels: &KernelPipelines,
@@ -196,40 +198,92 @@ impl GpuFrame {
         encoder: &mut wgpu::CommandEncoder,
         settings: &FrameSettings,
     ) {
-        let shape = self.buffers.shape.clone();
-        let params = shape.params(settings, self.lights);
+        self.pull_push(kernels, queue, encoder, settings);
+        self.apply(kernels, encoder, settings);
+        self.flatten(kernels, encoder, settings);
+        self.apply_probes(kernels, encoder, settings);
+    }
+
+    /// Computes the radiosity of the senders, with all bounces but the last.
+    pub fn pull_push(
+        &mut self,
+        kernels: &KernelPipelines,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        settings: &FrameSettings,
+    ) {
+        let params = self.buffers.shape.params(settings, self.lights);
         queue.write_buffer(&self.buffers.params, 0, bytemuck::bytes_of(&params));
-        let steps = SolveSchedule::new(&shape, settings);
+        let steps = SolveSchedule::new(&self.buffers.shape, settings);
         let direct =
             (steps.baked || steps.sweeps > 0).then(|| self.buffers.ensure_direct(kernels.device()));
-        let mut recorder = Recorder {
-            kernels,
-            b: &self.buffers,
-            counters: &mut self.counters,
-        };
+        let mut recorder = self.recorder(kernels);
         {
             let mut pass = compute(encoder, "meshless_gi pull");
             recorder.radiosity(&mut pass);
-            let levels = 0..steps.pull.len();
-            recorder.pull(&mut pass, levels);
-        }
-        if let Some(direct) = &direct {
-            encoder.copy_buffer_to_buffer(&self.buffers.senders, 0, direct, 0, direct.size());
-        }
-        let mut pass = compute(encoder, "meshless_gi transport");
-        if let (true, Some(direct)) = (steps.baked, &direct) {
-            recorder.baked(&mut pass, direct, steps.senders.len());
-        }
-        for _ in 0..steps.sweeps {
-            recorder.transport(&mut pass, &steps, params.tier, true);
-            if let Some(direct) = &direct {
-                recorder.sweep(&mut pass, direct);
-            }
             recorder.pull(&mut pass, 0..steps.pull.len());
         }
-        recorder.transport(&mut pass, &steps, params.tier, false);
-        recorder.light_space(&mut pass, &steps);
+        let Some(direct) = direct else { return };
+        let senders = &recorder.b.senders;
+        encoder.copy_buffer_to_buffer(senders, 0, &direct, 0, direct.size());
+        let mut pass = compute(encoder, "meshless_gi bounces");
+        if steps.baked {
+            recorder.baked(&mut pass, &direct, steps.senders.len());
+        }
+        for _ in 0..steps.sweeps {
+            recorder.apply_operator(&mut pass, &steps, params.tier, true);
+            recorder.flatten(&mut pass, &steps, true);
+            recorder.sweep(&mut pass, &direct);
+            recorder.pull(&mut pass, 0..steps.pull.len());
+        }
+    }
+
+    /// Applies the operator to the senders, for all points. After [`pull_push`](Self::pull_push).
+    pub fn apply(
+        &mut self,
+        kernels: &KernelPipelines,
+        encoder: &mut wgpu::CommandEncoder,
+        settings: &FrameSettings,
+    ) {
+        let tier = self.buffers.shape.params(settings, self.lights).tier;
+        let steps = SolveSchedule::new(&self.buffers.shape, settings);
+        let mut pass = compute(encoder, "meshless_gi apply");
+        self.recorder(kernels)
+            .apply_operator(&mut pass, &steps, tier, false);
         self.counters.solves += 1;
+    }
+
+    /// Computes the values of all points. After [`apply`](Self::apply).
+    pub fn flatten(
+        &mut self,
+        kernels: &KernelPipelines,
+        encoder: &mut wgpu::CommandEncoder,
+        settings: &FrameSettings,
+    ) {
+        let steps = SolveSchedule::new(&self.buffers.shape, settings);
+        let mut pass = compute(encoder, "meshless_gi flatten");
+        self.recorder(kernels).flatten(&mut pass, &steps, false);
+    }
+
+    /// Applies the rows of the probes; nothing for a bake without probes. After
+    /// [`pull_push`](Self::pull_push).
+    pub fn apply_probes(
+        &mut self,
+        kernels: &KernelPipelines,
+        encoder: &mut wgpu::CommandEncoder,
+        settings: &FrameSettings,
+    ) {
+        let steps = SolveSchedule::new(&self.buffers.shape, settings);
+        let mut pass = compute(encoder, "meshless_gi probes");
+        self.recorder(kernels).light_space(&mut pass, &steps);
+    }
+
+    fn recorder<'a>(&'a mut self, kernels: &'a KernelPipelines) -> Recorder<'a> {
+        Recorder {
+            kernels,
+            b: &self.buffers,
+            counters: &mut self.counters,
+        }
     }
 
     /// Parameters of a view of this scene; see [`SplatParams`].
@@ -320,7 +374,8 @@ impl GpuFrame {
         lighting_passes: &wgpu::TextureView,
     ) {
         let textures = [irradiance, gbuffer, lighting_passes];
-        draw_composite(kernels, pass, format, replace, view, textures);
+        let how = if replace { Draw::Replace } else { Draw::Add };
+        draw_over(kernels, pass, format, how, view, textures);
         self.counters.composites += 1;
     }
 }
@@ -341,6 +396,15 @@ impl KernelPipelines {
             layout: &self.pass(pass).layout,
             entries: &entries,
         })
+    }
+}
+
+/// Buffers of the operator's input and output in the form of its senders.
+fn operands(b: &SceneBuffers) -> [&wgpu::Buffer; 2] {
+    match (&b.differences, &b.components) {
+        (Some([senders, receivers]), _) => [senders, receivers],
+        (None, Some(c)) => [&c.components, &b.values],
+        (None, None) => [&b.senders, &b.values],
     }
 }
 
@@ -391,9 +455,9 @@ impl Recorder<'_> {
         }
     }
 
-    /// Push or compress, apply and flatten, or up and down the octree: for the senders in a sweep,
-    /// for all points at the end.
-    fn transport(
+    /// Pushes or compresses the senders and applies the operator, or goes up and down the octree.
+    /// `sweep`: for the senders' rows only.
+    fn apply_operator(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
         steps: &SolveSchedule,
@@ -401,21 +465,13 @@ impl Recorder<'_> {
         sweep: bool,
     ) {
         let b = self.b;
-        if let (true, Some(octree)) = (steps.octree, &b.fmm) {
+        if let Some(octree) = b.fmm.as_ref().filter(|_| steps.octree) {
             octree.up(self.kernels, pass, self.counters, &b.senders);
             let (from, to) = (&b.senders, &b.values);
             octree.down(self.kernels, pass, self.counters, from, to);
-            if !sweep {
-                // Finer points than senders take their parents' mean.
-                self.averages(pass, steps.senders.len()..steps.levels.len());
-            }
             return;
         }
-        let (coefficients, applied) = match (&b.differences, &b.components) {
-            (Some([senders, receivers]), _) => (senders, receivers),
-            (None, Some(c)) => (&c.components, &b.values),
-            (None, None) => (&b.senders, &b.values),
-        };
+        let [coefficients, applied] = operands(b);
         if steps.differences {
             self.push(pass, steps.senders.len(), coefficients);
         }
@@ -430,7 +486,19 @@ impl Recorder<'_> {
             let (rows, values) = ([&b.rows, &b.order], [coefficients, applied]);
             self.apply(pass, steps.one, rows, &b.links, list, values);
         }
-        if steps.differences {
+    }
+
+    /// Computes the points' values after [`apply_operator`](Self::apply_operator). `sweep`: of the
+    /// senders only.
+    fn flatten(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &SolveSchedule, sweep: bool) {
+        let b = self.b;
+        let (senders, all) = (steps.senders.len(), steps.levels.len());
+        if steps.octree && b.fmm.is_some() {
+            // Only points finer than senders take their parents' mean.
+            let finer = if sweep { 0..0 } else { senders..all };
+            self.averages(pass, finer);
+        } else if steps.differences {
+            let [_, applied] = operands(b);
             let bind = self.kernels.bind(
                 Pass::Differences,
                 &[
@@ -441,15 +509,10 @@ impl Recorder<'_> {
                     (6, b.values.as_entire_binding()),
                 ],
             );
-            let which = usize::from(sweep);
-            self.spans(pass, Pass::Differences, &bind, &b.whole, which..which + 1);
+            let list = usize::from(sweep);
+            self.spans(pass, Pass::Differences, &bind, &b.whole, list..list + 1);
         } else {
-            let count = if sweep {
-                steps.senders.len()
-            } else {
-                steps.levels.len()
-            };
-            self.averages(pass, 0..count);
+            self.averages(pass, 0..if sweep { senders } else { all });
         }
     }
 

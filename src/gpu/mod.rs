@@ -54,7 +54,7 @@ pub use scene_buffers::SceneBuffers;
 #[doc(hidden)]
 pub use counters::GpuCounters;
 #[doc(hidden)]
-pub use draw::{draw_composite, draw_shadow, draw_specular};
+pub use draw::draw_over;
 #[doc(hidden)]
 pub use fmm::GpuFmm;
 #[doc(hidden)]

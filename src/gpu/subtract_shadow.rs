@@ -111,7 +111,7 @@ impl SubtractShadowBuffers {
         Ok(())
     }
 
-    /// Writes the radiance that is missing at each pixel, for [`draw_shadow`](super::draw_shadow).
+    /// Writes the radiance that is missing at each pixel, for [`draw_over`](super::draw_over).
     /// `tables` are two layers, see [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
     #[expect(
         clippy::too_many_arguments,

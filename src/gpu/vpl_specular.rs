@@ -143,7 +143,7 @@ impl SpecularBuffers {
     }
 
     /// Records everything between the G-buffer and the radiance of every pixel, for
-    /// [`draw_specular`](super::draw_specular): `targets.output` is written whole. The lights are those
+    /// [`draw_over`](super::draw_over): `targets.output` is written whole. The lights are those
     /// that [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
     pub fn record(
         &mut self,

@@ -7,8 +7,7 @@
 //! and the plan says so. Means run over milliseconds and work apart: a clock that answers some
 //! frames late still gives the right rate.
 
-use super::{FogState, FrameStage, FrameState, Pass, Plan, SceneId, SceneState, ViewId};
-use meshless_gi::Channels;
+use super::{Effect, FrameStage, FrameState, Pass, Plan, SceneId, ViewId, kind_of};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -34,28 +33,17 @@ pub struct TimingScope {
 }
 
 impl TimingScope {
-    /// What the pass is timed with; none where no clock times it (copies, and maps, which Bevy
-    /// draws).
+    /// Creates the scope of a pass that is timed with `stage`.
     #[must_use]
-    pub fn of(pass: &Pass) -> Option<Self> {
-        let stage = match pass.stage {
-            FrameStage::UPLOAD
-            | FrameStage::MATERIALS
-            | FrameStage::READ_BACK
-            | FrameStage::RSM => return None,
-            FrameStage::PULL_PUSH | FrameStage::APPLY | FrameStage::FLATTEN => FrameStage::APPLY,
-            FrameStage::PROBE if pass.view.is_none() => FrameStage::APPLY,
-            FrameStage::PROBE | FrameStage::SPLAT | FrameStage::VPL => FrameStage::SPLAT,
-            other => other,
-        };
-        Some(Self {
+    pub fn new(stage: FrameStage, pass: &Pass) -> Self {
+        Self {
             stage,
             scene: match pass.view {
                 Some(_) => SceneId::WORLD,
                 None => pass.scene,
             },
             view: pass.view,
-        })
+        }
     }
 
     /// The name of the span that times it.
@@ -193,52 +181,25 @@ impl fmt::Display for Cost {
     }
 }
 
-/// The work of the passes, one entry for all that is timed as one.
-pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(TimingScope, Cost)> {
+/// Sets the timing scope of each pass and adds up the work of each scope.
+pub(super) fn weigh<R>(
+    effects: &[Effect<R>],
+    state: &FrameState,
+    passes: &mut [Pass],
+) -> Vec<(TimingScope, Cost)> {
     let mut costs: Vec<(TimingScope, Cost)> = Vec::new();
     for pass in passes {
-        let Some(timed) = TimingScope::of(pass) else {
+        let kind = kind_of(effects, pass);
+        let Some((kind, stage)) = kind.and_then(|kind| Some((kind, kind.timed_with?))) else {
             continue;
         };
-        let scene = state.scenes.iter().find(|s| s.id == pass.scene);
-        let pixels = || {
-            let view = pass
-                .view
-                .and_then(|v| state.views.iter().find(|s| s.id == v));
-            Work::Pixels(view.map_or(0, |v| v.pixels))
-        };
-        let work = match (pass.stage, scene) {
-            (FrameStage::PROJECT, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
-            (FrameStage::APPLY, Some(scene)) => {
-                carried(scene, scene.tier.as_ref().map_or(0, |picked| picked.work))
-            }
-            (FrameStage::PROBE, Some(scene)) if pass.view.is_none() => {
-                carried(scene, scene.probe_links)
-            }
-            (FrameStage::OCCLUDE, Some(scene)) => Work::Passages(scene.passages),
-            (FrameStage::SOFT_SHADOW, Some(scene)) => {
-                Work::Sights(scene.soft.points * scene.soft.lights as u64)
-            }
-            (FrameStage::VOLUME, Some(scene)) => Work::Voxels(scene.volume.voxels),
-            (
-                FrameStage::SPLAT
-                | FrameStage::VPL
-                | FrameStage::COMPOSITE
-                | FrameStage::VPL_SPECULAR
-                | FrameStage::SUBTRACT_SHADOW,
-                _,
-            ) => pixels(),
-            (FrameStage::FOG, _) => {
-                let of = |f: &&FogState| Some(f.view) == pass.view && f.scene == pass.scene;
-                let fog = state.fogs.iter().find(of);
-                Work::Pixels(fog.map_or(0, |f| f.pixels * f.volumes as u64))
-            }
-            _ => Work::Uncounted,
-        };
-        match costs.iter_mut().find(|(t, _)| *t == timed) {
+        let scope = TimingScope::new(stage, pass);
+        pass.timing = Some(scope);
+        let work = (kind.work)(state, pass);
+        match costs.iter_mut().find(|(s, _)| *s == scope) {
             Some((_, cost)) => cost.work.add(work),
             None => costs.push((
-                timed,
+                scope,
                 Cost {
                     work,
                     ..Cost::default()
@@ -247,17 +208,6 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(TimingScope, Co
         }
     }
     costs
-}
-
-/// So many links of a scene, in as many channels as they carry.
-fn carried(scene: &SceneState, links: u64) -> Work {
-    // An octree takes all three channels.
-    let octree = scene.tier.as_ref().is_some_and(|picked| picked.octree);
-    let octree = octree && scene.no_octree.is_none();
-    match scene.channels.map(|picked| picked.channels) {
-        Some(Channels::One(_)) if !octree => Work::OneChannel(links),
-        _ => Work::Links(links),
-    }
 }
 
 /// Running means of milliseconds and of work.
@@ -367,6 +317,8 @@ mod tests {
         ColorModeSelection, DisplayUse, SceneState, SlotChange, SoftState, TierSelection,
         ViewState, VolumeState,
     };
+    use crate::plugin::effects::plan_frame;
+    use meshless_gi::Channels;
 
     /// Two scenes on the device with four slots each, and a view of both.
     fn state() -> FrameState {
@@ -414,7 +366,7 @@ mod tests {
 
     #[test]
     fn stage_work_counts_read_items() {
-        let plan = Plan::new(&moving(state(), 1, 3));
+        let plan = plan_frame(&moving(state(), 1, 3));
         assert_eq!(cost(&plan, FrameStage::PROJECT).work, Work::Rays(3000));
         assert_eq!(cost(&plan, FrameStage::APPLY).work, Work::Links(200_000));
         assert_eq!(
@@ -440,7 +392,7 @@ mod tests {
         // The probes' rows are applied with the others, and timed with them.
         let mut in_space = moving(state(), 1, 3);
         (in_space.scenes[1].probes, in_space.scenes[1].probe_links) = (true, 3000);
-        let both = Plan::new(&in_space);
+        let both = plan_frame(&in_space);
         assert_eq!(cost(&both, FrameStage::APPLY).work, Work::Links(203_000));
         assert_eq!(both.costs.len(), plan.costs.len());
         let words = plan.to_string();
@@ -456,7 +408,7 @@ mod tests {
     #[test]
     fn cost_measured_on_one_scene_predicts_other() {
         let mut model = CostModel::new();
-        let mut first = Plan::new(&moving(state(), 0, 1));
+        let mut first = plan_frame(&moving(state(), 0, 1));
         model.price(&mut first);
         assert_eq!(cost(&first, FrameStage::APPLY).predicted, None);
         for _ in 0..5 {
@@ -473,7 +425,7 @@ mod tests {
         } = cost(&first, FrameStage::APPLY);
         assert_eq!((predicted, measured), (Some(2.0), Some(2.0)));
         // Four times the links, three times the rays: never run, so not measured.
-        let mut second = Plan::new(&moving(state(), 1, 3));
+        let mut second = plan_frame(&moving(state(), 1, 3));
         model.price(&mut second);
         let Cost {
             predicted,
@@ -496,7 +448,7 @@ mod tests {
         // A microsecond a ray; one to four slots in turn; the answers come three frames late.
         let mut late = std::collections::VecDeque::new();
         for k in 0..200 {
-            let plan = Plan::new(&moving(state(), 0, 1 + k % 4));
+            let plan = plan_frame(&moving(state(), 0, 1 + k % 4));
             model.ran(&plan);
             late.push_back(1 + k % 4);
             if late.len() > 3 {
@@ -504,7 +456,7 @@ mod tests {
                 model.measured(plan.costs[0].0, slots);
             }
         }
-        let mut plan = Plan::new(&moving(state(), 0, 4));
+        let mut plan = plan_frame(&moving(state(), 0, 4));
         model.price(&mut plan);
         let predicted = cost(&plan, FrameStage::PROJECT)
             .predicted
@@ -515,7 +467,7 @@ mod tests {
     #[test]
     fn cost_of_removed_scene_is_dropped_and_invalid_time_skipped() {
         let mut model = CostModel::new();
-        let plan = Plan::new(&moving(state(), 0, 1));
+        let plan = plan_frame(&moving(state(), 0, 1));
         let project = plan.costs[0].0;
         model.measured(project, 1.0);
         assert!(model.rates.is_empty(), "no plan had it yet");
@@ -525,7 +477,7 @@ mod tests {
         assert!(model.rates.is_empty());
         model.measured(project, 1.0);
         assert_eq!(model.rates.len(), 1);
-        let rest = Plan::new(&state());
+        let rest = plan_frame(&state());
         for _ in 0..=KEPT {
             model.ran(&rest);
         }
@@ -545,8 +497,8 @@ mod tests {
             });
             state
         };
-        let mut three = Plan::new(&moving(state(), 0, 1));
-        let mut one = Plan::new(&moving(in_one(state()), 0, 1));
+        let mut three = plan_frame(&moving(state(), 0, 1));
+        let mut one = plan_frame(&moving(in_one(state()), 0, 1));
         assert_eq!(cost(&one, FrameStage::APPLY).work, Work::OneChannel(50_000));
         let run = |model: &mut CostModel, plan: &mut Plan, ms: f32| {
             for _ in 0..20 {
@@ -580,7 +532,7 @@ mod tests {
         // An octree takes all three.
         let mut octree = in_one(state());
         octree.scenes[0].tier.as_mut().expect("a tier").octree = true;
-        let octree = Plan::new(&moving(octree, 0, 1));
+        let octree = plan_frame(&moving(octree, 0, 1));
         assert_eq!(cost(&octree, FrameStage::APPLY).work, Work::Links(50_000));
         let first = run(&mut model, &mut one, 2.0);
         assert!(
@@ -588,7 +540,7 @@ mod tests {
             "{first}"
         );
         // Another scene in three channels is foretold by what three channels took.
-        let mut other = Plan::new(&moving(state(), 1, 1));
+        let mut other = plan_frame(&moving(state(), 1, 1));
         model.price(&mut other);
         assert!(close(cost(&other, FrameStage::APPLY).predicted, 16.0));
     }
@@ -611,7 +563,7 @@ mod tests {
             points: 300,
             ..SoftState::default()
         };
-        let plan = Plan::new(&state);
+        let plan = plan_frame(&state);
         assert_eq!(cost(&plan, FrameStage::OCCLUDE).work, Work::Passages(5000));
         assert_eq!(cost(&plan, FrameStage::VOLUME).work, Work::Voxels(4096));
         assert_eq!(cost(&plan, FrameStage::SOFT_SHADOW).work, Work::Sights(600));

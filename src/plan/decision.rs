@@ -32,7 +32,7 @@ pub enum DecisionKind {
     Sky(SceneId),
     /// Pixels at which a view evaluates light.
     Display(ViewId),
-    /// An effect ([`EFFECTS`](super::EFFECTS)) of a scene and a view.
+    /// An effect ([`Effect::name`](super::Effect::name)) of a scene and a view.
     Effect(&'static str, SceneId, Option<ViewId>),
     /// A scene that is not lit, or not in a view, with the reason.
     Skipped(SceneId, Option<ViewId>, SkipReason),
@@ -205,7 +205,7 @@ impl Plan {
             .passes
             .iter()
             .filter(follows)
-            .filter_map(TimingScope::of)
+            .filter_map(|pass| pass.timing)
         {
             if out.iter().all(|(t, _)| *t != timed) {
                 out.extend(self.costs.iter().find(|(t, _)| *t == timed).copied());
@@ -290,6 +290,7 @@ mod tests {
     use crate::plan::{
         ColorModeSelection, FrameState, SceneState, SkyUse, SlotChange, TierSelection, ViewState,
     };
+    use crate::plugin::effects::plan_frame;
     use meshless_gi::Channels;
 
     const A: SceneId = SceneId(1);
@@ -324,7 +325,7 @@ mod tests {
     }
 
     fn of(state: &FrameState) -> Vec<Decision> {
-        Plan::new(state).decisions()
+        plan_frame(state).decisions()
     }
 
     fn moved(yes: bool) -> FrameState {
@@ -350,7 +351,7 @@ mod tests {
             let tier = found.iter().find(|d| d.kind == DecisionKind::Tier(A));
             tier.expect("a tier").to_string()
         };
-        let mut plan = Plan::new(&moved(true));
+        let mut plan = plan_frame(&moved(true));
         assert_eq!(
             tier_of(&plan),
             "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
@@ -514,7 +515,7 @@ mod tests {
             "channels of scene 1: one channel (it is asked for); set by the channel setting"
         );
         assert!(
-            Plan::new(&now)
+            plan_frame(&now)
                 .to_string()
                 .contains("use  scene 1 in one channel: it is asked for")
         );
@@ -550,7 +551,7 @@ mod tests {
             by("every pixel (it is asked for); set by the display setting")
         );
         assert!(
-            Plan::new(&now)
+            plan_frame(&now)
                 .to_string()
                 .contains("use  view 7 with every pixel")
         );

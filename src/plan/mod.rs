@@ -34,15 +34,14 @@
 //! [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line
 //! in the log a [`DecisionLog`] knows.
 //!
-//! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
+//! The effects are the rows of a table ([`Effect`]), which the plugin holds in `plugin/effects`.
 
 mod bounce_count;
+mod change_detector;
 mod channels;
 mod cost;
 mod decision;
-mod dynamic_objects;
 mod effect;
-mod fog;
 mod inventory;
 mod inventory_tracker;
 mod lights;
@@ -52,23 +51,21 @@ mod passes;
 mod picked;
 mod rsm_views;
 mod settings;
-mod soft_shadows;
-mod space;
 mod stage;
 mod state;
 mod tier_controller;
-mod transport;
 
 pub use bounce_count::{
     BounceSelection, BounceSelector, MAX_AUTO_BOUNCES, MAX_TRUNCATED_FRACTION,
     bounces_for_spectral_radius,
 };
+pub use change_detector::ChangeDetector;
 pub use channels::{
     ColorModeSelection, ColorModeSelector, MONOCHROME_HYSTERESIS_FRAMES, SceneChromaticity,
 };
 pub use cost::{Cost, CostModel, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
-pub use effect::{EFFECTS, Effect};
+pub use effect::{Effect, PassKind, kind_of};
 pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, LightKind, SkyKind};
 pub use inventory_tracker::{InventoryTracker, SceneSnapshot, WorldSnapshot};
 pub use lights::{

@@ -1,6 +1,6 @@
 //! What a plan is made of: passes, and the reasons why they run or do not.
 
-use super::{FrameStage, LightId, SceneId, ViewId};
+use super::{FrameStage, LightId, SceneId, TimingScope, ViewId};
 use std::fmt;
 
 /// Why a pass runs.
@@ -132,7 +132,7 @@ impl fmt::Display for SkipReason {
 /// One pass of the frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pass {
-    /// The effect that asked for it (its name in [`EFFECTS`](super::EFFECTS)).
+    /// The effect that asked for it (its name in [`Effect::name`](super::Effect::name)).
     pub effect: &'static str,
     /// What runs.
     pub stage: FrameStage,
@@ -146,6 +146,8 @@ pub struct Pass {
     pub slots: Vec<u32>,
     /// Why.
     pub reason: RunReason,
+    /// Scope in which the device's clock times it; `None` if no clock does.
+    pub timing: Option<TimingScope>,
 }
 
 impl fmt::Display for Pass {

@@ -1,8 +1,8 @@
-//! [`Plan`]: the passes of one frame, why they run and why others do not, what they cost, and what the world has. [`EFFECTS`] make it.
+//! [`Plan`]: the passes of one frame, why they run and why others do not, what they cost, and what the world has. A table of [`Effect`]s makes it.
 
 use super::cost::{self, Cost, TimingScope};
 use super::{
-    BounceSelection, ColorModeSelection, DisplayUse, EFFECTS, FmmLimit, FrameStage, FrameState,
+    BounceSelection, ColorModeSelection, DisplayUse, Effect, FmmLimit, FrameStage, FrameState,
     Inventory, LightId, Pass, RunReason, SceneId, SkipReason, SkyUse, TierSelection, ViewId,
 };
 use std::fmt;
@@ -41,17 +41,17 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Asks every effect of [`EFFECTS`].
+    /// Plans a frame with a table of effects.
     #[must_use]
-    pub fn new(state: &FrameState) -> Self {
+    pub fn new<R>(effects: &[Effect<R>], state: &FrameState) -> Self {
         let mut plan = Self {
             inventory: state.inventory.clone(),
             ..Self::default()
         };
-        for effect in EFFECTS {
+        for effect in effects {
             (effect.schedule)(state, &mut plan);
         }
-        plan.costs = cost::weigh(state, &plan.passes);
+        plan.costs = cost::weigh(effects, state, &mut plan.passes);
         plan
     }
 
@@ -72,7 +72,7 @@ impl Plan {
     /// What this pass costs, with all that is timed as one with it; none where no clock times it.
     #[must_use]
     pub fn cost_of(&self, pass: &Pass) -> Option<&Cost> {
-        let timed = TimingScope::of(pass)?;
+        let timed = pass.timing?;
         self.costs.iter().find(|(t, _)| *t == timed).map(|(_, c)| c)
     }
 
@@ -88,6 +88,29 @@ impl Plan {
     #[must_use]
     pub fn bounces(&self, light: LightId) -> bool {
         self.find_light(light).is_some() || self.resting.contains(&light)
+    }
+
+    /// The passes of a scene that all views share, in order.
+    pub fn of_scene(&self, scene: SceneId) -> impl Iterator<Item = &Pass> {
+        let own = move |p: &&Pass| p.scene == scene && p.view.is_none();
+        self.passes.iter().filter(own)
+    }
+
+    /// The passes of a view, in order.
+    pub fn of_view(&self, view: ViewId) -> impl Iterator<Item = &Pass> {
+        self.passes.iter().filter(move |p| p.view == Some(view))
+    }
+
+    /// Returns `true` if the view shows indirect light over its surfaces.
+    #[must_use]
+    pub fn shows(&self, view: ViewId) -> bool {
+        self.displays.iter().any(|(id, _)| *id == view)
+    }
+
+    /// Returns `true` if a pass of this stage runs in the view.
+    #[must_use]
+    pub fn runs_in_view(&self, stage: FrameStage, view: ViewId) -> bool {
+        self.of_view(view).any(|p| p.stage == stage)
     }
 
     /// How many passes of this stage.
@@ -113,7 +136,7 @@ impl Plan {
     }
 
     /// Adds a pass of an effect, for all views.
-    pub(super) fn push(
+    pub(crate) fn push(
         &mut self,
         effect: &'static str,
         stage: FrameStage,
@@ -128,6 +151,7 @@ impl Plan {
             view: None,
             slots: Vec::new(),
             reason,
+            timing: None,
         });
         self.passes.last_mut().expect("just pushed")
     }
@@ -138,8 +162,8 @@ impl fmt::Display for Plan {
         self.inventory.fmt(f)?;
         for (i, pass) in self.passes.iter().enumerate() {
             write!(f, "run  {pass}")?;
-            let timed = TimingScope::of(pass);
-            let with = |p: &Pass| timed.is_some() && TimingScope::of(p) == timed;
+            let timed = pass.timing;
+            let with = |p: &Pass| timed.is_some() && p.timing == timed;
             match (
                 self.cost_of(pass),
                 self.passes[..i].iter().find(|p| with(p)),

@@ -46,28 +46,6 @@ impl FrameStage {
     /// Copy of the coefficients to the CPU.
     pub const READ_BACK: Self = Self::new(180, "read_back");
 
-    /// All stages of the built-in effects, in the order of the frame.
-    pub const ALL: [Self; 18] = [
-        Self::UPLOAD,
-        Self::MATERIALS,
-        Self::OCCLUDE,
-        Self::PROJECT,
-        Self::PULL_PUSH,
-        Self::APPLY,
-        Self::FLATTEN,
-        Self::PROBE,
-        Self::VOLUME,
-        Self::SOFT_SHADOW,
-        Self::RSM,
-        Self::SPLAT,
-        Self::VPL,
-        Self::COMPOSITE,
-        Self::VPL_SPECULAR,
-        Self::SUBTRACT_SHADOW,
-        Self::FOG,
-        Self::READ_BACK,
-    ];
-
     /// Creates a stage. `position` orders it in the frame, `name` is used by diagnostics and logs.
     #[must_use]
     pub const fn new(position: u32, name: &'static str) -> Self {

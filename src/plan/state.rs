@@ -291,6 +291,56 @@ pub struct FrameState {
 }
 
 impl FrameState {
+    /// Finds a baked scene.
+    #[must_use]
+    pub fn scene(&self, id: SceneId) -> Option<&SceneState> {
+        self.scenes.iter().find(|s| s.id == id)
+    }
+
+    /// Number of pixels that a view draws; 0 for a view without display settings.
+    #[must_use]
+    pub fn pixels(&self, view: Option<ViewId>) -> u64 {
+        let found = self.views.iter().find(|v| Some(v.id) == view);
+        found.map_or(0, |v| v.pixels)
+    }
+
+    /// Checks that a scene takes part in the frame.
+    ///
+    /// # Errors
+    /// The reason why it does not.
+    pub fn check_active(&self, scene: &SceneState) -> Result<(), SkipReason> {
+        if !self.device_able {
+            Err(SkipReason::DeviceUnable)
+        } else if !scene.loaded {
+            Err(SkipReason::AssetMissing)
+        } else if scene.largest_buffer == u64::MAX {
+            Err(SkipReason::BeyondLimits)
+        } else if scene.largest_buffer > self.largest_binding {
+            Err(SkipReason::TooLarge {
+                needs: scene.largest_buffer,
+                has: self.largest_binding,
+            })
+        } else if !scene.shown {
+            Err(SkipReason::Hidden)
+        } else if !self.is_displayed(scene) {
+            Err(SkipReason::NotInView)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// The scenes that take part in the frame.
+    pub fn active_scenes(&self) -> impl Iterator<Item = &SceneState> {
+        self.scenes.iter().filter(|s| self.check_active(s).is_ok())
+    }
+
+    /// Returns `true` if a view shows the scene over its G-buffer, or a camera without a G-buffer or
+    /// with fog shows its volume.
+    fn is_displayed(&self, scene: &SceneState) -> bool {
+        let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
+        scene.volume.asked && scene.volume.seen || self.views.iter().any(shows)
+    }
+
     /// How many maps a light's bounce takes; or why it has none.
     ///
     /// # Errors

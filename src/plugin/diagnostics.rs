@@ -14,6 +14,7 @@
 //! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With
 //! pipelined rendering that frame is one behind the main world's.
 
+use super::effects::{EFFECTS, stages};
 use crate::plan::{FrameStage, Plan};
 use bevy::app::{App, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
@@ -117,7 +118,7 @@ pub(crate) fn register(app: &mut App) {
     ] {
         app.register_diagnostic(Diagnostic::new(path(name)).with_smoothing_factor(0.0));
     }
-    for stage in FrameStage::ALL {
+    for stage in stages(EFFECTS) {
         app.register_diagnostic(Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0));
     }
     app.add_systems(PreUpdate, publish.in_set(super::GiSystems::CollectBakes));
@@ -142,7 +143,7 @@ fn publish(status: Res<GiFrameStats>, mut diagnostics: Diagnostics, mut last: Lo
         path("subsplats/saved"),
         f64::from(pixels) - f64::from(evaluated),
     );
-    for stage in FrameStage::ALL {
+    for stage in stages(EFFECTS) {
         add(
             dispatch_path(stage),
             f64::from(counters.dispatches_of(stage)),

@@ -6,16 +6,13 @@
 //! [`VolumetricFog`] on the camera.
 
 use super::camera::GiDebugView;
-use super::compute::GiRender;
 use super::extract::{ExtractedGi, in_view};
-use super::gpu_timings::view_span;
 use super::rsm::GiRsmCamera;
 use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, add_warnings};
-use super::volume::{DisplayParts, ExtractedVolumes, FoundParts, Voxels, displays};
+use super::volume::{DisplayParts, FoundParts, Voxels, displays};
 use super::volumetric_fog::GiVolumetricFog;
-use crate::gpu::{FogTextures, draw_fog};
-use crate::plan::{FogState, FrameStage, Pass, SceneId, ViewId};
+use crate::plan::{FogState, SceneId, ViewId};
 use bevy::asset::AssetId;
 use bevy::camera::primitives::{Aabb, Frustum};
 use bevy::camera::visibility::RenderLayers;
@@ -25,67 +22,68 @@ use bevy::ecs::hierarchy::ChildOf;
 use bevy::ecs::prelude::*;
 use bevy::image::Image;
 use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
-use bevy::math::{Affine3A, Mat4, Vec3, Vec3A};
+use bevy::math::{Affine3A, Vec3, Vec3A};
 use bevy::render::Extract;
-use bevy::render::camera::{ExtractedCamera, TemporalJitter};
-use bevy::render::diagnostic::RecordDiagnostics;
-use bevy::render::render_asset::RenderAssets;
-use bevy::render::render_resource::RenderPassDescriptor;
-use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
-use bevy::render::texture::{FallbackImage, GpuImage};
-use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
 use bevy::transform::components::GlobalTransform;
-use meshless_gi::internals::frame::{Fog, FogInscatterParams, FogParams, FogView};
+use meshless_gi::internals::frame::Fog;
 
-/// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is
-/// placed in the world.
-struct Level {
-    scene: SceneId,
-    bounds: [Vec3; 2],
-    cube: Affine3A,
-    strength: f32,
+/// A scene that lights fog.
+pub(crate) struct FogScene {
+    pub scene: SceneId,
+    /// Bounds in the scene's local space.
+    pub bounds: [Vec3; 2],
+    /// The bounds in the world, as a transform of a cube with edges of 1.
+    pub cube: Affine3A,
+    /// Multiplies the light that fog scatters.
+    pub strength: f32,
 }
 
-/// A fog volume that a level lights, and the image of its density.
-struct LitFog {
-    level: usize,
-    fog: Fog,
-    density: Option<AssetId<Image>>,
+/// A fog volume that a scene lights, and the image of its density.
+pub(crate) struct LitFog {
+    /// Index of the scene in [`ExtractedFogs::scenes`].
+    pub scene: usize,
+    pub fog: Fog,
+    pub density: Option<AssetId<Image>>,
 }
 
-/// A camera that looks through fog.
-struct ExtractedFogView {
+/// A camera that sees fog.
+pub(crate) struct ExtractedFogView {
     id: ViewId,
     pixels: u64,
-    steps: u32,
-    intensity: f32,
-    lit: Vec<LitFog>,
+    pub steps: u32,
+    pub intensity: f32,
+    pub lit: Vec<LitFog>,
 }
 
-/// All of them, and the levels that light fog: where several lie in one place the first of them
-/// does.
+/// Cameras that see fog, and the scenes that light it. Where several scenes overlap the first one
+/// lights the fog.
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedFogs {
-    levels: Vec<Level>,
+    pub scenes: Vec<FogScene>,
     views: Vec<ExtractedFogView>,
 }
 
 impl ExtractedFogs {
     /// Whether a camera sees fog that this scene lights.
     pub fn sees(&self, scene: SceneId) -> bool {
-        let lights = |fog: &LitFog| self.levels[fog.level].scene == scene;
+        let lights = |fog: &LitFog| self.scenes[fog.scene].scene == scene;
         self.views.iter().any(|view| view.lit.iter().any(lights))
+    }
+
+    /// The fog that a camera sees.
+    pub fn view(&self, id: ViewId) -> Option<&ExtractedFogView> {
+        self.views.iter().find(|view| view.id == id)
     }
 
     /// What the plan is to know.
     pub fn describe(&self) -> Vec<FogState> {
         let of = |view: &ExtractedFogView, level: usize| FogState {
             view: view.id,
-            scene: self.levels[level].scene,
-            volumes: view.lit.iter().filter(|f| f.level == level).count(),
+            scene: self.scenes[level].scene,
+            volumes: view.lit.iter().filter(|f| f.scene == level).count(),
             pixels: view.pixels,
         };
-        let every = |view| (0..self.levels.len()).map(move |level| of(view, level));
+        let every = |view| (0..self.scenes.len()).map(move |level| of(view, level));
         let all = self.views.iter().flat_map(every);
         all.filter(|state| state.volumes > 0).collect()
     }
@@ -138,7 +136,7 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
 }
 
 /// Whether two cubes with edges of 1 may overlap: neither lies beyond a side of the other.
-fn meet(a: &Affine3A, b: &Affine3A) -> bool {
+pub(crate) fn meet(a: &Affine3A, b: &Affine3A) -> bool {
     let within = |of: &Affine3A, other: &Affine3A| {
         let place = of.inverse() * *other;
         let half = (0..3).fold(Vec3A::ZERO, |sum, k| sum + 0.5 * place.matrix3.col(k).abs());
@@ -174,7 +172,10 @@ pub(crate) fn extract_fogs(
     lamps: Extract<Query<(), With<VolumetricLight>>>,
     cameras: Extract<FogCameras>,
 ) {
-    let ExtractedFogs { levels, views } = &mut *out;
+    let ExtractedFogs {
+        scenes: levels,
+        views,
+    } = &mut *out;
     levels.clear();
     views.clear();
     if volumes.is_empty() || fogs.is_empty() || lamps.is_empty() {
@@ -199,7 +200,7 @@ pub(crate) fn extract_fogs(
             if cube.matrix3.determinant() == 0.0 {
                 continue;
             }
-            levels.push(Level {
+            levels.push(FogScene {
                 scene: scene.id,
                 bounds,
                 cube,
@@ -230,7 +231,7 @@ pub(crate) fn extract_fogs(
                     && meet(&levels[level].cube, &affine)
                 {
                     lit.push(LitFog {
-                        level,
+                        scene: level,
                         fog,
                         density: volume.density_texture.as_ref().map(|image| image.id()),
                     });
@@ -248,161 +249,6 @@ pub(crate) fn extract_fogs(
             });
         }
     }
-}
-
-type View = (
-    &'static ExtractedView,
-    &'static ExtractedCamera,
-    &'static ViewTarget,
-    &'static ViewDepthTexture,
-    &'static Msaa,
-    Option<&'static TemporalJitter>,
-);
-
-/// Runs in [`GiRenderSystems::CompositeFog`](super::GiRenderSystems::CompositeFog).
-#[allow(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
-pub(crate) fn draw(
-    view: ViewQuery<View>,
-    fogs: Res<ExtractedFogs>,
-    volumes: Res<ExtractedVolumes>,
-    world: Res<ExtractedGi>,
-    mut render: ResMut<GiRender>,
-    images: Res<RenderAssets<GpuImage>>,
-    fallback: Res<FallbackImage>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
-    mut ctx: RenderContext,
-) {
-    let (view, camera, target, depth, msaa, jitter) = view.into_inner();
-    let id = ViewId(view.retained_view_entity.main_entity.to_bits());
-    let render = &mut *render;
-    let Some(fogged) = fogs.views.iter().find(|v| v.id == id) else {
-        return;
-    };
-    let Some(kernels) = &render.kernels else {
-        return;
-    };
-    // From clip space to the world; jittered where the depth was.
-    let mut clip_from_view = view.clip_from_view;
-    if let (Some(jitter), Some(size)) = (jitter, camera.physical_viewport_size) {
-        jitter.jitter_projection(&mut clip_from_view, size.as_vec2());
-    }
-    // Levels whose light is there.
-    let lights_of = |scene: SceneId| {
-        let passes = &render.plan.passes;
-        let here = |p: &Pass| p.stage == FrameStage::FOG && p.view == Some(id) && p.scene == scene;
-        let volume = volumes.find(scene).filter(|_| passes.iter().any(here))?;
-        let written = render.scenes.get(&scene)?.volume.texture(volume)?;
-        Some((volume, written))
-    };
-    // Levels and asymmetries, with what a level sends through fog of that one and the volume that
-    // says so.
-    let mut lights: Vec<(usize, f32)> = Vec::new();
-    let (mut sent, mut volumes_of) = (Vec::new(), Vec::new());
-    let mut params = Vec::new();
-    let mut textures = Vec::new();
-    for lit in &fogged.lit {
-        let level = &fogs.levels[lit.level];
-        let scene = world.scenes.iter().find(|s| s.id == level.scene);
-        let placement = scene.and_then(|s| s.placement);
-        let (Some(placement), Some((volume, written))) = (placement, lights_of(level.scene)) else {
-            continue;
-        };
-        // As Bevy has it: until its texture is there, fog is even.
-        let density = lit.density.and_then(|image| images.get(image));
-        let fog = Fog {
-            texture: lit.fog.texture.filter(|_| density.is_some()),
-            ..lit.fog
-        };
-        let seen = FogView {
-            view_from_clip: clip_from_view.inverse(),
-            world_from_view: view.world_from_view.to_matrix(),
-            viewport: view.viewport.as_vec4().to_array(),
-            exposure: camera.exposure * fogged.intensity * level.strength,
-            steps: fogged.steps,
-        };
-        let world_from_local = Mat4::from(placement.world_from_local);
-        let key = (lit.level, fog.asymmetry);
-        let light = lights.iter().position(|k| *k == key).unwrap_or_else(|| {
-            let shape = volume.shape();
-            let of = FogInscatterParams::new(&seen, fog.asymmetry, shape, &world_from_local);
-            lights.push(key);
-            sent.push(of);
-            volumes_of.push(written);
-            lights.len() - 1
-        });
-        let place = Affine3A::from_mat4(fog.world_from_local);
-        let earlier: Vec<Mat4> = (fogs.levels[..lit.level].iter())
-            .filter(|other| meet(&other.cube, &level.cube) && meet(&other.cube, &place))
-            .filter(|other| lights_of(other.scene).is_some())
-            .map(|other| other.cube.into())
-            .collect();
-        params.push(FogParams::new(
-            &seen,
-            &fog,
-            volume.shape(),
-            level.bounds,
-            &world_from_local,
-            &earlier,
-        ));
-        let density = density.unwrap_or(&fallback.d3);
-        textures.push((light, written, volume.sampler(), density));
-    }
-    let readable = wgpu::TextureUsages::TEXTURE_BINDING;
-    if params.is_empty() || !depth.texture.usage().contains(readable) {
-        render.fogs.remove(&id);
-        return;
-    }
-    let buffers = render.fogs.entry(id).or_default();
-    buffers.write(device.wgpu_device(), &queue, &sent, &params);
-    let recorder = ctx.diagnostic_recorder();
-    let recorder = recorder.as_deref();
-    let whole = recorder.time_span(ctx.command_encoder(), "meshless_gi_fog");
-    let timed = recorder.time_span(ctx.command_encoder(), view_span(FrameStage::FOG, id));
-    let recorded = buffers.record(kernels, ctx.command_encoder(), &volumes_of);
-    let mut pass = ctx
-        .command_encoder()
-        .begin_render_pass(&RenderPassDescriptor {
-            label: Some("meshless_gi fog"),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                // Several samples a pixel are one by now.
-                view: target.main_texture_view(),
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Load,
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
-            depth_stencil_attachment: None,
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        });
-    let [x, y, width, height] = view.viewport.to_array();
-    pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
-    pass.set_scissor_rect(x, y, width, height);
-    for (which, (light, voxels, between, density)) in textures.iter().enumerate() {
-        let textures = FogTextures {
-            depth: depth.view(),
-            sampled: *msaa != Msaa::Off,
-            voxels,
-            between,
-            density: (&density.texture_view, &density.sampler),
-        };
-        let format = view.target_format;
-        draw_fog(
-            kernels, &mut pass, format, buffers, which, *light, &textures,
-        );
-    }
-    drop(pass);
-    timed.end(ctx.command_encoder());
-    whole.end(ctx.command_encoder());
-    render.retired.add(&recorded);
-    render.retired.fogs += params.len() as u64;
 }
 
 /// Says once where ambient light is in fog that a level lights. Runs in

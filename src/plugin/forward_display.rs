@@ -12,11 +12,11 @@
 //! | when | system | does |
 //! |---|---|---|
 //! | `Render`, `PrepareResourcesFlush` | [`prepare`] | textures of each view, and the binding |
-//! | `Core3d`, before the opaque pass | [`draw`] | prepasses to a G-buffer, [`evaluate`](super::evaluate), the texture |
+//! | `Core3d`, before the opaque pass | [`draw`] | prepasses to a G-buffer, [the view's passes](super::record), the texture |
 
-use super::compute::GiRender;
-use super::evaluate::{Surfaces, evaluate};
 use super::extract::ExtractedGi;
+use super::record::{Surfaces, ViewInput, record_view};
+use super::render_state::GiRender;
 use crate::plan::ViewId;
 use bevy::app::SubApp;
 use bevy::core_pipeline::core_3d::main_opaque_pass_3d;
@@ -293,15 +293,13 @@ pub(crate) fn draw(
         gbuffer: &own.gbuffer,
         size: own.size,
     };
-    let evaluated = evaluate(
-        &mut render,
-        shown_by,
-        &surfaces,
-        &world,
-        &device,
-        &queue,
-        &mut ctx,
-    );
+    let input = ViewInput {
+        camera: shown_by,
+        surfaces: &surfaces,
+        picture: None,
+        world: &world,
+    };
+    let irradiance = record_view(&mut render, &input, &queue, &mut ctx);
     let params = ForwardParams {
         view_from_clip: surfaces.clip_from_view().inverse().to_cols_array_2d(),
         viewport: surfaces.viewport(),
@@ -309,7 +307,7 @@ pub(crate) fn draw(
         pad: [0.0; 3],
     };
     queue.write_buffer(&own.params, 0, bytemuck::bytes_of(&params));
-    let light = evaluated.and_then(|e| e.irradiance).map(|irradiance| {
+    let light = irradiance.map(|irradiance| {
         let entries = [
             entry(0, &own.depth),
             entry(4, &irradiance),

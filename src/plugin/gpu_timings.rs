@@ -6,7 +6,7 @@
 
 use super::diagnostics::GiFrameStats;
 use super::quality::{SolveCostSource, span_name};
-use crate::plan::{CostModel, FrameStage, Plan, SceneId, TimingScope, ViewId, Work};
+use crate::plan::{CostModel, FrameStage, Plan, TimingScope, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -33,40 +33,26 @@ impl DeviceCosts {
     }
 }
 
-/// Name of the span of what all views share.
-pub(crate) fn span(stage: FrameStage, scene: SceneId) -> String {
-    TimingScope {
-        stage,
-        scene,
-        view: None,
-    }
-    .span()
+/// Names of the spans that time a scope, outermost first, below the span of its system. Projection
+/// and transport of a scene share the span of its solve.
+pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
+    let solve =
+        scope.view.is_none() && matches!(scope.stage, FrameStage::PROJECT | FrameStage::APPLY);
+    let solve = solve.then(|| span_name(scope.scene.0));
+    solve.into_iter().chain([scope.span()]).collect()
 }
 
-/// Name of the span of what a view takes.
-pub(crate) fn view_span(stage: FrameStage, view: ViewId) -> String {
-    TimingScope {
-        stage,
-        scene: SceneId::WORLD,
-        view: Some(view),
-    }
-    .span()
-}
-
-/// Where Bevy keeps what a group took.
-fn path(timed: &TimingScope) -> DiagnosticPath {
-    let (name, solve) = (timed.span(), span_name(timed.scene.0));
-    let mut parts = vec!["render"];
-    match (timed.view, timed.stage) {
-        (Some(_), FrameStage::FOG) => parts.push("meshless_gi_fog"),
-        (Some(_), _) => parts.push("meshless_gi_composite"),
-        (None, FrameStage::PROJECT | FrameStage::APPLY) => {
-            parts.extend(["meshless_gi_compute", &solve])
-        }
-        (None, _) => parts.push("meshless_gi_compute"),
-    }
-    parts.extend([name.as_str(), "elapsed_gpu"]);
-    DiagnosticPath::from_components(parts)
+/// Diagnostic path of the milliseconds of a scope.
+fn path(scope: &TimingScope) -> DiagnosticPath {
+    let system = match (scope.view, scope.stage) {
+        (Some(_), FrameStage::FOG) => "meshless_gi_fog",
+        (Some(_), _) => "meshless_gi_composite",
+        (None, _) => "meshless_gi_compute",
+    };
+    let spans = spans(scope);
+    let names = spans.iter().map(String::as_str);
+    let parts = ["render", system].into_iter().chain(names);
+    DiagnosticPath::from_components(parts.chain(["elapsed_gpu"]))
 }
 
 /// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).

@@ -3,11 +3,11 @@
 //! read, everything else.
 
 use super::camera::GiCamera;
-use super::compute::bounds;
 use super::extract::{
     Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
 };
 use super::reflector::GiReflector;
+use super::render_state::bounds;
 use super::rsm::{AskingLights, GiRsmCamera};
 use crate::plan::{
     BounceSelector, Cameras, ColorModeSelector, InventoryTracker, SceneId, SceneSnapshot,

@@ -18,7 +18,7 @@
 //! | `soft_shadow` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
-//! | `evaluate` | render, in the two below | splats |
+//! | `record` | render, in `compute` and the two below | walks the plan's passes; `effects` records each |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds that to the pictures of deferred cameras |
 //! | `forward_display` | render, `Core3d` of each camera, before opaque | hands it to the surfaces of forward cameras |
 //! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
@@ -46,13 +46,14 @@ mod camera;
 mod check_display;
 mod composite;
 mod compute;
+mod count;
 mod debug;
 mod deferred;
 mod diagnostics;
 mod dynamic_changes;
+pub(crate) mod effects;
 mod entity_bake;
 mod environment;
-mod evaluate;
 mod extract;
 mod extract_lights;
 mod fog;
@@ -70,6 +71,7 @@ mod light;
 mod loader;
 mod main_schedule;
 mod materials;
+mod observe;
 mod occluders;
 mod plan_log;
 mod point_cloud;
@@ -81,10 +83,12 @@ mod readback;
 mod recipe_loader;
 #[cfg(feature = "gltf")]
 mod recipe_progress;
+mod record;
 mod reflective_shadow_map;
 mod reflector;
 mod registration;
 mod render_schedule;
+mod render_state;
 mod rsm;
 mod rsm_render;
 mod scene;
@@ -95,9 +99,9 @@ mod sky;
 mod soft_shadow;
 mod solver;
 mod splatting;
-mod stages;
 mod transform;
 mod validation;
+mod view_state;
 mod volume;
 mod volume_shader;
 mod volumetric_fog;

@@ -49,7 +49,7 @@ fn add_extraction(render_app: &mut SubApp) {
         .init_resource::<soft_shadow::ExtractedSoft>()
         .init_resource::<volume::ExtractedVolumes>()
         .init_resource::<fog::ExtractedFogs>()
-        .init_resource::<compute::GiRender>()
+        .init_resource::<render_state::GiRender>()
         .init_resource::<rsm_render::LightMaps>()
         .add_schedule(rsm_render::schedule())
         .add_systems(
@@ -83,7 +83,7 @@ fn add_solve(render_app: &mut SubApp) {
                 deferred::leave_volumes_out
                     .in_set(RenderSystems::Prepare)
                     .after(prepare_deferred_lighting_pipelines),
-                compute::publish.in_set(RenderSystems::Cleanup),
+                count::publish.in_set(RenderSystems::Cleanup),
             ),
         );
 }
@@ -104,7 +104,7 @@ fn add_camera_passes(render_app: &mut SubApp) {
         })
         .add_systems(
             Core3d,
-            fog::draw
+            effects::fog::draw
                 .in_set(GiRenderSystems::CompositeFog)
                 .in_set(Core3dSystems::EarlyPostProcess),
         );

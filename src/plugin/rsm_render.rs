@@ -9,14 +9,16 @@
 //! Cameras whose targets have the same size share their textures (Bevy keys them by target): what a
 //! map holds must be read before the next is drawn, in the same schedule.
 
-use super::compute::GiRender;
 use super::extract::{ExtractedGi, LightKey, LightKind};
+use super::record::{Layer, ViewInput};
+use super::render_state::{GiRender, SceneRuntime};
 use super::rsm::{AskingLight, AskingLights};
+use super::splatting::ViewLights;
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, RsmBuffers, RsmCapture, SceneBuffers, SplatTargets,
     VplShadows,
 };
-use crate::plan::{BounceState, FrameState, LightId, Plan, SceneId, ViewId};
+use crate::plan::{BounceState, FrameState, LightId, Plan, SceneId};
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -32,6 +34,7 @@ use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
 use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::internals::frame::{RsmParams, VplViewParams};
+use std::collections::BTreeMap;
 
 /// What a camera of a map runs instead of `Core3d`.
 #[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]
@@ -170,10 +173,7 @@ pub(crate) struct Reflections {
 /// from world, gains).
 type Shadower = (SceneId, usize, DMat4, Vec<f32>);
 
-fn shadowers(
-    world: &ExtractedGi,
-    scenes: &std::collections::BTreeMap<SceneId, super::compute::SceneRuntime>,
-) -> Vec<Shadower> {
+fn shadowers(world: &ExtractedGi, scenes: &BTreeMap<SceneId, SceneRuntime>) -> Vec<Shadower> {
     let address =
         |id: &SceneId| (scenes.get(id)).map_or(0, |s| std::sync::Arc::as_ptr(&s.bake) as usize);
     let gains = |id: &SceneId| {
@@ -252,7 +252,7 @@ impl Reflections {
         state: &FrameState,
         lights: &LightMaps,
         world: &ExtractedGi,
-        scenes: &std::collections::BTreeMap<SceneId, super::compute::SceneRuntime>,
+        scenes: &BTreeMap<SceneId, SceneRuntime>,
     ) -> bool {
         let bounce = (state.bounces.iter()).filter(|l| state.maps_of(l).is_ok());
         lights.0.still >= SETTLED
@@ -271,7 +271,7 @@ impl Reflections {
         (self.maps.buffers(), self.maps.bytes())
     }
 
-    /// Adds the irradiance of the pixels of a view, see [`on_view`](Self::on_view).
+    /// Adds the irradiance of the pixels of a view, see [`in_view`](Self::in_view).
     pub fn light_view(
         &mut self,
         kernels: &KernelPipelines,
@@ -285,23 +285,23 @@ impl Reflections {
             .splat(kernels, queue, encoder, view, shadows.as_ref(), targets);
     }
 
-    /// The virtual lights.
-    pub fn maps(&self) -> &RsmBuffers {
-        &self.maps
-    }
-
-    /// How they light a view, and what shadows them there. `exposure` is what the view's irradiance
-    /// is stored times.
-    pub fn on_view<'a>(
+    /// How the virtual lights light a view that shows `layers`, and what shadows them there.
+    pub fn in_view<'a>(
         &self,
-        [world_from_view, clip_from_view]: [&Mat4; 2],
-        viewport: [f32; 4],
-        size: [u32; 2],
-        exposure: f32,
-        bake: Option<(DMat4, &'a SceneBuffers)>,
+        input: &'a ViewInput<'_>,
+        scenes: &'a BTreeMap<SceneId, SceneRuntime>,
+        layers: &[Layer],
     ) -> (VplViewParams, Option<VplShadows<'a>>) {
+        let surfaces = input.surfaces;
+        let (world_from_view, clip_from_view) =
+            (surfaces.world_from_view(), surfaces.clip_from_view());
+        let (viewport, size) = (surfaces.viewport(), surfaces.size);
+        let exposure = surfaces.camera.exposure;
+        let bake = bakes(input.world, scenes)
+            .find(|(id, ..)| layers.contains(&Layer::Scene(*id)))
+            .map(|(_, local, buffers)| (local, buffers));
         let view = VplViewParams {
-            space_from_clip: space_from_clip(world_from_view, clip_from_view, self.origin)
+            space_from_clip: space_from_clip(&world_from_view, &clip_from_view, self.origin)
                 .to_cols_array_2d(),
             viewport,
             size,
@@ -320,6 +320,24 @@ impl Reflections {
     }
 }
 
+impl Reflections {
+    /// The virtual lights, as they light a view that shows `layers`.
+    pub fn view_lights<'a>(
+        &'a self,
+        input: &'a ViewInput<'_>,
+        scenes: &'a BTreeMap<SceneId, SceneRuntime>,
+        layers: &[Layer],
+    ) -> ViewLights<'a> {
+        let (view, shadows) = self.in_view(input, scenes, layers);
+        ViewLights {
+            maps: &self.maps,
+            view,
+            lit: self.maps.params(shadows.as_ref()),
+            shadows,
+        }
+    }
+}
+
 /// From the space about `origin` to a bake's local space.
 fn local_from_space(local_from_world: DMat4, origin: Vec3) -> Mat4 {
     (local_from_world * DMat4::from_translation(origin.as_dvec3())).as_mat4()
@@ -328,7 +346,7 @@ fn local_from_space(local_from_world: DMat4, origin: Vec3) -> Mat4 {
 /// The bakes on the device, and how to get into their local spaces.
 pub(crate) fn bakes<'a>(
     world: &'a ExtractedGi,
-    scenes: &'a std::collections::BTreeMap<SceneId, super::compute::SceneRuntime>,
+    scenes: &'a BTreeMap<SceneId, SceneRuntime>,
 ) -> impl Iterator<Item = (SceneId, DMat4, &'a SceneBuffers)> {
     world.scenes.iter().filter(|s| s.shown).filter_map(|scene| {
         let placement = scene.placement?;
@@ -411,9 +429,4 @@ fn read(
         }
         reflections.shadowed_by = shadowers(&world, &render.scenes);
     }
-}
-
-/// Whether the plan lights a view by what moves.
-pub(crate) fn lights_view(plan: &Plan, view: ViewId) -> bool {
-    (plan.passes.iter()).any(|p| p.stage == crate::plan::FrameStage::VPL && p.view == Some(view))
 }

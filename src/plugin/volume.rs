@@ -14,8 +14,7 @@ use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
 use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, add_warnings};
-use crate::gpu::{GpuFrame, KernelPipelines, VolumeBuffers};
-use crate::plan::{SceneId, VolumeState};
+use crate::plan::SceneId;
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
 use bevy::camera::primitives::Frustum;
 use bevy::camera::visibility::{RenderLayers, VisibleEntities};
@@ -25,8 +24,6 @@ use bevy::ecs::prelude::*;
 use bevy::image::{Image, ImageSampler};
 use bevy::light::IrradianceVolume;
 use bevy::light::cluster::ClusterVisibilityClass;
-use bevy::log::warn;
-use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
@@ -34,8 +31,7 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, T
 use bevy::render::texture::GpuImage;
 use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
-use meshless_gi::BakedScene;
-use meshless_gi::internals::frame::{VolumeParams, VoxelGrid, VoxelWeights};
+use meshless_gi::internals::frame::VoxelGrid;
 use std::any::TypeId;
 use std::sync::Arc;
 
@@ -84,7 +80,7 @@ impl GiIrradianceVolume {
 /// The child with the volume, and what it was made for.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Voxels {
-    shape: VoxelGrid,
+    pub shape: VoxelGrid,
     /// The bake, also where another takes its place under the same handle, and what was asked for.
     bake: (AssetId<GiBakedScene>, usize),
     asked: GiIrradianceVolume,
@@ -222,10 +218,10 @@ pub(crate) fn hide_irradiance_volumes(
 /// A volume of the main world whose texture is there, as the render world needs it.
 pub(crate) struct ExtractedVolume {
     scene: SceneId,
-    voxels: Voxels,
-    texture: wgpu::TextureView,
+    pub voxels: Voxels,
+    pub texture: wgpu::TextureView,
     sampler: wgpu::Sampler,
-    seen: bool,
+    pub seen: bool,
 }
 
 impl ExtractedVolume {
@@ -315,140 +311,6 @@ pub(crate) fn extract_volumes(
             sampler: wgpu::Sampler::clone(&texture.sampler),
             seen,
         });
-    }
-}
-
-/// How many functions of probes and surfaces are looked at in a frame in which a volume's places
-/// are found: some milliseconds of one core.
-const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
-
-/// What the device holds of a scene's volume beside its texture, and what that was written for.
-#[derive(Default)]
-pub(crate) struct SceneVolume {
-    /// Found over as many frames as it takes; gone once the device has them.
-    places: Option<VoxelWeights>,
-    buffers: Option<VolumeBuffers>,
-    written: Option<(VolumeParams, wgpu::TextureView)>,
-    /// A volume that the device does not hold.
-    refused: Option<VoxelGrid>,
-}
-
-impl SceneVolume {
-    fn wanted<'a>(
-        world: &'a ExtractedVolumes,
-        id: SceneId,
-        local_from_world: &Mat4,
-    ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
-        let volume = world.find(id)?;
-        Some((
-            VolumeParams::new(&volume.voxels.shape, local_from_world),
-            volume,
-        ))
-    }
-
-    /// Says what cameras ask of the scene's volume.
-    pub fn observe(
-        &mut self,
-        world: &ExtractedVolumes,
-        id: SceneId,
-        local_from_world: &Mat4,
-    ) -> VolumeState {
-        let Some((params, volume)) = Self::wanted(world, id, local_from_world) else {
-            *self = Self::default();
-            return VolumeState::default();
-        };
-        let held = |(of, texture): &(VolumeParams, wgpu::TextureView)| {
-            *of == params && *texture == volume.texture
-        };
-        VolumeState {
-            asked: self.refused != Some(volume.voxels.shape),
-            seen: volume.seen,
-            held: self.written.as_ref().is_some_and(held),
-            voxels: u64::from(volume.voxels.shape.voxels()),
-        }
-    }
-
-    /// Whether a camera sees the scene by its volume, or fog in it.
-    pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
-        world.find(id).is_some_and(|v| v.seen)
-    }
-
-    /// Records the voxels of the scene's volume; those of a new one as soon as all its places are
-    /// found.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a volume, and what it is recorded with"
-    )]
-    pub fn record(
-        &mut self,
-        world: &ExtractedVolumes,
-        id: SceneId,
-        bake: &BakedScene,
-        local_from_world: &Mat4,
-        frame: &mut GpuFrame,
-        kernels: &KernelPipelines,
-        queue: &wgpu::Queue,
-        encoder: &mut wgpu::CommandEncoder,
-    ) {
-        let Some((params, volume)) = Self::wanted(world, id, local_from_world) else {
-            return;
-        };
-        self.prepare(volume.voxels.shape, bake, kernels, queue);
-        if let Some(buffers) = &self.buffers {
-            frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
-            self.written = Some((params, volume.texture.clone()));
-        }
-    }
-
-    /// The texture of this volume, once it holds light.
-    pub fn texture(&self, of: &ExtractedVolume) -> Option<&wgpu::TextureView> {
-        let (_, texture) = self.written.as_ref()?;
-        (*texture == of.texture).then_some(texture)
-    }
-
-    /// The light changed, and the voxels have that of before.
-    pub fn forget(&mut self) {
-        self.written = None;
-    }
-
-    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is
-    /// done.
-    fn prepare(
-        &mut self,
-        shape: VoxelGrid,
-        bake: &BakedScene,
-        kernels: &KernelPipelines,
-        queue: &wgpu::Queue,
-    ) {
-        if self.buffers.as_ref().is_some_and(|b| *b.shape() == shape) {
-            return;
-        }
-        self.buffers = None;
-        if bake.probes.is_none() {
-            return;
-        }
-        let begun = self.places.take().filter(|p| *p.shape() == shape);
-        let mut places = begun.unwrap_or_else(|| VoxelWeights::new(shape));
-        if !places.find(bake, EVALUATIONS_PER_FRAME) {
-            self.places = Some(places);
-            return;
-        }
-        match VolumeBuffers::new(kernels.device(), queue, &places) {
-            Ok(buffers) => self.buffers = Some(buffers),
-            Err(why) => {
-                warn!("a volume for forward cameras and fog stays dark: {why}");
-                self.refused = Some(shape);
-            }
-        }
-    }
-
-    /// Buffers, and bytes of them and the texture.
-    pub fn size(&self) -> (u32, u64) {
-        let Some(buffers) = &self.buffers else {
-            return (0, 0);
-        };
-        let texture = 8 * u64::from(buffers.shape().texels().element_product());
-        (buffers.count(), buffers.bytes() + texture)
     }
 }
 

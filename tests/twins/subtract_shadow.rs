@@ -8,7 +8,7 @@ use super::screen::SIZE;
 use super::soft_shadow::{baked, lights};
 use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines, SceneBuffers};
 use bevy_meshless_gi::internals::gpu::{
-    Pass, SoftShadowBuffers, SplatTargets, SubtractShadowBuffers, ViewBuffers, draw_shadow,
+    Draw, Pass, SoftShadowBuffers, SplatTargets, SubtractShadowBuffers, ViewBuffers, draw_over,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -200,7 +200,7 @@ fn on_gpu(
                 ..wgpu::RenderPassDescriptor::default()
             });
             let textures = [&targets[0], &gbuffer, &passes];
-            draw_shadow(&kernels, &mut pass, half4, &view, textures);
+            draw_over(&kernels, &mut pass, half4, Draw::Shadow, &view, textures);
         })
         .unwrap();
     let counters = buffers.counters();

@@ -9,7 +9,7 @@ use super::{harness, synthetic};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{
     Draw, NodeLights, Pass, RsmBuffers, SpecularBuffers, SubsplatTargets, ViewBuffers, VplShadows,
-    draw_specular,
+    draw_over,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -128,10 +128,11 @@ fn on_gpu(
                 })],
                 ..wgpu::RenderPassDescriptor::default()
             });
-            draw_specular(
+            draw_over(
                 &kernels,
                 &mut pass,
                 half4,
+                Draw::Specular,
                 &splat,
                 [&target, &gbuffer, &passes],
             );

@@ -1,0 +1,46 @@
+//! Effect `inspection`: copies coefficients to the CPU for the gizmos.
+//!
+//! Reads: whether the gizmos show coefficients. Copies a buffer, without a kernel.
+
+use super::{Effect, PassKind, Record, Recording};
+use crate::gpu;
+use crate::gpu::GpuError;
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plugin::readback::CoefficientReadback;
+use crate::plugin::record::SceneContext;
+
+pub(super) const EFFECT: Effect = Effect {
+    name: "inspection",
+    summary: "copies coefficients to the CPU for the gizmos",
+    schedule,
+    passes: &[PassKind {
+        stage: FrameStage::READ_BACK,
+        per_view: false,
+        timed_with: None,
+        work: |_, _| Work::Uncounted,
+        record: Recording {
+            kernels: &[],
+            draws: None,
+            how: Record::Scene(record),
+        },
+    }],
+};
+
+fn schedule(state: &FrameState, plan: &mut Plan) {
+    for scene in state.active_scenes().filter(|s| s.read_back) {
+        let (stage, reason) = (FrameStage::READ_BACK, RunReason::Asked);
+        plan.push(EFFECT.name, stage, scene.id, reason);
+    }
+}
+
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+    let frame = ctx.runtime.frame.as_ref();
+    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::Pass::Apply)) {
+        let (device, size) = (ctx.kernels.device(), values.size());
+        let before = ctx.read_back.take();
+        let mut copy = before.unwrap_or_else(|| CoefficientReadback::new(device, size));
+        copy.copy(ctx.encoder, values);
+        ctx.runtime.read_back = Some(copy);
+    }
+    Ok(())
+}

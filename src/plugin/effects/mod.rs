@@ -1,0 +1,124 @@
+//! The effects, one file each.
+//!
+//! A file holds everything about its effect: the part of the
+//! [`FrameState`](crate::plan::FrameState) that it reads, when it
+//! is active and why, its passes, their work (the unit of the cost model), their recording, and
+//! their kernels by name. The shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
+//! `crates/meshless_gi/src/frame/k.rs`.
+//!
+//! A new effect is a file here and a row of [`EFFECTS`]. The test `an_effect_is_one_file_and_one_row`
+//! adds the file `blackout.rs` and a row.
+
+#[cfg(test)]
+mod blackout;
+pub(crate) mod display;
+pub(crate) mod fog;
+mod inspection;
+mod lights;
+mod materials;
+mod occluders;
+mod probes;
+mod residency;
+mod rsm;
+pub(crate) mod soft_shadows;
+pub(crate) mod subtract_shadow;
+#[cfg(test)]
+mod tests;
+mod transport;
+pub(crate) mod volume;
+pub(crate) mod vpl_specular;
+
+use super::record::{SceneContext, ViewContext};
+use crate::gpu;
+use crate::gpu::{GpuCounters, GpuError};
+#[cfg(test)]
+use crate::plan::FrameState;
+use crate::plan::{FrameStage, Pass, Plan};
+use std::collections::BTreeMap;
+
+/// Row of the table of effects.
+pub(crate) type Effect = crate::plan::Effect<Recording>;
+/// Kind of pass of an effect.
+pub(crate) type PassKind = crate::plan::PassKind<Recording>;
+
+/// How passes of a kind are recorded and counted.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Recording {
+    /// Kernels that count as this stage.
+    pub kernels: &'static [gpu::Pass],
+    /// Counter of draws of this stage; `None` if it draws nothing.
+    pub draws: Option<fn(&GpuCounters) -> u64>,
+    /// The recording itself.
+    pub how: Record,
+}
+
+/// Recording of a pass.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Record {
+    /// Records a pass that all views share.
+    Scene(fn(&mut SceneContext<'_>, &Pass) -> Result<(), GpuError>),
+    /// Adds a layer of irradiance to a view. The layers of a view are evaluated together.
+    Layer(fn(&mut ViewContext<'_>, &Pass)),
+    /// Records passes of one stage in a view.
+    View(fn(&mut ViewContext<'_>, &[&Pass])),
+    /// Recorded by a Bevy system of the effect, at another time of the frame.
+    System,
+}
+
+/// All effects, in the order in which they are scheduled.
+pub(crate) const EFFECTS: &[Effect] = &[
+    residency::EFFECT,
+    materials::EFFECT,
+    occluders::EFFECT,
+    lights::EFFECT,
+    transport::EFFECT,
+    probes::EFFECT,
+    volume::EFFECT,
+    soft_shadows::EFFECT,
+    rsm::EFFECT,
+    display::EFFECT,
+    vpl_specular::EFFECT,
+    subtract_shadow::EFFECT,
+    fog::EFFECT,
+    inspection::EFFECT,
+];
+
+/// Plans a frame with [`EFFECTS`].
+#[cfg(test)]
+pub(crate) fn plan_frame(state: &FrameState) -> Plan {
+    Plan::new(EFFECTS, state)
+}
+
+/// Stages of a table of effects, in the order of the frame.
+pub(crate) fn stages(effects: &[Effect]) -> Vec<FrameStage> {
+    let kinds = effects.iter().flat_map(|effect| effect.passes);
+    let mut stages: Vec<FrameStage> = kinds.map(|kind| kind.stage).collect();
+    stages.sort_unstable();
+    stages.dedup();
+    stages
+}
+
+/// Dispatches and draws of each stage in a frame. A stage that only copies counts its passes.
+pub(crate) fn count_stages(
+    effects: &[Effect],
+    plan: &Plan,
+    recorded: &GpuCounters,
+) -> BTreeMap<FrameStage, u32> {
+    let mut counts = BTreeMap::new();
+    for kind in effects.iter().flat_map(|effect| effect.passes) {
+        let Recording { kernels, draws, .. } = &kind.record;
+        let dispatches = kernels.iter().map(|k| recorded.of(*k)).sum::<u64>();
+        let copies = kernels.is_empty() && draws.is_none() && kind.timed_with.is_none();
+        let count = dispatches
+            + draws.map_or(0, |draws| draws(recorded))
+            + if copies {
+                plan.count(kind.stage) as u64
+            } else {
+                0
+            };
+        if count > 0 {
+            *counts.entry(kind.stage).or_insert(0) += count as u32;
+        }
+    }
+    counts
+}

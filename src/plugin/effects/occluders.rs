@@ -1,0 +1,47 @@
+//! Effect `occluders`: updates the links that doors and lifts block, after one of them moved.
+//!
+//! Reads: the number of occluders that differ from the device's, and the number of link terms that
+//! they affect. Kernel: `occlude`.
+
+use super::{Effect, PassKind, Record, Recording};
+use crate::gpu;
+use crate::gpu::GpuError;
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plugin::record::SceneContext;
+
+pub(super) const EFFECT: Effect = Effect {
+    name: "occluders",
+    summary: "updates the links that occluders block, after one of them moved",
+    schedule,
+    passes: &[PassKind {
+        stage: FrameStage::OCCLUDE,
+        per_view: false,
+        timed_with: Some(FrameStage::OCCLUDE),
+        work: |state, pass| {
+            let scene = state.scene(pass.scene);
+            scene.map_or(Work::Uncounted, |s| Work::Passages(s.passages))
+        },
+        record: Recording {
+            kernels: &[gpu::Pass::Occlude],
+            draws: None,
+            how: Record::Scene(record),
+        },
+    }],
+};
+
+fn schedule(state: &FrameState, plan: &mut Plan) {
+    for scene in state.active_scenes().filter(|s| s.occluders_changed > 0) {
+        let reason = RunReason::OccludersMoved(scene.occluders_changed);
+        plan.push(EFFECT.name, FrameStage::OCCLUDE, scene.id, reason);
+    }
+}
+
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+    let gains = &ctx.scene.transmittances;
+    if let Some(frame) = &mut ctx.runtime.frame {
+        let bake = &ctx.runtime.bake;
+        frame.set_occluders(ctx.kernels, ctx.queue, ctx.encoder, bake, gains);
+        ctx.runtime.changes.gains.clone_from(gains);
+    }
+    Ok(())
+}

@@ -1,0 +1,325 @@
+//! Effect `soft_shadows`: irradiance that is shadowed from lights with soft shadows, at the points
+//! with baked visibility.
+//!
+//! Reads: the lights with soft shadows in a scene, whether the bake has visibility, and whether the
+//! device holds the result for these lights. Runs when one of them changed and a view shows it.
+//! Kernel: `soft_shadow`. The effect `penumbrae` subtracts the result from the views.
+
+use super::{Effect, PassKind, Record, Recording};
+use crate::gpu;
+use crate::gpu::{GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers};
+use crate::plan::{
+    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SoftState, ViewState,
+    Work, same_soft_shadow, soft_light_affects,
+};
+use crate::plugin::record::SceneContext;
+use crate::plugin::soft_shadow::ExtractedSoft;
+use crate::plugin::transform::SimilarityTransform;
+use bevy::camera::visibility::RenderLayers;
+use bevy::ecs::prelude::*;
+use bevy::log::warn;
+use meshless_gi::internals::frame::SoftLight;
+use meshless_gi::{BakedScene, Bounds};
+
+pub(super) const EFFECT: Effect = Effect {
+    name: "soft_shadows",
+    summary: "updates the irradiance that is shadowed from lights with soft shadows",
+    schedule,
+    passes: &[PassKind {
+        stage: FrameStage::SOFT_SHADOW,
+        per_view: false,
+        timed_with: Some(FrameStage::SOFT_SHADOW),
+        work: |state, pass| {
+            let soft = state.scene(pass.scene).map(|scene| scene.soft);
+            soft.map_or(Work::Uncounted, |soft| {
+                Work::Sights(soft.points * soft.lights as u64)
+            })
+        },
+        record: Recording {
+            kernels: &[gpu::Pass::SoftShadow],
+            draws: None,
+            how: Record::Scene(record),
+        },
+    }],
+};
+
+/// Checks that the bake and the device support soft shadows in a scene.
+pub(super) fn check_supported(state: &FrameState, scene: &SceneState) -> Result<(), SkipReason> {
+    if !scene.soft.remembers {
+        Err(SkipReason::NoVisibility)
+    } else if scene.soft.largest_buffer > state.largest_binding {
+        Err(SkipReason::TooLarge {
+            needs: scene.soft.largest_buffer,
+            has: state.largest_binding,
+        })
+    } else {
+        Ok(())
+    }
+}
+
+fn schedule(state: &FrameState, plan: &mut Plan) {
+    for scene in state.active_scenes().filter(|s| s.soft.lights > 0) {
+        let shown =
+            |v: &ViewState| v.lit && v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
+        let reason = match check_supported(state, scene) {
+            Err(reason) => {
+                plan.skipped.push((scene.id, None, reason));
+                continue;
+            }
+            Ok(()) if !state.views.iter().any(shown) => continue,
+            Ok(()) if !scene.resident => RunReason::NewBake,
+            Ok(()) if !scene.soft.held => RunReason::SoftLightsChanged(scene.soft.lights),
+            Ok(()) => continue,
+        };
+        plan.push(EFFECT.name, FrameStage::SOFT_SHADOW, scene.id, reason);
+    }
+}
+
+fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
+    let Some(frame) = &ctx.runtime.frame else {
+        return Ok(());
+    };
+    let (scene, bake) = (frame.buffers(), &ctx.runtime.bake);
+    let soft = &mut ctx.runtime.soft;
+    if let Err(error) = soft.record(ctx.kernels, ctx.queue, ctx.encoder, scene, bake) {
+        let root = Entity::from_bits(pass.scene.0);
+        warn!("baked scene {root}: lights cast no soft shadows: {error}");
+    }
+    Ok(())
+}
+
+/// Lights with soft shadows of a scene, and their buffers.
+#[derive(Default)]
+pub(crate) struct SceneSoft {
+    /// The lights of the scene, in its local space.
+    pub lights: Vec<(RenderLayers, SoftLight)>,
+    /// Buffers, and the lights that they were computed for.
+    pub held: Option<(SoftShadowBuffers, Vec<SoftLight>)>,
+    /// Bytes of a buffer that did not fit the device.
+    too_large: u64,
+}
+
+impl SceneSoft {
+    /// Selects the lights of the frame that affect the scene, and describes them for the plan.
+    pub fn observe(
+        &mut self,
+        world: &ExtractedSoft,
+        bake: &BakedScene,
+        bounds: Bounds,
+        layers: &RenderLayers,
+        placement: &SimilarityTransform,
+    ) -> SoftState {
+        let local_from_world = placement.matrix();
+        self.lights.clear();
+        for light in world.lights.iter().filter(|l| l.layers.intersects(layers)) {
+            let local = light.light.to_local(&local_from_world);
+            if soft_light_affects(&local, bounds) {
+                self.lights.push((light.layers.clone(), local));
+            }
+        }
+        let tolerance = 1e-5 * bounds.size().length();
+        let alike = |(_, held): &(SoftShadowBuffers, Vec<SoftLight>)| {
+            same_soft_shadow(held, &self.local_lights(), tolerance)
+        };
+        SoftState {
+            lights: self.lights.len(),
+            remembers: bake.visibility.is_some(),
+            held: self.held.as_ref().is_some_and(alike),
+            largest_buffer: self.too_large,
+            points: (bake.visibility.as_ref()).map_or(0, |v| v.points.len() as u64),
+        }
+    }
+
+    fn local_lights(&self) -> Vec<SoftLight> {
+        self.lights.iter().map(|(_, light)| *light).collect()
+    }
+
+    /// Records the irradiance that is shadowed from the lights, at the points with visibility.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], see [`SoftShadowBuffers::new`]. The plan skips the effect from then on.
+    pub fn record(
+        &mut self,
+        kernels: &KernelPipelines,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &SceneBuffers,
+        bake: &BakedScene,
+    ) -> Result<(), GpuError> {
+        let lights = self.local_lights();
+        let Some(visibility) = &bake.visibility else {
+            return Ok(());
+        };
+        let mut record = || -> Result<(), GpuError> {
+            if self.held.is_none() {
+                let device = kernels.device();
+                let buffers =
+                    SoftShadowBuffers::new(device, queue, scene, visibility, lights.len())?;
+                self.held = Some((buffers, Vec::new()));
+            }
+            if let Some((buffers, held)) = &mut self.held {
+                buffers.record(kernels, queue, encoder, scene, &lights)?;
+                held.clone_from(&lights);
+            }
+            Ok(())
+        };
+        let recorded = record();
+        if let Err(GpuError::TooLarge { bytes, .. }) = &recorded {
+            self.too_large = *bytes;
+        }
+        recorded
+    }
+
+    /// Returns `true` if lights cast soft shadows in the scene.
+    pub fn is_requested(&self) -> bool {
+        !self.lights.is_empty()
+    }
+
+    /// Releases the buffers. Returns their counters.
+    pub fn release(&mut self) -> Option<GpuCounters> {
+        self.held.take().map(|(buffers, _)| buffers.counters())
+    }
+
+    /// Counters, number and bytes of the buffers.
+    pub fn size(&self) -> Option<(GpuCounters, u32, u64)> {
+        let (buffers, _) = self.held.as_ref()?;
+        Some((buffers.counters(), buffers.count(), buffers.bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{DisplayUse, SceneId, SoftState, ViewId};
+    use crate::plugin::effects::plan_frame;
+
+    const A: SceneId = SceneId(1);
+
+    fn view(id: u64, lit: bool) -> ViewState {
+        ViewState {
+            id: ViewId(id),
+            gloss: false,
+            lit,
+            enabled: true,
+            has_gbuffer: true,
+            pixels: 1000,
+            display: DisplayUse::Subsplats,
+            sees: vec![A],
+        }
+    }
+
+    /// A scene on the device, a view of it, and no lights.
+    fn at_rest() -> FrameState {
+        FrameState {
+            scenes: vec![SceneState {
+                resident: true,
+                ..SceneState::new(A)
+            }],
+            views: vec![view(7, true)],
+            ..FrameState::default()
+        }
+    }
+
+    fn stages(state: &FrameState) -> Vec<FrameStage> {
+        let plan = plan_frame(state);
+        let all = plan.passes.iter().map(|p| p.stage);
+        let transport = [
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+        ];
+        all.filter(|s| !transport.contains(s)).collect()
+    }
+
+    #[test]
+    fn soft_shadows_run_once_for_casting_lights() {
+        let mut state = at_rest();
+        // A bake that could, and no lamp that asks.
+        state.scenes[0].soft.remembers = true;
+        let none = plan_frame(&state);
+        assert_eq!(
+            none.count(FrameStage::SOFT_SHADOW) + none.count(FrameStage::SUBTRACT_SHADOW),
+            0
+        );
+        // A lamp that asks, and has moved.
+        state.scenes[0].soft.lights = 2;
+        let plan = plan_frame(&state);
+        assert_eq!(
+            stages(&state),
+            [
+                FrameStage::SOFT_SHADOW,
+                FrameStage::SPLAT,
+                FrameStage::COMPOSITE,
+                FrameStage::SUBTRACT_SHADOW
+            ]
+        );
+        assert_eq!(
+            plan.find(FrameStage::SOFT_SHADOW, A).unwrap().reason,
+            RunReason::SoftLightsChanged(2)
+        );
+        assert_eq!(
+            plan.find(FrameStage::SUBTRACT_SHADOW, A).unwrap().view,
+            Some(ViewId(7))
+        );
+        // At rest: what is missing is held, and taken from every view that shows the picture.
+        state.scenes[0].soft.held = true;
+        state.views.push(view(8, true));
+        state.views.push(view(9, false));
+        let plan = plan_frame(&state);
+        assert_eq!(
+            [
+                FrameStage::SOFT_SHADOW,
+                FrameStage::SPLAT,
+                FrameStage::SUBTRACT_SHADOW
+            ]
+            .map(|s| plan.count(s)),
+            [0, 3, 2]
+        );
+        // A bake that comes back has nothing of it.
+        state.scenes[0].resident = false;
+        assert_eq!(
+            plan_frame(&state)
+                .find(FrameStage::SOFT_SHADOW, A)
+                .unwrap()
+                .reason,
+            RunReason::NewBake
+        );
+    }
+
+    #[test]
+    fn soft_shadows_without_data_state_reason() {
+        type Change = fn(&mut FrameState);
+        let asked = SoftState {
+            lights: 1,
+            remembers: true,
+            ..SoftState::default()
+        };
+        let cases: [(Change, Option<SkipReason>); 3] = [
+            (
+                |s| s.scenes[0].soft.remembers = false,
+                Some(SkipReason::NoVisibility),
+            ),
+            (
+                |s| s.scenes[0].soft.largest_buffer = 1 << 40,
+                Some(SkipReason::TooLarge {
+                    needs: 1 << 40,
+                    has: 128 << 20,
+                }),
+            ),
+            (|s| s.views[0].lit = false, None),
+        ];
+        for (change, why) in cases {
+            let mut state = at_rest();
+            state.scenes[0].soft = asked;
+            change(&mut state);
+            let plan = plan_frame(&state);
+            assert_eq!(
+                stages(&state),
+                [FrameStage::SPLAT, FrameStage::COMPOSITE],
+                "{plan}"
+            );
+            let said = why.is_none_or(|why| plan.skipped.contains(&(A, None, why)));
+            assert!(said, "{plan}");
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! Effect `volume`: probe irradiance as a volume, for cameras without a G-buffer and for fog.
+//!
+//! Reads: whether a scene has a volume that such a camera sees, whether its texture is up to date,
+//! and whether the scene is solved in this frame. Kernel: `volume`.
+
+use super::{Effect, PassKind, Record, Recording};
+use crate::gpu;
+use crate::gpu::{KernelPipelines, VolumeBuffers};
+use crate::plan::{
+    FrameStage, FrameState, Plan, RunReason, SceneId, SkipReason, VolumeState, Work,
+};
+use crate::plugin::record::SceneContext;
+use crate::plugin::render_state::SceneRuntime;
+use crate::plugin::volume::{ExtractedVolume, ExtractedVolumes};
+use bevy::log::warn;
+use bevy::math::Mat4;
+use meshless_gi::BakedScene;
+use meshless_gi::internals::frame::{VolumeParams, VoxelGrid, VoxelWeights};
+
+pub(super) const EFFECT: Effect = Effect {
+    name: "volume",
+    summary: "writes probe irradiance into a volume, for cameras without a G-buffer and for fog",
+    schedule,
+    passes: &[PassKind {
+        stage: FrameStage::VOLUME,
+        per_view: false,
+        timed_with: Some(FrameStage::VOLUME),
+        work: |state, pass| {
+            let volume = state.scene(pass.scene).map(|scene| scene.volume);
+            volume.map_or(Work::Uncounted, |volume| Work::Voxels(volume.voxels))
+        },
+        record: Recording {
+            kernels: &[gpu::Pass::Volume],
+            draws: None,
+            how: Record::Scene(|ctx, _| {
+                SceneVolume::record(ctx);
+                Ok(())
+            }),
+        },
+    }],
+};
+
+fn schedule(state: &FrameState, plan: &mut Plan) {
+    for scene in (state.active_scenes()).filter(|s| s.volume.asked && s.volume.seen) {
+        let solve = plan.find(FrameStage::APPLY, scene.id);
+        let reason = match solve.map(|p| p.reason.clone()) {
+            _ if !scene.probes => {
+                plan.skipped.push((scene.id, None, SkipReason::NoFreeSpace));
+                continue;
+            }
+            Some(reason) => reason,
+            None if !scene.volume.held => RunReason::NewVolume,
+            None => continue,
+        };
+        plan.push(EFFECT.name, FrameStage::VOLUME, scene.id, reason);
+    }
+}
+
+/// How many functions of probes and surfaces are looked at in a frame in which a volume's places
+/// are found: some milliseconds of one core.
+const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
+
+/// What the device holds of a scene's volume beside its texture, and what that was written for.
+#[derive(Default)]
+pub(crate) struct SceneVolume {
+    /// Found over as many frames as it takes; gone once the device has them.
+    places: Option<VoxelWeights>,
+    buffers: Option<VolumeBuffers>,
+    written: Option<(VolumeParams, wgpu::TextureView)>,
+    /// A volume that the device does not hold.
+    refused: Option<VoxelGrid>,
+}
+
+impl SceneVolume {
+    fn requested<'a>(
+        world: &'a ExtractedVolumes,
+        id: SceneId,
+        local_from_world: &Mat4,
+    ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
+        let volume = world.find(id)?;
+        Some((
+            VolumeParams::new(&volume.voxels.shape, local_from_world),
+            volume,
+        ))
+    }
+
+    /// Says what cameras ask of the scene's volume.
+    pub fn observe(
+        &mut self,
+        world: &ExtractedVolumes,
+        id: SceneId,
+        local_from_world: &Mat4,
+    ) -> VolumeState {
+        let Some((params, volume)) = Self::requested(world, id, local_from_world) else {
+            *self = Self::default();
+            return VolumeState::default();
+        };
+        let held = |(of, texture): &(VolumeParams, wgpu::TextureView)| {
+            *of == params && *texture == volume.texture
+        };
+        VolumeState {
+            asked: self.refused != Some(volume.voxels.shape),
+            seen: volume.seen,
+            held: self.written.as_ref().is_some_and(held),
+            voxels: u64::from(volume.voxels.shape.voxels()),
+        }
+    }
+
+    /// Whether a camera sees the scene by its volume, or fog in it.
+    pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
+        world.find(id).is_some_and(|v| v.seen)
+    }
+
+    /// Continues the search for the volume's weights, and records its voxels once all are found.
+    fn record(ctx: &mut SceneContext<'_>) {
+        let SceneRuntime {
+            volume,
+            frame,
+            bake,
+            ..
+        } = &mut *ctx.runtime;
+        let (Some(placement), Some(frame)) = (&ctx.scene.placement, frame) else {
+            return;
+        };
+        let requested = Self::requested(ctx.volumes, ctx.scene.id, &placement.matrix());
+        let Some((params, extracted)) = requested else {
+            return;
+        };
+        volume.prepare(extracted.voxels.shape, bake, ctx.kernels, ctx.queue);
+        if let Some(buffers) = &volume.buffers {
+            let texture = &extracted.texture;
+            frame.volume(
+                ctx.kernels,
+                ctx.queue,
+                ctx.encoder,
+                buffers,
+                &params,
+                texture,
+            );
+            volume.written = Some((params, texture.clone()));
+        }
+    }
+
+    /// The texture of this volume, once it holds light.
+    pub fn texture(&self, of: &ExtractedVolume) -> Option<&wgpu::TextureView> {
+        let (_, texture) = self.written.as_ref()?;
+        (*texture == of.texture).then_some(texture)
+    }
+
+    /// The light changed, and the voxels have that of before.
+    pub fn forget(&mut self) {
+        self.written = None;
+    }
+
+    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is
+    /// done.
+    fn prepare(
+        &mut self,
+        shape: VoxelGrid,
+        bake: &BakedScene,
+        kernels: &KernelPipelines,
+        queue: &wgpu::Queue,
+    ) {
+        if self.buffers.as_ref().is_some_and(|b| *b.shape() == shape) {
+            return;
+        }
+        self.buffers = None;
+        if bake.probes.is_none() {
+            return;
+        }
+        let begun = self.places.take().filter(|p| *p.shape() == shape);
+        let mut places = begun.unwrap_or_else(|| VoxelWeights::new(shape));
+        if !places.find(bake, EVALUATIONS_PER_FRAME) {
+            self.places = Some(places);
+            return;
+        }
+        match VolumeBuffers::new(kernels.device(), queue, &places) {
+            Ok(buffers) => self.buffers = Some(buffers),
+            Err(why) => {
+                warn!("a volume for forward cameras and fog stays dark: {why}");
+                self.refused = Some(shape);
+            }
+        }
+    }
+
+    /// Buffers, and bytes of them and the texture.
+    pub fn size(&self) -> (u32, u64) {
+        let Some(buffers) = &self.buffers else {
+            return (0, 0);
+        };
+        let texture = 8 * u64::from(buffers.shape().texels().element_product());
+        (buffers.count(), buffers.bytes() + texture)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{
+        DisplayUse, SceneId, SceneState, SlotChange, ViewId, ViewState, VolumeState,
+    };
+    use crate::plugin::effects::plan_frame;
+
+    const A: SceneId = SceneId(1);
+
+    /// A scene on the device with light in free space, and no view with a G-buffer.
+    fn at_rest() -> FrameState {
+        FrameState {
+            scenes: vec![SceneState {
+                resident: true,
+                probes: true,
+                slots: vec![SlotChange::None; 2],
+                ..SceneState::new(A)
+            }],
+            ..FrameState::default()
+        }
+    }
+
+    fn deferred() -> ViewState {
+        ViewState {
+            id: ViewId(3),
+            gloss: false,
+            lit: true,
+            enabled: true,
+            has_gbuffer: true,
+            pixels: 1000,
+            display: DisplayUse::Subsplats,
+            sees: vec![A],
+        }
+    }
+
+    fn stages(state: &FrameState) -> Vec<FrameStage> {
+        plan_frame(state).passes.iter().map(|p| p.stage).collect()
+    }
+
+    #[test]
+    fn probe_passes_run_for_bakes_with_probes() {
+        let mut state = at_rest();
+        state.views.push(deferred());
+        state.scenes[0].probes = false;
+        assert_eq!(stages(&state), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
+        state.scenes[0].probes = true;
+        assert_eq!(
+            stages(&state),
+            [FrameStage::SPLAT, FrameStage::PROBE, FrameStage::COMPOSITE]
+        );
+        state.scenes[0].slots[1] = SlotChange::Geometry;
+        assert_eq!(
+            stages(&state),
+            [
+                FrameStage::PROJECT,
+                FrameStage::PULL_PUSH,
+                FrameStage::APPLY,
+                FrameStage::FLATTEN,
+                FrameStage::PROBE,
+                FrameStage::SPLAT,
+                FrameStage::PROBE,
+                FrameStage::COMPOSITE
+            ]
+        );
+    }
+
+    #[test]
+    fn volume_is_written_on_light_change() {
+        let mut state = at_rest();
+        // Nobody asks, and no camera is there.
+        assert_eq!(stages(&state), []);
+        assert_eq!(
+            plan_frame(&state).skipped,
+            [(A, None, SkipReason::NotInView)]
+        );
+        // Asked for, but out of view; in view, but not asked for.
+        state.scenes[0].volume.asked = true;
+        assert_eq!(stages(&state), []);
+        state.scenes[0].volume = VolumeState {
+            seen: true,
+            ..VolumeState::default()
+        };
+        assert_eq!(stages(&state), []);
+        // A new volume of a scene at rest, and one that is written.
+        state.scenes[0].volume.asked = true;
+        assert_eq!(stages(&state), [FrameStage::VOLUME]);
+        let plan = plan_frame(&state);
+        assert_eq!(
+            plan.find(FrameStage::VOLUME, A).unwrap().reason,
+            RunReason::NewVolume
+        );
+        state.scenes[0].volume.held = true;
+        assert_eq!(stages(&state), []);
+        // A lamp moves: one more pass than what carries its light on.
+        state.scenes[0].slots[1] = SlotChange::Geometry;
+        assert_eq!(
+            stages(&state),
+            [
+                FrameStage::PROJECT,
+                FrameStage::PULL_PUSH,
+                FrameStage::APPLY,
+                FrameStage::FLATTEN,
+                FrameStage::PROBE,
+                FrameStage::VOLUME
+            ]
+        );
+        // A deferred camera beside it has its own display.
+        state.views.push(deferred());
+        state.scenes[0].slots[1] = SlotChange::None;
+        assert_eq!(
+            stages(&state),
+            [FrameStage::SPLAT, FrameStage::PROBE, FrameStage::COMPOSITE]
+        );
+        // A bake without light in free space says so.
+        state.scenes[0].probes = false;
+        state.scenes[0].volume.held = false;
+        assert_eq!(stages(&state), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
+        let why = (A, None, SkipReason::NoFreeSpace);
+        assert!(plan_frame(&state).skipped.contains(&why));
+    }
+}

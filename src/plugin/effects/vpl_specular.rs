@@ -1,0 +1,139 @@
+//! Effect `gloss_from_dynamic`: specular reflection of the virtual point lights in each view.
+//!
+//! Reads: the views that show specular reflections, and whether virtual lights are planned in them.
+//! Kernel: `vpl_specular`; the draw `composite`.
+
+use super::display::draw_over_picture;
+use super::{Effect, PassKind, Record, Recording};
+use crate::gpu;
+use crate::gpu::{Draw, GpuError, NodeLights, SpecularBuffers, SubsplatTargets};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
+use crate::plugin::record::ViewContext;
+use crate::plugin::view_state::screen_texture;
+use bevy::log::warn_once;
+use meshless_gi::internals::frame::{SpecularSettings, SubsplatParams, VplParams, VplViewParams};
+
+pub(super) const EFFECT: Effect = Effect {
+    name: "gloss_from_dynamic",
+    summary: "shows dynamic objects in glossy surfaces, in the views that ask for it",
+    schedule,
+    passes: &[PassKind {
+        stage: FrameStage::VPL_SPECULAR,
+        per_view: true,
+        timed_with: Some(FrameStage::VPL_SPECULAR),
+        work: |state, pass| Work::Pixels(state.pixels(pass.view)),
+        record: Recording {
+            kernels: &[gpu::Pass::VplSpecular, gpu::Pass::VplSpecularPixels],
+            draws: None,
+            how: Record::View(record),
+        },
+    }],
+};
+
+fn schedule(state: &FrameState, plan: &mut Plan) {
+    for view in state.views.iter().filter(|view| view.gloss) {
+        if plan.runs_in_view(FrameStage::VPL, view.id) {
+            let (stage, reason) = (FrameStage::VPL_SPECULAR, RunReason::InView);
+            plan.push(EFFECT.name, stage, SceneId::WORLD, reason).view = Some(view.id);
+        }
+    }
+}
+
+fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) {
+    let settings = ctx.input.camera.gloss.map(|s| s.0);
+    let reflections = ctx.reflections.as_deref();
+    let (Some(settings), Some(reflections)) = (settings, reflections) else {
+        return;
+    };
+    let surfaces = ctx.input.surfaces;
+    let (screen, params) = settings.params(
+        surfaces.clip_from_view().inverse(),
+        surfaces.world_from_view().inverse(),
+        surfaces.viewport(),
+        surfaces.size,
+    );
+    let (device, before) = (ctx.kernels.device(), ctx.specular.take());
+    let mut view = match ViewSpecular::fit(before, device, ctx.queue, &screen) {
+        Ok(view) => view,
+        Err(error) => {
+            warn_once!("a view shows no specular reflections: {error}");
+            return;
+        }
+    };
+    let lights = reflections.view_lights(ctx.input, ctx.scenes, &ctx.layers);
+    (ctx.queue).write_buffer(&view.view, 0, bytemuck::bytes_of(&lights.view));
+    (ctx.queue).write_buffer(&view.lit, 0, bytemuck::bytes_of(&lights.lit));
+    view.buffers.write(ctx.queue, &screen, &params);
+    let before = view.buffers.counters();
+    view.buffers.record(
+        ctx.kernels,
+        ctx.encoder,
+        &SubsplatTargets {
+            depth: surfaces.depth,
+            gbuffer: surfaces.gbuffer,
+            output: &view.radiance,
+        },
+        &NodeLights {
+            maps: lights.maps,
+            view: &view.view,
+            lit: &view.lit,
+            shadows: lights.shadows,
+        },
+    );
+    ctx.counters.add(&view.buffers.counters().since(&before));
+    draw_over_picture(ctx, Draw::Specular, &view.radiance);
+    ctx.runtime.specular = Some(view);
+}
+
+/// Buffers and the texture of a view.
+pub(crate) struct ViewSpecular {
+    buffers: SpecularBuffers,
+    view: wgpu::Buffer,
+    lit: wgpu::Buffer,
+    /// Specular radiance of every pixel.
+    radiance: wgpu::TextureView,
+    size: [u32; 2],
+}
+
+impl ViewSpecular {
+    /// Keeps buffers that fit the view, and creates others otherwise.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], see [`SpecularBuffers::new`].
+    fn fit(
+        before: Option<Self>,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        screen: &SubsplatParams,
+    ) -> Result<Self, GpuError> {
+        let levels = screen.levels();
+        if let Some(view) = before.filter(|view| view.buffers.levels() == levels) {
+            return Ok(view);
+        }
+        let uniform = |bytes: usize| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("meshless_gi vpl_specular of a view"),
+                size: bytes as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        Ok(Self {
+            buffers: SpecularBuffers::new(device, queue, levels)?,
+            view: uniform(size_of::<VplViewParams>()),
+            lit: uniform(size_of::<VplParams>()),
+            radiance: screen_texture(device, "meshless_gi vpl_specular", levels.size),
+            size: levels.size,
+        })
+    }
+
+    /// Number of buffers, and bytes of buffers and texture.
+    pub fn size(&self) -> (u32, u64) {
+        let texture = 8 * u64::from(self.size[0]) * u64::from(self.size[1]);
+        let own = self.view.size() + self.lit.size();
+        (
+            self.buffers.count() + 2,
+            self.buffers.bytes() + own + texture,
+        )
+    }
+}

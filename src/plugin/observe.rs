@@ -1,0 +1,207 @@
+//! Description of a frame for the plan: the extracted world, compared with the device's state.
+
+use super::camera::GiDebugView;
+use super::effects::fog::ExtractedFogs;
+use super::effects::volume::SceneVolume;
+use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedGiView, ExtractedScene, LightKey};
+use super::readback::SharedCoefficients;
+use super::render_state::{GiRender, SceneRuntime, bounds};
+use super::rsm_render::{LightMaps, Reflections};
+use super::soft_shadow::ExtractedSoft;
+use super::splatting::GiSplatting;
+use super::transform::SimilarityTransform;
+use super::volume::ExtractedVolumes;
+use crate::plan::{
+    DisplayUse, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState, falls_back,
+};
+use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
+use meshless_gi::{BakedScene, FrameLight};
+use std::sync::Arc;
+
+/// The world as extracted for this frame.
+#[derive(SystemParam)]
+pub(crate) struct ExtractedWorld<'w> {
+    pub gi: Res<'w, ExtractedGi>,
+    pub soft: Res<'w, ExtractedSoft>,
+    pub volumes: Res<'w, ExtractedVolumes>,
+    pub fogs: Res<'w, ExtractedFogs>,
+    pub maps: Res<'w, LightMaps>,
+}
+
+/// Describes a view.
+fn describe_view(view: &ExtractedGiView, too_large: bool) -> ViewState {
+    let settings = &view.settings;
+    ViewState {
+        id: view.id,
+        // Irradiance is shown for a white, rough surface.
+        gloss: view.gloss.is_some()
+            && !view.forward
+            && !too_large
+            && settings.debug_view != GiDebugView::Irradiance,
+        // Soft shadows are subtracted from the picture of a deferred camera.
+        lit: settings.debug_view == GiDebugView::Final && !view.forward,
+        enabled: settings.enabled,
+        has_gbuffer: view.has_gbuffer,
+        pixels: view.pixels,
+        display: match view.display {
+            GiSplatting::PerPixel => DisplayUse::Full,
+            GiSplatting::Multiresolution(_) if too_large => DisplayUse::NoRoom,
+            GiSplatting::Multiresolution(_) => DisplayUse::Subsplats,
+        },
+        sees: view.sees.clone(),
+    }
+}
+
+/// Describes a scene, as far as its bake and settings do.
+fn describe_scene(scene: &ExtractedScene, largest_binding: u64, read_back: bool) -> SceneState {
+    let bake = scene.bake.as_deref();
+    let probes = bake.and_then(|b| b.probes.as_ref());
+    let occluders = bake.and_then(|b| b.occluders.as_ref());
+    SceneState {
+        loaded: bake.is_some(),
+        shown: scene.shown && scene.placement.is_some(),
+        read_back,
+        probes: probes.is_some(),
+        probe_links: probes.map_or(0, |p| p.links.len() as u64),
+        tier: scene.tier.clone(),
+        channels: scene.channels,
+        bounces: scene.bounces,
+        rays: bake.map_or(0, BakedScene::rays_per_slot),
+        passages: occluders.map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
+        sky: match (bake, scene.sky.is_uniform()) {
+            (_, true) | (None, _) => SkyUse::Uniform,
+            (Some(bake), false) if bake.sky.is_some() => SkyUse::Terms,
+            (Some(_), false) => SkyUse::Mean,
+        },
+        no_octree: bake.and_then(|b| falls_back(b, largest_binding)),
+        ..SceneState::new(scene.id)
+    }
+}
+
+impl GiRender {
+    /// Removes scenes that are gone, and describes the frame for the plan.
+    pub fn observe(
+        &mut self,
+        world: &ExtractedWorld,
+        largest_binding: u64,
+        coefficients: &SharedCoefficients,
+    ) -> FrameState {
+        self.remove_gone(&world.gi, coefficients);
+        let too_large = |id| self.views.get(id).is_some_and(|v| v.too_large);
+        let views = (world.gi.views.iter())
+            .map(|view| describe_view(view, too_large(&view.id)))
+            .collect();
+        let mut state = FrameState {
+            device_able: !self.unable,
+            largest_binding,
+            unload_after_frames: world.gi.unload_after_frames,
+            scenes: Vec::with_capacity(world.gi.scenes.len()),
+            views,
+            bounces: world.maps.describe(&world.gi),
+            bounces_held: false,
+            fogs: world.fogs.describe(),
+            inventory: world.gi.inventory.clone(),
+        };
+        for scene in &world.gi.scenes {
+            let described = self.observe_scene(scene, world, largest_binding);
+            state.scenes.push(described);
+        }
+        let holds = |r: &Reflections| r.hold(&state, &world.maps, &world.gi, &self.scenes);
+        state.bounces_held = self.reflections.as_ref().is_some_and(holds);
+        state
+    }
+
+    /// Releases scenes that left the world or lost their bake.
+    fn remove_gone(&mut self, world: &ExtractedGi, coefficients: &SharedCoefficients) {
+        let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
+        let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
+        for id in gone {
+            self.release(id);
+            self.scenes.remove(&id);
+            coefficients.forget(id.0);
+        }
+    }
+
+    /// Describes a scene, with its changes since the device last computed it.
+    fn observe_scene(
+        &mut self,
+        scene: &ExtractedScene,
+        world: &ExtractedWorld,
+        largest_binding: u64,
+    ) -> SceneState {
+        let mut state = describe_scene(scene, largest_binding, world.gi.read_back);
+        let Some(bake) = &scene.bake else {
+            return state;
+        };
+        let rebaked = |r: &SceneRuntime| !Arc::ptr_eq(&r.bake, bake);
+        if self.scenes.get(&scene.id).is_some_and(rebaked) {
+            self.release(scene.id);
+            self.scenes.remove(&scene.id);
+        }
+        let runtime =
+            (self.scenes.entry(scene.id)).or_insert_with(|| SceneRuntime::new(bake.clone()));
+        let seen = state.shown && is_seen(scene, world);
+        runtime.idle_frames = match seen {
+            true => 0,
+            false => runtime.idle_frames.saturating_add(1),
+        };
+        if seen && let Some(placement) = &scene.placement {
+            observe_lights(runtime, scene, placement, world, &mut state);
+            if !runtime.soft.is_requested()
+                && let Some(counted) = runtime.soft.release()
+            {
+                self.retired.add(&counted);
+            }
+        }
+        let forced = scene.channels.is_some_and(|picked| picked.forced);
+        let (now, mode) = (scene.frame_settings(), scene.solver.color_mode);
+        state.resident = runtime.frame.is_some();
+        state.materials_changed = (runtime.changes).materials_changed(bake, &scene.materials);
+        state.settings_changed = runtime.changes.settings_changed(&now, mode, forced);
+        state.idle_frames = runtime.idle_frames;
+        // Fewer lights need less memory.
+        let slots = runtime.changes.slots.len();
+        runtime.too_large = runtime.too_large.filter(|(_, then)| slots >= *then);
+        state.largest_buffer = runtime.too_large.map_or(0, |(bytes, _)| bytes);
+        state
+    }
+}
+
+/// Returns `true` if a view or the scene's volume shows it.
+fn is_seen(scene: &ExtractedScene, world: &ExtractedWorld) -> bool {
+    let sees =
+        |v: &ExtractedGiView| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
+    world.gi.views.iter().any(sees) || SceneVolume::seen(&world.volumes, scene.id)
+}
+
+/// Describes the lights, occluders and volume of a scene that is seen.
+fn observe_lights(
+    runtime: &mut SceneRuntime,
+    scene: &ExtractedScene,
+    placement: &SimilarityTransform,
+    world: &ExtractedWorld,
+    state: &mut SceneState,
+) {
+    let local_from_world = placement.matrix();
+    let local = |light: &ExtractedGiLight| -> (LightKey, Vec<FrameLight>) {
+        let parts = FrameLight::expand(&light.light, light.area_samples);
+        let parts = parts.iter().map(|p| p.to_local(&local_from_world));
+        (light.key, parts.collect())
+    };
+    let lights: Vec<_> = (world.gi.lights.iter())
+        .filter(|l| l.layers.intersects(&scene.layers))
+        .map(local)
+        .collect();
+    state.occluders_changed = runtime.changes.changed_occluders(&scene.transmittances);
+    if state.occluders_changed > 0 {
+        // All shadows may have changed.
+        runtime.changes.slots.unproject();
+    }
+    let bounds = bounds(&runtime.bake);
+    let Slots { changes, stale } = runtime.changes.slots.update(&lights, bounds);
+    (state.slots, state.stale) = (changes, stale);
+    let (soft, layers) = (&*world.soft, &scene.layers);
+    state.soft = (runtime.soft).observe(soft, &runtime.bake, bounds, layers, placement);
+    state.volume = (runtime.volume).observe(&world.volumes, scene.id, &local_from_world);
+}

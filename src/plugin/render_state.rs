@@ -1,0 +1,155 @@
+//! State of the plugin in the render world: the device's buffers of scenes and views, and the plan.
+//!
+//! Buffers exist because a pass of a plan needs them: pipelines are created when a pass first
+//! records, buffers when a scene comes into view. Pipelines go with the last scene's buffers.
+
+use super::effects::soft_shadows::SceneSoft;
+use super::effects::volume::SceneVolume;
+use super::effects::{EFFECTS, Effect};
+use super::extract::{ExtractedScene, LightKey};
+use super::readback::{CoefficientReadback, SharedCoefficients};
+use super::rsm_render::{LightMaps, Reflections};
+use super::view_state::ViewRuntime;
+use crate::gpu::{FogBuffers, GpuCounters, GpuFrame, KernelPipelines};
+use crate::plan::{ChangeDetector, FrameStage, Plan, SceneId, ViewId};
+use bevy::ecs::prelude::*;
+use bevy::log::warn_once;
+use bevy::math::Vec3;
+use meshless_gi::{BakedScene, Bounds, Channels, FrameSettings};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Instance of a baked scene on the device.
+pub(crate) struct SceneRuntime {
+    pub bake: Arc<BakedScene>,
+    /// Values that the results on the device were computed from.
+    pub changes: ChangeDetector<LightKey>,
+    /// The bake's buffers; `None` before the upload.
+    pub frame: Option<GpuFrame>,
+    pub soft: SceneSoft,
+    pub volume: SceneVolume,
+    pub read_back: Option<CoefficientReadback>,
+    /// Frames since the scene was last in a view.
+    pub idle_frames: u32,
+    /// After a failed upload: bytes of the buffer that did not fit the device, and the number of
+    /// light slots then.
+    pub too_large: Option<(u64, usize)>,
+}
+
+impl SceneRuntime {
+    /// Creates an instance without buffers.
+    pub fn new(bake: Arc<BakedScene>) -> Self {
+        Self {
+            bake,
+            changes: ChangeDetector::default(),
+            frame: None,
+            soft: SceneSoft::default(),
+            volume: SceneVolume::default(),
+            read_back: None,
+            idle_frames: 0,
+            too_large: None,
+        }
+    }
+}
+
+/// State of the plugin in the render world.
+#[derive(Resource)]
+pub(crate) struct GiRender {
+    /// Table of effects that plans are made with.
+    pub effects: &'static [Effect],
+    pub kernels: Option<KernelPipelines>,
+    pub scenes: BTreeMap<SceneId, SceneRuntime>,
+    pub views: BTreeMap<ViewId, ViewRuntime>,
+    pub reflections: Option<Reflections>,
+    /// Parameters of the fog that views see.
+    pub fogs: BTreeMap<ViewId, FogBuffers>,
+    pub plan: Plan,
+    /// Number of frames so far.
+    pub frame: u64,
+    /// Sum of all counters at the end of the last frame.
+    pub counted: GpuCounters,
+    /// Counters of released buffers, and of buffers that belong to no scene.
+    pub retired: GpuCounters,
+    /// The device lacks a requirement of the kernels.
+    pub unable: bool,
+}
+
+impl Default for GiRender {
+    fn default() -> Self {
+        Self {
+            effects: EFFECTS,
+            kernels: None,
+            scenes: BTreeMap::new(),
+            views: BTreeMap::new(),
+            reflections: None,
+            fogs: BTreeMap::new(),
+            plan: Plan::default(),
+            frame: 0,
+            counted: GpuCounters::default(),
+            retired: GpuCounters::default(),
+            unable: false,
+        }
+    }
+}
+
+impl ExtractedScene {
+    /// Settings of a solve of the scene.
+    pub fn frame_settings(&self) -> FrameSettings {
+        FrameSettings {
+            tier: (self.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |picked| picked.tier),
+            sky: self.sky,
+            emission: self.emissive_luminance,
+            channels: (self.channels).map_or(Channels::Three, |picked| picked.channels),
+            ..FrameSettings::bounces(self.bounces.map_or(1, |picked| picked.bounces))
+        }
+    }
+}
+
+/// Bounds of a bake in its local space.
+pub(crate) fn bounds(bake: &BakedScene) -> Bounds {
+    let [min, max] = bake.info.bounds.map(Vec3::from_array);
+    Bounds { min, max }
+}
+
+impl GiRender {
+    /// Releases the buffers of a scene.
+    pub fn release(&mut self, id: SceneId) {
+        let Some(runtime) = self.scenes.get_mut(&id) else {
+            return;
+        };
+        if let Some(frame) = runtime.frame.take() {
+            self.retired.add(&frame.counters());
+        }
+        if let Some(counted) = runtime.soft.release() {
+            self.retired.add(&counted);
+        }
+        runtime.volume = SceneVolume::default();
+        runtime.changes.forget();
+        runtime.read_back = None;
+    }
+
+    /// Releases the buffers that the plan does not use, and makes room for the maps that it draws.
+    pub fn prepare(
+        &mut self,
+        lights: &LightMaps,
+        device: &wgpu::Device,
+        coefficients: &SharedCoefficients,
+    ) {
+        for id in self.plan.release.clone() {
+            self.release(id);
+            coefficients.forget(id.0);
+        }
+        let plan = &self.plan;
+        (self.views).retain(|id, _| plan.shows(*id));
+        (self.fogs).retain(|id, _| plan.runs_in_view(FrameStage::FOG, *id));
+        let before = self.reflections.take();
+        let counted = before.as_ref().map(Reflections::counters);
+        match Reflections::begin(before, lights, &self.plan, device) {
+            Ok(reflections) => self.reflections = reflections,
+            Err(error) => warn_once!("dynamic objects reflect no light: {error}"),
+        }
+        if let (None, Some(counted)) = (&self.reflections, counted) {
+            self.retired.add(&counted);
+        }
+    }
+}
