@@ -11,7 +11,7 @@ use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
 use crate::plugin::record::ViewContext;
 use crate::plugin::view_state::screen_texture;
 use bevy::log::warn_once;
-use meshless_gi::internals::frame::{SpecularSettings, SubsplatParams, VplParams, VplViewParams};
+use meshless_gi::internals::frame::{SubsplatParams, VplParams, VplViewParams};
 
 pub(super) const EFFECT: Effect = Effect {
     name: "gloss_from_dynamic",
