@@ -75,7 +75,7 @@ fn bake_of_one_version_has_recorded_hash() {
         (BAKE_VERSION, digest.as_str()),
         (
             2,
-            "63536e51059f2294afe79a6591e378486ed881ad3fffc9ad56791bad43db02ce"
+            "1fb651007b25a92c84de4f711a1bf8f8ec57229960e6a91c90fc1c197e801775"
         )
     );
 }

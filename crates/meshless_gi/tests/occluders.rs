@@ -470,8 +470,8 @@ fn invalid_occluder_recipes_are_rejected() {
         (with_box([f32::NAN, 0.0, 0.0], [1.0; 3]), "boxes"),
         (with_box([0.0; 3], [1.0, 0.0, 1.0]), "boxes"),
         (with_box([0.0; 3], [1.0, -1.0, 1.0]), "boxes"),
-        (baked_bounces, "bounces Live"),
-        (other_rule, "rule Bounded"),
+        (baked_bounces, "bounce mode Runtime"),
+        (other_rule, "transport Bounded"),
     ] {
         let error = fails(&wrong).to_string();
         assert!(

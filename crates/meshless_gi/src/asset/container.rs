@@ -130,6 +130,73 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap_or_default())
 }
 
+/// Reads the table of sections, and checks each row against its kind and the bytes that are left.
+/// `rest` starts behind the table.
+fn read_table<'a>(
+    table: &[u8],
+    mut rest: &'a [u8],
+    kinds: &'static [Kind],
+) -> Result<Vec<Entry<'a>>, AssetError> {
+    let header = |problem: String| AssetError::Header { problem };
+    let mut entries: Vec<Entry<'a>> = Vec::with_capacity(table.len() / ENTRY);
+    for row in table.chunks_exact(ENTRY) {
+        let code = u32_at(row, 0);
+        let Some(kind) = kinds.iter().find(|k| k.code == code) else {
+            return Err(header(format!("unknown section {code}")));
+        };
+        if entries.last().is_some_and(|e| e.kind.code >= code) {
+            return Err(header(format!("section `{}` is out of order", kind.name)));
+        }
+        let wrong = |problem: String| AssetError::Section {
+            section: kind.name,
+            problem,
+        };
+        let version = u32_at(row, 4) as u16;
+        let compression = (u32_at(row, 4) >> 16) as u16;
+        let (items, stored, raw) = (u64_at(row, 8), u64_at(row, 16), u64_at(row, 24));
+        if version != kind.version {
+            return Err(wrong(format!(
+                "version {version}, expected {}",
+                kind.version
+            )));
+        }
+        if items > kind.most || items.checked_mul(kind.raw) != Some(raw) {
+            return Err(wrong(format!("{items} items cannot be {raw} bytes")));
+        }
+        let possible = match compression {
+            STORED => raw == stored,
+            LZ4 => raw <= stored.saturating_mul(LZ4_RATIO),
+            other => return Err(wrong(format!("unknown compression {other}"))),
+        };
+        if !possible {
+            return Err(wrong(format!("{stored} bytes cannot hold {raw}")));
+        }
+        if u32_at(row, 36) != 0 {
+            return Err(wrong("a reserved field is not zero".into()));
+        }
+        if stored > rest.len() as u64 {
+            return Err(wrong(format!(
+                "{stored} bytes, but {} are left",
+                rest.len()
+            )));
+        }
+        let (body, behind) = rest.split_at(stored as usize);
+        rest = behind;
+        entries.push(Entry {
+            kind,
+            compression,
+            items,
+            raw,
+            crc: u32_at(row, 32),
+            body,
+        });
+    }
+    if !rest.is_empty() {
+        return Err(header(format!("{} bytes belong to no section", rest.len())));
+    }
+    Ok(entries)
+}
+
 impl<'a> Container<'a> {
     /// Reads header and table, and checks both against the bytes, `kinds` and `limits`.
     pub fn parse(
@@ -171,63 +238,7 @@ impl<'a> Container<'a> {
         if u32_at(bytes, 28) != 0 {
             return Err(header("a reserved field is not zero".into()));
         }
-        let mut entries: Vec<Entry<'a>> = Vec::with_capacity(count as usize);
-        let mut rest = &bytes[start..];
-        for row in bytes[HEADER..start].chunks_exact(ENTRY) {
-            let code = u32_at(row, 0);
-            let Some(kind) = kinds.iter().find(|k| k.code == code) else {
-                return Err(header(format!("unknown section {code}")));
-            };
-            if entries.last().is_some_and(|e| e.kind.code >= code) {
-                return Err(header(format!("section `{}` is out of order", kind.name)));
-            }
-            let wrong = |problem: String| AssetError::Section {
-                section: kind.name,
-                problem,
-            };
-            let version = u32_at(row, 4) as u16;
-            let compression = (u32_at(row, 4) >> 16) as u16;
-            let (items, stored, raw) = (u64_at(row, 8), u64_at(row, 16), u64_at(row, 24));
-            if version != kind.version {
-                return Err(wrong(format!(
-                    "version {version}, expected {}",
-                    kind.version
-                )));
-            }
-            if items > kind.most || items.checked_mul(kind.raw) != Some(raw) {
-                return Err(wrong(format!("{items} items cannot be {raw} bytes")));
-            }
-            let possible = match compression {
-                STORED => raw == stored,
-                LZ4 => raw <= stored.saturating_mul(LZ4_RATIO),
-                other => return Err(wrong(format!("unknown compression {other}"))),
-            };
-            if !possible {
-                return Err(wrong(format!("{stored} bytes cannot hold {raw}")));
-            }
-            if u32_at(row, 36) != 0 {
-                return Err(wrong("a reserved field is not zero".into()));
-            }
-            if stored > rest.len() as u64 {
-                return Err(wrong(format!(
-                    "{stored} bytes, but {} are left",
-                    rest.len()
-                )));
-            }
-            let (body, behind) = rest.split_at(stored as usize);
-            rest = behind;
-            entries.push(Entry {
-                kind,
-                compression,
-                items,
-                raw,
-                crc: u32_at(row, 32),
-                body,
-            });
-        }
-        if !rest.is_empty() {
-            return Err(header(format!("{} bytes belong to no section", rest.len())));
-        }
+        let entries = read_table(&bytes[HEADER..start], &bytes[start..], kinds)?;
         let decoded = entries.iter().fold(0u64, |sum, e| {
             sum.saturating_add(e.items.saturating_mul(e.kind.memory))
         });

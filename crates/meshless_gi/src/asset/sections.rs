@@ -6,105 +6,22 @@
 //! where building it again gives the same one.
 
 use super::baked::{BakedScene, FlatBasis, LightSamples, PointSurface, SceneData};
-use super::codec::{Field, Layout};
+use super::codec::Layout;
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::fmm;
 use super::info::BakeInfo;
+use super::layouts::{
+    BOUNCE, COLOR, COLUMN, COUNT, INDEX, LINK, NODE, PLACE, PLANE, POINT, ROW, SLOT, SURFACE,
+    TRIANGLE, VALUE, WEIGHT,
+};
+use super::section_io::{broken, counts, items, limit, rebuild_grid, section, starts};
 use super::{materials, occluders, probes, sky, visibility};
-use crate::basis::{WeightEntry, Weights, support_bounds};
+use crate::basis::{WeightEntry, Weights};
 use crate::samples::{GridSlot, HashedGrid, LightSample, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
 use crate::transport::pca::{Column, Compression};
 use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links};
-use bytemuck::Pod;
-
-const POINT: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(7).delta(),
-]);
-const PLACE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
-const SURFACE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(8),
-    Field::word(9),
-    Field::word(10),
-]);
-pub(super) const COUNT: Layout = Layout::columns(&[Field::word(0)]);
-const INDEX: Layout = Layout::columns(&[Field::word(0).delta()]);
-const WEIGHT: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
-/// `start` follows from tiers and counts.
-pub(super) const ROW: Layout = Layout::columns(&[Field::word(1), Field::word(2), Field::low(3)]);
-pub(super) const LINK: Layout = Layout::columns(&[
-    Field::low(0),
-    Field::high(0),
-    Field::low(1),
-    Field::high(1).delta(),
-]);
-/// Two halves a word.
-const VALUE: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
-const COLUMN: Layout = Layout::columns(&[
-    Field::word(0).delta(),
-    Field::word(1),
-    Field::word(2).delta(),
-    Field::word(3),
-]);
-const BOUNCE: Layout = Layout::columns(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3).delta(),
-]);
-const COLOR: Layout = Layout::columns(&[Field::word(0), Field::word(1), Field::word(2)]);
-pub(super) const PLANE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
-const SLOT: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
-const NODE: Layout = Layout::columns(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(3).delta(),
-    Field::word(7),
-]);
-const TRIANGLE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(8),
-    Field::word(9),
-    Field::word(10),
-]);
 
 /// Most items of any array: what an index of 32 bits can reach.
 const MAX: u64 = u32::MAX as u64;
@@ -386,33 +303,14 @@ impl BakedScene {
         let surfaces: Vec<PointSurface> = items(&file, SURFACES, SURFACE)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
         place_links(&mut rows).ok_or_else(|| broken(ROWS, "the counts overflow"))?;
-        let cell_size = f32::from_bits(cell_size);
-        let grid = match grid_stored {
-            0 => {
-                let left = limits.max_bytes - file.memory;
-                absent(&file, [SLOTS, ENTRIES])?;
-                rebuild_grid(&points, cell_size, left)
-                    .ok_or_else(|| limit("the display's grid", limits))?
-            }
-            1 => HashedGrid {
-                cell_size,
-                slots: items(&file, SLOTS, SLOT)?,
-                entries: items(&file, ENTRIES, INDEX)?,
-            },
-            other => return Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
-        };
-        let bounces = match has_bounces {
-            0 if bounces == 0 => {
-                absent(&file, BOUNCES)?;
-                None
-            }
-            1 => Some(BounceOperator {
-                starts: starts(&file, BOUNCES[0])?,
-                links: items(&file, BOUNCES[1], BOUNCE)?,
-                bounces,
-            }),
-            other => return Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
-        };
+        let grid = display_grid(
+            &file,
+            &points,
+            f32::from_bits(cell_size),
+            grid_stored,
+            limits,
+        )?;
+        let bounces = bounce_operator(&file, has_bounces, bounces)?;
         let fmm = fmm::read(&file, &KINDS[FIRST_OCTREE..ILLUMINATED], &surfaces)?;
         let mut triangles: Vec<BvhTriangle> = items(&file, TRIANGLES, TRIANGLE)?;
         let kinds = &KINDS[FIRST_OCCLUDER..];
@@ -461,30 +359,47 @@ impl BakedScene {
     }
 }
 
-pub(super) fn broken(kind: &Kind, problem: impl ToString) -> AssetError {
-    AssetError::Section {
-        section: kind.name,
-        problem: problem.to_string(),
-    }
-}
-
-pub(super) fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section {
-    Section {
-        kind,
-        items: items.len(),
-        raw: layout.encode(items),
-    }
-}
-
-pub(super) fn items<T: Pod>(
+/// Grid of the display: stored, or built again from the points.
+fn display_grid(
     file: &Container<'_>,
-    kind: &Kind,
-    layout: Layout,
-) -> Result<Vec<T>, AssetError> {
-    let (count, raw) = file
-        .section(kind)?
-        .ok_or_else(|| broken(kind, "is missing"))?;
-    Ok(layout.decode(&raw, count))
+    points: &[Point],
+    cell_size: f32,
+    is_stored: u32,
+    limits: &Limits,
+) -> Result<HashedGrid, AssetError> {
+    match is_stored {
+        0 => {
+            let left = limits.max_bytes - file.memory;
+            absent(file, [SLOTS, ENTRIES])?;
+            rebuild_grid(points, cell_size, left).ok_or_else(|| limit("the display's grid", limits))
+        }
+        1 => Ok(HashedGrid {
+            cell_size,
+            slots: items(file, SLOTS, SLOT)?,
+            entries: items(file, ENTRIES, INDEX)?,
+        }),
+        other => Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
+    }
+}
+
+/// Operator of baked bounces. `None` if the file has none.
+fn bounce_operator(
+    file: &Container<'_>,
+    is_stored: u32,
+    bounces: u32,
+) -> Result<Option<BounceOperator>, AssetError> {
+    match is_stored {
+        0 if bounces == 0 => {
+            absent(file, BOUNCES)?;
+            Ok(None)
+        }
+        1 => Ok(Some(BounceOperator {
+            starts: starts(file, BOUNCES[0])?,
+            links: items(file, BOUNCES[1], BOUNCE)?,
+            bounces,
+        })),
+        other => Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
+    }
 }
 
 fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
@@ -497,27 +412,6 @@ fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
         }
     }
     Ok(())
-}
-
-/// Lengths of rows from where they start.
-pub(super) fn counts(starts: &[u32]) -> Vec<u32> {
-    starts.windows(2).map(|w| w[1] - w[0]).collect()
-}
-
-/// Returns the starts of rows from their lengths.
-pub(super) fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
-    let (count, raw) = file
-        .section(kind)?
-        .ok_or_else(|| broken(kind, "is missing"))?;
-    let mut starts = Vec::with_capacity(count + 1);
-    starts.push(0u32);
-    starts.extend(COUNT.decode::<u32>(&raw, count));
-    for i in 1..starts.len() {
-        starts[i] = starts[i]
-            .checked_add(starts[i - 1])
-            .ok_or_else(|| broken(kind, "the counts overflow"))?;
-    }
-    Ok(starts)
 }
 
 fn weights(file: &Container<'_>, [counts, entries]: [&Kind; 2]) -> Result<Weights, AssetError> {
@@ -547,34 +441,4 @@ fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
         .ok_or_else(|| broken(INFO, "is missing"))?;
     let text = std::str::from_utf8(&raw).map_err(|e| broken(INFO, e))?;
     ron::from_str(text).map_err(|e| broken(INFO, e))
-}
-
-/// Error of a grid that takes more memory than the limits leave.
-pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
-    AssetError::Limit {
-        what,
-        needed: limits.max_bytes.saturating_add(1),
-        allowed: limits.max_bytes,
-    }
-}
-
-/// A basis' grid from its points, as the bake builds it; None where that would take more than
-/// `most_bytes`, or where cells are so small beside the functions that no bake made them.
-pub(super) fn rebuild_grid(
-    points: &[Point],
-    cell_size: f32,
-    most_bytes: u64,
-) -> Option<HashedGrid> {
-    if !(cell_size.is_finite() && cell_size > 0.0) {
-        return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes)
-            .map(|g| HashedGrid { cell_size, ..g });
-    }
-    // Cells are as large as the largest function: a box touches 4 of them along each axis at most.
-    let most = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
-    HashedGrid::build_within(
-        points.len(),
-        cell_size,
-        |i| support_bounds(&points[i]),
-        most,
-    )
 }

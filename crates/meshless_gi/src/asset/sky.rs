@@ -6,7 +6,7 @@ use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
-use super::sections::{items, section};
+use super::section_io::{items, section};
 use super::violation::Check;
 use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;

@@ -1,0 +1,86 @@
+//! Parts of the readers and writers of sections that all kinds of sections share.
+
+use super::codec::Layout;
+use super::container::{Container, Kind, Section};
+use super::error::{AssetError, Limits};
+use super::layouts::COUNT;
+use crate::basis::support_bounds;
+use crate::samples::{HashedGrid, Point};
+use bytemuck::Pod;
+
+pub(super) fn broken(kind: &Kind, problem: impl ToString) -> AssetError {
+    AssetError::Section {
+        section: kind.name,
+        problem: problem.to_string(),
+    }
+}
+
+pub(super) fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section {
+    Section {
+        kind,
+        items: items.len(),
+        raw: layout.encode(items),
+    }
+}
+
+pub(super) fn items<T: Pod>(
+    file: &Container<'_>,
+    kind: &Kind,
+    layout: Layout,
+) -> Result<Vec<T>, AssetError> {
+    let (count, raw) = file
+        .section(kind)?
+        .ok_or_else(|| broken(kind, "is missing"))?;
+    Ok(layout.decode(&raw, count))
+}
+
+/// Lengths of rows from where they start.
+pub(super) fn counts(starts: &[u32]) -> Vec<u32> {
+    starts.windows(2).map(|w| w[1] - w[0]).collect()
+}
+
+/// Returns the starts of rows from their lengths.
+pub(super) fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
+    let (count, raw) = file
+        .section(kind)?
+        .ok_or_else(|| broken(kind, "is missing"))?;
+    let mut starts = Vec::with_capacity(count + 1);
+    starts.push(0u32);
+    starts.extend(COUNT.decode::<u32>(&raw, count));
+    for i in 1..starts.len() {
+        starts[i] = starts[i]
+            .checked_add(starts[i - 1])
+            .ok_or_else(|| broken(kind, "the counts overflow"))?;
+    }
+    Ok(starts)
+}
+
+/// Error of a grid that takes more memory than the limits leave.
+pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
+    AssetError::Limit {
+        what,
+        needed: limits.max_bytes.saturating_add(1),
+        allowed: limits.max_bytes,
+    }
+}
+
+/// A basis' grid from its points, as the bake builds it; None where that would take more than
+/// `most_bytes`, or where cells are so small beside the functions that no bake made them.
+pub(super) fn rebuild_grid(
+    points: &[Point],
+    cell_size: f32,
+    most_bytes: u64,
+) -> Option<HashedGrid> {
+    if !(cell_size.is_finite() && cell_size > 0.0) {
+        return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes)
+            .map(|g| HashedGrid { cell_size, ..g });
+    }
+    // Cells are as large as the largest function: a box touches 4 of them along each axis at most.
+    let most = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
+    HashedGrid::build_within(
+        points.len(),
+        cell_size,
+        |i| support_bounds(&points[i]),
+        most,
+    )
+}
