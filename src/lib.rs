@@ -50,6 +50,7 @@
 //! | `plugin` | [`MeshlessGiPlugin`] (feature `bevy`) |
 //! | [`prelude`] | names that most games use (feature `bevy`) |
 #![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 #[cfg(feature = "gpu")]
 pub mod gpu;

@@ -3,8 +3,8 @@
 
 use super::Pass;
 use super::frame::MAX_GROUPS;
+use super::maker::binding_limit;
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::binding_limit;
 use super::{GpuCounters, GpuError};
 use crate::plan::{FmmLimit, octree_fits};
 use bytemuck::NoUninit;

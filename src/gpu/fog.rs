@@ -3,8 +3,8 @@
 
 use super::frame::{compute, entry};
 use super::kernels::{FOG, KERNELS};
+use super::maker::uniform;
 use super::pipelines::{Draw, KernelPipelines};
-use super::scene_buffers::uniform;
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::{FogInscatterParams, FogParams};
 

@@ -3,7 +3,8 @@
 
 use super::draw::draw_over;
 use super::pipelines::{Draw, KernelPipelines};
-use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
+use super::scene_buffers::{SceneBuffers, ViewBuffers};
+use super::spans::SpanList;
 use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
 use meshless_gi::internals::frame::materials::current_surfaces;

@@ -3,8 +3,9 @@
 
 use super::frame::{MAX_GROUPS, compute};
 use super::links::cut;
+use super::maker::Maker;
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::{Maker, SpanList, SpanTable};
+use super::spans::{SpanList, SpanTable};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::asset::Occluders;
 use meshless_gi::internals::frame::Span;

@@ -3,8 +3,10 @@
 
 use super::frame::{SplatTargets, compute};
 use super::links::cut;
+use super::maker::Maker;
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::{Maker, SpanList, SpanTable, ViewBuffers, part_span};
+use super::scene_buffers::ViewBuffers;
+use super::spans::{SpanList, SpanTable, part_span};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::asset::Probes;
 use meshless_gi::internals::frame::{GridShape, SplatParams, VectorIrradiance};

@@ -3,23 +3,17 @@
 use super::GpuError;
 use super::Pass;
 use super::fmm::GpuFmm;
-use super::links::{LinkChunk, cut};
+use super::link_tables::LinkTables;
+use super::maker::{Maker, binding_limit, uniform};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
-use bytemuck::Pod;
+use super::spans::{SpanList, SpanTable, span};
 use meshless_gi::internals::frame::{
-    CompositeParams, GridShape, SceneDimensions, SolveParams, Span, SplatParams, VectorIrradiance,
+    CompositeParams, GridShape, SceneDimensions, SolveParams, SplatParams, VectorIrradiance,
 };
-use meshless_gi::internals::transport::{Row, SenderForm, row_order};
+use meshless_gi::internals::transport::pca::Compression;
+use meshless_gi::internals::transport::{BounceOperator, SenderForm};
 use meshless_gi::{BakedScene, FrameLight};
-use std::ops::Range;
-
-/// Spans of one kind, and where each is in the uniform buffer of spans.
-#[derive(Clone, Debug, Default)]
-pub(super) struct SpanList {
-    /// Offset in bytes, and what is there.
-    pub at: Vec<(u32, Span)>,
-}
 
 /// The baked bounces on the device.
 #[derive(Debug)]
@@ -94,59 +88,29 @@ pub struct SceneBuffers {
     pub(super) slots: u32,
 }
 
-/// What a device binds at most, and the means to make buffers within it.
-pub(super) struct Maker<'a> {
-    device: &'a wgpu::Device,
-    queue: &'a wgpu::Queue,
-    pub limit: u64,
-}
-
-impl<'a> Maker<'a> {
-    pub fn new(device: &'a wgpu::Device, queue: &'a wgpu::Queue) -> Self {
-        Self {
-            device,
-            queue,
-            limit: binding_limit(device),
-        }
-    }
-
-    /// A storage buffer with `data`, never empty.
-    pub fn upload<T: Pod>(&self, what: &'static str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
-        let buffer = self.empty::<T>(what, data.len() as u64)?;
-        if !data.is_empty() {
-            self.queue
-                .write_buffer(&buffer, 0, bytemuck::cast_slice(data));
-        }
-        Ok(buffer)
-    }
-
-    /// A storage buffer for `count` elements (one at least), zero.
-    pub fn empty<T>(&self, what: &'static str, count: u64) -> Result<wgpu::Buffer, GpuError> {
-        let bytes = (size_of::<T>() as u64).saturating_mul(count.max(1));
-        if bytes > self.limit {
-            return Err(GpuError::TooLarge {
-                what,
-                bytes,
-                limit: self.limit,
-            });
-        }
-        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(what),
-            size: bytes,
-            usage: wgpu::BufferUsages::STORAGE
-                | wgpu::BufferUsages::COPY_DST
-                | wgpu::BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        }))
+impl BounceBuffers {
+    fn new(
+        make: &Maker<'_>,
+        bounces: &BounceOperator,
+        coefficients: u64,
+    ) -> Result<Self, GpuError> {
+        Ok(Self {
+            starts: make.upload("bounce rows", &bounces.starts)?,
+            links: make.upload("bounce links", &bounces.links)?,
+            further: make.empty::<[f32; 4]>("further radiosity", coefficients)?,
+        })
     }
 }
 
-/// What one storage binding may hold, bytes.
-pub(super) fn binding_limit(device: &wgpu::Device) -> u64 {
-    let limits = device.limits();
-    limits
-        .max_storage_buffer_binding_size
-        .min(limits.max_buffer_size)
+impl ComponentBuffers {
+    fn new(make: &Maker<'_>, compression: &Compression) -> Result<Self, GpuError> {
+        Ok(Self {
+            columns: make.upload("columns", &compression.columns)?,
+            members: make.upload("column senders", &compression.members)?,
+            values: make.upload("column values", &compression.values)?,
+            components: make.empty::<[f32; 4]>("components", compression.columns.len() as u64)?,
+        })
+    }
 }
 
 impl SceneBuffers {
@@ -194,49 +158,16 @@ impl SceneBuffers {
             other => other.transpose()?,
         };
         shape.octree = fmm.is_some();
-        let order = row_order(&scene.operator.rows);
-        let ordered: Vec<Row> = order
-            .iter()
-            .map(|&i| scene.operator.rows[i as usize])
-            .collect();
-        let parts = cut(&ordered, limit)?;
-        let links = parts
-            .iter()
-            .map(|p| {
-                make.upload(
-                    "links",
-                    &scene.operator.links[p.links.start as usize..p.links.end as usize],
-                )
-            })
-            .collect::<Result<Vec<_>, _>>()?;
         let mut table = SpanTable::new(device);
         let levels = table.list((0..shape.levels()).map(|l| span(shape.level(l))));
         let whole = table.list([span(0..shape.points()), span(0..shape.senders())]);
-        // How many of the first rows are senders', for every number of first rows.
-        let mut sending = vec![0];
-        for &i in &order {
-            sending.push(sending[sending.len() - 1] + u32::from(u64::from(i) < senders));
-        }
-        let (mut tier_parts, mut sender_parts) = (Vec::new(), Vec::new());
-        for t in 1..=shape.link_tiers {
-            let used = ordered.partition_point(|row| row.tier <= t) as u32;
-            let spans = parts.iter().map(|p| part_span(p, used));
-            tier_parts.push(table.list(spans.clone()));
-            sender_parts.push(table.list(spans.map(|span| {
-                let [first, end] =
-                    [span.first, span.first + span.count].map(|r| sending[r as usize]);
-                Span {
-                    first: order.len() as u32 + first,
-                    count: end - first,
-                    ..span
-                }
-            })));
-        }
-        let order: Vec<u32> = order
-            .iter()
-            .chain(order.iter().filter(|&&i| u64::from(i) < senders))
-            .copied()
-            .collect();
+        let LinkTables {
+            ordered,
+            order,
+            links,
+            tier_parts,
+            sender_parts,
+        } = LinkTables::new(&make, &mut table, scene, &shape)?;
 
         let probes = (scene.probes.as_ref())
             .map(|probes| ProbeBuffers::new(&make, &mut table, probes))
@@ -246,14 +177,9 @@ impl SceneBuffers {
             .transpose()?;
         let coefficients = |what| make.empty::<[f32; 4]>(what, shape.coefficients() as u64);
         let sky = (scene.sky.as_ref()).map(|s| make.upload("sky terms", &s.senders));
-        let bounces = match &scene.bounces {
-            Some(b) => Some(BounceBuffers {
-                starts: make.upload("bounce rows", &b.starts)?,
-                links: make.upload("bounce links", &b.links)?,
-                further: coefficients("further radiosity")?,
-            }),
-            None => None,
-        };
+        let bounces = (scene.bounces.as_ref())
+            .map(|b| BounceBuffers::new(&make, b, shape.coefficients() as u64))
+            .transpose()?;
         let differences = match shape.form {
             SenderForm::Averages | SenderForm::Components => None,
             SenderForm::Differences => Some([
@@ -261,15 +187,9 @@ impl SceneBuffers {
                 make.empty::<VectorIrradiance>("receiver differences", points)?,
             ]),
         };
-        let components = match &scene.operator.compression {
-            Some(c) => Some(ComponentBuffers {
-                columns: make.upload("columns", &c.columns)?,
-                members: make.upload("column senders", &c.members)?,
-                values: make.upload("column values", &c.values)?,
-                components: make.empty::<[f32; 4]>("components", c.columns.len() as u64)?,
-            }),
-            None => None,
-        };
+        let components = (scene.operator.compression.as_ref())
+            .map(|c| ComponentBuffers::new(&make, c))
+            .transpose()?;
         Ok(Self {
             grid: (&scene.display.grid).into(),
             params: uniform(device, "solve", size_of::<SolveParams>() as u64),
@@ -530,68 +450,5 @@ impl ViewBuffers {
     #[must_use]
     pub fn count(&self) -> u32 {
         2 + u32::from(self.probes.is_some())
-    }
-}
-
-pub(super) fn uniform(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(label),
-        size,
-        usage: wgpu::BufferUsages::UNIFORM
-            | wgpu::BufferUsages::COPY_DST
-            | wgpu::BufferUsages::COPY_SRC,
-        mapped_at_creation: false,
-    })
-}
-
-fn span(range: Range<usize>) -> Span {
-    Span {
-        first: range.start as u32,
-        count: range.len() as u32,
-        ..Span::default()
-    }
-}
-
-/// The rows of a part that are among the first `most`.
-pub(super) fn part_span(part: &LinkChunk, most: u32) -> Span {
-    Span {
-        first: part.rows.start,
-        count: part.rows.end.min(most).saturating_sub(part.rows.start),
-        base: part.links.start,
-        pad: 0,
-    }
-}
-
-/// Spans on their way to a uniform buffer, each at an offset that may be bound.
-pub(super) struct SpanTable<'a> {
-    device: &'a wgpu::Device,
-    stride: usize,
-    bytes: Vec<u8>,
-}
-
-impl<'a> SpanTable<'a> {
-    fn new(device: &'a wgpu::Device) -> Self {
-        let align = device.limits().min_uniform_buffer_offset_alignment as usize;
-        Self {
-            device,
-            stride: size_of::<Span>().next_multiple_of(align.max(1)),
-            bytes: Vec::new(),
-        }
-    }
-
-    pub fn list(&mut self, spans: impl IntoIterator<Item = Span>) -> SpanList {
-        let at = spans.into_iter().map(|s| {
-            let offset = self.bytes.len();
-            self.bytes.extend_from_slice(bytemuck::bytes_of(&s));
-            self.bytes.resize(offset + self.stride, 0);
-            (offset as u32, s)
-        });
-        SpanList { at: at.collect() }
-    }
-
-    fn upload(self, queue: &wgpu::Queue) -> wgpu::Buffer {
-        let buffer = uniform(self.device, "spans", self.bytes.len() as u64);
-        queue.write_buffer(&buffer, 0, &self.bytes);
-        buffer
     }
 }

@@ -4,8 +4,9 @@
 
 use super::error::GpuError;
 use super::frame::{MAX_GROUPS, compute};
+use super::maker::uniform;
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::{SceneBuffers, uniform};
+use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, Pass};
 use bytemuck::Pod;
 use meshless_gi::internals::frame::{

@@ -5,9 +5,10 @@
 
 use super::Pass;
 use super::frame::{MAX_GROUPS, compute};
+use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::rsm::{RsmBuffers, VplShadows};
-use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
+use super::scene_buffers::{SceneBuffers, ViewBuffers};
 use super::{GpuCounters, GpuError};
 use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::subsplat::LEVELS;

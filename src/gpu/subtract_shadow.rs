@@ -3,8 +3,9 @@
 
 use super::error::GpuError;
 use super::frame::{SplatTargets, compute};
+use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
+use super::scene_buffers::{SceneBuffers, ViewBuffers};
 use super::soft_shadow::SoftShadowBuffers;
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::{SoftLight, SubtractShadowParams};

@@ -3,8 +3,8 @@
 //! nor places nor a texture.
 
 use super::frame::compute;
+use super::maker::{Maker, uniform};
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};
 use meshless_gi::internals::frame::{VolumeParams, WallSample};

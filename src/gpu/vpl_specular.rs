@@ -5,8 +5,8 @@
 
 use super::Pass;
 use super::frame::compute;
+use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
-use super::scene_buffers::{binding_limit, uniform};
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
 use meshless_gi::internals::frame::subsplat::LEVELS;

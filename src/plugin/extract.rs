@@ -265,7 +265,7 @@ impl SceneSources<'_, '_> {
             let resolved = state.materials.entry(entity).or_default();
             let names;
             (factors, names) = resolved.factors(bake, root.materials, self.materials.as_deref());
-            warned.check_materials(entity, &names);
+            warned.check_materials(entity, names);
         }
         let occluders = bake.as_ref().and_then(|b| b.occluders.as_ref());
         let transmittances = occluders.map_or_else(Vec::new, |occluders| {

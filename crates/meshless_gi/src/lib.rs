@@ -22,6 +22,7 @@
 //! | `export` | light for fixed lights in files that engines read by themselves |
 //! | `bake` | recipe, stages, progress, statistics: the whole bake as one call |
 #![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 mod asset;
 mod bake;

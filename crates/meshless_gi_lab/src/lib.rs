@@ -7,6 +7,7 @@
 //! | [`fixtures`] | scenes that tests and generators of documents share |
 //! | [`report`] | sweeps over recipes, Pareto fronts, charts and a text |
 #![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 pub mod accuracy;
 pub mod fixtures;
