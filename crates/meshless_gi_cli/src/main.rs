@@ -51,7 +51,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Bake a scene: triangles (.glb, .gltf), points (.ply), or a recipe (.gi.ron) that names one.
-    Bake(bake::Args),
+    Bake(Box<bake::Args>),
     /// Compute direct and indirect irradiance at given points, as a frame does.
     Eval(eval::Args),
     /// Write the light of fixed lights as an irradiance volume that Bevy reads without the plugin.

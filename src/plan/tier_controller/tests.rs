@@ -1,0 +1,215 @@
+//! Tests of `tier_controller`.
+
+use super::*;
+use std::time::Duration;
+
+fn tiers() -> Vec<TierCandidate> {
+    [(1, 0.08), (2, 0.05), (4, 0.045), (8, 0.04)]
+        .map(|(work, error)| TierCandidate {
+            work: 1000 * work,
+            error,
+            octree: false,
+        })
+        .to_vec()
+}
+
+/// Counted noise in -1 to 1.
+fn noise(i: u32) -> f32 {
+    let hash = i.wrapping_mul(0x9e37_79b9) ^ 0x51ed_270b;
+    let hash = (hash ^ hash >> 15).wrapping_mul(0x85eb_ca6b);
+    ((hash ^ hash >> 13) >> 8) as f32 / (1 << 23) as f32 - 1.0
+}
+
+/// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Answers the tier
+/// after each.
+fn run(picker: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
+    (0..count)
+        .map(|i| {
+            let work = picker.tiers()[picker.tier() as usize - 1].work as f32 / 8000.0;
+            picker.measured(cost(i, work));
+            picker.tier()
+        })
+        .collect()
+}
+
+fn budget(ms: f32) -> TierController {
+    TierController::new(
+        GiQuality::GpuBudget(Duration::from_secs_f32(1e-3 * ms)),
+        tiers(),
+    )
+}
+
+#[test]
+fn tier_is_selected_by_number_or_error() {
+    let of = |asked| TierController::new(asked, tiers()).picked();
+    assert_eq!(of(GiQuality::Full).tier, 4);
+    for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
+        let picked = of(GiQuality::Tier(n));
+        assert_eq!(picked.tier, tier);
+        assert_eq!(picked.why == "it was asked for", n == tier, "{picked}");
+    }
+    for (error, tier) in [
+        (1.0, 1),
+        (0.08, 1),
+        (0.06, 2),
+        (0.041, 4),
+        (0.01, 4),
+        (f32::NAN, 4),
+    ] {
+        let picked = of(GiQuality::MaxError(error));
+        assert_eq!(picked.tier, tier, "{error}: {picked}");
+        let met = error >= 0.04;
+        assert!(picked.why.starts_with("none") != met, "{picked}");
+    }
+    // What costs what matters to a budget alone.
+    let mut picker = TierController::new(GiQuality::Tier(4), tiers());
+    run(&mut picker, 500, |_, _| 1e6);
+    assert_eq!((picker.tier(), picker.changes()), (4, 0));
+}
+
+#[test]
+fn tier_within_budget_stays_full() {
+    let mut picker = budget(10.0);
+    assert!(picker.picked().why.contains("not measured"));
+    run(&mut picker, 5000, |i, work| (8.0 + noise(i)) * work);
+    assert_eq!((picker.tier(), picker.changes()), (4, 0));
+    let why = picker.picked().why;
+    assert!(
+        why.contains("within 10 ms") && why.contains("no higher"),
+        "{why}"
+    );
+}
+
+#[test]
+fn tier_above_budget_steps_down_once() {
+    // 20, 10, 5 and 2.5 ms: the second tier is the highest that fits, with its headroom.
+    let mut picker = budget(9.0);
+    let seen = run(&mut picker, 20_000, |i, work| {
+        20.0 * work * (1.0 + 0.1 * noise(i))
+    });
+    assert_eq!(seen.iter().position(|&t| t < 4), Some(OVER as usize - 1));
+    assert_eq!((picker.tier(), picker.changes()), (2, 1));
+    assert!(
+        picker.picked().why.contains("tier 3 would take"),
+        "{}",
+        picker.picked()
+    );
+}
+
+#[test]
+fn tier_with_noisy_load_does_not_oscillate() {
+    // Means on both sides of every threshold.
+    for k in 0..60 {
+        let mean = 6.0 + 0.25 * k as f32;
+        for spread in [0.1, 0.3, 0.6] {
+            let mut picker = budget(10.0);
+            let cost = |i: u32, work| mean * work * (1.0 + spread * noise(i + 7919 * k));
+            run(&mut picker, 20_000, cost);
+            // log2(20 000 / 60) tries, each up and down, and the way down at first.
+            assert!(
+                picker.changes() <= 20,
+                "{mean} ± {spread}: {}",
+                picker.changes()
+            );
+        }
+    }
+}
+
+#[test]
+fn tier_follows_load_steps_both_ways() {
+    let mut picker = budget(10.0);
+    let load = |i: u32| if (2000..6000).contains(&i) { 30.0 } else { 7.0 };
+    let seen = run(&mut picker, 12_000, |i, work| {
+        load(i) * work * (1.0 + 0.2 * noise(i))
+    });
+    assert_eq!((seen[1999], seen[11_999]), (4, 4));
+    // 30, 15, 7.5: the third tier from above, at once.
+    assert!(
+        seen[2010..6000].iter().all(|&t| t == 2),
+        "{:?}",
+        &seen[2000..2020]
+    );
+    assert!(picker.changes() <= 4, "{}", picker.changes());
+    let over = (0..12_000)
+        .filter(|&i| load(i) * tiers()[seen[i as usize] as usize - 1].work as f32 / 8000.0 > 10.0);
+    assert!(over.count() <= OVER as usize);
+}
+
+#[test]
+fn tier_trials_after_wrong_prediction_become_rare() {
+    // Nothing fits, for the cost is not the links': down, and no way up.
+    let mut picker = budget(4.0);
+    run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
+    assert_eq!(picker.tier(), 1);
+    assert!(picker.changes() <= 3 && picker.picked().why.contains("over 4 ms"));
+    // Most of the cost is not the links': what the first step down taught lets it go up to
+    // where it fits.
+    let mut picker = budget(10.0);
+    let load = |i: u32| if i < 500 { 9.0 } else { 4.0 };
+    run(&mut picker, 2000, |i, work| load(i) + 3.0 * work);
+    assert_eq!(
+        (picker.tier(), picker.changes() <= 5),
+        (4, true),
+        "{}",
+        picker.changes()
+    );
+    // All links cost three times what half of them let expect.
+    let mut picker = budget(10.0);
+    let seen = run(&mut picker, 100_000, |_, work| {
+        if work == 1.0 { 12.0 } else { 4.0 * work }
+    });
+    assert!(picker.changes() <= 2 * 11 + 1, "{}", picker.changes());
+    let high = seen.iter().filter(|&&t| t == 4).count();
+    assert!(high < 200, "{high} solves over the budget");
+}
+
+#[test]
+fn tier_ignores_spikes_and_invalid_times() {
+    let mut picker = budget(10.0);
+    run(&mut picker, 3000, |i, work| match i % 10 {
+        3 => 60.0,
+        5 => f32::NAN,
+        7 => f32::INFINITY,
+        8 => -1.0,
+        _ => 5.0 * work,
+    });
+    assert_eq!((picker.tier(), picker.changes()), (4, 0));
+    for odd in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
+        let mut picker = budget(odd);
+        run(&mut picker, 100, |_, _| 5.0);
+        let down = odd <= 0.0;
+        assert_eq!(picker.tier() == 1, down, "{odd}");
+    }
+}
+
+#[test]
+fn tier_above_links_is_named_octree() {
+    let mut all = tiers();
+    all[3].octree = true;
+    let picked = TierController::new(GiQuality::Full, all.clone()).picked();
+    assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
+    let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
+    run(&mut picker, 20, |_, work| 8.0 * work);
+    let said = picker.picked().to_string();
+    assert!(said.starts_with("tier 3 of 4: "), "{said}");
+    assert!(
+        said.ends_with("tier 4, the octree, would take 8.00 ms"),
+        "{said}"
+    );
+}
+
+#[test]
+fn bake_without_tiers_has_single_tier() {
+    let mut picker =
+        TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), Vec::new());
+    picker.measured(f32::NAN);
+    assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));
+    let one = vec![TierCandidate {
+        work: 0,
+        error: 0.1,
+        octree: false,
+    }];
+    let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), one);
+    (0..100).for_each(|_| picker.measured(5.0));
+    assert_eq!((picker.tier(), picker.changes()), (1, 0));
+}
