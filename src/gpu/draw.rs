@@ -1,7 +1,7 @@
 //! What is drawn onto a view's picture: irradiance, gloss, and the light that does not get there,
 //! each over the whole screen by the kernel `composite`.
 
-use super::frame::entry;
+use super::dispatch::entry;
 use super::kernels::{COMPOSITE, KERNELS};
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::ViewBuffers;

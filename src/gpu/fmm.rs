@@ -2,7 +2,7 @@
 //! Tree and lists come from the CPU, as in \[G08\] §3.
 
 use super::Pass;
-use super::frame::MAX_GROUPS;
+use super::dispatch::MAX_GROUPS;
 use super::maker::binding_limit;
 use super::pipelines::KernelPipelines;
 use super::{GpuCounters, GpuError};

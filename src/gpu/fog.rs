@@ -1,7 +1,7 @@
 //! Fog that a level lights, on the device: parameters of what a view draws, and the recording of
 //! kernels `fog_inscatter` and `fog`. A view without such fog has none.
 
-use super::frame::{compute, entry};
+use super::dispatch::{compute, entry};
 use super::kernels::{FOG, KERNELS};
 use super::maker::uniform;
 use super::pipelines::{Draw, KernelPipelines};

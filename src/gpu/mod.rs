@@ -23,6 +23,7 @@
 //! last output is composited.
 
 mod counters;
+mod dispatch;
 mod draw;
 mod error;
 mod fmm;
@@ -41,6 +42,7 @@ mod probes;
 mod rsm;
 mod scene_buffers;
 mod soft_shadow;
+mod solve_recorder;
 mod spans;
 mod subsplats;
 mod subtract_shadow;

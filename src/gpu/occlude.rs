@@ -1,7 +1,7 @@
 //! Occluders on the device: the parts of links that pass them, and `occlude` over those. A scene
 //! without occluders makes no such buffers.
 
-use super::frame::{MAX_GROUPS, compute};
+use super::dispatch::{MAX_GROUPS, compute};
 use super::links::cut;
 use super::maker::Maker;
 use super::pipelines::KernelPipelines;

@@ -1,7 +1,8 @@
 //! Light in free space on the device: the probes of a baked scene, `apply` over their rows, and
 //! `probe` over what a view shows. A scene without probes makes no such buffers.
 
-use super::frame::{SplatTargets, compute};
+use super::dispatch::compute;
+use super::frame::SplatTargets;
 use super::links::cut;
 use super::maker::Maker;
 use super::pipelines::KernelPipelines;

@@ -3,7 +3,8 @@
 //! where no light does.
 
 use super::Pass;
-use super::frame::{MAX_GROUPS, SplatTargets, compute};
+use super::dispatch::{MAX_GROUPS, compute};
+use super::frame::SplatTargets;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, GpuError};

@@ -2,8 +2,8 @@
 //! it and of `flatten` behind it. A scene without visibility, and one whose lights all cast hard
 //! shadows or none, makes no such buffers.
 
+use super::dispatch::{MAX_GROUPS, compute};
 use super::error::GpuError;
-use super::frame::{MAX_GROUPS, compute};
 use super::maker::uniform;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::SceneBuffers;

@@ -4,7 +4,7 @@
 //! is read back.
 
 use super::Pass;
-use super::frame::{MAX_GROUPS, compute};
+use super::dispatch::{MAX_GROUPS, compute};
 use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::rsm::{RsmBuffers, VplShadows};

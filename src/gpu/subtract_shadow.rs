@@ -1,8 +1,9 @@
 //! Records what soft shadows take from a view: the kernel `subtract_shadow`, for one baked scene in one view.
 //! A view whose lamps cast none makes no such buffers.
 
+use super::dispatch::compute;
 use super::error::GpuError;
-use super::frame::{SplatTargets, compute};
+use super::frame::SplatTargets;
 use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, ViewBuffers};

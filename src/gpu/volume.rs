@@ -2,7 +2,7 @@
 //! over a texture that an engine reads. A scene whose volume nobody asks for has neither parameters
 //! nor places nor a texture.
 
-use super::frame::compute;
+use super::dispatch::compute;
 use super::maker::{Maker, uniform};
 use super::pipelines::KernelPipelines;
 use super::{GpuError, GpuFrame, Pass};

@@ -4,7 +4,7 @@
 //! is decided on the device; nothing is read back.
 
 use super::Pass;
-use super::frame::compute;
+use super::dispatch::compute;
 use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::subsplats::{NodeLights, SubsplatTargets};

@@ -1,0 +1,339 @@
+//! Steps of a solve as dispatches.
+
+use super::dispatch::MAX_GROUPS;
+use super::pipelines::KernelPipelines;
+use super::scene_buffers::SceneBuffers;
+use super::spans::SpanList;
+use super::{GpuCounters, Pass};
+use meshless_gi::internals::frame::SolveSchedule;
+
+/// Buffers of the operator's input and output in the form of its senders.
+fn operands(b: &SceneBuffers) -> [&wgpu::Buffer; 2] {
+    match (&b.differences, &b.components) {
+        (Some([senders, receivers]), _) => [senders, receivers],
+        (None, Some(c)) => [&c.components, &b.values],
+        (None, None) => [&b.senders, &b.values],
+    }
+}
+
+/// Records the steps of a solve. Each dispatch sees what the ones before it in the same pass wrote.
+pub(super) struct Recorder<'a> {
+    pub kernels: &'a KernelPipelines,
+    pub b: &'a SceneBuffers,
+    pub counters: &'a mut GpuCounters,
+}
+
+impl Recorder<'_> {
+    pub fn radiosity(&mut self, pass: &mut wgpu::ComputePass<'_>) {
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Radiosity,
+            &[
+                (0, b.params.as_entire_binding()),
+                (2, b.lights.as_entire_binding()),
+                (3, b.projected.as_entire_binding()),
+                (4, b.points.as_entire_binding()),
+                (5, b.surfaces.as_entire_binding()),
+                (6, b.senders.as_entire_binding()),
+                (7, b.seen().as_entire_binding()),
+            ],
+        );
+        // The sky's coefficient is written even where there are no points.
+        let senders = b.shape.senders().max(1) as u32;
+        self.dispatch(pass, Pass::Radiosity, &bind, &[], senders);
+    }
+
+    /// Pulls the levels, the finest of them first.
+    pub fn pull(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
+        if levels.is_empty() {
+            return;
+        }
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Pull,
+            &[
+                (1, self.span()),
+                (2, b.pull_starts.as_entire_binding()),
+                (3, b.pull_entries.as_entire_binding()),
+                (4, b.senders.as_entire_binding()),
+            ],
+        );
+        for level in levels.rev() {
+            self.spans(pass, Pass::Pull, &bind, &b.levels, level..level + 1);
+        }
+    }
+
+    /// Pushes or compresses the senders and applies the operator, or goes up and down the octree.
+    /// `sweep`: for the senders' rows only.
+    pub fn apply_operator(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        steps: &SolveSchedule,
+        tier: u32,
+        sweep: bool,
+    ) {
+        let b = self.b;
+        if let Some(octree) = b.fmm.as_ref().filter(|_| steps.octree) {
+            octree.up(self.kernels, pass, self.counters, &b.senders);
+            let (from, to) = (&b.senders, &b.values);
+            octree.down(self.kernels, pass, self.counters, from, to);
+            return;
+        }
+        let [coefficients, applied] = operands(b);
+        if steps.differences {
+            self.push(pass, steps.senders.len(), coefficients);
+        }
+        if steps.components {
+            self.compress(pass);
+        }
+        let lists = match sweep {
+            true => &b.sender_parts,
+            false => &b.tier_parts,
+        };
+        if let Some(list) = lists.get((tier as usize).wrapping_sub(1)) {
+            let (rows, values) = ([&b.rows, &b.order], [coefficients, applied]);
+            self.apply(pass, steps.one, rows, &b.links, list, values);
+        }
+    }
+
+    /// Computes the points' values after [`apply_operator`](Self::apply_operator). `sweep`: of the
+    /// senders only.
+    pub fn flatten(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        steps: &SolveSchedule,
+        sweep: bool,
+    ) {
+        let b = self.b;
+        let (senders, all) = (steps.senders.len(), steps.levels.len());
+        if steps.octree && b.fmm.is_some() {
+            // Only points finer than senders take their parents' mean.
+            let finer = if sweep { 0..0 } else { senders..all };
+            self.averages(pass, finer);
+        } else if steps.differences {
+            let [_, applied] = operands(b);
+            let bind = self.kernels.bind(
+                Pass::Differences,
+                &[
+                    (1, self.span()),
+                    (3, b.parent_starts.as_entire_binding()),
+                    (4, b.parent_entries.as_entire_binding()),
+                    (5, applied.as_entire_binding()),
+                    (6, b.values.as_entire_binding()),
+                ],
+            );
+            let list = usize::from(sweep);
+            self.spans(pass, Pass::Differences, &bind, &b.whole, list..list + 1);
+        } else {
+            self.averages(pass, 0..if sweep { senders } else { all });
+        }
+    }
+
+    /// The senders' light at the probes.
+    pub fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &SolveSchedule) {
+        let b = self.b;
+        let Some(probes) = &b.probes else { return };
+        self.apply(
+            pass,
+            steps.one,
+            [&probes.rows, &probes.order],
+            &probes.links,
+            &probes.parts,
+            [&b.senders, &probes.values],
+        );
+    }
+
+    /// The operator in all channels or in `one`: `rows` and their order, links part by part with
+    /// the span of each, from the first to the second of `values`.
+    pub fn apply(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        one: bool,
+        rows: [&wgpu::Buffer; 2],
+        links: &[wgpu::Buffer],
+        list: &SpanList,
+        values: [&wgpu::Buffer; 2],
+    ) {
+        let kernel = match one {
+            true => Pass::ApplyOne,
+            false => Pass::Apply,
+        };
+        for (part, links) in links.iter().enumerate() {
+            let mut resources = vec![
+                (1, self.span()),
+                (2, rows[0].as_entire_binding()),
+                (3, links.as_entire_binding()),
+                (4, values[0].as_entire_binding()),
+                (5, values[1].as_entire_binding()),
+                (6, rows[1].as_entire_binding()),
+            ];
+            if one {
+                resources.push((0, self.b.params.as_entire_binding()));
+            }
+            let bind = self.kernels.bind(kernel, &resources);
+            self.spans(pass, kernel, &bind, list, part..part + 1);
+        }
+    }
+
+    /// Points without a row that is used take their parents' mean, level after level.
+    pub fn averages(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
+        if levels.is_empty() {
+            return;
+        }
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Averages,
+            &[
+                (0, b.params.as_entire_binding()),
+                (1, self.span()),
+                (2, b.rows.as_entire_binding()),
+                (3, b.parent_starts.as_entire_binding()),
+                (4, b.parent_entries.as_entire_binding()),
+                (6, b.values.as_entire_binding()),
+            ],
+        );
+        self.spans(pass, Pass::Averages, &bind, &b.levels, levels);
+    }
+
+    pub fn push(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        levels: usize,
+        differences: &wgpu::Buffer,
+    ) {
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Push,
+            &[
+                (0, b.params.as_entire_binding()),
+                (1, self.span()),
+                (2, b.parent_starts.as_entire_binding()),
+                (3, b.parent_entries.as_entire_binding()),
+                (4, b.senders.as_entire_binding()),
+                (5, differences.as_entire_binding()),
+            ],
+        );
+        self.spans(pass, Pass::Push, &bind, &b.levels, 0..levels);
+    }
+
+    pub fn compress(&mut self, pass: &mut wgpu::ComputePass<'_>) {
+        let b = self.b;
+        let Some(c) = &b.components else { return };
+        let bind = self.kernels.bind(
+            Pass::Compress,
+            &[
+                (2, c.columns.as_entire_binding()),
+                (3, c.members.as_entire_binding()),
+                (4, c.values.as_entire_binding()),
+                (5, b.senders.as_entire_binding()),
+                (6, c.components.as_entire_binding()),
+            ],
+        );
+        self.dispatch(pass, Pass::Compress, &bind, &[], b.shape.columns as u32);
+    }
+
+    pub fn sweep(&mut self, pass: &mut wgpu::ComputePass<'_>, direct: &wgpu::Buffer) {
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Sweep,
+            &[
+                (0, b.params.as_entire_binding()),
+                (2, b.points.as_entire_binding()),
+                (3, b.surfaces.as_entire_binding()),
+                (4, b.pull_starts.as_entire_binding()),
+                (5, direct.as_entire_binding()),
+                (6, b.values.as_entire_binding()),
+                (7, b.senders.as_entire_binding()),
+                (13, b.seen().as_entire_binding()),
+            ],
+        );
+        self.dispatch(pass, Pass::Sweep, &bind, &[], b.shape.senders() as u32);
+    }
+
+    pub fn baked(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        direct: &wgpu::Buffer,
+        levels: usize,
+    ) {
+        let b = self.b;
+        let Some(bounces) = &b.bounces else { return };
+        let further = &bounces.further;
+        let bind = self.kernels.bind(
+            Pass::Gather,
+            &[
+                (0, b.params.as_entire_binding()),
+                (5, direct.as_entire_binding()),
+                (8, bounces.starts.as_entire_binding()),
+                (9, bounces.links.as_entire_binding()),
+                (10, further.as_entire_binding()),
+            ],
+        );
+        let coarsest = b.levels.at.first().map_or(0, |(_, span)| span.count);
+        self.dispatch(pass, Pass::Gather, &bind, &[], coarsest);
+        if levels > 1 {
+            let bind = self.kernels.bind(
+                Pass::Spread,
+                &[
+                    (0, b.params.as_entire_binding()),
+                    (1, self.span()),
+                    (10, further.as_entire_binding()),
+                    (11, b.parent_starts.as_entire_binding()),
+                    (12, b.parent_entries.as_entire_binding()),
+                ],
+            );
+            self.spans(pass, Pass::Spread, &bind, &b.levels, 1..levels);
+        }
+        let bind = self.kernels.bind(
+            Pass::Add,
+            &[
+                (0, b.params.as_entire_binding()),
+                (5, direct.as_entire_binding()),
+                (7, b.senders.as_entire_binding()),
+                (10, further.as_entire_binding()),
+            ],
+        );
+        self.dispatch(pass, Pass::Add, &bind, &[], b.shape.senders() as u32);
+    }
+
+    /// One dispatch for each of the spans `which` of a list.
+    pub fn spans(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        kernel: Pass,
+        bind: &wgpu::BindGroup,
+        list: &SpanList,
+        which: std::ops::Range<usize>,
+    ) {
+        for &(offset, span) in &list.at[which] {
+            self.dispatch(pass, kernel, bind, &[offset], span.count);
+        }
+    }
+
+    pub fn dispatch(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        kernel: Pass,
+        bind: &wgpu::BindGroup,
+        offsets: &[u32],
+        items: u32,
+    ) {
+        if items == 0 {
+            return;
+        }
+        let groups = items.div_ceil(kernel.entry().1.items);
+        pass.set_pipeline(&self.kernels.pass(kernel).pipeline);
+        pass.set_bind_group(0, bind, offsets);
+        let (x, y) = (groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS));
+        pass.dispatch_workgroups(x, y, 1);
+        self.counters.dispatches[kernel as usize] += 1;
+    }
+
+    pub fn span(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.b.spans,
+            offset: 0,
+            size: std::num::NonZeroU64::new(size_of::<meshless_gi::internals::frame::Span>() as u64),
+        })
+    }
+}
