@@ -129,15 +129,10 @@ type TheCamera<'w, 's> = Query<
     (With<GiCamera>, Without<DirectOnly>),
 >;
 
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
 fn move_light(
     mut light: Single<&mut Transform, With<MovableLight>>,
     stage: Res<Stage>,
-    keys: Res<ButtonInput<KeyCode>>,
-    buttons: Res<ButtonInput<MouseButton>>,
+    (keys, buttons): (Res<ButtonInput<KeyCode>>, Res<ButtonInput<MouseButton>>),
     windows: Query<&Window>,
     panel: Query<&Interaction, With<TuningPanel>>,
     camera: TheCamera,

@@ -76,18 +76,13 @@ pub fn keep_error(event: On<GiBakeFinished>, mut notice: ResMut<Notice>) {
 }
 
 /// Updates bar and text.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
 pub fn show(
     mut lines: Single<&mut Text, With<Lines>>,
     mut bar: Single<(&mut Node, &ChildOf), With<Bar>>,
     mut visibility: Query<&mut Visibility>,
     bakes: Query<Ref<GiBakeTask>>,
     camera: Single<&GiCamera>,
-    saving: Option<Res<Saving>>,
-    notice: Res<Notice>,
+    (saving, notice): (Option<Res<Saving>>, Res<Notice>),
     mut most: Local<f32>,
 ) {
     let baking = bakes.iter().next().map(|bake| {

@@ -359,11 +359,8 @@ impl GpuFrame {
     }
 
     /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass`
-    /// has one target, of `format`. Once a view, after the `splat` of its last scene.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "three textures and what they are drawn with"
-    )]
+    /// has one target, of `format`. Once a view, after the `splat` of its last scene. `textures` are
+    /// irradiance, G-buffer and lighting passes.
     pub fn composite(
         &mut self,
         kernels: &KernelPipelines,
@@ -371,11 +368,8 @@ impl GpuFrame {
         format: wgpu::TextureFormat,
         replace: bool,
         view: &ViewBuffers,
-        irradiance: &wgpu::TextureView,
-        gbuffer: &wgpu::TextureView,
-        lighting_passes: &wgpu::TextureView,
+        textures: [&wgpu::TextureView; 3],
     ) {
-        let textures = [irradiance, gbuffer, lighting_passes];
         let how = if replace { Draw::Replace } else { Draw::Add };
         draw_over(kernels, pass, format, how, view, textures);
         self.counters.composites += 1;

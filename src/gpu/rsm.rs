@@ -116,32 +116,8 @@ impl RsmBuffers {
         (self.filled, self.taken) = (0, 0);
     }
 
-    /// Records one light: its maps, the shadows of the baked scenes on them (each with its
-    /// [`local_from_space`](meshless_gi::internals::frame::rsm_layout::local_from_space)), and the choice of
-    /// `vpls` virtual point lights. Maps for which there is no room are left out, and so are
-    /// lights; see [`RsmBuffers::begin`].
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a light's maps and what shadows them"
-    )]
-    pub fn light(
-        &mut self,
-        kernels: &KernelPipelines,
-        queue: &wgpu::Queue,
-        encoder: &mut wgpu::CommandEncoder,
-        light: &FrameLight,
-        maps: &[RsmCapture<'_>],
-        scenes: &[(Mat4, &SceneBuffers)],
-        vpls: u32,
-    ) {
-        for map in maps {
-            self.map(kernels, queue, encoder, map);
-        }
-        self.choose(kernels, queue, encoder, light, scenes, vpls);
-    }
-
     /// Records what one map of a light shows; after its last map comes [`RsmBuffers::choose`].
-    /// Apart from [`RsmBuffers::light`] for maps that take turns in the same textures.
+    /// Maps that do not fit are left out; see [`RsmBuffers::begin`].
     pub fn map(
         &mut self,
         kernels: &KernelPipelines,

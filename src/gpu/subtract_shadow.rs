@@ -115,16 +115,11 @@ impl SubtractShadowBuffers {
 
     /// Writes the radiance that is missing at each pixel, for [`draw_over`](super::draw_over).
     /// `tables` are two layers, see [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a scene in a view, and what it is recorded with"
-    )]
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
-        scene: &SceneBuffers,
-        soft: &SoftShadowBuffers,
+        (scene, soft): (&SceneBuffers, &SoftShadowBuffers),
         view: &ViewBuffers,
         targets: &SplatTargets<'_>,
         tables: Option<&wgpu::TextureView>,

@@ -80,7 +80,6 @@ pub(crate) struct Pickers {
 
 /// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), after scenes and lights were read.
 #[allow(
-    clippy::too_many_arguments,
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"
 )]
@@ -89,10 +88,12 @@ pub(crate) fn take_inventory(
     mut surveyor: Local<InventoryTracker<LightKey>>,
     mut pickers: Local<BTreeMap<SceneId, Pickers>>,
     cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<GiRsmCamera>)>>,
-    bouncers: Extract<Query<(), With<GiReflector>>>,
     asking: Extract<Res<AskingLights>>,
     maps: Extract<Res<NormalMaps>>,
-    fogs: Extract<Query<(), With<FogVolume>>>,
+    (bouncers, fogs): (
+        Extract<Query<(), With<GiReflector>>>,
+        Extract<Query<(), With<FogVolume>>>,
+    ),
 ) {
     let mut counted = Cameras::default();
     for (camera, ours, msaa, brought) in &cameras {

@@ -358,19 +358,16 @@ pub(crate) fn bakes<'a>(
 
 /// Makes texels of the map that was just drawn, and after the last of a light its virtual point
 /// lights.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "a system's parameters are its inputs"
-)]
 fn read(
     view: ViewQuery<View>,
     lights: Res<LightMaps>,
     world: Res<ExtractedGi>,
     mut render: ResMut<GiRender>,
-    queue: Res<RenderQueue>,
-    pipelines: Res<PipelineCache>,
-    opaque: Res<ViewBinnedRenderPhases<Opaque3dDeferred>>,
-    masked: Res<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
+    (queue, pipelines): (Res<RenderQueue>, Res<PipelineCache>),
+    (opaque, masked): (
+        Res<ViewBinnedRenderPhases<Opaque3dDeferred>>,
+        Res<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
+    ),
     mut ctx: RenderContext,
 ) {
     let (extracted, depth, textures) = view.into_inner();

@@ -365,8 +365,7 @@ fn normal_maps_and_base_color_textures_are_used() {
         cpu_indirect_textured(
             &room,
             &bake,
-            Transform::IDENTITY,
-            view(),
+            [Transform::IDENTITY, view()],
             &[lamp(place)],
             &settings(),
             [WIDTH, HEIGHT],

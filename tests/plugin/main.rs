@@ -16,7 +16,6 @@ mod example_panel;
 mod examples;
 mod frame;
 mod invalid_input;
-mod load_gltf;
 mod occluders;
 mod octree;
 mod outdated_scene;

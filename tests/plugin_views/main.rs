@@ -1,4 +1,5 @@
 //! Tests of the plugin's images: cameras, displays, shadows, volumes and fog. See `tests/plugin`.
+//! The example `load_gltf` is here because it has a copy of `examples/common`.
 
 #[path = "../support/mod.rs"]
 mod support;
@@ -7,6 +8,7 @@ mod cameras;
 mod display;
 mod dynamic_lighting;
 mod fog;
+mod load_gltf;
 mod probes;
 mod rsm;
 mod soft_shadows;

@@ -294,7 +294,6 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
             let fine = GiIrradianceVolume {
                 voxel_size: Some(VOXEL),
                 max_voxels: 1 << 18,
-                ..default()
             };
             world.entity_mut(*root).insert(fine);
             // What its voxels take from which probes is found meanwhile.
@@ -446,7 +445,6 @@ fn volumes_follow_component_without_deferred_camera() {
     let coarse = GiIrradianceVolume {
         voxel_size: Some(0.5),
         max_voxels: 64,
-        ..default()
     };
     s.ask(coarse);
     assert_eq!(volumes(&mut s.app), 1);

@@ -307,16 +307,14 @@ pub fn cpu_indirect_sized(
     size: [u32; 2],
 ) -> Picture {
     let plain = |_: &Quad, surface: Surface| surface;
-    cpu_indirect_textured(room, bake, root, camera, lights, settings, size, plain)
+    cpu_indirect_textured(room, bake, [root, camera], lights, settings, size, plain)
 }
 
 /// As [`cpu_indirect_sized`], with surfaces that textures have changed.
-#[expect(clippy::too_many_arguments, reason = "all of them matter")]
 pub fn cpu_indirect_textured(
     room: &Room,
     bake: &BakedScene,
-    root: Transform,
-    camera: Transform,
+    [root, camera]: [Transform; 2],
     lights: &[Light],
     settings: &FrameSettings,
     [wide, high]: [u32; 2],

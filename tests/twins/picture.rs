@@ -87,9 +87,7 @@ fn draw(
                 half4,
                 replace,
                 &view,
-                &out_views[0],
-                &gbuffer_view,
-                &passes_view,
+                [&out_views[0], &gbuffer_view, &passes_view],
             );
         })
         .unwrap();

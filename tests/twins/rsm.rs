@@ -7,7 +7,7 @@ use super::picture::wide;
 use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, Dice};
 use super::{cpu, harness, settings};
-use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
+use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines, SceneBuffers};
 use bevy_meshless_gi::internals::gpu::{Pass, RsmBuffers, RsmCapture, SplatTargets, VplShadows};
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -118,6 +118,21 @@ fn shade_params(light: &FrameLight, scene: &BakedScene, texels: u32) -> RsmShado
     )
 }
 
+/// Records the maps of a light and the choice of its virtual point lights.
+fn record(
+    buffers: &mut RsmBuffers,
+    (kernels, queue, encoder): (&KernelPipelines, &wgpu::Queue, &mut wgpu::CommandEncoder),
+    light: &FrameLight,
+    maps: &[RsmCapture<'_>],
+    scenes: &[(Mat4, &SceneBuffers)],
+    vpls: u32,
+) {
+    for map in maps {
+        buffers.map(kernels, queue, encoder, map);
+    }
+    buffers.choose(kernels, queue, encoder, light, scenes, vpls);
+}
+
 fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
     let params = RsmSelectParams {
         texels: texels.len() as u32,
@@ -199,7 +214,16 @@ fn rsm_matches_twin() {
             let scenes = [(local, frame.buffers())];
             let scenes = &scenes[..usize::from(shadows)];
             harness
-                .run(|e| maps.light(&kernels, &harness.queue, e, light, &drawn, scenes, VPLS))
+                .run(|e| {
+                    record(
+                        &mut maps,
+                        (&kernels, &harness.queue, e),
+                        light,
+                        &drawn,
+                        scenes,
+                        VPLS,
+                    )
+                })
                 .unwrap();
             let bare: Vec<RsmTexel> = own.iter().flat_map(|m| m.texels(light)).collect();
             let lit = bare.iter().filter(|t| t.flux[1] > 0.0).count();
@@ -267,7 +291,16 @@ fn rsm_matches_twin() {
         params: lamps[0].1[0].params(&dark, 0),
     };
     harness
-        .run(|e| maps.light(&kernels, &harness.queue, e, &dark, &[drawn], &[], VPLS))
+        .run(|e| {
+            record(
+                &mut maps,
+                (&kernels, &harness.queue, e),
+                &dark,
+                &[drawn],
+                &[],
+                VPLS,
+            )
+        })
         .unwrap();
     let gpu: Vec<Vpl> = harness.read(maps.vpls(), VPLS as usize).unwrap();
     assert_eq!(gpu, vec![Vpl::default(); VPLS as usize]);
@@ -280,7 +313,16 @@ fn rsm_without_request_is_not_created() {
     let mut maps = RsmBuffers::new(&harness.device, 64, 16).unwrap();
     let light = FrameLight::point(Vec3::ZERO, Vec3::ONE, 9.0);
     harness
-        .run(|e| maps.light(&kernels, &harness.queue, e, &light, &[], &[], 16))
+        .run(|e| {
+            record(
+                &mut maps,
+                (&kernels, &harness.queue, e),
+                &light,
+                &[],
+                &[],
+                16,
+            )
+        })
         .unwrap();
     assert_eq!((maps.counters().total(), kernels.created()), (0, 0));
     assert_eq!(maps.used(), 0);
@@ -315,7 +357,16 @@ fn vpl_matches_twin() {
         params: own[0].params(light, 0),
     };
     harness
-        .run(|e| maps.light(&kernels, &harness.queue, e, light, &[drawn], &[], VPLS))
+        .run(|e| {
+            record(
+                &mut maps,
+                (&kernels, &harness.queue, e),
+                light,
+                &[drawn],
+                &[],
+                VPLS,
+            )
+        })
         .unwrap();
     harness
         .queue

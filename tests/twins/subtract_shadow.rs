@@ -180,8 +180,7 @@ fn on_gpu(
                 buffers.record(
                     &kernels,
                     encoder,
-                    &scene_buffers,
-                    &soft_buffers,
+                    (&scene_buffers, &soft_buffers),
                     &view,
                     &targets,
                     tables.as_ref(),

@@ -154,8 +154,7 @@ impl ViewShadow {
             buffers.record(
                 ctx.kernels,
                 ctx.encoder,
-                scene.scene,
-                scene.shadows,
+                (scene.scene, scene.shadows),
                 scene.view,
                 &targets,
                 tables,
