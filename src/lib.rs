@@ -23,8 +23,8 @@
 //!     ));
 //!     let light = PointLight { shadow_maps_enabled: true, ..default() };
 //!     commands.spawn((light, Transform::from_xyz(0.0, 2.0, 0.0)));
-//!     commands.spawn((Camera3d::default(), GiCamera::default(), Transform::from_xyz(0.0, 1.5, 4.0)));
-//! }
+//!     commands.spawn((Camera3d::default(), GiCamera::default(), Transform::from_xyz(0.0, 1.5,
+//! 4.0))); }
 //! # }
 //! ```
 //!

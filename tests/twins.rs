@@ -1,6 +1,6 @@
 //! Comparison of every kernel with its CPU twin, on any adapter (a software one is enough). Without
-//! an adapter the tests fail. Each comparison is repeated with a wrong input and with one wrong item,
-//! and must fail.
+//! an adapter the tests fail. Each comparison is repeated with a wrong input and with one wrong
+//! item, and must fail.
 
 #[path = "twins/baked.rs"]
 mod baked;

@@ -1,11 +1,14 @@
 //! Pictures of an example without a window (`--screenshot`).
 //!
 //! ```text
-//! --screenshot FILE.png    writes a picture of 960 × 540 pixels, and ends; no window opens, and software Vulkan does
+//! --screenshot FILE.png    writes a picture of 960 × 540 pixels, and ends; no window opens, and
+//! software Vulkan does
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
 //! --at T                   of the time T on the example's clock, which stands still
-//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example knows them; Ctrl+S presses both
+//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D,
+//! F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example knows them; Ctrl+S presses
+//! both
 //! ```
 //!
 //! Every frame lasts 1/60 s for the app, so that pictures are the same on any machine.

@@ -79,8 +79,8 @@ impl FogBuffers {
         }
     }
 
-    /// Records kernel `fog_inscatter` for each of the lights from the volumes of their levels, which
-    /// kernel `volume` wrote.
+    /// Records kernel `fog_inscatter` for each of the lights from the volumes of their levels,
+    /// which kernel `volume` wrote.
     #[must_use]
     pub fn record(
         &self,

@@ -1,5 +1,5 @@
-//! Records a frame of one baked scene: the steps of [`SolveSchedule`], which the CPU's frame runs too, as
-//! dispatches.
+//! Records a frame of one baked scene: the steps of [`SolveSchedule`], which the CPU's frame runs
+//! too, as dispatches.
 
 use super::dispatch::compute;
 use super::draw::draw_over;
@@ -190,9 +190,9 @@ impl GpuFrame {
         self.counters.projected += slots.len() as u64;
     }
 
-    /// Computes the irradiance of all points from the projected lights: [`pull_push`](Self::pull_push),
-    /// [`apply`](Self::apply), [`flatten`](Self::flatten), [`apply_probes`](Self::apply_probes). At
-    /// most once a submission.
+    /// Computes the irradiance of all points from the projected lights:
+    /// [`pull_push`](Self::pull_push), [`apply`](Self::apply), [`flatten`](Self::flatten),
+    /// [`apply_probes`](Self::apply_probes). At most once a submission.
     pub fn solve(
         &mut self,
         kernels: &KernelPipelines,
@@ -359,8 +359,8 @@ impl GpuFrame {
     }
 
     /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass`
-    /// has one target, of `format`. Once a view, after the `splat` of its last scene. `textures` are
-    /// irradiance, G-buffer and lighting passes.
+    /// has one target, of `format`. Once a view, after the `splat` of its last scene. `textures`
+    /// are irradiance, G-buffer and lighting passes.
     pub fn composite(
         &mut self,
         kernels: &KernelPipelines,

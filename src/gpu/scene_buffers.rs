@@ -117,8 +117,9 @@ impl SceneBuffers {
     /// Uploads `scene`, with room for `slots` light slots.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone are cut into parts. An octree that the device does not hold
-    /// is left out where there are links in its place, and an error (of its order, [`GpuError::Limit`]) where there are none.
+    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone
+    /// are cut into parts. An octree that the device does not hold is left out where there are
+    /// links in its place, and an error (of its order, [`GpuError::Limit`]) where there are none.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,

@@ -1,6 +1,6 @@
-//! Soft shadows on the device: what the kernel `soft_shadow` reads of a baked scene, and the recording of
-//! it and of `flatten` behind it. A scene without visibility, and one whose lights all cast hard
-//! shadows or none, makes no such buffers.
+//! Soft shadows on the device: what the kernel `soft_shadow` reads of a baked scene, and the
+//! recording of it and of `flatten` behind it. A scene without visibility, and one whose lights all
+//! cast hard shadows or none, makes no such buffers.
 
 use super::dispatch::{MAX_GROUPS, compute};
 use super::error::GpuError;

@@ -1,7 +1,7 @@
 //! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl`
-//! (nodes) and `upsample`, in the order of [`meshless_gi::internals::frame::subsplats`]. Which cells are
-//! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing
-//! is read back.
+//! (nodes) and `upsample`, in the order of [`meshless_gi::internals::frame::subsplats`]. Which
+//! cells are evaluated is decided on the device: lists that grow by atomics, and indirect
+//! dispatches. Nothing is read back.
 
 use super::Pass;
 use super::dispatch::{MAX_GROUPS, compute};
@@ -65,7 +65,8 @@ impl SubsplatBuffers {
     /// Buffers for views of these levels.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the device binds no such buffer: show the view at full resolution then.
+    /// [`GpuError::TooLarge`] where the device binds no such buffer: show the view at full
+    /// resolution then.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,

@@ -1,5 +1,5 @@
-//! Records what soft shadows take from a view: the kernel `subtract_shadow`, for one baked scene in one view.
-//! A view whose lamps cast none makes no such buffers.
+//! Records what soft shadows take from a view: the kernel `subtract_shadow`, for one baked scene in
+//! one view. A view whose lamps cast none makes no such buffers.
 
 use super::dispatch::compute;
 use super::error::GpuError;
@@ -83,8 +83,9 @@ impl SubtractShadowBuffers {
     }
 
     /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that
-    /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`]. `vpl_specular` where
-    /// rectangles were drawn with it: [`SubtractShadowBuffers::record`] gets the tables then.
+    /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`].
+    /// `vpl_specular` where rectangles were drawn with it: [`SubtractShadowBuffers::record`] gets
+    /// the tables then.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more than the device binds.
@@ -114,7 +115,8 @@ impl SubtractShadowBuffers {
     }
 
     /// Writes the radiance that is missing at each pixel, for [`draw_over`](super::draw_over).
-    /// `tables` are two layers, see [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
+    /// `tables` are two layers, see
+    /// [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

@@ -27,7 +27,8 @@ impl VolumeBuffers {
     /// For one volume, all of whose places are found.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the shares do not fit a binding; within WebGPU's default limits they always do.
+    /// [`GpuError::TooLarge`] where the shares do not fit a binding; within WebGPU's default limits
+    /// they always do.
     ///
     /// # Panics
     /// Where places are not found yet.

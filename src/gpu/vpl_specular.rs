@@ -1,7 +1,7 @@
-//! Records what a view's glossy surfaces show of virtual point lights: the kernel `vpl_specular`, level by
-//! level, and its pixels, in the order of
-//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). Which lights are evaluated where
-//! is decided on the device; nothing is read back.
+//! Records what a view's glossy surfaces show of virtual point lights: the kernel `vpl_specular`,
+//! level by level, and its pixels, in the order of
+//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). Which
+//! lights are evaluated where is decided on the device; nothing is read back.
 
 use super::Pass;
 use super::dispatch::compute;

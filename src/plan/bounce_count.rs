@@ -1,8 +1,8 @@
 //! How many diffuse reflections a scene is solved with: as many as its surfaces call for. The bake
 //! has proved what a reflection leaves of the light at most
-//! ([`EnergyInfo::spectral_radius_bound`](meshless_gi::EnergyInfo::spectral_radius_bound), design D12), so after n of them no
-//! more than gainⁿ of what all of them give is missing, about: dark levels need two or three, white
-//! rooms ten.
+//! ([`EnergyInfo::spectral_radius_bound`](meshless_gi::EnergyInfo::spectral_radius_bound), design
+//! D12), so after n of them no more than gainⁿ of what all of them give is missing, about: dark
+//! levels need two or three, white rooms ten.
 
 use super::GiBounceCount;
 use meshless_gi::internals::frame::materials::live_surfaces;
@@ -49,8 +49,8 @@ impl fmt::Display for BounceSelection {
     }
 }
 
-/// How many reflections a frame takes at a gain: the fewest that leave [`MAX_TRUNCATED_FRACTION`] at most, and
-/// [`MAX_AUTO_BOUNCES`] where that is more.
+/// How many reflections a frame takes at a gain: the fewest that leave [`MAX_TRUNCATED_FRACTION`]
+/// at most, and [`MAX_AUTO_BOUNCES`] where that is more.
 #[must_use]
 pub fn bounces_for_spectral_radius(gain: f32) -> u32 {
     match gain {

@@ -1,7 +1,7 @@
 //! In how many channels a scene's operator is applied: one where its surfaces are gray and all that
-//! shines has one chromaticity, three else. [`InventoryTracker`](super::InventoryTracker) knows what there
-//! is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a
-//! lamp that blinks in another color.
+//! shines has one chromaticity, three else. [`InventoryTracker`](super::InventoryTracker) knows
+//! what there is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and
+//! forth with a lamp that blinks in another color.
 
 use super::{ColorUniformity, GiColorMode};
 use glam::Vec3;
@@ -65,8 +65,8 @@ impl ColorModeSelector {
     }
 
     /// What this frame's solve takes. Three channels come with the frame that needs them, one
-    /// channel only after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that do with it; what shines first is taken as it is,
-    /// and darkness changes nothing.
+    /// channel only after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that do with it; what shines
+    /// first is taken as it is, and darkness changes nothing.
     pub fn pick(&mut self, asked: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
         let waits = match found.colors {
             ColorUniformity::Dark => false,

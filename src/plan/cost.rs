@@ -22,9 +22,9 @@ const KEPT: u64 = 1000;
 /// Passes that the device's clock times as one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TimingScope {
-    /// The one of them that stands for all: [`FrameStage::APPLY`] for what carries light on (pull, push,
-    /// apply, flatten, the probes' rows), [`FrameStage::SPLAT`] for all that lays light over a view's
-    /// pixels.
+    /// The one of them that stands for all: [`FrameStage::APPLY`] for what carries light on (pull,
+    /// push, apply, flatten, the probes' rows), [`FrameStage::SPLAT`] for all that lays light over
+    /// a view's pixels.
     pub stage: FrameStage,
     /// For which scene; [`SceneId::WORLD`] for what a view takes of all scenes.
     pub scene: SceneId,

@@ -1,10 +1,10 @@
 //! Decisions of a plan, one per kind, and a log that reports each change once.
 //!
 //! Passes start and stop with every light that moves and stops. [`DecisionLog`] reports that an
-//! effect runs when it first runs, and that it stopped when it has not run for [`LOG_DEBOUNCE_FRAMES`] frames.
-//! After a report about a kind follows a silence, which doubles with each report and returns to
-//! [`LOG_DEBOUNCE_FRAMES`] frames when nothing changed for as long. The number of reports of a kind that
-//! alternates grows with the logarithm of the time.
+//! effect runs when it first runs, and that it stopped when it has not run for
+//! [`LOG_DEBOUNCE_FRAMES`] frames. After a report about a kind follows a silence, which doubles
+//! with each report and returns to [`LOG_DEBOUNCE_FRAMES`] frames when nothing changed for as long.
+//! The number of reports of a kind that alternates grows with the logarithm of the time.
 
 use super::{Cost, DisplayUse, FrameStage, Pass, Plan, SceneId, SkipReason, TimingScope, ViewId};
 use std::collections::BTreeMap;

@@ -1,8 +1,8 @@
 //! [`Effect`]: a row of the table of effects.
 //!
 //! An effect is a part of the simulation that a scene may or may not need. It reads the
-//! [`FrameState`] and adds the passes that it needs to the [`Plan`], each with a reason. Effects run
-//! in the order of their table, so a later one may read the passes of an earlier one.
+//! [`FrameState`] and adds the passes that it needs to the [`Plan`], each with a reason. Effects
+//! run in the order of their table, so a later one may read the passes of an earlier one.
 //!
 //! The type parameter `R` is how a pass is recorded. The plan never uses it: the caller that owns
 //! the table also owns the recorder.

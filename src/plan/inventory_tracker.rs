@@ -28,8 +28,8 @@ pub struct SceneSnapshot<'a> {
     pub materials: &'a [MaterialFactors],
     /// What passes its occluders.
     pub gains: &'a [f32],
-    /// Which of [`WorldSnapshot::lights`] do not light it, as indices in ascending order: they are of other
-    /// layers, or end before it.
+    /// Which of [`WorldSnapshot::lights`] do not light it, as indices in ascending order: they are
+    /// of other layers, or end before it.
     pub unlit_by: Vec<usize>,
 }
 

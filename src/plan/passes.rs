@@ -1,4 +1,5 @@
-//! [`Plan`]: the passes of one frame, why they run and why others do not, what they cost, and what the world has. A table of [`Effect`]s makes it.
+//! [`Plan`]: the passes of one frame, why they run and why others do not, what they cost, and what
+//! the world has. A table of [`Effect`]s makes it.
 
 use super::cost::{self, Cost, TimingScope};
 use super::{

@@ -1,4 +1,5 @@
-//! [`TierSelection`]: the tier of the operator that a scene is lit with, and why. [`TierController`](super::TierController) says it.
+//! [`TierSelection`]: the tier of the operator that a scene is lit with, and why.
+//! [`TierController`](super::TierController) says it.
 
 use std::fmt;
 

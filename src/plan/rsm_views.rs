@@ -10,8 +10,8 @@
 //! | directional | one, orthographic, around the boxes of all that moves; it moves by whole texels, so that nothing that stands still flickers |
 //! | point, spot | one, perspective, where all that moves fits a cone of [`MAX_RSM_HALF_ANGLE`]; else those faces of a cube that show some of it |
 //!
-//! Sizes and angles change in steps of [`RSM_SIZE_STEP`], so that a map keeps its scale while things move a
-//! little.
+//! Sizes and angles change in steps of [`RSM_SIZE_STEP`], so that a map keeps its scale while
+//! things move a little.
 
 use super::SkipReason;
 use super::lights::light_affects;
@@ -66,8 +66,8 @@ pub struct MapView {
 /// not finite are left out.
 ///
 /// # Errors
-/// Why there is none: [`SkipReason::LightDark`], [`SkipReason::NothingMoves`], [`SkipReason::OutOfReach`],
-/// [`SkipReason::NoMaps`].
+/// Why there is none: [`SkipReason::LightDark`], [`SkipReason::NothingMoves`],
+/// [`SkipReason::OutOfReach`], [`SkipReason::NoMaps`].
 pub fn map_views(
     light: &FrameLight,
     bouncers: &[Bounds],

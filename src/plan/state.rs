@@ -334,8 +334,8 @@ impl FrameState {
         self.scenes.iter().filter(|s| self.check_active(s).is_ok())
     }
 
-    /// Returns `true` if a view shows the scene over its G-buffer, or a camera without a G-buffer or
-    /// with fog shows its volume.
+    /// Returns `true` if a view shows the scene over its G-buffer, or a camera without a G-buffer
+    /// or with fog shows its volume.
     fn is_displayed(&self, scene: &SceneState) -> bool {
         let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
         scene.volume.asked && scene.volume.seen || self.views.iter().any(shows)

@@ -18,8 +18,8 @@ use bevy::render::view::Msaa;
 #[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off, GiSplatting)]
 #[component(on_insert = disable_msaa)]
 pub struct GiCamera {
-    /// Shows indirect light. `false` runs no pass of the plugin for this camera and frees GPU memory
-    /// that no other camera uses. The prepasses stay. Default: `true`.
+    /// Shows indirect light. `false` runs no pass of the plugin for this camera and frees GPU
+    /// memory that no other camera uses. The prepasses stay. Default: `true`.
     pub enabled: bool,
     /// Factor on the indirect light, 0 or more. Default: 1, the physical value.
     pub intensity: f32,
@@ -28,7 +28,8 @@ pub struct GiCamera {
 }
 
 /// Sets the MSAA of the camera to one sample per pixel, as deferred rendering requires. Bevy's
-/// camera component adds the default of four samples before the requirement of [`GiCamera`] applies.
+/// camera component adds the default of four samples before the requirement of [`GiCamera`]
+/// applies.
 fn disable_msaa(mut world: DeferredWorld, context: HookContext) {
     if let Some(mut msaa) = world.get_mut::<Msaa>(context.entity) {
         msaa.set_if_neq(Msaa::Off);

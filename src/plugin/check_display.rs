@@ -15,8 +15,8 @@ use bevy::core_pipeline::prepass::DeferredPrepass;
 use bevy::ecs::prelude::*;
 use bevy::ecs::system::SystemParam;
 
-/// Number of frames without a display before the warning. Cameras, volumes and bakes of a scene that
-/// is loading appear in any order.
+/// Number of frames without a display before the warning. Cameras, volumes and bakes of a scene
+/// that is loading appear in any order.
 const GRACE_FRAMES: u32 = 16;
 
 /// Baked scenes, and cameras and volumes that may display them.

@@ -1,4 +1,5 @@
-//! Plan of the frame, and the recording of the passes that all views share, before any camera draws.
+//! Plan of the frame, and the recording of the passes that all views share, before any camera
+//! draws.
 
 use super::extract::ExtractedScene;
 use super::gpu_timings::DeviceCosts;

@@ -92,8 +92,8 @@ pub(crate) struct LightParts {
 }
 
 impl LightPartsItem<'_, '_> {
-    /// Direction of the light. Zero, which lights nothing, if the transform has no direction. Bevy's
-    /// own method panics there.
+    /// Direction of the light. Zero, which lights nothing, if the transform has no direction.
+    /// Bevy's own method panics there.
     fn forward(&self) -> Vec3 {
         let back = Vec3::from(self.transform.affine().matrix3.z_axis);
         -back.normalize_or_zero()

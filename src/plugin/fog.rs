@@ -1,6 +1,7 @@
 //! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient
-//! light; behind that, kernel [`fog`](meshless_gi::internals::frame::fog) adds what the fog sends to the eye
-//! of the level's light in free space, which it reads from the level's [`GiIrradianceVolume`].
+//! light; behind that, kernel [`fog`](meshless_gi::internals::frame::fog) adds what the fog sends
+//! to the eye of the level's light in free space, which it reads from the level's
+//! [`GiIrradianceVolume`].
 //!
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and
 //! [`VolumetricFog`] on the camera.
@@ -161,8 +162,8 @@ type FogCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and before the
-/// volumes.
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and
+/// before the volumes.
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,
     world: Res<ExtractedGi>,

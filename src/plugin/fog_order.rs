@@ -13,8 +13,8 @@ use bevy::ecs::schedule::{
 use bevy::ecs::world::World;
 use bevy::platform::collections::{HashMap, HashSet};
 
-/// Puts [`GiRenderSystems::CompositeFog`] before the other systems of `EarlyPostProcess`, but for those that are
-/// ordered before it.
+/// Puts [`GiRenderSystems::CompositeFog`] before the other systems of `EarlyPostProcess`, but for
+/// those that are ordered before it.
 #[derive(Debug, Default)]
 pub(crate) struct FogFirst {
     members: HashMap<SystemSetKey, Vec<SystemKey>>,

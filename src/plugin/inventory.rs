@@ -78,7 +78,8 @@ pub(crate) struct Pickers {
     bake: usize,
 }
 
-/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), after scenes and lights were read.
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), after scenes and lights
+/// were read.
 #[allow(
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"

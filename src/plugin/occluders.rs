@@ -4,8 +4,8 @@ use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::internals::asset::Occluders;
 
-/// Transmittance of an occluder of a bake. Goes on any entity, usually the door itself. The occluder
-/// is identified by its name, in every bake that has it.
+/// Transmittance of an occluder of a bake. Goes on any entity, usually the door itself. The
+/// occluder is identified by its name, in every bake that has it.
 ///
 /// The recipe of the bake must list the occluder (`occluders: [(name: "door")]`, or
 /// `--occluder door`). Indirect light follows in the frame of the change. Direct light and its

@@ -5,9 +5,9 @@
 //! cameras.
 //!
 //! The cost of a solve is measured by GPU timestamps. The app must add Bevy's
-//! `RenderDiagnosticsPlugin`. Its span `render/meshless_gi_compute/solve_<root>/elapsed_gpu` contains
-//! projection and solve of one root. Without timestamps (Bevy has none on Metal and WebGPU) the
-//! controller keeps all links.
+//! `RenderDiagnosticsPlugin`. Its span `render/meshless_gi_compute/solve_<root>/elapsed_gpu`
+//! contains projection and solve of one root. Without timestamps (Bevy has none on Metal and
+//! WebGPU) the controller keeps all links.
 
 use super::asset::GiBakedScene;
 use super::compute::largest_binding;
@@ -152,8 +152,8 @@ pub enum SolveCostSource {
     /// GPU timestamps.
     #[default]
     Timestamps,
-    /// Function of the number of links that a solve reads. Links of a sweep count once per sweep. It
-    /// is called after each frame that solved the scene. For tests.
+    /// Function of the number of links that a solve reads. Links of a sweep count once per sweep.
+    /// It is called after each frame that solved the scene. For tests.
     Given(Arc<SolveCostFn>),
 }
 

@@ -4,8 +4,8 @@ use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::internals::frame::rsm_layout::side;
 
-/// One bounce of this light from [`GiReflector`](super::GiReflector)s, by a reflective shadow map. Goes on a point,
-/// spot or directional light. It costs nothing if no dynamic object is in range.
+/// One bounce of this light from [`GiReflector`](super::GiReflector)s, by a reflective shadow map.
+/// Goes on a point, spot or directional light. It costs nothing if no dynamic object is in range.
 ///
 /// A [`GiLight`](super::GiLight) on the same entity that is disabled disables this bounce too.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]

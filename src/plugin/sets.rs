@@ -48,7 +48,7 @@ pub enum GiRenderSystems {
     /// and transparent passes: adds indirect light to the picture. Run a pass that draws over
     /// indirect light after it.
     Composite,
-    /// `Core3d` of each camera, first in early post-processing and after Bevy's volumetric fog: adds
-    /// indirect light that fog scatters. Systems that are ordered before it stay before it.
+    /// `Core3d` of each camera, first in early post-processing and after Bevy's volumetric fog:
+    /// adds indirect light that fog scatters. Systems that are ordered before it stay before it.
     CompositeFog,
 }

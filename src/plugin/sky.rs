@@ -25,8 +25,8 @@ pub enum GiSky {
     /// The same radiance from every direction, cd/m². Negative values count as 0.
     Uniform(LinearRgba),
     /// Second-order spherical harmonics in world axes: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q
-    /// symmetric and trace-free. Coefficients: c; d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz, each in
-    /// linear RGB. Values that are not finite disable the sky.
+    /// symmetric and trace-free. Coefficients: c; d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz, each
+    /// in linear RGB. Values that are not finite disable the sky.
     ///
     /// Bake with `sky: Harmonics` in the recipe. Other bakes use the mean over all directions, with
     /// one warning.

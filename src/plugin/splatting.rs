@@ -20,8 +20,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub enum GiSplatting {
-    /// Evaluates a fraction of the pixels and interpolates within surfaces (\[N09\], multiresolution
-    /// splatting). The default.
+    /// Evaluates a fraction of the pixels and interpolates within surfaces (\[N09\],
+    /// multiresolution splatting). The default.
     Multiresolution(SubsplatSettings),
     /// Evaluates every pixel. This is the reference; it costs several times more.
     PerPixel,

@@ -1,6 +1,6 @@
 //! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's
-//! irradiance volumes, which kernel [`volume`](meshless_gi::internals::frame::volume) writes whenever the
-//! light changes. [`super::fog`] reads it too.
+//! irradiance volumes, which kernel [`volume`](meshless_gi::internals::frame::volume) writes
+//! whenever the light changes. [`super::fog`] reads it too.
 //!
 //! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras
 //! with our own display have it taken out there ([`super::deferred`]), or do not see it.
@@ -50,13 +50,13 @@ use std::sync::Arc;
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiIrradianceVolume {
-    /// Edge length of a voxel in meters, in the space of the bake. `None` (default) uses half of the
-    /// distance between the bake's probes.
+    /// Edge length of a voxel in meters, in the space of the bake. `None` (default) uses half of
+    /// the distance between the bake's probes.
     pub voxel_size: Option<f32>,
     /// Maximum number of voxels, at most 2²⁰. Larger volumes get larger voxels. Default: 2¹⁶.
     ///
-    /// Memory per voxel: 48 bytes of texture, 4 bytes per probe (at most 32 probes), and near walls 8
-    /// bytes per wall function and 8 bytes of wall distances.
+    /// Memory per voxel: 48 bytes of texture, 4 bytes per probe (at most 32 probes), and near walls
+    /// 8 bytes per wall function and 8 bytes of wall distances.
     pub max_voxels: u32,
 }
 
@@ -268,7 +268,8 @@ type ForwardCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiCamera>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and the fog.
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and the
+/// fog.
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
     world: Res<ExtractedGi>,

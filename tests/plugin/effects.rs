@@ -1,5 +1,5 @@
-//! Scenes get what they call for and nothing else: the thirteen scenes of the example `pass_costs` in
-//! the running plugin, each with the stages that it names, and with no pipeline or buffer of any
+//! Scenes get what they call for and nothing else: the thirteen scenes of the example `pass_costs`
+//! in the running plugin, each with the stages that it names, and with no pipeline or buffer of any
 //! other.
 
 #[path = "../../examples/reports/pass_costs/scenes.rs"]

@@ -1,5 +1,5 @@
-//! The kernel `soft_shadow`, and `flatten` behind it, against their twins, on a small baked box with a
-//! rectangle, a sphere and a point.
+//! The kernel `soft_shadow`, and `flatten` behind it, against their twins, on a small baked box
+//! with a rectangle, a sphere and a point.
 
 use super::compare::{Scale, differing};
 use super::harness;

@@ -1,5 +1,5 @@
-//! The kernel `subtract_shadow` and what is drawn of it against their twins, on the baked box of `soft_shadow` as a
-//! camera sees it.
+//! The kernel `subtract_shadow` and what is drawn of it against their twins, on the baked box of
+//! `soft_shadow` as a camera sees it.
 
 use super::depth::depth_texture;
 use super::harness;
@@ -121,7 +121,8 @@ fn earlier(i: usize) -> [f32; 4] {
     }
 }
 
-/// What the device makes of it: `subtract_shadow`, `next_scene`, and the picture after the draw of the first.
+/// What the device makes of it: `subtract_shadow`, `next_scene`, and the picture after the draw of
+/// the first.
 fn on_gpu(
     harness: &HeadlessDevice,
     shaded: &Shaded,

@@ -1,5 +1,5 @@
-//! The kernel `vpl_specular` against its twin, on a room with a glossy floor: node by node, bit by bit,
-//! pixel by pixel, and with shadows.
+//! The kernel `vpl_specular` against its twin, on a room with a glossy floor: node by node, bit by
+//! bit, pixel by pixel, and with shadows.
 
 use super::compare::HALF;
 use super::depth::depth_texture;

@@ -5,8 +5,9 @@
 //! the operator and reads the result at every pixel. This crate has the bake, its file, and the
 //! frame on the CPU. It depends on no graphics API and no engine.
 //!
-//! [`bake_scene`] bakes a [`TriangleMesh`] by a [`Recipe`]. The resulting [`BakedScene`] is written to
-//! and read from a file. [`CpuFrame`] computes a frame and [`Evaluator`] the light at single points.
+//! [`bake_scene`] bakes a [`TriangleMesh`] by a [`Recipe`]. The resulting [`BakedScene`] is written
+//! to and read from a file. [`CpuFrame`] computes a frame and [`Evaluator`] the light at single
+//! points.
 //!
 //! Data flows down this list, and so do imports:
 //!

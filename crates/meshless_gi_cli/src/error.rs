@@ -56,7 +56,8 @@ impl ToolError {
         Self::Input(format!("{}: {error}", path.display()))
     }
 
-    /// Returns the error of a bake. `AssetError` names the path itself if reading or writing failed.
+    /// Returns the error of a bake. `AssetError` names the path itself if reading or writing
+    /// failed.
     pub fn asset(path: &Path, error: &AssetError) -> Self {
         if error.is_content() {
             Self::input(path, error)

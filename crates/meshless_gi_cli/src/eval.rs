@@ -86,8 +86,8 @@ pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
     (baked.info.viewpoints.iter()).map(|&v| v.into()).collect()
 }
 
-/// Reads the geometry, which direct light of emissive surfaces and of the sky needs. Missing files are
-/// accepted if there is neither.
+/// Reads the geometry, which direct light of emissive surfaces and of the sky needs. Missing files
+/// are accepted if there is neither.
 pub fn geometry(
     baked: &BakedScene,
     description: &SceneDescription,

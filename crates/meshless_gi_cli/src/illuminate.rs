@@ -1,5 +1,5 @@
-//! `illuminate`: computes the light at every point of a bake or of a point cloud, and writes it as a
-//! colored point cloud and into the bake.
+//! `illuminate`: computes the light at every point of a bake or of a point cloud, and writes it as
+//! a colored point cloud and into the bake.
 
 use super::error::ToolError;
 use super::eval::{geometry, viewpoints};
@@ -120,8 +120,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     output::print(&summary)
 }
 
-/// Returns the irradiance at each point of `surface`. Points that the bake does not cover get direct
-/// light only.
+/// Returns the irradiance at each point of `surface`. Points that the bake does not cover get
+/// direct light only.
 fn illuminate(
     baked: &BakedScene,
     meshes: &[TriangleMesh],

@@ -115,8 +115,8 @@ pub fn tone_map(picture: &Image, exposure: f32) -> Vec<[u8; 3]> {
         .collect()
 }
 
-/// Arranges rows of three square pictures of `size` pixels with gaps. Returns the edge of the grid in
-/// pixels and its pixels.
+/// Arranges rows of three square pictures of `size` pixels with gaps. Returns the edge of the grid
+/// in pixels and its pixels.
 pub fn grid(rows: &[[Vec<[u8; 3]>; 3]], size: u32) -> (u32, Vec<[u8; 3]>) {
     let side = 3 * size + 2 * GAP;
     let mut out = vec![[255; 3]; (side * side) as usize];

@@ -2,7 +2,8 @@
 //! computed the truth and prints a row of each.
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example accuracy -- medium tests/data/cornell tests/data/rooms_open
+//! cargo run --release -p meshless_gi_lab --example accuracy -- medium tests/data/cornell
+//! tests/data/rooms_open
 //! ```
 //!
 //! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json`

@@ -2,7 +2,8 @@
 //! holds on all of them.
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example accuracy_doc -- tests/data/cornell tests/data/rooms_open path/to/level.glb
+//! cargo run --release -p meshless_gi_lab --example accuracy_doc -- tests/data/cornell
+//! tests/data/rooms_open path/to/level.glb
 //! ```
 //!
 //! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's

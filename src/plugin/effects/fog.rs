@@ -1,4 +1,5 @@
-//! Effect `fog`: probe irradiance that fog scatters to the camera, added to the picture of each view.
+//! Effect `fog`: probe irradiance that fog scatters to the camera, added to the picture of each
+//! view.
 //!
 //! Reads: the fog volumes of each view that lie in a scene with an irradiance volume. Runs in every
 //! frame with such fog in view. Kernel: `fog_inscatter`; the draw `fog`. A system records it in

@@ -6,8 +6,8 @@
 //! their kernels by name. The shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
 //! `crates/meshless_gi/src/frame/k.rs`.
 //!
-//! A new effect is a file here and a row of [`EFFECTS`]. The test `an_effect_is_one_file_and_one_row`
-//! adds the file `blackout.rs` and a row.
+//! A new effect is a file here and a row of [`EFFECTS`]. The test
+//! `an_effect_is_one_file_and_one_row` adds the file `blackout.rs` and a row.
 
 #[cfg(test)]
 mod blackout;

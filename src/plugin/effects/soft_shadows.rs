@@ -137,7 +137,8 @@ impl SceneSoft {
     /// Records the irradiance that is shadowed from the lights, at the points with visibility.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`], see [`SoftShadowBuffers::new`]. The plan skips the effect from then on.
+    /// [`GpuError::TooLarge`], see [`SoftShadowBuffers::new`]. The plan skips the effect from then
+    /// on.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

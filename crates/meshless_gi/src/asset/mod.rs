@@ -1,7 +1,8 @@
 //! The baked scene: what a frame needs, and its `.mgi` container (`docs/FORMAT.md`).
 //!
-//! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are each other's inverse; [`BakedScene::read`] and [`BakedScene::write`] are
-//! the same for files. No bytes, however hostile, make reading panic or take more memory than [`Limits`] says, and what comes out has
+//! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are each other's inverse;
+//! [`BakedScene::read`] and [`BakedScene::write`] are the same for files. No bytes, however
+//! hostile, make reading panic or take more memory than [`Limits`] says, and what comes out has
 //! passed [`BakedScene::validate`].
 
 mod baked;

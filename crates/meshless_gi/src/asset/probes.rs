@@ -25,7 +25,8 @@ pub struct Probes {
     pub planes: Vec<[f32; 4]>,
     /// Grid of the functions that may cover a position.
     pub grid: HashedGrid,
-    /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics (`transport::probe_rows`). All of tier 1.
+    /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics
+    /// (`transport::probe_rows`). All of tier 1.
     pub rows: Vec<Row>,
     /// Links to the operator's senders and the sky (and its terms, where the bake has them), row
     /// after row.

@@ -177,7 +177,8 @@ impl BakedScene {
     /// The scene as a `.mgi` file. The same scene gives the same bytes.
     ///
     /// # Errors
-    /// [`AssetError::Invalid`]: no file is made that could not be read; [`AssetError::Section`] where `info` cannot be written as text.
+    /// [`AssetError::Invalid`]: no file is made that could not be read; [`AssetError::Section`]
+    /// where `info` cannot be written as text.
     pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
         self.validate().map_err(AssetError::Invalid)?;
         let info = ron::to_string(&self.info).map_err(|e| broken(INFO, e))?;

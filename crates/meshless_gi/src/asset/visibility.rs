@@ -121,7 +121,8 @@ pub(super) fn read(
 }
 
 impl BakedScene {
-    /// Every look-up of the kernel `soft_shadow` stays within the arrays, and what it reads is finite.
+    /// Every look-up of the kernel `soft_shadow` stays within the arrays, and what it reads is
+    /// finite.
     pub(super) fn check_visibility(&self, check: &mut Check) {
         let Some(v) = &self.visibility else { return };
         let directions = u64::from(v.grid.columns) * u64::from(v.grid.rows);

@@ -8,9 +8,9 @@
 //! is a candidate; the planes that cut off most blocked places and no visible one are kept, four at
 //! most.
 //!
-//! Positions that happen to be known may all lie on the near side of a wall whose far side the support
-//! still touches. So each center also looks around along its tangent plane for walls, and behind
-//! each one for surface.
+//! Positions that happen to be known may all lie on the near side of a wall whose far side the
+//! support still touches. So each center also looks around along its tangent plane for walls, and
+//! behind each one for surface.
 
 use super::kernel::{before, kernel, leans, plane_at};
 use super::{LevelBasis, support_bounds};

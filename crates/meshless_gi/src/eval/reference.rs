@@ -9,9 +9,9 @@
 //! reflected once or more.
 //!
 //! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
-//! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability with
-//! which it does. A path's first direction comes from a lattice, shifted at random for each place,
-//! which makes the mean less noisy than independent paths; the standard error is that of
+//! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability
+//! with which it does. A path's first direction comes from a lattice, shifted at random for each
+//! place, which makes the mean less noisy than independent paths; the standard error is that of
 //! independent paths and so rather too large than too small.
 
 use crate::samples::{Random, cosine_hemisphere, tangents};

@@ -71,8 +71,8 @@ pub struct ExportedVolume {
     pub intensity: f32,
     /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The
     /// fourth number says how far it is to a wall
-    /// ([`WallDistances::encode`](crate::frame::WallDistances::encode)); Bevy does not read it, and this
-    /// crate's plugin does.
+    /// ([`WallDistances::encode`](crate::frame::WallDistances::encode)); Bevy does not read it, and
+    /// this crate's plugin does.
     pub texels: Vec<[f16; 4]>,
 }
 

@@ -64,8 +64,8 @@ pub struct SolveParams {
     pub slots: u32,
     /// Nodes of the BVH; 0 means that nothing casts shadows.
     pub nodes: u32,
-    /// Largest edge of the box around the geometry, meters: what [`ray_offset`](super::project::ray_offset) is
-    /// relative to.
+    /// Largest edge of the box around the geometry, meters: what
+    /// [`ray_offset`](super::project::ray_offset) is relative to.
     pub extent: f32,
     /// Rows of higher tiers are not used, and none where it is 0
     /// ([`Row::tier`](crate::transport::Row::tier)).

@@ -124,8 +124,8 @@ pub fn unshadowed_within(
     e
 }
 
-/// The shadow ray from (x, n) to `light`: it starts and ends one [`ray_offset`] off the surfaces. None
-/// where nothing fits between.
+/// The shadow ray from (x, n) to `light`: it starts and ends one [`ray_offset`] off the surfaces.
+/// None where nothing fits between.
 #[must_use]
 #[inline]
 pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<Ray> {

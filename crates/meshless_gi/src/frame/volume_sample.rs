@@ -3,8 +3,8 @@
 //! [`fog`](super::fog) uses it too.
 //!
 //! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place
-//! (`volume_distance`) are left out. So neither a thin wall nor a floor between two storeys lets light
-//! through, and no place is dark because the next room is.
+//! (`volume_distance`) are left out. So neither a thin wall nor a floor between two storeys lets
+//! light through, and no place is dark because the next room is.
 
 use glam::{UVec3, Vec3};
 

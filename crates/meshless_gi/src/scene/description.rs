@@ -74,7 +74,8 @@ impl SceneDescription {
     /// Reads a description from a file.
     ///
     /// # Errors
-    /// [`SceneError::Io`] and [`SceneError::Refused`] where it cannot be read, any other where its content is not valid.
+    /// [`SceneError::Io`] and [`SceneError::Refused`] where it cannot be read, any other where its
+    /// content is not valid.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SceneError> {
         Self::read_within(path, &mut InputBudget::default())
     }

@@ -174,8 +174,8 @@ pub trait Geometry: Sync {
         None
     }
 
-    /// The materials that [`material_terms`](Self::material_terms) names: names and factors. The same names may
-    /// come again.
+    /// The materials that [`material_terms`](Self::material_terms) names: names and factors. The
+    /// same names may come again.
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         Vec::new()
     }

@@ -273,7 +273,8 @@ impl TriangleMesh {
         (&self.nodes, &self.node_of)
     }
 
-    /// Assigns a node to every triangle, by its index; [`Self::split_occluders`] reads the names of nodes.
+    /// Assigns a node to every triangle, by its index; [`Self::split_occluders`] reads the names of
+    /// nodes.
     /// `node_of` has an entry for each triangle that the mesh keeps ([`Self::keeps`]).
     pub fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
         (self.nodes, self.node_of) = (nodes, node_of);

@@ -182,8 +182,8 @@ pub fn refine_l08(
     Some(out)
 }
 
-/// Stores an empty row for point `i`, which is not gathered. Its sky visibility is the parents'. The
-/// weights of each coarser level that covers the point sum to one.
+/// Stores an empty row for point `i`, which is not gathered. Its sky visibility is the parents'.
+/// The weights of each coarser level that covers the point sum to one.
 fn inherit(out: &mut RefinedOperator, parents: &Weights, i: usize) {
     out.missed.push(0.0);
     let row = parents.row(i);

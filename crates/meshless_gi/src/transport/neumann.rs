@@ -115,8 +115,8 @@ fn interpolation(scene: &BounceScene<'_>) -> Vec<Vec<(u32, f32)>> {
     lift
 }
 
-/// Entries of at least `epsilon` times the largest of their row and channel, scaled so that each row
-/// keeps its sum.
+/// Entries of at least `epsilon` times the largest of their row and channel, scaled so that each
+/// row keeps its sum.
 fn truncate(
     channels: &[Vec<Vec<f32>>],
     senders: usize,

@@ -1,16 +1,16 @@
 //! Adaptive refinement of receivers for methods `bounded` and `pca`.
 //!
 //! The driver visits the receiver hierarchy level by level, like \[L08\] Figure 5. \[L08\] tests
-//! single links. This method tests whole rows. Each receiver is gathered, and its parents' prediction
-//! is subtracted (\[L08\] Eq. (17)). The error of the prediction is estimated from that residual (see
-//! [`super::training`]). Receivers of a level that covers everything take their parents' mean if
-//! their error is below a tolerance (kernel `flatten`). Rows that are kept replace the prediction,
-//! so nothing cancels and no light is lost.
+//! single links. This method tests whole rows. Each receiver is gathered, and its parents'
+//! prediction is subtracted (\[L08\] Eq. (17)). The error of the prediction is estimated from that
+//! residual (see [`super::training`]). Receivers of a level that covers everything take their
+//! parents' mean if their error is below a tolerance (kernel `flatten`). Rows that are kept replace
+//! the prediction, so nothing cancels and no light is lost.
 //!
-//! A finer level is added around receivers of the finest level with a large residual. Next to ledges
-//! and in corners light changes over centimeters. A receiver of level l represents a surface of R_l²,
-//! so the tolerance doubles from level to level. The remaining error is then spread evenly over the
-//! surface.
+//! A finer level is added around receivers of the finest level with a large residual. Next to
+//! ledges and in corners light changes over centimeters. A receiver of level l represents a surface
+//! of R_l², so the tolerance doubles from level to level. The remaining error is then spread evenly
+//! over the surface.
 
 use super::added_level::add_level;
 use super::bounded::{CutMeasure, SenderTree};
@@ -106,8 +106,8 @@ pub struct Receivers<'a> {
 }
 
 /// Gathers and truncates the rows of all receivers, and adds finer receivers where the residual of
-/// the finest level is large. Rows are written in `basis` if there is one (method `pca`). `progress`
-/// gets the completed part and returns false to cancel. Returns `None` if canceled.
+/// the finest level is large. Rows are written in `basis` if there is one (method `pca`).
+/// `progress` gets the completed part and returns false to cancel. Returns `None` if canceled.
 pub fn refine_bounded(
     gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,

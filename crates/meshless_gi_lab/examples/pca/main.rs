@@ -3,7 +3,8 @@
 //! integrator. Writes the document, its charts and pictures:
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
+//! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports [--part
+//! visibility|transfer|level] [--bakes FOLDER] [path/to/level]
 //! ```
 //!
 //! makes `docs/reports/PCA.md` and `docs/reports/pca/`, or one part of three anew and leaves the

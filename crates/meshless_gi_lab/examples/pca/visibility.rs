@@ -44,8 +44,8 @@ pub fn lamp(name: &str) -> Light {
     }
 }
 
-/// Panels that the constants of [`soft_shadow`] were not chosen with: elsewhere, of other sizes and other
-/// shapes.
+/// Panels that the constants of [`soft_shadow`] were not chosen with: elsewhere, of other sizes and
+/// other shapes.
 pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
     let panel = |center: [f32; 3], u: f32, v: f32| Light::Rect {
         center: center.into(),

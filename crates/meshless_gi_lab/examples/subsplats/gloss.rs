@@ -18,7 +18,8 @@ use std::time::Instant;
 /// [N09]'s picture, and its coarsest cells.
 const SQUARE: [u32; 2] = [1024, 1024];
 const COARSEST: u32 = 6;
-/// [N09] Table 1: virtual lights along an edge, and how often 16² cells are refined; "N/A" there where it is less than four times.
+/// [N09] Table 1: virtual lights along an edge, and how often 16² cells are refined; "N/A" there
+/// where it is less than four times.
 const SIDES: [(u32, u32); 4] = [(16, 4), (32, 4), (64, 3), (128, 1)];
 /// Up to these lights our lists are measured too.
 const MAX: u32 = 1024;
@@ -113,8 +114,9 @@ fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
     view.view.scale * color * Vec3::from_array(view.lights.vpls[i as usize].flux)
 }
 
-/// [N09] §3.3.1 to the letter: a list of cells for each light, those whose quadrants differ by more than `most` in a channel replaced by the quadrants. For each pass how many cells the list
-/// holds, and the seconds until then.
+/// [N09] §3.3.1 to the letter: a list of cells for each light, those whose quadrants differ by more
+/// than `most` in a channel replaced by the quadrants. For each pass how many cells the list holds,
+/// and the seconds until then.
 fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64, f64)> {
     let [w, h] = view.screen.size.map(|edge| edge >> COARSEST);
     let mut list: Vec<[u32; 2]> = (0..w * h).map(|c| [c % w, c / w]).collect();

@@ -2,7 +2,8 @@
 //! and what each setting is worth. Writes the document and its charts:
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports [--bakes FOLDER] [LEVEL_FOLDER...]
+//! cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports [--bakes FOLDER]
+//! [LEVEL_FOLDER...]
 //! ```
 //!
 //! makes `docs/reports/SUBSPLATS.md` and `docs/reports/subsplats/`. A level's folder holds

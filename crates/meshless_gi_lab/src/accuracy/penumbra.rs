@@ -141,8 +141,8 @@ pub fn deficits_by_rays(
     out
 }
 
-/// Error of irradiance without the share that `occluded_irradiances` reports as occluded, against the
-/// reference, at `places`: as the kernel `subtract_shadow` has it in a view.
+/// Error of irradiance without the share that `occluded_irradiances` reports as occluded, against
+/// the reference, at `places`: as the kernel `subtract_shadow` has it in a view.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,

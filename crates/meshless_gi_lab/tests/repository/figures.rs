@@ -20,16 +20,16 @@ const TESTS: [&str; 4] = [
 ];
 
 /// Maximum lines of a source file. Tests are lists of cases and may be longer.
-const MAX_FILE_LINES: usize = 700;
+const MAX_FILE_LINES: usize = 500;
 const MAX_TEST_FILE_LINES: usize = 1200;
 /// Maximum code lines of a function, without blank lines and comments.
-const MAX_FUNCTION_LINES: usize = 400;
-const MAX_PARAMETERS: usize = 20;
+const MAX_FUNCTION_LINES: usize = 100;
+const MAX_PARAMETERS: usize = 7;
 /// Maximum columns of a comment. Addresses and tables may be wider.
 const MAX_COMMENT_COLUMNS: usize = 100;
 /// Numbers of findings that are allowed.
-const LONG_FUNCTIONS: usize = 100;
-const WIDE_COMMENTS: usize = 300;
+const LONG_FUNCTIONS: usize = 0;
+const WIDE_COMMENTS: usize = 0;
 
 /// A function of a source: name, line, code lines and parameters.
 #[derive(Debug, PartialEq)]
@@ -156,7 +156,9 @@ fn sources() -> Vec<(String, String)> {
 fn files_are_short() {
     let mut long = Vec::new();
     for (path, text) in sources() {
-        long.extend(too_long(&path, &text, MAX_FILE_LINES));
+        if !path.ends_with("tests.rs") {
+            long.extend(too_long(&path, &text, MAX_FILE_LINES));
+        }
     }
     for folder in TESTS {
         for (path, text) in files(folder, &["rs"]) {
@@ -173,6 +175,9 @@ fn functions_are_short_and_have_few_parameters() {
     let mut found = Vec::new();
     for (path, text) in sources().iter().filter(|(path, _)| path.ends_with(".rs")) {
         for f in functions(text) {
+            if path.ends_with("tests.rs") {
+                continue;
+            }
             let Function { name, line, .. } = &f;
             if f.lines > MAX_FUNCTION_LINES {
                 found.push(format!("{path}:{line}: `{name}` has {} lines", f.lines));
@@ -184,7 +189,8 @@ fn functions_are_short_and_have_few_parameters() {
                 ));
             }
         }
-        if text.contains("clippy::too_many_") {
+        let allows = |l: &str| l.contains("clippy::too_many_") && !l.contains("warn(");
+        if text.lines().any(allows) {
             found.push(format!("{path}: allows long functions"));
         }
     }

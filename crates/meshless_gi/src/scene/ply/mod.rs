@@ -87,7 +87,8 @@ pub struct PlyPoints {
 /// Reads a `.ply` file.
 ///
 /// # Errors
-/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read, [`SceneError::Ply`] where its content is not valid.
+/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read,
+/// [`SceneError::Ply`] where its content is not valid.
 pub fn read_ply(path: impl AsRef<Path>) -> Result<PlyPoints, SceneError> {
     read_ply_within(path, &mut InputBudget::default())
 }

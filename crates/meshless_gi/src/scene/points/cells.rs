@@ -2,9 +2,11 @@
 //! Its area is the point's weight in [G08] §2.4 and Eq. (9); its outline, a little enlarged, is
 //! what rays meet.
 //!
-//! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a point holds what of its tangent plane is nearer to it
-//! than to its neighbors (a Voronoi cell of the neighbors seen along the normal), so that the cells of a flat surface tile it, and their areas sum up to its
-//! area however unevenly it is sampled. Where a surface ends the cell has to end too:
+//! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a
+//! point holds what of its tangent plane is nearer to it than to its neighbors (a Voronoi cell of
+//! the neighbors seen along the normal), so that the cells of a flat surface tile it, and their
+//! areas sum up to its area however unevenly it is sampled. Where a surface ends the cell has to
+//! end too:
 //!
 //! - **At a crease**, against a neighbor whose normal is turned by more than 40 degrees, at that
 //!   neighbor's tangent plane, if none of the point's own surface lies beyond it: walls meet in

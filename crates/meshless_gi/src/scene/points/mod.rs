@@ -422,7 +422,8 @@ pub struct LoadedPoints {
 /// Reads a `.ply` file as a cloud; see [`PointCloud::new`].
 ///
 /// # Errors
-/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read, [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
+/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read,
+/// [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
 pub fn load_ply(path: impl AsRef<Path>, viewpoints: &[Vec3]) -> Result<LoadedPoints, SceneError> {
     load_ply_within(path, viewpoints, &mut InputBudget::default())
 }

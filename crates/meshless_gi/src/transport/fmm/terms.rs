@@ -1,8 +1,9 @@
 //! The terms of an expansion: exponents (a, b, c) of the homogeneous polynomials v_x^a v_y^b v_z^c
 //! up to an order, and the tables that translations walk.
 //!
-//! Terms stand degree by degree, so that those up to any degree are a prefix. The monomials of degree n span what the functions r^n Y_{n−2j}^m of \[G08\] Eq. (5)
-//! span, j = 0 … n/2: (n + 1)(n + 2) / 2 of either.
+//! Terms stand degree by degree, so that those up to any degree are a prefix. The monomials of
+//! degree n span what the functions r^n Y_{n−2j}^m of \[G08\] Eq. (5) span, j = 0 … n/2: (n + 1)(n
+//! + 2) / 2 of either.
 
 /// Highest order that is taken: C(19, 3) = 969 terms.
 pub const MAX_ORDER: usize = 16;

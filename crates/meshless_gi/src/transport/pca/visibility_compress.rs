@@ -35,7 +35,8 @@ pub(super) struct StoredPoint {
     pub error: u32,
 }
 
-/// Compresses a cluster. Returns it, its error, and each member's coefficient of the first component.
+/// Compresses a cluster. Returns it, its error, and each member's coefficient of the first
+/// component.
 pub(super) fn compress(
     depths: &ClusterDepths,
     settings: &VisibilitySettings,
