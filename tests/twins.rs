@@ -213,7 +213,7 @@ fn project_kernel_matches_twin() {
     assert!(differing > flips, "a moved place is not noticed");
 }
 
-/// More slots than one dispatch takes: rectangles are many patches, and lamps many.
+/// More slots than one dispatch takes: rectangles are many patches, and lights many.
 #[test]
 fn project_above_dispatch_limit_matches_twin() {
     let harness = harness();

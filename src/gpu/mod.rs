@@ -12,7 +12,7 @@
 //! | [`SubsplatBuffers`] | records what a view shows by subsplats |
 //! | [`SpecularBuffers`] | records what a view's glossy surfaces show of virtual lights |
 //! | [`RsmBuffers`] | records `rsm` and `vpl`: what moving objects reflect |
-//! | [`SoftShadowBuffers`] | records `soft_shadow`: what lamps with soft shadows do not reach |
+//! | [`SoftShadowBuffers`] | records `soft_shadow`: what lights with soft shadows do not reach |
 //! | [`SubtractShadowBuffers`] | records `subtract_shadow`: what a view loses by that |
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`HeadlessDevice`] | a device without a window |

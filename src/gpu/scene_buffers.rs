@@ -265,7 +265,7 @@ impl SceneBuffers {
             return Ok(());
         }
         let make = Maker::new(device, queue);
-        // Half as much again, so that lamps that come one by one do not each copy everything; what
+        // Half as much again, so that lights that come one by one do not each copy everything; what
         // is needed where that is too much.
         let senders = self.shape.senders() as u64;
         let roomy = slots.max(self.slots + self.slots / 2);

@@ -1,5 +1,5 @@
 //! Records what soft shadows take from a view: the kernel `subtract_shadow`, for one baked scene in
-//! one view. A view whose lamps cast none makes no such buffers.
+//! one view. A view whose lights cast none makes no such buffers.
 
 use super::dispatch::compute;
 use super::error::GpuError;
@@ -11,7 +11,7 @@ use super::soft_shadow::SoftShadowBuffers;
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::{SoftLight, SubtractShadowParams};
 
-/// The lamps that one view shows of one scene.
+/// The lights that one view shows of one scene.
 #[derive(Debug)]
 pub struct SubtractShadowBuffers {
     params: wgpu::Buffer,
@@ -22,7 +22,7 @@ pub struct SubtractShadowBuffers {
     counters: GpuCounters,
 }
 
-/// A storage buffer for `count` lamps.
+/// A storage buffer for `count` lights.
 fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuError> {
     let bytes = (size_of::<SoftLight>() as u64).saturating_mul(count.max(1) as u64);
     let limit = binding_limit(device);
@@ -64,7 +64,7 @@ fn blank(device: &wgpu::Device) -> wgpu::TextureView {
 }
 
 impl SubtractShadowBuffers {
-    /// Room for `lights` lamps.
+    /// Room for `lights` lights.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more than the device binds.
@@ -82,7 +82,7 @@ impl SubtractShadowBuffers {
         })
     }
 
-    /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that
+    /// Sets the lights that the view was drawn with, in the scene's local space, for the frame that
     /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`].
     /// `vpl_specular` where rectangles were drawn with it: [`SubtractShadowBuffers::record`] gets
     /// the tables then.

@@ -1,7 +1,7 @@
 //! In how many channels a scene's operator is applied: one where its surfaces are gray and all that
 //! shines has one chromaticity, three else. [`InventoryTracker`](super::InventoryTracker) knows
 //! what there is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and
-//! forth with a lamp that blinks in another color.
+//! forth with a light that blinks in another color.
 
 use super::{ColorUniformity, GiColorMode};
 use glam::Vec3;
@@ -130,7 +130,7 @@ mod tests {
         let mut picker = ColorModeSelector::new();
         assert_eq!(auto(&mut picker, ColorUniformity::Dark), Channels::Three);
         assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::One(WARM));
-        // The lamp blinks.
+        // The light blinks.
         assert_eq!(
             auto(&mut picker, ColorUniformity::Dark),
             Channels::One(WARM)

@@ -68,7 +68,7 @@ pub enum Work {
     Rays(u64),
     /// Parts of links that occluders are in the way of.
     Passages(u64),
-    /// Lamps with soft shadows, once a point that remembers what it sees.
+    /// Lights with soft shadows, once a point that remembers what it sees.
     Sights(u64),
     /// Voxels of a volume.
     Voxels(u64),

@@ -1,7 +1,7 @@
 //! What the world has that indirect light may have to follow, in counts: the plan's first words.
 //! [`InventoryTracker`](super::InventoryTracker) makes it, frame by frame.
 //!
-//! It says what is there, not what runs: a lamp that moves out of view is in the inventory, and no
+//! It says what is there, not what runs: a light that moves out of view is in the inventory, and no
 //! pass is in the plan.
 
 use std::fmt;

@@ -43,8 +43,8 @@ pub fn same_color(a: [f32; 3], b: [f32; 3]) -> bool {
         .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
 }
 
-/// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same
-/// order, lengths alike within `tolerance` meters, colors as in [`same_color`].
+/// True when what lights `a` do not reach is what lights `b` do not reach: the same lights in the
+/// same order, lengths alike within `tolerance` meters, colors as in [`same_color`].
 #[must_use]
 pub fn same_soft_shadow(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3]| {

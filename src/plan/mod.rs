@@ -16,8 +16,8 @@
 //! | all lights at rest | display alone |
 //! | a scene has been out of view for a while | its buffers go |
 //! | a light asks for the bounce of what moves, and something moves in its reach | its maps, and its virtual point lights over each view |
-//! | a lamp casts soft shadows on a bake that remembers what its points see | what it does not reach, when it changed; it is taken from each view |
-//! | no lamp does, or the bake does not remember | nothing: no visibility on the device, no pass |
+//! | a light casts soft shadows on a bake that remembers what its points see | what it does not reach, when it changed; it is taken from each view |
+//! | no light does, or the bake does not remember | nothing: no visibility on the device, no pass |
 //! | a volume for forward cameras is asked for, and one of them sees the scene | its voxels, when the light changed |
 //! | a camera sees fog that lies in a scene with a volume | the volume's voxels, when the light changed; its light is added to that camera's picture |
 //! | no fog is there, or it lies elsewhere | nothing: no pass, no buffer |

@@ -27,7 +27,7 @@ pub enum RunReason {
     Asked,
     /// Something that moves is in the light's reach, in so many maps.
     Moving(u32),
-    /// Lamps with soft shadows came, went, moved or changed color; there are so many now.
+    /// Lights with soft shadows came, went, moved or changed color; there are so many now.
     SoftLightsChanged(usize),
     /// A volume is new, or stands differently in the world.
     NewVolume,

@@ -51,14 +51,14 @@ pub enum SlotChange {
     Geometry,
 }
 
-/// What lamps with soft shadows ask of a scene.
+/// What lights with soft shadows ask of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SoftState {
-    /// How many lamps cast them there.
+    /// How many lights cast them there.
     pub lights: usize,
     /// The bake's points remember what they see.
     pub remembers: bool,
-    /// The device holds what these lamps do not reach, where they are now.
+    /// The device holds what these lights do not reach, where they are now.
     pub held: bool,
     /// Bytes of the largest buffer that this needs on the device, where it is known not to fit.
     pub largest_buffer: u64,
@@ -119,7 +119,7 @@ pub struct SceneState {
     pub volume: VolumeState,
     /// What becomes of the sky.
     pub sky: SkyUse,
-    /// What lamps with soft shadows ask of it.
+    /// What lights with soft shadows ask of it.
     pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
     pub tier: Option<TierSelection>,

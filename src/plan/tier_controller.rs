@@ -265,7 +265,7 @@ impl TierController {
 
     /// What a solve of tier `t` would cost where one of this tier costs `cost`. Without another
     /// tier to compare with, the cost is the links'. With one, what does not grow with the links is
-    /// set apart (shadow rays of lamps that move); no more than nine tenths, for the load may have
+    /// set apart (shadow rays of lights that move); no more than nine tenths, for the load may have
     /// changed in between.
     fn predict(&self, t: u32, cost: f32) -> f32 {
         let work = |t: u32| self.tiers[t as usize - 1].work.max(1) as f64;

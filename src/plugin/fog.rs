@@ -1,4 +1,4 @@
-//! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient
+//! Fog that a level lights: Bevy draws its volumetric fog with lights and the camera's ambient
 //! light; behind that, kernel [`fog`](meshless_gi::internals::frame::fog) adds what the fog sends
 //! to the eye of the level's light in free space, which it reads from the level's
 //! [`GiIrradianceVolume`].

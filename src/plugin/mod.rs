@@ -15,7 +15,7 @@
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
 //! | `volume` | both | light in free space as one of Bevy's irradiance volumes, for cameras without a G-buffer |
 //! | `volume_shader` | main, `PostUpdate` | has Bevy read such a volume with its walls in mind |
-//! | `soft_shadow` | both | lamps with soft shadows, and what is taken from the picture for them |
+//! | `soft_shadow` | both | lights with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
 //! | `record` | render, in `compute` and the two below | walks the plan's passes; `effects` records each |

@@ -3,8 +3,8 @@
 //! A cloud is drawn as what rays meet at the bake: the flat cell of each point
 //! ([`PointCloud::outline`]), in the point's own color, shaded with normals that change smoothly
 //! from cell to cell ([`PointCloud::corner_normals`]). Drawn so it is an ordinary deferred mesh:
-//! lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it
-//! as on any other.
+//! lights and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on
+//! it as on any other.
 //!
 //! Each cell has a face to either side, the back's a little behind the front's: at the edge of a
 //! bent surface one looks at the backs of cells that stick out past it, and they would be dark

@@ -2,7 +2,7 @@
 //! as the render world needs them. The effects `soft_shadows` and `penumbrae` (in
 //! [`super::effects`]) compute and draw the shadows.
 //!
-//! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the
+//! Bevy draws such a light without shadows. What of its light does not get there is taken from the
 //! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
 use super::asset::GiBakedScene;
@@ -22,9 +22,9 @@ use bevy::render::texture::GpuImage;
 use meshless_gi::Light;
 use meshless_gi::internals::frame::SoftLight;
 
-/// This lamp casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces. Goes
-/// on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is a
-/// sphere of its `radius`. The bake must remember what its points see (recipe field
+/// This light casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces.
+/// Goes on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is
+/// a sphere of its `radius`. The bake must remember what its points see (recipe field
 /// `soft_shadows`).
 ///
 /// Taken away is the light that Bevy draws and that does not get there: of a rectangle all of it,
@@ -34,8 +34,8 @@ use meshless_gi::internals::frame::SoftLight;
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiSoftShadow {
-    /// Samples of the lamp, about, 1 to 256. Each costs two look-ups of what every point remembers,
-    /// in frames in which the lamp moves.
+    /// Samples of the light, about, 1 to 256. Each costs two look-ups of what every point
+    /// remembers, in frames in which the light moves.
     pub samples: u32,
 }
 
@@ -45,7 +45,7 @@ impl Default for GiSoftShadow {
     }
 }
 
-/// A lamp with soft shadows, in world space.
+/// A light with soft shadows, in world space.
 pub(crate) struct ExtractedSoftLight {
     key: LightKey,
     pub layers: RenderLayers,
@@ -130,7 +130,7 @@ fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
         .map_or_else(SoftLight::default, |l| l.within(range.max(0.01)))
 }
 
-/// Says once what lamps with [`GiSoftShadow`] lack. Runs in
+/// Says once what lights with [`GiSoftShadow`] lack. Runs in
 /// [`GiSystems::Validate`](super::GiSystems::Validate).
 #[allow(
     clippy::type_complexity,

@@ -194,7 +194,7 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
 }
 
 /// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them
-/// out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display
+/// out of the G-buffer, as soon as it can: cameras of lights' maps do not, nor those whose display
 /// is off or cannot be. Runs in [`GiSystems::FilterVolumes`](super::GiSystems::FilterVolumes).
 pub(crate) fn hide_irradiance_volumes(
     volumes: Query<(), With<Voxels>>,

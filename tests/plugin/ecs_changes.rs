@@ -1,5 +1,5 @@
-//! The running plugin and what a game does to it: lamps that switch, layers, textures, windows that
-//! change their size, things that come and go, and who may see what.
+//! The running plugin and what a game does to it: lights that switch, layers, textures, windows
+//! that change their size, things that come and go, and who may see what.
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
 use crate::support::flip::flip;

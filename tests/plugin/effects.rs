@@ -59,7 +59,7 @@ fn scene_runs_only_required_effects() {
         assert_eq!(one(&channels[0].1), scene.gray, "{}", found.plan);
         seen.push(found);
     }
-    // A lamp at rest: no more on the device whether or not anything changes; what moves costs no
+    // A light at rest: no more on the device whether or not anything changes; what moves costs no
     // buffer, and a bake that could do more only what is shown of it.
     let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
     assert_eq!(of(0), of(2));

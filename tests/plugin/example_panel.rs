@@ -18,7 +18,7 @@ const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 #[derive(Resource, Default)]
 struct Asked(Vec<Preset>);
 
-/// An app with the panel: scene, camera and lamp.
+/// An app with the panel: scene, camera and light.
 fn app_with_panel() -> (App, Entity, Entity, Entity) {
     let mut app = App::new();
     app.add_plugins((

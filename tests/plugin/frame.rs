@@ -174,7 +174,7 @@ fn picture_is_sum_of_direct_and_indirect_light() {
     assert!(flip(&direct, &lit) > MAX, "indirect light shows");
 }
 
-/// Eight lamps around the room.
+/// Eight lights around the room.
 fn eight_lamps(app: &mut App) -> Vec<Entity> {
     (0..8)
         .map(|i| {
@@ -473,7 +473,7 @@ fn middle(p: &Picture) -> [f32; 3] {
 fn white_wall_under_sky_matches_bevy_light() {
     let mut app = app();
     let room = Room::wall(0.8);
-    // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the
+    // A sky of L everywhere in front of the wall gives it E = πL, as a light of πL lux along the
     // normal does.
     let radiance = 700.0;
     let bake = meshless_gi::Recipe {
@@ -660,7 +660,7 @@ fn two_baked_scenes_add_up_in_one_camera() {
     let image = target(&mut app);
     let far = Transform::from_xyz(0.05, 1.1, 6.5).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
     app.world_mut().spawn((camera(&image, far), indirect()));
-    // A lamp in each; each bake knows its own walls only, and sees both lamps.
+    // A light in each; each bake knows its own walls only, and sees both lights.
     let places = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
     for place in places {
         app.world_mut()

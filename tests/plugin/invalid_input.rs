@@ -1,6 +1,6 @@
 //! The running plugin and what nobody should do to it: numbers that make no sense, scenes that come
-//! and go in one frame, a thousand lamps, settings that change under way. It may be dark meanwhile;
-//! it must not fail, and must be right again afterwards.
+//! and go in one frame, a thousand lights, settings that change under way. It may be dark
+//! meanwhile; it must not fail, and must be right again afterwards.
 
 use crate::support::app::{app, camera, picture, run};
 use crate::support::flip::{Picture, flip};
@@ -22,7 +22,7 @@ use meshless_gi::Light;
 
 const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);
 
-/// A room, a camera that shows indirect light alone, its target, and a lamp at [`PLACE`].
+/// A room, a camera that shows indirect light alone, its target, and a light at [`PLACE`].
 fn stage(app: &mut App) -> (Entity, Entity, Handle<Image>, Entity) {
     lit_room(app, PLACE)
 }

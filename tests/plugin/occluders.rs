@@ -49,7 +49,7 @@ fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     lit_from(PLACE, room, bake, gain)
 }
 
-/// The same with the lamp elsewhere.
+/// The same with the light elsewhere.
 fn lit_from(place: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     let mut frame = CpuFrame::new(bake);
     frame.set_occluders(bake, &[gain]);
@@ -66,12 +66,12 @@ fn lit_from(place: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     cpu_indirect(room, &now, placed, view(), &[lamp(place)], &settings())
 }
 
-/// A room with its bake, a lamp and a camera, a few frames old.
+/// A room with its bake, a light and a camera, a few frames old.
 fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     stage_lit_from(PLACE, room, scene)
 }
 
-/// The same with the lamp elsewhere.
+/// The same with the light elsewhere.
 fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     let mut app = app();
     let asset = app
@@ -147,7 +147,7 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     assert_alike("gone", &open, &picture(&mut app, &image));
 }
 
-/// The lamp stands before a screen that is drawn in the farther half of an occluder three times as
+/// The light stands before a screen that is drawn in the farther half of an occluder three times as
 /// thick.
 #[test]
 fn door_in_thick_occluder_is_lit_from_faced_side() {

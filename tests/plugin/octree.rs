@@ -1,4 +1,4 @@
-//! A bake by rule `fmm` with links on the same points, in the running plugin under a lamp that
+//! A bake by rule `fmm` with links on the same points, in the running plugin under a light that
 //! moves: the octree solves while the plan says that it fits, the links do where a budget or the
 //! device says that it does not, and the plan names the reason. Costs are given by the test, for no
 //! test is decided by a clock.
@@ -66,7 +66,7 @@ fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
 }
 
 impl Stand {
-    /// Moves the lamp, frame by frame, and leaves it at `TO`.
+    /// Moves the light, frame by frame, and leaves it at `TO`.
     fn walk(&mut self, frames: usize) {
         for k in 1..=frames {
             let place = FROM.lerp(TO, k as f32 / frames as f32);
@@ -111,7 +111,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let reflections = settings().sweeps + 1;
     let walked = reflections * (2 * levels + 1);
 
-    // It fits: solved again in each frame in which the lamp moves, by the octree.
+    // It fits: solved again in each frame in which the light moves, by the octree.
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");

@@ -332,7 +332,7 @@ fn bounce_count_follows_surface_albedo() {
     );
 }
 
-/// The room in gray under a lamp of one color, and what the CPU makes of it in three channels.
+/// The room in gray under a light of one color, and what the CPU makes of it in three channels.
 #[test]
 fn gray_room_uses_monochrome_until_colored_light() {
     let gray = Room::cornell().recolored(|c| Vec3::splat(c.max_element()));
@@ -384,7 +384,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(flip(&warm, &blue) > MAX);
     assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
 
-    // A second lamp in another color: three, at once.
+    // A second light in another color: three, at once.
     let place = PLACE + 0.6 * Vec3::X;
     let second = spawn_lamp(&mut app, place);
     run(&mut app, 1);

@@ -1,5 +1,5 @@
 //! The tier of the operator that the running plugin uses: by number, by error, and within a time
-//! that holds while camera and lamp move. The time is given by the test, for no test is decided by
+//! that holds while camera and light move. The time is given by the test, for no test is decided by
 //! a clock.
 
 use crate::support::app::{app, headless_plugins, picture, ready, run};
@@ -115,7 +115,7 @@ fn requested_tier_matches_cpu() {
     }
 }
 
-/// A budget holds while lamp and camera move and the load changes under it, and the tier does not
+/// A budget holds while light and camera move and the load changes under it, and the tier does not
 /// flip.
 #[test]
 fn gpu_budget_is_met_while_light_and_camera_move() {

@@ -51,7 +51,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// The room with its volume and a lamp, and a camera of this kind.
+    /// The room with its volume and a light, and a camera of this kind.
     fn new(kind: impl Bundle) -> Self {
         let mut app = app();
         let root = spawn_baked(&mut app, &Room::cornell(), &bake(), Transform::IDENTITY);

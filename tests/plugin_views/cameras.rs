@@ -30,7 +30,7 @@ const PREVIEW: usize = 5;
 /// draws by the same shaders.
 const MAX_DIFFERENCE: f32 = 1e-4;
 
-/// The room with a lamp that casts shadows, a grid with holes, and a ball on a layer of its own;
+/// The room with a light that casts shadows, a grid with holes, and a ball on a layer of its own;
 /// with the plugin a bake lights it.
 struct Stage {
     app: App,

@@ -13,7 +13,7 @@ use bevy_meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 const SIZE: UVec2 = UVec2::new(256, 192);
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 
-/// The room with its lamp, and a camera at `at` that shows `display`.
+/// The room with its light, and a camera at `at` that shows `display`.
 fn shown(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
     spawn_room(app, Transform::IDENTITY);
     spawn_lamp(app, LAMP);

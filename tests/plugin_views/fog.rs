@@ -96,7 +96,7 @@ fn with_fog(intensity: f32) -> (GiIrradianceVolume, GiVolumetricFog) {
     (volume, GiVolumetricFog { intensity })
 }
 
-/// The room with a lamp and fog in it, and a sun without light for whose sake Bevy draws fog at
+/// The room with a light and fog in it, and a sun without light for whose sake Bevy draws fog at
 /// all.
 fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     let mut app = app();
@@ -171,7 +171,7 @@ impl Shown {
         counters(&self.app).dispatches_of(FrameStage::FOG)
     }
 
-    /// What the twin says that is added, with a lamp at `place` in the room's space and, where
+    /// What the twin says that is added, with a light at `place` in the room's space and, where
     /// `texture` says so, a density.
     fn twin(&self, place: Vec3, of: &FogVolume, texture: Option<&dyn Fn(Vec3) -> f32>) -> Picture {
         let bake = bake();
@@ -296,7 +296,7 @@ fn fog_of_every_camera_matches_twin() {
         let most = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
         assert!(off <= most, "{name}: {off}");
         assert!(share > 0.02, "{name}: {share}");
-        // A lamp moves: the fog shows it in that frame.
+        // A light moves: the fog shows it in that frame.
         let place = Vec3::new(-0.6, 0.5, 0.9);
         let aside = added.nrmse(&s.twin(place, &even(), None));
         assert!(aside > 5.0 * most, "{name}: {aside}");

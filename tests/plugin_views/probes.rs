@@ -53,7 +53,7 @@ fn stage(bake: &Arc<BakedScene>, display: GiSplatting) -> (App, Handle<Image>, E
     (app, image, lamp)
 }
 
-/// An app that shows a room in the light of `bake`: its picture, its lamp, its root.
+/// An app that shows a room in the light of `bake`: its picture, its light, its root.
 fn stage_of(
     room: &Room,
     bake: &Arc<BakedScene>,
@@ -119,7 +119,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         run(&mut app, 2);
         assert_eq!(work(&counters(&app)), [0; 4]);
         assert!(counters(&app).dispatches_of(FrameStage::PROBE) > 0);
-        // The lamp moves: the next picture has its light on the panel.
+        // The light moves: the next picture has its light on the panel.
         let moved = Vec3::new(-0.6, 1.2, 0.9);
         app.world_mut()
             .get_mut::<Transform>(lamp)

@@ -233,7 +233,7 @@ fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
     (root, image, ball)
 }
 
-/// Compares what a ball's bounce adds, which is dim, as a lamp so bright would show it that its
+/// Compares what a ball's bounce adds, which is dim, as a light so bright would show it that its
 /// mean is a twentieth of white.
 #[track_caller]
 fn assert_bounce_alike(name: &str, expected: &Picture, drawn: &Picture) {
@@ -635,7 +635,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let both = picture(&mut app, &image);
     let added = |p: &Picture| p.mean() - baked.mean();
     assert!(added(&both) > 0.0);
-    // The bake in another layer than the lamp: still there, and dark.
+    // The bake in another layer than the light: still there, and dark.
     let layers = [RenderLayers::layer(5), RenderLayers::from_layers(&[0, 5])];
     app.world_mut().entity_mut(root).insert(layers[0].clone());
     app.world_mut().entity_mut(eye).insert(layers[1].clone());

@@ -90,16 +90,16 @@ fn direct_room(
     (eye, image)
 }
 
-/// What the CPU says of the room as `look` sees it, in the light of a lamp: the picture without
+/// What the CPU says of the room as `look` sees it, in the light of a light: the picture without
 /// shadows (diffuse light alone), the share of it that the twins take at every pixel, and the part
-/// of the lamp that rays see from there; 0 and 1 where nothing is.
+/// of the light that rays see from there; 0 and 1 where nothing is.
 struct Expected {
     bright: Picture,
     taken: Vec<Vec3>,
     seen: Vec<f32>,
 }
 
-/// The lamp with `few` samples as the plugin has it, and with `many` for the rays, in the world;
+/// The light with `few` samples as the plugin has it, and with `many` for the rays, in the world;
 /// `root` places the room.
 fn expected(
     bake: &BakedScene,
@@ -206,7 +206,7 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
     sum / whole
 }
 
-/// Pixels whose neighbors see as much of the lamp as `wanted` says.
+/// Pixels whose neighbors see as much of the light as `wanted` says.
 fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {
@@ -224,7 +224,7 @@ fn soft_work(c: &FrameStats) -> [u32; 2] {
     [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 
-/// Requirements for a picture with soft shadows: nothing below black, Bevy's own where the lamp is
+/// Requirements for a picture with soft shadows: nothing below black, Bevy's own where the light is
 /// seen whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly as the
 /// bake remembers.
 #[track_caller]
@@ -456,7 +456,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     let mut expected = vec![GiWarning::NoVisibility];
     assert_eq!(found(&app), expected);
 
-    // Lamps of other kinds, and one that has a shadow map.
+    // Lights of other kinds, and one that has a shadow map.
     app.world_mut()
         .spawn((SpotLight::default(), GiSoftShadow::default()));
     run(&mut app, 1);

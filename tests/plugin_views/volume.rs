@@ -67,7 +67,7 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// An app with the room below a root that stands so in the world, a lamp, and a camera: deferred
+/// An app with the room below a root that stands so in the world, a light, and a camera: deferred
 /// with our display (none), or forward with so many samples a pixel.
 fn stage(bake: &Arc<BakedScene>, placed: Transform, forward: Option<Msaa>) -> Shown {
     let mut app = app();
@@ -169,7 +169,7 @@ fn volume_light_matches_deferred_light() {
         // At rest nothing is written.
         run(&mut forward.app, 2);
         assert_eq!(counters(&forward.app).dispatches_of(FrameStage::VOLUME), 0);
-        // A lamp moves: both follow in that frame.
+        // A light moves: both follow in that frame.
         let moved = placed * Vec3::new(-0.6, 1.2, 0.9);
         deferred.move_lamp(moved);
         forward.move_lamp(moved);
@@ -414,7 +414,7 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
             with < 0.1 && without > 2.0 * with,
             "{name}: {with} {without}"
         );
-        // In the frame in which a lamp moves.
+        // In the frame in which a light moves.
         s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
         assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
     }

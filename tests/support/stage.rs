@@ -1,5 +1,5 @@
 //! Functions shared by the tests of the running plugin: the room on its root, the view of it, its
-//! lamp, and the comparison of pictures.
+//! light, and the comparison of pictures.
 
 use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// The largest mean FLIP between the plugin's frame and the CPU's.
 pub const MAX: f32 = 0.02;
 
-/// Candela of the test's lamps.
+/// Candela of the test's lights.
 pub const CANDELA: f32 = 1500.0;
 
 /// From the front; not quite from the middle, where the edges of the room would pass through
@@ -67,14 +67,14 @@ pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
     (root, eye, image)
 }
 
-/// The room's lamp at `place`.
+/// The room's light at `place`.
 pub fn spawn_lamp(app: &mut App, place: Vec3) -> Entity {
     app.world_mut()
         .spawn((bevy_lamp(), Transform::from_translation(place)))
         .id()
 }
 
-/// [`room_and_camera`] with a lamp at `place`.
+/// [`room_and_camera`] with a light at `place`.
 pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
     let (root, eye, image) = room_and_camera(app);
     let lamp = spawn_lamp(app, place);

@@ -48,7 +48,7 @@ pub fn bake_box(recipe: &Recipe) -> BakedScene {
     bake(&source, recipe, &Progress::default()).unwrap().scene
 }
 
-/// The box's lamp, one beside it, and a bright window.
+/// The box's light, one beside it, and a bright window.
 pub fn lights() -> Vec<FrameLight> {
     let lamp = Light::Spot {
         position: Vec3::new(2.78, 5.4, 2.795),

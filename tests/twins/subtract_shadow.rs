@@ -24,7 +24,7 @@ use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 const EARLIER: f32 = 0.25;
 const GRAY: f32 = 0.5;
 
-/// A box, a picture of it, what its points miss, and lamps.
+/// A box, a picture of it, what its points miss, and lights.
 struct Shaded {
     scene: BakedScene,
     drawn: RaycastView,
@@ -288,7 +288,7 @@ fn compare(gloss: bool) {
     assert_eq!(apart(&picture, &expected), 0);
     assert!(picture.iter().any(|p| p[0] < 0.9 * GRAY));
 
-    // Must fail: another lamp, another place, another range, other surfaces, other points, what is
+    // Must fail: another light, another place, another range, other surfaces, other points, what is
     // missing, and what there would be.
     type Spoil = fn(&mut Shaded);
     let spoils: [(&str, Spoil); 8] = [

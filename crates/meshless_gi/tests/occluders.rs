@@ -184,7 +184,7 @@ fn error(found: &[f32], right: &[f32]) -> f64 {
     root_mean_square(&off) / root_mean_square(right)
 }
 
-/// The frame of a scene under the lamp, with these gains.
+/// The frame of a scene under the light, with these gains.
 fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, &lamp());
@@ -277,7 +277,7 @@ fn closed_door_blocks_all_light() {
     );
 }
 
-/// Three rooms in a row, a lamp in the first: either door alone shuts out what lies behind it, and
+/// Three rooms in a row, a light in the first: either door alone shuts out what lies behind it, and
 /// what lies before it stays lit.
 #[test]
 fn two_doors_in_sequence_block_independently() {

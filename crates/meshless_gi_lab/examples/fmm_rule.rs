@@ -132,7 +132,7 @@ fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
     (made, start.elapsed().as_secs_f64())
 }
 
-/// A bake's seconds, milliseconds of the least of three solves under a lamp, and its own estimate
+/// A bake's seconds, milliseconds of the least of three solves under a light, and its own estimate
 /// of its error.
 fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
     let recipe = Recipe {

@@ -148,7 +148,7 @@ fn emitting_enclosures_match_geometric_series() {
     }
 }
 
-/// Lamps inside a sphere: whatever they shine at, reflected light is the same everywhere.
+/// Lights inside a sphere: whatever they shine at, reflected light is the same everywhere.
 #[test]
 fn lights_in_sphere_give_uniform_irradiance() {
     let albedo = Vec3::new(0.8, 0.5, 0.9);
@@ -205,7 +205,7 @@ fn lights_in_sphere_give_uniform_irradiance() {
     }
 }
 
-/// A lamp between a floor and a ceiling without end.
+/// A light between a floor and a ceiling without end.
 #[test]
 fn light_under_ceiling_matches_closed_form() {
     let (room, below) = (3.0f32, 0.8f32);
@@ -238,7 +238,7 @@ fn light_under_ceiling_matches_closed_form() {
     check("ceiling", &indirect(&all)[..1], &[returned], 1.1);
 }
 
-/// Emitting rectangles, as surfaces and as lamps, at tilted and aligned places.
+/// Emitting rectangles, as surfaces and as lights, at tilted and aligned places.
 #[test]
 fn rectangle_emitters_match_polygon_formula() {
     let nothing = TriangleMesh::new(
@@ -378,7 +378,7 @@ fn rectangle_form_factors_match_closed_forms() {
             &[right],
             1.03,
         );
-        // Where they touch, 1/d² has no bounded variance for points on a lamp; rays have no such
+        // Where they touch, 1/d² has no bounded variance for points on a light; rays have no such
         // trouble.
         if corner.y > 0.0 {
             check(

@@ -1,4 +1,4 @@
-//! The frame on the CPU against closed forms: geometric series of bounces, the lamps' textbook
+//! The frame on the CPU against closed forms: geometric series of bounces, the lights' textbook
 //! irradiances, what is not done again, and the same bits for any number of threads. The GPU's
 //! frame is compared with this one in `twins.rs`.
 
@@ -313,7 +313,7 @@ fn direct_light_matches_inverse_square_law() {
     let (inner, outer) = (10f32.to_radians().cos(), 40f32.to_radians().cos());
     let part = (cosine - outer) / (inner - outer);
     near(&spot(10.0, 40.0), cosine / square * part * part);
-    // At the lamp itself: dark, and no NaN.
+    // At the light itself: dark, and no NaN.
     assert_eq!(
         project::unshadowed(&FrameLight::point(x, Vec3::ONE, f32::INFINITY), x, Vec3::Y),
         0.0
@@ -358,7 +358,7 @@ fn direct_light_is_blocked_by_geometry() {
         Vec3::new(1.0, 2.0, 3.0)
     );
     assert_eq!(frame.direct(&scene, Vec3::Y, Vec3::NEG_Y), Vec3::ZERO);
-    // The lamp below the plate is not in its shadow, the one on it is.
+    // The light below the plate is not in its shadow, the one on it is.
     for (height, lit) in [(0.9, true), (1.0, true), (1.1, false)] {
         let lamp = FrameLight::point(Vec3::new(0.0, height, 0.0), Vec3::ONE, f32::INFINITY);
         frame.set_lights(&scene, &[lamp]);

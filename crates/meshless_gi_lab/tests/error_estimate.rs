@@ -1,6 +1,6 @@
 //! A bake's own estimate of its error is honest: it holds what is measured against another
-//! program's truth, under that program's lamp, and it rises with an operator that was made wrong on
-//! purpose. `examples/accuracy.rs` prints the same for any scene and preset.
+//! program's truth, under that program's light, and it rises with an operator that was made wrong
+//! on purpose. `examples/accuracy.rs` prints the same for any scene and preset.
 
 use meshless_gi::internals::bake::{ErrorEstimate, estimate_errors};
 use meshless_gi::internals::scene::SceneDescription;
@@ -28,7 +28,7 @@ fn level(name: &'static str) -> Level {
     }
 }
 
-/// NRMSE under the truth's own lamp, four reflections.
+/// NRMSE under the truth's own light, four reflections.
 fn measured(level: &Level, scene: &BakedScene, tier: u32) -> f64 {
     let k = BOUNCES.iter().position(|&b| b == Some(4)).unwrap();
     let (meshes, lights) = (std::slice::from_ref(&level.mesh), &level.description.lights);

@@ -178,7 +178,7 @@ fn fmm_any_thread_count_has_equal_bits() {
     }
 }
 
-/// The Cornell box as points, blocks in the way, lit by a lamp: many bounces against the reference
+/// The Cornell box as points, blocks in the way, lit by a light: many bounces against the reference
 /// integrator at the same places.
 #[test]
 fn fmm_cornell_box_matches_reference() {
@@ -336,7 +336,7 @@ fn fmm_coincident_points_do_not_overflow() {
         };
         1_000_000
     ];
-    // And a lamp above them, of many points.
+    // And a light above them, of many points.
     points.extend(on_a_sphere(500, 1.0, Vec3::Z * 3.0, false));
     let e = finite(&points, "a million");
     eprintln!("{:?}", start.elapsed());

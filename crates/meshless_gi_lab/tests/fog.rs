@@ -27,7 +27,7 @@ const REFLECTIONS: u32 = 4;
 /// Directions that light of a place comes from in the reference.
 const AROUND: u32 = 512;
 
-/// A room with a lamp, an opening in its wall, and a second room.
+/// A room with a light, an opening in its wall, and a second room.
 fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
     let (mesh, lights) = open_rooms();
     let recipe = Recipe {
@@ -295,8 +295,8 @@ fn fog_ray_step_error_is_bounded() {
     assert!(off[1] < 0.01 && off[3] > 2.0 * off[1], "{off:?}");
 }
 
-/// Two rooms with two centimeters between them, a lamp in one: nothing is in the other's fog, up to
-/// its walls.
+/// Two rooms with two centimeters between them, a light in one: nothing is in the other's fog, up
+/// to its walls.
 #[test]
 fn fog_in_unlit_room_is_dark() {
     let size = Vec3::new(3.0, 2.5, 3.0);

@@ -99,7 +99,7 @@ fn mean_and_spread(found: &[(f32, f32)]) -> (f64, f64) {
     (mean, spread / mean)
 }
 
-/// Wherever the lamp is: inside a ball reflected light is the same everywhere, and in any closed
+/// Wherever the light is: inside a ball reflected light is the same everywhere, and in any closed
 /// room its mean is Φ ρ / ((1 − ρ) A). At ρ = 0.9 what one reflection loses through slits between
 /// points counts ten times.
 #[test]
@@ -153,7 +153,7 @@ fn noisy_closed_point_room_conserves_energy() {
         (mean / right - 1.0).abs() < 0.03,
         "{mean}, {right} is right"
     );
-    // The lamp is nearer to some walls: without noise it is 0.11.
+    // The light is nearer to some walls: without noise it is 0.11.
     assert!(spread < 0.16, "{spread}");
 }
 

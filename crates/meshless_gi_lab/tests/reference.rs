@@ -1,4 +1,4 @@
-//! The reference integrator against the laws of lamps and sky (more closed forms:
+//! The reference integrator against the laws of lights and sky (more closed forms:
 //! `tests/closed_forms.rs`), and against path-traced ground truth that another program computed
 //! (`tests/data`). Every comparison is also made with a wrong input and must fail there.
 
@@ -180,7 +180,7 @@ fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> Te
     test_equality(ours, Estimates { values, errors }, 1e-3)
 }
 
-/// The lamps, one part in ten brighter.
+/// The lights, one part in ten brighter.
 fn brighter(lights: &[Light]) -> Vec<Light> {
     let mut lights = lights.to_vec();
     for light in &mut lights {
@@ -222,7 +222,7 @@ fn agrees(folder: &Path) {
                 assert!(off < 1e-3, "{name}: direct light is off by {off}");
             }
         }
-        // The same test finds lamps that are a tenth too bright.
+        // The same test finds lights that are a tenth too bright.
         let wrong = compare(&run(&brighter(&scene.lights), Some(4)), &truth.indirect[2]);
         assert!(wrong.p < 1e-6, "{name}: too bright lamps: {wrong:?}");
     }

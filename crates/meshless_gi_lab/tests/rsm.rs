@@ -40,7 +40,7 @@ fn ball_room() -> Room {
     )
 }
 
-/// A crate on the floor near a wall, under a spot lamp.
+/// A crate on the floor near a wall, under a spot light.
 fn crate_room() -> Room {
     let eye = Vec3::new(1.5, 2.8, 1.0);
     let center = Vec3::new(3.2, 0.4, 2.0);
@@ -76,7 +76,7 @@ fn door_room() -> Room {
         Vec3::new(3.2, 3.0, 4.0),
         false,
     ));
-    // A screen between the lamp and the lower half of the ball.
+    // A screen between the light and the lower half of the ball.
     walls.extend(cuboid(
         Vec3::new(1.4, 0.0, 0.5),
         Vec3::new(1.45, 1.45, 3.0),
@@ -389,7 +389,7 @@ fn rsm_selection_conserves_flux() {
     }
 }
 
-/// Texels that a wall keeps the lamp from reflect nothing; those in front of it all they did.
+/// Texels that a wall keeps the light from reflect nothing; those in front of it all they did.
 #[test]
 fn rsm_is_shadowed_by_baked_walls() {
     let room = door_room();
@@ -489,7 +489,7 @@ fn rsm_degenerate_input_stays_finite() {
         pixel(&none, 0.05, [0.1, 0.2, 0.3, 0.0]),
         [0.1, 0.2, 0.3, 0.0]
     );
-    // A lamp a millimeter off the ball, and one inside of it: no more than the lamp gives.
+    // A light a millimeter off the ball, and one inside of it: no more than the light gives.
     for out in [0.501, 0.2] {
         let position = center + Vec3::new(0.0, out, 0.0);
         let light = FrameLight::point(position, Vec3::ONE, f32::INFINITY);

@@ -308,7 +308,7 @@ fn cancelled_bake_returns_early() {
 
 #[test]
 fn points_in_dome_receive_only_inner_lights() {
-    // Constant depth, and lamps at the horizon and inside of what is solid.
+    // Constant depth, and lights at the horizon and inside of what is solid.
     let ball = |radius: f32| {
         let at = |i: usize, j: usize| {
             let (a, b) = (

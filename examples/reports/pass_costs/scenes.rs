@@ -342,10 +342,11 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         true => &bakes.gray,
         false => &bakes.of[usize::from(scene.rich)][usize::from(scene.screen)],
     };
-    let bake = bake.clone();
     let asset = world
         .resource_mut::<Assets<GiBakedScene>>()
-        .add(GiBakedScene { scene: bake });
+        .add(GiBakedScene {
+            scene: bake.clone(),
+        });
     let mut root = world.spawn((GiScene(asset), Transform::IDENTITY));
     if scene.forward || scene.fog {
         root.insert(GiIrradianceVolume {
@@ -366,37 +367,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             transmittance: 1.0,
         });
     }
-    if let Some(moves) = scene.light {
-        let place = Vec3::new(0.3, 1.6, 0.4);
-        let mut light = world.spawn((
-            PointLight {
-                intensity: 40_000.0,
-                ..default()
-            },
-            Transform::from_translation(place),
-        ));
-        if moves {
-            light.insert(Moves(place));
-        }
-        if scene.bounce {
-            light.insert(GiReflectiveShadowMap::default());
-        }
-    }
-    if scene.panel {
-        let place = Vec3::new(0.0, 1.9, 0.0);
-        let down = Transform::from_translation(place).looking_to(Vec3::NEG_Y, Vec3::Z);
-        world.spawn((
-            RectLight {
-                intensity: 20_000.0,
-                width: 0.5,
-                height: 0.4,
-                ..default()
-            },
-            GiSoftShadow::default(),
-            down,
-            Moves(place),
-        ));
-    }
+    spawn_lights(world, scene);
     if scene.ball {
         let place = Vec3::new(-0.2, 1.4, 0.5);
         let mesh = world
@@ -433,6 +404,44 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         };
         world.spawn((fog, place));
     }
+    spawn_cameras(world, scene, size);
+}
+
+fn spawn_lights(world: &mut World, scene: &Scene) {
+    if let Some(moves) = scene.light {
+        let place = Vec3::new(0.3, 1.6, 0.4);
+        let mut light = world.spawn((
+            PointLight {
+                intensity: 40_000.0,
+                ..default()
+            },
+            Transform::from_translation(place),
+        ));
+        if moves {
+            light.insert(Moves(place));
+        }
+        if scene.bounce {
+            light.insert(GiReflectiveShadowMap::default());
+        }
+    }
+    if scene.panel {
+        let place = Vec3::new(0.0, 1.9, 0.0);
+        let down = Transform::from_translation(place).looking_to(Vec3::NEG_Y, Vec3::Z);
+        world.spawn((
+            RectLight {
+                intensity: 20_000.0,
+                width: 0.5,
+                height: 0.4,
+                ..default()
+            },
+            GiSoftShadow::default(),
+            down,
+            Moves(place),
+        ));
+    }
+}
+
+fn spawn_cameras(world: &mut World, scene: &Scene, size: UVec2) {
     let eye = Transform::from_xyz(0.0, 1.0, 4.0).looking_at(Vec3::Y, Vec3::Y);
     let mut target = || {
         let mut image =

@@ -59,7 +59,7 @@ fn decision_forced_by_setting_states_it() {
         tier,
         "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
     );
-    // Nothing of it runs at rest. Where a lamp moves, it costs what carries its light on.
+    // Nothing of it runs at rest. Where a light moves, it costs what carries its light on.
     let tier_of = |plan: &Plan| {
         let found = plan.decisions();
         let tier = found.iter().find(|d| d.kind == DecisionKind::Tier(A));

@@ -363,7 +363,7 @@ mod tests {
         let plan = plan_frame(&second);
         assert_eq!((plan.count(FrameStage::FOG), plan.costs.len()), (2, 1));
         assert_eq!(plan.costs[0].1.work, Work::Pixels(3000));
-        // A lamp moves: its light is in the fog of the same frame.
+        // A light moves: its light is in the fog of the same frame.
         state.scenes[0].slots[1] = SlotChange::Geometry;
         assert_eq!(
             stages(&state),

@@ -235,14 +235,14 @@ mod tests {
     #[test]
     fn soft_shadows_run_once_for_casting_lights() {
         let mut state = at_rest();
-        // A bake that could, and no lamp that asks.
+        // A bake that could, and no light that asks.
         state.scenes[0].soft.remembers = true;
         let none = plan_frame(&state);
         assert_eq!(
             none.count(FrameStage::SOFT_SHADOW) + none.count(FrameStage::SUBTRACT_SHADOW),
             0
         );
-        // A lamp that asks, and has moved.
+        // A light that asks, and has moved.
         state.scenes[0].soft.lights = 2;
         let plan = plan_frame(&state);
         assert_eq!(

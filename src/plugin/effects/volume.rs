@@ -287,7 +287,7 @@ mod tests {
         );
         state.scenes[0].volume.held = true;
         assert_eq!(stages(&state), []);
-        // A lamp moves: one more pass than what carries its light on.
+        // A light moves: one more pass than what carries its light on.
         state.scenes[0].slots[1] = SlotChange::Geometry;
         assert_eq!(
             stages(&state),

@@ -13,7 +13,7 @@ pub struct TierInfo {
     pub links: u64,
     /// As [`BakeInfo::estimated_nrmse`], with the same lights and places for all tiers.
     pub estimated_nrmse: f32,
-    /// Half width of its 95 % prediction interval for one more lamp.
+    /// Half width of its 95 % prediction interval for one more light.
     pub estimated_nrmse_interval: f32,
 }
 
@@ -77,8 +77,8 @@ pub struct BakeInfo {
     /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface
     /// points for random lights.
     pub estimated_nrmse: f32,
-    /// Half width of the 95 % prediction interval around `estimated_nrmse`: lamps differ, and one
-    /// more lamp lies within.
+    /// Half width of the 95 % prediction interval around `estimated_nrmse`: lights differ, and one
+    /// more light lies within.
     pub estimated_nrmse_interval: f32,
     /// The operator's tiers, the one with the fewest links first; the last is the whole operator
     /// (design D11).

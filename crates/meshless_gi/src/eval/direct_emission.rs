@@ -1,5 +1,5 @@
-//! Direct irradiance of what glows without being a lamp: emissive surfaces and the sky. A frame has
-//! them inside of its indirect light, where links carry them; here they are integrated on their
+//! Direct irradiance of what glows without being a light: emissive surfaces and the sky. A frame
+//! has them inside of its indirect light, where links carry them; here they are integrated on their
 //! own, so that direct and indirect light can be told apart.
 //!
 //! Two kinds of samples share the work by the balance heuristic: places on the emissive triangles,

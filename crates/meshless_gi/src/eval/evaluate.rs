@@ -5,7 +5,7 @@
 //! links, with the indirect light. By linearity it can be taken out again: a solve on black
 //! surfaces has that part alone, and the difference of the two is what was reflected at least once.
 //! In its place the direct light is integrated as it is. Emission takes its first step through a
-//! link where the light of lamps takes it by projection, so that it needs one sweep more for as
+//! link where the light of lights takes it by projection, so that it needs one sweep more for as
 //! many reflections: it is solved on its own.
 
 use super::EmissionIntegrator;
@@ -33,7 +33,7 @@ pub enum Bounces {
 /// Light at a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluated {
-    /// Irradiance that comes straight from lamps, sky and emissive surfaces, W/m².
+    /// Irradiance that comes straight from lights, sky and emissive surfaces, W/m².
     pub direct: Vec3,
     /// Irradiance that was diffusely reflected at least once, W/m²; none where neither a basis
     /// function nor a probe reaches.

@@ -48,7 +48,7 @@ pub struct Irradiance {
     pub indirect_error: Vec3,
 }
 
-/// Smooth end of a lamp's reach, as Bevy's shader has it: (1 − (d²/r²)²)² up to r.
+/// Smooth end of a light's reach, as Bevy's shader has it: (1 − (d²/r²)²)² up to r.
 fn window(square: f32, range: f32) -> f32 {
     let t = square / (range * range);
     let f = (1.0 - t * t).max(0.0);
@@ -120,7 +120,7 @@ pub fn direct_irradiance(
             let position =
                 center + u * (2.0 * random.unit() - 1.0) + v * (2.0 * random.unit() - 1.0);
             let facing = u.cross(v);
-            // The lamp's own model may lie in its plane: the shadow ray ends a little before it.
+            // The light's own model may lie in its plane: the shadow ray ends a little before it.
             let position = position + facing.normalize_or_zero() * geometry.ray_offset(position);
             // Area 4 |u × v| and the emitter's cosine together: 4 (u × v) · direction.
             shadowed(

@@ -12,8 +12,8 @@ const LOOKS: u32 = 96;
 /// Rays that [`sample_open_positions`] casts for each place that it tries.
 pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
-/// Places in free space for lamps, each the one with the most room around it of `tried`: what a
-/// lamp a hair's breadth from a wall lights says little of the level, and no reference is sure of
+/// Places in free space for lights, each the one with the most room around it of `tried`: what a
+/// light a hair's breadth from a wall lights says little of the level, and no reference is sure of
 /// it. As many as `count`, or none where there are no candidates.
 #[must_use]
 pub fn sample_open_positions(
@@ -46,7 +46,7 @@ pub fn sample_open_positions(
         .collect()
 }
 
-/// The geometry without its own emission: errors are of lamps' light.
+/// The geometry without its own emission: errors are of lights' light.
 pub struct NonEmissive<'a> {
     /// Geometry with its emission.
     pub geometry: &'a dyn Geometry,

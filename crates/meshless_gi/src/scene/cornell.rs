@@ -1,5 +1,5 @@
 //! The built-in scene: a Cornell box, for the demo, the examples and tests. Colored walls that a
-//! lamp's light bleeds from, two blocks that shade.
+//! light's light bleeds from, two blocks that shade.
 
 use super::{Material, TriangleMesh};
 use glam::{Quat, Vec3};

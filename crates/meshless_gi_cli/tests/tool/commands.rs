@@ -315,7 +315,7 @@ fn eval_invalid_input_has_exit_code() {
     eval(INPUT, &data("cornell/cornell.glb"), &scene, &points, &out);
     eval(INPUT, bake, &points, &points, &out);
     eval(INPUT, bake, &scene, &scene, &out);
-    // The sky's direct light needs the geometry; lamps do not.
+    // The sky's direct light needs the geometry; lights do not.
     let sky = r#"{"geometry":[{"file":"gone.glb"}],"lights":[{"type":"sky","radiance":[1,1,1]}]}"#;
     fs::write(at("sky.json"), sky).unwrap();
     eval(IO, bake, &at("sky.json"), &points, &out);

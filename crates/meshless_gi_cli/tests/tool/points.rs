@@ -357,7 +357,7 @@ fn scan_without_normals_faces_viewpoint() {
         };
         let outwards = outwards.count();
         assert!(outwards <= most, "{outwards} of {}", normals.len());
-        // As bright as the lamp's own light within the ball at least: 1 / (1.5..2.5)² times a
+        // As bright as the light's own light within the ball at least: 1 / (1.5..2.5)² times a
         // cosine near one.
         let mean = light.iter().map(|e| e.x).sum::<f32>() / light.len() as f32;
         assert!(mean > 0.2, "{mean}");

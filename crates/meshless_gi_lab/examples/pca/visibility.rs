@@ -26,7 +26,7 @@ const PATHS: u64 = 4800;
 /// Samples of the light.
 pub const SAMPLES: u32 = 64;
 
-/// The lamp of a scene: a panel below the ceiling.
+/// The light of a scene: a panel below the ceiling.
 pub fn lamp(name: &str) -> Light {
     let (center, u, v) = match name {
         "cornell" => (
@@ -304,7 +304,7 @@ pub fn race(
     Ok(races)
 }
 
-/// Those of `places` that the lamp lights in part.
+/// Those of `places` that the light lights in part.
 fn penumbra_of(places: &[PenumbraSample]) -> Vec<PenumbraSample> {
     places
         .iter()

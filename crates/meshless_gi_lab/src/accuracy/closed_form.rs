@@ -8,15 +8,15 @@
 use core::f64::consts::PI;
 use glam::DVec3;
 
-/// Irradiance straight from a point lamp of `intensity` (W/sr) at `height` above a plane, at
-/// `aside` from the lamp's foot: E = I h / (h² + s²)^(3/2), the inverse square law times Lambert's
+/// Irradiance straight from a point light of `intensity` (W/sr) at `height` above a plane, at
+/// `aside` from the light's foot: E = I h / (h² + s²)^(3/2), the inverse square law times Lambert's
 /// cosine.
 #[must_use]
 pub fn lamp_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
     intensity * height / (height * height + aside * aside).powf(1.5)
 }
 
-/// Irradiance at the foot of a point lamp that hangs `below` a boundless ceiling of reflectance
+/// Irradiance at the foot of a point light that hangs `below` a boundless ceiling of reflectance
 /// `albedo`, itself `room` above the floor, from one reflection at the ceiling alone (a black
 /// floor). 0 < `below` < `room`.
 ///
@@ -96,7 +96,7 @@ pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f
     }
 }
 
-/// Reflected irradiance anywhere inside a sphere of `radius` in which lamps send `power` (W) in
+/// Reflected irradiance anywhere inside a sphere of `radius` in which lights send `power` (W) in
 /// whatever directions, after one to `bounces` reflections. The form factor between two places of a
 /// sphere is the share of its area, so the first reflection is even already: Φ / (4π R²) · (ρ + ρ²
 /// + …).
@@ -223,13 +223,13 @@ mod tests {
         assert_eq!(enclosure(1.0, 1.0, None), f64::INFINITY);
         assert_eq!(enclosure_reflected(1.0, 0.5, Some(0)), 0.0);
         assert!(close(enclosure_reflected(1.0, 0.5, None), 1.0, 1e-12));
-        // A point lamp of 1 W/sr in the middle: I / R² straight, and as much again for ρ = 1/2.
+        // A point light of 1 W/sr in the middle: I / R² straight, and as much again for ρ = 1/2.
         assert!(close(
             integrating_sphere(4.0 * PI, 2.0, 0.5, None),
             0.25,
             1e-12
         ));
-        // A spot as wide as everything, without an edge, is a point lamp.
+        // A spot as wide as everything, without an edge, is a point light.
         assert!(close(spot_power(1.0, PI, PI), 4.0 * PI, 1e-12));
         assert!(close(spot_power(1.0, 0.0, PI / 2.0), 2.0 * PI / 3.0, 1e-12));
     }

@@ -22,21 +22,21 @@ const STRATA: i32 = 16;
 /// Irradiance, W/m², below which a place is not lit.
 const MIN: f32 = 1e-4;
 
-/// A place that a lamp would light, in the bake's local space.
+/// A place that a light would light, in the bake's local space.
 #[derive(Clone, Copy, Debug)]
 pub struct PenumbraSample {
     /// Meters.
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
-    /// Irradiance of the lamp by the reference integrator, W/m².
+    /// Irradiance of the light by the reference integrator, W/m².
     pub reference: f32,
     /// The same without shadows, W/m².
     pub unshadowed: f32,
 }
 
 impl PenumbraSample {
-    /// True where the lamp is seen in part.
+    /// True where the light is seen in part.
     #[must_use]
     pub fn in_penumbra(&self) -> bool {
         let f = self.reference / self.unshadowed;

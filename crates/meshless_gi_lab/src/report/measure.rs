@@ -43,7 +43,7 @@ pub struct Row {
     pub settings: RowSettings,
     /// The whole bake, without reading the level and writing the file.
     pub bake_seconds: f64,
-    /// A frame after one lamp has moved, on the CPU: projection, all reflections, the operator,
+    /// A frame after one light has moved, on the CPU: projection, all reflections, the operator,
     /// flattening. The median of several.
     pub frame_ms: f64,
     /// The display of a thousand places, on one thread.
@@ -232,7 +232,7 @@ fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
     }
 }
 
-/// Milliseconds of a frame in which one lamp has moved.
+/// Milliseconds of a frame in which one light has moved.
 fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64 {
     let Some(&Light::Point {
         position,

@@ -82,7 +82,7 @@ pub struct ExternalReference {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// No lamp was found that lights anything.
+    /// No light was found that lights anything.
     #[error(
         "no light falls on anything: the level is empty, or nothing of it can be lit from its free space"
     )]
@@ -144,7 +144,7 @@ pub struct Report {
     pub bounces: u32,
     /// Standard error of the reference over its values, with as many reflections and with all.
     pub noise: (f64, f64),
-    /// Places and lamps of the reference.
+    /// Places and lights of the reference.
     pub places: usize,
     /// See `places`.
     pub lamps: usize,

@@ -1,6 +1,6 @@
-//! The exam that every bake of a report sits: irradiance at surface places under lamps that no bake
-//! has seen, by the reference integrator. It is computed once for all bakes, so that they differ by
-//! their own errors and not by the reference's noise.
+//! The exam that every bake of a report sits: irradiance at surface places under lights that no
+//! bake has seen, by the reference integrator. It is computed once for all bakes, so that they
+//! differ by their own errors and not by the reference's noise.
 
 use crate::accuracy::{Errors, errors};
 use glam::Vec3;
@@ -12,9 +12,9 @@ use meshless_gi::{
 };
 use rayon::prelude::*;
 
-/// Drawn from by nothing else: no place or lamp of the exam is one of a bake's.
+/// Drawn from by nothing else: no place or light of the exam is one of a bake's.
 const SEED: u64 = 0x65_78_61_6d;
-/// Free places of which the one with the most room around it becomes a lamp.
+/// Free places of which the one with the most room around it becomes a light.
 const TRIED: usize = 6;
 /// Paths that find out how noisy a place is. They count for nothing else.
 const PILOT: u32 = 256;
@@ -22,15 +22,15 @@ const PILOT: u32 = 256;
 /// Effort of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TestSetSize {
-    /// Lamps, one shining at a time.
+    /// Lights, one shining at a time.
     pub lamps: usize,
-    /// Surface places for each lamp.
+    /// Surface places for each light.
     pub places: usize,
     /// Paths of the reference for each place, in the mean: noisy places get more of them.
     pub paths: u32,
 }
 
-/// One lamp, and what is true under it.
+/// One light, and what is true under it.
 struct Question {
     lamp: Light,
     places: Vec<(Vec3, Vec3)>,
@@ -67,7 +67,7 @@ impl ReferenceValues {
     }
 }
 
-/// Places, lamps and what is true there.
+/// Places, lights and what is true there.
 pub struct TestSet {
     questions: Vec<Question>,
     bounces: u32,
@@ -88,9 +88,9 @@ pub struct TestScore {
 }
 
 impl TestSet {
-    /// Computes the truth for `bounces` reflections and for all of them. Lamps are white points in
+    /// Computes the truth for `bounces` reflections and for all of them. Lights are white points in
     /// free space; each is as strong as makes the root mean square of its direct light 1 W/m², so
-    /// that they count alike. Emissive surfaces are taken as dark. None where no lamp lights
+    /// that they count alike. Emissive surfaces are taken as dark. None where no light lights
     /// anything.
     #[must_use]
     pub fn new(
@@ -150,13 +150,13 @@ impl TestSet {
         self.bounces
     }
 
-    /// Lamps that light anything.
+    /// Lights that light anything.
     #[must_use]
     pub fn lamps(&self) -> Vec<Light> {
         self.questions.iter().map(|q| q.lamp).collect()
     }
 
-    /// All places, those of one lamp after the other's: position in meters and unit normal.
+    /// All places, those of one light after the other's: position in meters and unit normal.
     pub fn places(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
         self.questions.iter().flat_map(|q| q.places.iter().copied())
     }

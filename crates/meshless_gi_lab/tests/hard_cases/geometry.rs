@@ -305,7 +305,7 @@ fn thin_sheets_are_lit_per_side() {
     assert!(e.nrmse < 0.12 && e.bias.abs() < 0.04 && none == 0, "{e:?}");
 }
 
-/// A leaf that hangs in the room under the lamp: bright above, and below it has what the floor
+/// A leaf that hangs in the room under the light: bright above, and below it has what the floor
 /// sends.
 #[test]
 fn sheet_under_light_has_only_floor_light_below() {

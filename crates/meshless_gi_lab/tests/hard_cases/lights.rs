@@ -1,4 +1,4 @@
-//! Lamps where they should not be, too strong, and too many.
+//! Lights where they should not be, too strong, and too many.
 
 use super::support::{baked, closed, cornell, irradiances, mean, mesh, room, small};
 use glam::Vec3;
@@ -13,8 +13,8 @@ fn lamp(x: Vec3, intensity: f32) -> FrameLight {
     FrameLight::point(x, Vec3::splat(intensity), f32::INFINITY)
 }
 
-/// Mean of the light that was reflected once, over that of a lamp of 1 W/sr in a closed room of 2 m
-/// that reflects half of it: ρ Φ / A, wherever the lamp is.
+/// Mean of the light that was reflected once, over that of a light of 1 W/sr in a closed room of 2
+/// m that reflects half of it: ρ Φ / A, wherever the light is.
 fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
     frame.set_lights(scene, &[lamp(x, 1.0)]);
     frame.solve(scene, &FrameSettings::bounces(1));
@@ -54,8 +54,8 @@ fn light_near_surface_conserves_energy() {
     assert_eq!(along(-1e-3).2, 0.0);
 }
 
-/// Each of the walls of a corner is lit as if the lamp were in the middle of it: what shines on the
-/// others is lost, and never gained.
+/// Each of the walls of a corner is lit as if the light were in the middle of it: what shines on
+/// the others is lost, and never gained.
 #[test]
 fn light_in_corner_loses_only_mutual_wall_light() {
     let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
@@ -69,7 +69,7 @@ fn light_in_corner_loses_only_mutual_wall_light() {
     }
 }
 
-/// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimeter
+/// Two rooms with 1 cm between them: a light in the gap, in a wall's very plane or a millimeter
 /// behind one, lights nothing of the room beyond.
 #[test]
 fn light_behind_wall_gives_zero_in_front() {
@@ -225,7 +225,7 @@ fn many_lights_equal_their_sum() {
     eprintln!("{LAMPS} lamps: {share:.4} of their light");
     // With senders a quarter of a meter apart.
     assert!((share - 1.0).abs() < 0.03, "{share}");
-    // All in one place, they are one lamp.
+    // All in one place, they are one light.
     let place = Vec3::new(0.7, 1.1, 1.3);
     let together = solved(&vec![lamp(place, 1.0 / LAMPS as f32); LAMPS]);
     for (e, one) in together.iter().zip(solved(&[lamp(place, 1.0)])) {

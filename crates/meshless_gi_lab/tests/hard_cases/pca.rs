@@ -24,7 +24,7 @@ fn pca() -> Recipe {
     }
 }
 
-/// Irradiance at all points, under three lamps of one color each.
+/// Irradiance at all points, under three lights of one color each.
 fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
     let mut frame = CpuFrame::new(scene);
     let lamp = |x: Vec3, color| FrameLight::point(x, color, f32::INFINITY);
@@ -62,7 +62,7 @@ fn pca_error_falls_with_vectors() {
             ..parameters()
         })
     };
-    // A hundred lamps span clusters of forty: a change of basis, that loses nothing but what
+    // A hundred lights span clusters of forty: a change of basis, that loses nothing but what
     // sixteen bits do.
     let whole = baked(&level, &of(with(1000))).scene;
     let senders = baked(&level, &of(TransportMethod::Bounded)).scene;
@@ -87,8 +87,8 @@ fn pca_error_falls_with_vectors() {
 
 #[test]
 fn pca_uniform_light_is_exact() {
-    // No lamp, no light from any lamp, one lamp, fewer lamps than vectors, clusters of one and of
-    // all.
+    // No light, no light from any light, one light, fewer lights than vectors, clusters of one and
+    // of all.
     let white = || closed(Material::diffuse(Vec3::splat(0.8)));
     let cases = [
         (white(), 0, None),

@@ -2,7 +2,7 @@
 //! precision loses at each stage.
 //!
 //! Stage by stage each gets the single-precision result of the one before, so that its own loss
-//! shows alone; in the end the chain runs in double precision from the lamp to the place. A digit
+//! shows alone; in the end the chain runs in double precision from the light to the place. A digit
 //! lost is a factor of ten over half a unit in the last place, 6e-8.
 
 use super::support::{baked, cornell, irradiances, small};
@@ -34,7 +34,7 @@ fn stage(name: &str, found: &[f64], right: &[f64], most: f64) {
     assert!(lost <= most, "{name}: {lost} digits lost, at most {most}");
 }
 
-/// Red irradiance of the lamp at a place, shadows left out.
+/// Red irradiance of the light at a place, shadows left out.
 fn unshadowed(lamp: DVec3, x: DVec3, n: DVec3) -> f64 {
     let to = lamp - x;
     n.dot(to).max(0.0) / to.length().powi(3)

@@ -9,7 +9,7 @@ use meshless_gi::{
 };
 use meshless_gi_lab::accuracy::{Errors, errors};
 
-/// A lamp in the Cornell box, scaled and moved with it: its irradiance stays what it was.
+/// A light in the Cornell box, scaled and moved with it: its irradiance stays what it was.
 fn lamp(scale: f32, by: Vec3) -> [Light; 1] {
     [Light::Point {
         position: scale * Vec3::new(0.1, 1.7, 0.2) + by,
@@ -18,7 +18,7 @@ fn lamp(scale: f32, by: Vec3) -> [Light; 1] {
     }]
 }
 
-/// The truth at [`cornell_places`] for the lamp in the box of 2 m at the origin, four bounces.
+/// The truth at [`cornell_places`] for the light in the box of 2 m at the origin, four bounces.
 fn truth(places: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
     let settings = ReferenceSettings {
         paths: 1024,

@@ -1,4 +1,4 @@
-//! Light that moves: a lamp on a smooth path gives light without jumps.
+//! Light that moves: a light on a smooth path gives light without jumps.
 
 use glam::Vec3;
 use meshless_gi::{
@@ -18,7 +18,7 @@ fn cornell(places: u32) -> BakedScene {
         .scene
 }
 
-/// Root mean square of the light's second differences along a lamp's path of even steps, over its
+/// Root mean square of the light's second differences along a light's path of even steps, over its
 /// root mean square.
 fn roughness(scene: &BakedScene) -> f32 {
     const STEPS: usize = 48;
@@ -45,7 +45,7 @@ fn roughness(scene: &BakedScene) -> f32 {
     (bends / light).sqrt() as f32
 }
 
-/// If senders are lit at one position each, a shadow's edge jumps from one to the next as the lamp
+/// If senders are lit at one position each, a shadow's edge jumps from one to the next as the light
 /// moves, and all light with it; \[L08\] has it so.
 #[test]
 fn smoothly_moving_light_gives_smooth_irradiance() {

@@ -79,7 +79,7 @@ pub struct Aim {
 }
 
 impl Aim {
-    /// From a lamp, `angle` wide.
+    /// From a light, `angle` wide.
     pub fn lamp(eye: Vec3, target: Vec3, angle: f32) -> Self {
         let up = (target - eye).normalize().any_orthonormal_vector();
         Self {
@@ -257,7 +257,7 @@ impl Grid {
         // Its map holds the walls too: they shadow it.
         let texels = room.texels(side);
         let angle = |x: u32, y: u32| {
-            // The flux over ρ I is the solid angle: that of a white patch in front of a lamp of
+            // The flux over ρ I is the solid angle: that of a white patch in front of a light of
             // one.
             let white = meshless_gi::internals::frame::gbuffer::pack(
                 Vec3::ONE,
