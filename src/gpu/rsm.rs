@@ -31,7 +31,7 @@ pub struct RsmCapture<'a> {
     pub depth: &'a wgpu::TextureView,
     /// G-buffer.
     pub gbuffer: &'a wgpu::TextureView,
-    /// Matrix and light. `first` is set by [`RsmBuffers::light`].
+    /// Matrix and light. `first` is set by [`RsmBuffers::map`].
     pub params: RsmParams,
 }
 

@@ -103,7 +103,7 @@ pub struct Inventory {
     pub glowing: u32,
     /// How many scenes' emission changed.
     pub glow_changed: u32,
-    /// Materials that may change ([`live_materials`](meshless_gi::Recipe::live_materials)).
+    /// Materials that may change ([`dynamic_materials`](meshless_gi::Recipe::dynamic_materials)).
     pub live_materials: u32,
     /// How many of them changed.
     pub materials_changed: u32,
