@@ -1,8 +1,8 @@
-//! What was recorded, counted.
+//! Counters of recorded work.
 
 use super::Pass;
 
-/// What a frame has recorded since it was made.
+/// Work that a frame has recorded since its creation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuCounters {
     /// Dispatches of each pass, in the order of [`Pass::ALL`].
@@ -47,7 +47,7 @@ impl GpuCounters {
         self.fogs += more.fogs;
     }
 
-    /// What was recorded since it was `before`.
+    /// Returns the work recorded since the counters were `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         Self {

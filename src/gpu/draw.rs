@@ -1,5 +1,5 @@
-//! What is drawn onto a view's picture: irradiance, gloss, and the light that does not get there,
-//! each over the whole screen by the kernel `composite`.
+//! Draws onto a view's picture: irradiance, specular reflection and missing light. The kernel
+//! `composite` draws each over the whole screen.
 
 use super::dispatch::entry;
 use super::kernels::{COMPOSITE, KERNELS};

@@ -1,6 +1,6 @@
-//! What can go wrong with a device, with the numbers.
+//! Errors of a device, with the values that caused them.
 
-/// Why the kernels cannot run.
+/// Reason why the kernels cannot run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
@@ -15,19 +15,19 @@ pub enum GpuError {
     Limit {
         /// The limit's name in WebGPU.
         limit: &'static str,
-        /// What the device offers.
+        /// Value that the device offers.
         have: u64,
-        /// What is needed.
+        /// Value that the kernels need.
         need: u64,
     },
     /// An array of the scene does not fit a binding.
     #[error("{what} takes {bytes} bytes, but the device binds at most {limit}")]
     TooLarge {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
-        /// Its size.
+        /// Size of the array, bytes.
         bytes: u64,
-        /// What a binding may have.
+        /// Largest size of a binding, bytes.
         limit: u64,
     },
     /// The device did not give back what it computed.

@@ -8,7 +8,7 @@ use super::pipelines::{Draw, KernelPipelines};
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::{FogInscatterParams, FogParams};
 
-/// What a level sends to the eye through fog of one asymmetry.
+/// Light that a scene sends to the eye through fog of one asymmetry.
 #[derive(Debug)]
 struct FogLight {
     params: wgpu::Buffer,
@@ -45,8 +45,8 @@ impl FogLight {
     }
 }
 
-/// What one view needs on the device: the light of each level for fog of each asymmetry, and
-/// parameters of the draws, one for each fog volume before each level.
+/// Device data of one view: the light of each scene for fog of each asymmetry, and parameters of
+/// the draws. There is one draw for each fog volume in front of each scene.
 #[derive(Debug, Default)]
 pub struct FogBuffers {
     lights: Vec<FogLight>,
@@ -108,7 +108,7 @@ impl FogBuffers {
         counters
     }
 
-    /// How many buffers these are.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         (self.lights.len() + self.draws.len()) as u32
@@ -124,14 +124,14 @@ impl FogBuffers {
     }
 }
 
-/// What a draw of fog reads beside its light.
+/// Textures that a draw of fog reads in addition to its light.
 #[derive(Clone, Copy, Debug)]
 pub struct FogTextures<'a> {
     /// The view's depth, reversed (0 is infinitely far), of the size of its target.
     pub depth: &'a wgpu::TextureView,
     /// It has several samples a pixel.
     pub sampled: bool,
-    /// What kernel `volume` wrote of the level.
+    /// Voxels that kernel `volume` wrote for the scene.
     pub voxels: &'a wgpu::TextureView,
     /// Reads between the texels of a texture, and not across its edges.
     pub between: &'a wgpu::Sampler,

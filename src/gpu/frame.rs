@@ -24,7 +24,7 @@ pub struct SplatTargets<'a> {
     pub depth: &'a wgpu::TextureView,
     /// Bevy's deferred G-buffer, `Rgba32Uint`.
     pub gbuffer: &'a wgpu::TextureView,
-    /// What an earlier baked scene of the same view wrote; None for the first.
+    /// Output of an earlier baked scene of the same view. `None` for the first scene.
     pub earlier: Option<&'a wgpu::TextureView>,
     /// `Rgba16Float`, another texture than `earlier`.
     pub output: &'a wgpu::TextureView,
@@ -35,8 +35,8 @@ pub struct SplatTargets<'a> {
 pub struct GpuFrame {
     buffers: SceneBuffers,
     lights: usize,
-    /// What the device's surfaces are of: factors of the materials, and what passes each set of
-    /// occluders; empty as baked.
+    /// Inputs of the device's surfaces: factors of the materials, and the transmission of each set
+    /// of occluders. Empty as baked.
     factors: Vec<MaterialFactors>,
     passing: Vec<f32>,
     counters: GpuCounters,
@@ -78,7 +78,7 @@ impl GpuFrame {
         &self.buffers
     }
 
-    /// What was recorded so far.
+    /// Returns the work recorded so far.
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters

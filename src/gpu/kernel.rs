@@ -1,16 +1,16 @@
-//! What a row of the [table of kernels](super::KERNELS) is made of: bindings, entry points, and how
-//! they are written down.
+//! Types of a row of the [table of kernels](super::KERNELS): bindings, entry points, and functions
+//! that construct them.
 
 use super::Pass;
 
-/// What is bound.
+/// Kind of resource of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A uniform buffer of so many bytes.
+    /// A uniform buffer of this size in bytes.
     Uniform(usize),
     /// A [`Span`](meshless_gi::internals::frame::Span) at a dynamic offset of a uniform buffer.
     Span,
-    /// A storage buffer that is read: an array of elements of so many bytes.
+    /// A storage buffer that is read: an array of elements of this size in bytes.
     Read(usize),
     /// A storage buffer that is read and written.
     Write(usize),
@@ -30,31 +30,31 @@ pub enum Kind {
     Samples,
     /// A texture of floats in three dimensions, filtered.
     Space,
-    /// What filters it.
+    /// A sampler of a texture.
     Sampler,
 }
 
-/// One binding of a shader; all are in group 0.
+/// Binding of a shader. All bindings are in group 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Binding {
     /// Its number.
     pub index: u32,
     /// Its name in the shader.
     pub name: &'static str,
-    /// What it is.
+    /// Kind of resource.
     pub kind: Kind,
 }
 
 /// An entry point of a compute shader.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
-    /// Which.
+    /// Pass that runs this entry point.
     pub pass: Pass,
     /// Its name in the shader.
     pub name: &'static str,
     /// Threads of a workgroup.
     pub workgroup: [u32; 3],
-    /// How many points, rows or pixels a workgroup handles.
+    /// Number of points, rows or pixels that a workgroup handles.
     pub items: u32,
     /// The bindings that it uses.
     pub bindings: &'static [u32],
@@ -69,7 +69,7 @@ pub struct Kernel {
     pub source: &'static str,
     /// Everything that the shader binds.
     pub bindings: &'static [Binding],
-    /// Its compute entry points; none where it draws.
+    /// Compute entry points of the kernel. Empty if it draws.
     pub entries: &'static [Entry],
 }
 

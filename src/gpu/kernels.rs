@@ -66,7 +66,7 @@ pub const KERNELS: [Kernel; solve::KERNELS.len() + view::KERNELS.len()] = {
     all
 };
 
-/// Where `composite` is in [`KERNELS`].
+/// Index of `composite` in [`KERNELS`].
 pub const COMPOSITE: usize = KERNELS.len() - 2;
-/// Where `fog` is.
+/// Index of `fog` in [`KERNELS`].
 pub const FOG: usize = KERNELS.len() - 1;

@@ -28,7 +28,7 @@ pub(super) struct PassageBuffers {
 pub(super) struct OccluderBuffers {
     links: PassageBuffers,
     probes: PassageBuffers,
-    /// What passes each set.
+    /// Transmission of each set of occluders.
     passing: wgpu::Buffer,
 }
 

@@ -93,7 +93,7 @@ pub enum Pass {
 }
 
 impl Pass {
-    /// How many there are.
+    /// Number of passes.
     pub const COUNT: usize = 42;
 
     /// All, in the order of the table.

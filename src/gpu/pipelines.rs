@@ -29,18 +29,18 @@ pub struct RenderKernel {
     pub layout: wgpu::BindGroupLayout,
 }
 
-/// What is drawn onto a picture, and how.
+/// Kind of draw onto a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Draw {
     /// Irradiance on the surfaces, added to the picture.
     Add,
-    /// Irradiance in place of the picture.
+    /// Irradiance that replaces the picture.
     Replace,
     /// Gloss, added to the picture.
     Specular,
     /// Light that does not get there, taken from the picture.
     Shadow,
-    /// What fog sends to the eye, added to the picture.
+    /// Light that fog sends to the eye, added to the picture.
     Fog,
     /// The same over a depth with several samples a pixel.
     FogSampled,
@@ -56,7 +56,7 @@ pub struct KernelPipelines {
     device: wgpu::Device,
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
     passes: [OnceLock<ComputeKernel>; Pass::COUNT],
-    /// What draws, a pipeline for each format that it draws to, and for each way to draw.
+    /// Pipelines that draw, one for each target format and each kind of draw.
     drawings: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
     created: AtomicU32,
 }
@@ -140,7 +140,7 @@ impl KernelPipelines {
         &self.device
     }
 
-    /// How many pipelines have been made.
+    /// Returns the number of pipelines created so far.
     #[must_use]
     pub fn created(&self) -> u32 {
         self.created.load(Ordering::Relaxed)

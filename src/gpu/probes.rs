@@ -73,8 +73,8 @@ impl ProbeBuffers {
         .chain(self.links.iter().map(|b| ("probe links", b)))
     }
 
-    /// What both entry points of `probe` bind, with the view's parameters for the probes' grid and
-    /// its depths and G-buffer.
+    /// Returns the bindings of both entry points of `probe`. These include the view's parameters
+    /// for the probes' grid, its depths and its G-buffer.
     pub fn resources<'a>(
         &'a self,
         params: &'a wgpu::Buffer,
@@ -96,13 +96,13 @@ impl ProbeBuffers {
 }
 
 impl GpuFrame {
-    /// Whether the scene has light in free space.
+    /// Returns `true` if the scene has probes.
     #[must_use]
     pub fn has_probes(&self) -> bool {
         self.buffers().probes.is_some()
     }
 
-    /// What a view's [`SplatParams`] are for the probes' grid; none where the scene has no probes.
+    /// Returns a view's [`SplatParams`] for the probes' grid. `None` if the scene has no probes.
     #[must_use]
     pub fn probe_params(&self, view: &SplatParams) -> Option<SplatParams> {
         let probes = self.buffers().probes.as_ref()?;

@@ -43,17 +43,18 @@ pub struct VplShadows<'a> {
     pub local_from_space: Mat4,
     /// The scene.
     pub scene: &'a SceneBuffers,
-    /// What gives less (W/m²) is not asked for its shadow.
+    /// Threshold of irradiance, W/m². Virtual point lights that give less are evaluated without a
+    /// shadow ray.
     pub dim: f32,
 }
 
 /// The buffers of all reflective shadow maps, and what is recorded of them.
 #[derive(Debug)]
 pub struct RsmBuffers {
-    /// Of the light that is being recorded: lights take turns.
+    /// Texels of the light that is being recorded. Lights use this buffer in turn.
     texels: wgpu::Buffer,
     room: u32,
-    /// Of all lights, one after the other.
+    /// Virtual point lights of all lights, one light after the other.
     vpls: wgpu::Buffer,
     capacity: u32,
     used: u32,
@@ -256,7 +257,7 @@ impl RsmBuffers {
         self.dispatch(kernels, encoder, which, &bind, groups);
     }
 
-    /// What a kernel with `vpl_at` binds as its `lit`.
+    /// Returns the parameters that a kernel with `vpl_at` binds as its `lit`.
     #[must_use]
     pub fn params(&self, shadows: Option<&VplShadows<'_>>) -> VplParams {
         match shadows {
@@ -274,7 +275,7 @@ impl RsmBuffers {
         }
     }
 
-    /// What it binds as its `nodes` and `triangles`.
+    /// Returns the buffers that such a kernel binds as its `nodes` and `triangles`.
     #[must_use]
     pub fn tree<'a>(&'a self, shadows: Option<&VplShadows<'a>>) -> [&'a wgpu::Buffer; 2] {
         match shadows {
@@ -283,7 +284,8 @@ impl RsmBuffers {
         }
     }
 
-    /// What it binds as its `vpls`: [`Vpl`]s, [`RsmBuffers::used`] of them.
+    /// Returns the buffer that such a kernel binds as its `vpls`. It holds [`RsmBuffers::used`]
+    /// elements of type [`Vpl`].
     #[must_use]
     pub fn vpls(&self) -> &wgpu::Buffer {
         &self.vpls
@@ -295,19 +297,19 @@ impl RsmBuffers {
         &self.texels
     }
 
-    /// How many virtual point lights the lights of this frame have.
+    /// Returns the number of virtual point lights of this frame's lights.
     #[must_use]
     pub fn used(&self) -> u32 {
         self.used
     }
 
-    /// What was recorded so far.
+    /// Returns the work recorded so far.
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters
     }
 
-    /// How many buffers there are on the device.
+    /// Returns the number of buffers on the device.
     #[must_use]
     pub fn buffers(&self) -> u32 {
         4 + self.uniforms.len() as u32

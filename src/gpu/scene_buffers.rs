@@ -69,21 +69,21 @@ pub struct SceneBuffers {
     pub(super) changed: wgpu::Buffer,
     pub(super) projected: wgpu::Buffer,
     pub(super) senders: wgpu::Buffer,
-    /// What the senders see of the sky's terms, where the bake knows it.
+    /// Visible part of the sky's terms for each sender. `None` if the bake has no such data.
     pub(super) sky: Option<wgpu::Buffer>,
     /// Direct coefficients, kept while further bounces are added; made when a solve first has them.
     pub(super) direct: Option<wgpu::Buffer>,
     /// Differences of the senders and what the operator makes of them, where the operator is in
     /// that form.
     pub(super) differences: Option<[wgpu::Buffer; 2]>,
-    /// Where the operator is in the form of components.
+    /// Operator in the form of components. `None` if it has another form.
     pub(super) components: Option<ComponentBuffers>,
-    /// Where an octree carries the light.
+    /// Octree that carries the light. `None` if there is no octree.
     pub(super) fmm: Option<GpuFmm>,
     pub(super) values: wgpu::Buffer,
-    /// Where the bake knows light in free space.
+    /// Probes. `None` if the bake has no probes.
     pub(super) probes: Option<ProbeBuffers>,
-    /// Where the bake knows occluders.
+    /// Occluders. `None` if the bake has no occluders.
     pub(super) occluders: Option<OccluderBuffers>,
     pub(super) slots: u32,
 }
@@ -232,13 +232,13 @@ impl SceneBuffers {
         })
     }
 
-    /// What stands in where kernels read the sky's terms: a buffer that is there anyway where the
-    /// bake knows none.
+    /// Returns the buffer that kernels bind as the sky's terms. If the bake has none, this is the
+    /// buffer of surfaces, as a valid stand-in.
     pub(super) fn seen(&self) -> &wgpu::Buffer {
         self.sky.as_ref().unwrap_or(&self.surfaces)
     }
 
-    /// How many light slots there is room for.
+    /// Returns the number of light slots that fit the buffers.
     #[must_use]
     pub fn slots(&self) -> u32 {
         self.slots
@@ -299,7 +299,7 @@ impl SceneBuffers {
             .clone()
     }
 
-    /// How many buffers there are on the device.
+    /// Returns the number of buffers on the device.
     #[must_use]
     pub fn count(&self) -> usize {
         self.named().count()
@@ -447,7 +447,7 @@ impl ViewBuffers {
         all.chain(&self.probes).map(wgpu::Buffer::size).sum()
     }
 
-    /// How many buffers.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         2 + u32::from(self.probes.is_some())

@@ -250,7 +250,8 @@ impl SoftShadowBuffers {
         self.counters.dispatches[kernel as usize] += 1;
     }
 
-    /// What is missing at every point, and what there would be, W/m²: `subtract_shadow` reads it.
+    /// Returns the buffer of missing and unoccluded irradiance of every point, W/m². Kernel
+    /// `subtract_shadow` reads it.
     #[must_use]
     pub fn occluded_irradiances(&self) -> &wgpu::Buffer {
         &self.occluded_irradiances
@@ -272,7 +273,7 @@ impl SoftShadowBuffers {
         ]
     }
 
-    /// How many buffers.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.all().len() as u32

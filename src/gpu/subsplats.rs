@@ -38,7 +38,7 @@ pub struct NodeLights<'a> {
     pub view: &'a wgpu::Buffer,
     /// A uniform buffer with [`VplParams`](meshless_gi::internals::frame::VplParams).
     pub lit: &'a wgpu::Buffer,
-    /// What shadows them.
+    /// Baked scene that shadows the virtual point lights, if there is one.
     pub shadows: Option<VplShadows<'a>>,
 }
 
@@ -134,7 +134,7 @@ impl SubsplatBuffers {
         self.levels
     }
 
-    /// How many buffers.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         6 + self.counts.len() as u32
@@ -155,7 +155,7 @@ impl SubsplatBuffers {
         all.map(wgpu::Buffer::size).sum()
     }
 
-    /// What was recorded so far.
+    /// Returns the work recorded so far.
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters
@@ -167,7 +167,7 @@ impl SubsplatBuffers {
         &self.nodes
     }
 
-    /// What the pyramid holds, for tests and tools.
+    /// Returns the cells of the pyramid, for tests and tools.
     #[must_use]
     pub fn cells(&self) -> &wgpu::Buffer {
         &self.cells
@@ -258,7 +258,7 @@ struct Recorder<'a> {
     counters: GpuCounters,
 }
 
-/// How a pass is dispatched.
+/// Workgroups of a dispatch.
 enum Groups<'a> {
     Direct([u32; 2]),
     From(&'a wgpu::Buffer),

@@ -160,7 +160,7 @@ impl SubtractShadowBuffers {
         self.counters.dispatches[which as usize] += 1;
     }
 
-    /// How many buffers.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         2
@@ -172,7 +172,7 @@ impl SubtractShadowBuffers {
         self.params.size() + self.lights.size()
     }
 
-    /// What was recorded so far.
+    /// Returns the work recorded so far.
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters

@@ -9,8 +9,8 @@ use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};
 use meshless_gi::internals::frame::{VolumeParams, WallSample};
 
-/// What a volume of a scene needs on the device beside its texture: what each of its places takes
-/// from which probes, and of which walls, and how far it sees.
+/// Device data of a scene's volume without its texture. Each voxel has weights of its probes,
+/// weights of its walls, and distances to the nearest walls.
 #[derive(Debug)]
 pub struct VolumeBuffers {
     shape: VoxelGrid,
@@ -65,7 +65,7 @@ impl VolumeBuffers {
         &self.shape
     }
 
-    /// How many buffers these are.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.all().len() as u32

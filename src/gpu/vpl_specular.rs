@@ -97,7 +97,7 @@ impl SpecularBuffers {
         self.levels
     }
 
-    /// How many buffers.
+    /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
         5
@@ -116,7 +116,7 @@ impl SpecularBuffers {
         own.into_iter().map(wgpu::Buffer::size).sum()
     }
 
-    /// What was recorded so far.
+    /// Returns the work recorded so far.
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters

@@ -24,7 +24,7 @@ use meshless_gi::internals::frame::SubsplatCounts;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What one rendered frame did.
+/// Statistics of one rendered frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
     /// Rendered frames since the start, this one included.

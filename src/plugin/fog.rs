@@ -65,7 +65,7 @@ pub(crate) struct ExtractedFogs {
 }
 
 impl ExtractedFogs {
-    /// Whether a camera sees fog that this scene lights.
+    /// Returns `true` if a camera shows fog that this scene lights.
     pub fn sees(&self, scene: SceneId) -> bool {
         let lights = |fog: &LitFog| self.scenes[fog.scene].scene == scene;
         self.views.iter().any(|view| view.lit.iter().any(lights))
@@ -76,7 +76,7 @@ impl ExtractedFogs {
         self.views.iter().find(|view| view.id == id)
     }
 
-    /// What the plan is to know.
+    /// Returns the states of fog for the plan.
     pub fn describe(&self) -> Vec<FogState> {
         let of = |view: &ExtractedFogView, level: usize| FogState {
             view: view.id,
@@ -90,7 +90,7 @@ impl ExtractedFogs {
     }
 }
 
-/// What multiplies the light in a camera's fog; none where it shows none of it.
+/// Returns the factor of the light in a camera's fog. `None` if the camera shows no such light.
 fn shown(camera: &Camera, parts: FoundParts<'_>) -> Option<f32> {
     let intensity = match parts.0 {
         None => 1.0,
@@ -136,7 +136,8 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
     (finite && there).then_some(found)
 }
 
-/// Whether two cubes with edges of 1 may overlap: neither lies beyond a side of the other.
+/// Returns `true` if two cubes with edges of 1 may overlap: neither lies beyond a side of the
+/// other.
 pub(crate) fn meet(a: &Affine3A, b: &Affine3A) -> bool {
     let within = |of: &Affine3A, other: &Affine3A| {
         let place = of.inverse() * *other;

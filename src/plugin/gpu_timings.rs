@@ -1,8 +1,9 @@
-//! What the passes cost on this device: the spans of Bevy's `RenderDiagnosticsPlugin`, one for each
-//! group of passes that is timed as one, teach a [`CostModel`], which prices the next plans.
+//! Costs of the passes on this device. Bevy's `RenderDiagnosticsPlugin` has one span for each group
+//! of passes that is timed together. These spans update a [`CostModel`], which estimates the costs
+//! of the next plans.
 //!
-//! The app has to add that plugin; without it, or without a clock that stands inside command
-//! encoders (Metal and WebGPU have none in Bevy), the costs stay unknown, and the plan says so.
+//! The app has to add that plugin. Without it, the costs stay unknown, and the plan reports this.
+//! The same holds without timestamps inside command encoders, which Bevy lacks on Metal and WebGPU.
 
 use super::diagnostics::GiFrameStats;
 use super::quality::{SolveCostSource, span_name};
@@ -13,7 +14,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// What is known of the costs, in both worlds.
+/// Model of the costs, shared by both worlds.
 #[derive(Resource, Clone, Default)]
 pub(crate) struct DeviceCosts(Arc<Mutex<CostModel>>);
 

@@ -57,8 +57,8 @@ type AnyCamera = (
     Brought,
 );
 
-/// Whether a light of the world may light a scene: it is of the scene's layers, and does not end
-/// before it.
+/// Returns `true` if a light of the world may light a scene. It has to share a layer with the
+/// scene, and its range has to reach the scene.
 fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
     let (Some(placement), Some(bake)) = (&scene.placement, &scene.bake) else {
         return true;
@@ -69,7 +69,7 @@ fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
         && FrameLight::expand(&light.light, 1).iter().any(arrives)
 }
 
-/// What picks for one scene.
+/// Selectors of one scene.
 #[derive(Default)]
 pub(crate) struct Pickers {
     channels: ColorModeSelector,

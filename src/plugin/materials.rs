@@ -25,8 +25,8 @@ use std::sync::{Arc, Weak};
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiDynamicMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
 
-/// Which of a bake's materials the named ones are: looked up where bake or names changed, for both
-/// may be hundreds.
+/// Pairs of named materials and materials of a bake. Computed only after the bake or the names
+/// changed, because both may have hundreds of entries.
 #[derive(Debug, Default)]
 pub(crate) struct ResolvedMaterials {
     bake: Weak<BakedScene>,

@@ -36,7 +36,7 @@ use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_
 use meshless_gi::internals::frame::{RsmParams, VplViewParams};
 use std::collections::BTreeMap;
 
-/// What a camera of a map runs instead of `Core3d`.
+/// Schedule that a camera of a map runs instead of `Core3d`.
 #[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub struct RsmSchedule;
 
@@ -55,8 +55,8 @@ pub(crate) fn schedule() -> Schedule {
 #[derive(Resource, Default)]
 pub(crate) struct LightMaps(pub AskingLights);
 
-/// So many frames without a change are drawn nevertheless: meshes and pictures reach the device a
-/// few frames after they changed.
+/// Number of frames without a change in which maps are still drawn. Meshes and textures reach the
+/// device a few frames after they changed.
 const SETTLED: u32 = 8;
 
 /// A light's name in the plan.
@@ -153,7 +153,7 @@ fn draw(
     span.end(&mut pass);
 }
 
-/// What the device holds of the bounce from what moves.
+/// Device data of the bounce from dynamic objects.
 pub(crate) struct Reflections {
     maps: RsmBuffers,
     /// Origin of the space in which all maps and views are.
@@ -245,8 +245,8 @@ impl Reflections {
         }))
     }
 
-    /// Whether maps that are drawn now would make the same virtual lights of the lights that
-    /// `state` lets bounce.
+    /// Returns `true` if maps that are drawn now would give the same virtual lights. Only lights
+    /// that bounce in `state` count.
     pub fn hold(
         &self,
         state: &FrameState,
@@ -261,7 +261,7 @@ impl Reflections {
             && self.shadowed_by == shadowers(world, scenes)
     }
 
-    /// What was recorded so far.
+    /// Returns the work recorded so far.
     pub fn counters(&self) -> GpuCounters {
         self.maps.counters()
     }
@@ -285,7 +285,8 @@ impl Reflections {
             .splat(kernels, queue, encoder, view, shadows.as_ref(), targets);
     }
 
-    /// How the virtual lights light a view that shows `layers`, and what shadows them there.
+    /// Returns the parameters of the virtual lights in a view that shows `layers`, and their
+    /// shadows there.
     pub fn in_view<'a>(
         &self,
         input: &'a ViewInput<'_>,

@@ -86,7 +86,7 @@ pub(crate) struct Voxels {
     asked: GiIrradianceVolume,
 }
 
-/// Which bake an asset holds now.
+/// Returns the key of the bake that an asset holds now.
 fn which(id: AssetId<GiBakedScene>, asset: &GiBakedScene) -> (AssetId<GiBakedScene>, usize) {
     (id, Arc::as_ptr(&asset.scene) as usize)
 }
@@ -178,17 +178,17 @@ pub(crate) fn update_irradiance_volumes(
 /// Cameras with a display of their own.
 type WithDisplay = Or<(With<GiCamera>, With<GiRsmCamera>)>;
 
-/// What a camera's display hangs on.
+/// Query data of a camera's display.
 pub(super) type DisplayParts = (Option<&'static GiCamera>, Option<&'static Msaa>, Brought);
 
-/// What a query finds of that.
+/// Query item of [`DisplayParts`].
 pub(super) type FoundParts<'a> = (
     Option<&'a GiCamera>,
     Option<&'a Msaa>,
     (bool, bool, bool, bool),
 );
 
-/// Whether it shows indirect light over its G-buffer.
+/// Returns `true` if the camera shows indirect light over its G-buffer.
 pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
     display.is_some_and(|d| d.enabled) && draws_gbuffer(brought, msaa)
 }
@@ -244,8 +244,8 @@ pub(crate) struct ExtractedVolumes {
 }
 
 impl ExtractedVolumes {
-    /// Whether this camera of the main world sees a volume; none where it has no display of ours,
-    /// or there are no volumes.
+    /// Returns `true` if this camera of the main world shows a volume. `None` if it has no display
+    /// of ours, or there are no volumes.
     pub fn display(&self, camera: Entity) -> Option<bool> {
         let found = self.displays.iter().find(|(id, _)| *id == camera);
         found.map(|(_, sees)| *sees)

@@ -99,8 +99,8 @@ mod tests {
 
     const HEAD: &str = "#define_import_path bevy_pbr::irradiance_volume\n";
 
-    /// What becomes of a module with this text in a world with a volume, and whether something is
-    /// told.
+    /// Returns a module with this text as it is in a world with a volume, and whether a warning is
+    /// reported.
     fn become_of(text: &str, volume: bool) -> (String, bool) {
         let mut world = World::new();
         world.init_resource::<Assets<Shader>>();

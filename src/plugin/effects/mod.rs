@@ -41,7 +41,7 @@ pub(crate) type Effect = crate::plan::Effect<Recording>;
 /// Kind of pass of an effect.
 pub(crate) type PassKind = crate::plan::PassKind<Recording>;
 
-/// How passes of a kind are recorded and counted.
+/// Recording and counters of a kind of pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Recording {
     /// Kernels that count as this stage.

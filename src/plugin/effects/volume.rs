@@ -56,11 +56,12 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-/// How many functions of probes and surfaces are looked at in a frame in which a volume's places
-/// are found: some milliseconds of one core.
+/// Number of functions of probes and surfaces evaluated in a frame while a volume's weights are
+/// computed. They take some milliseconds of one core.
 const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 
-/// What the device holds of a scene's volume beside its texture, and what that was written for.
+/// Device data of a scene's volume without its texture, and the parameters for which it was
+/// written.
 #[derive(Default)]
 pub(crate) struct SceneVolume {
     /// Found over as many frames as it takes; gone once the device has them.
@@ -106,7 +107,7 @@ impl SceneVolume {
         }
     }
 
-    /// Whether a camera sees the scene by its volume, or fog in it.
+    /// Returns `true` if a camera shows the scene by its volume, or fog in it.
     pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
         world.find(id).is_some_and(|v| v.seen)
     }
