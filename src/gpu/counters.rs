@@ -36,7 +36,7 @@ impl GpuCounters {
         self.dispatches[pass as usize]
     }
 
-    /// Adds what another has recorded.
+    /// Adds the work of other counters.
     pub fn add(&mut self, more: &Self) {
         for (sum, more) in self.dispatches.iter_mut().zip(more.dispatches) {
             *sum += more;

@@ -30,7 +30,7 @@ pub enum GpuError {
         /// Largest size of a binding, bytes.
         limit: u64,
     },
-    /// The device did not give back what it computed.
+    /// The device did not return its results.
     #[error("reading back from the device failed: {0}")]
     ReadBack(String),
 }

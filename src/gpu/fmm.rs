@@ -12,7 +12,7 @@ use meshless_gi::internals::frame::Span;
 use meshless_gi::internals::frame::fmm_layout::{FmmParams, fmm_terms};
 use meshless_gi::internals::transport::fmm::FmmOperator;
 
-/// An octree on the device, and what is recorded of it.
+/// Octree on the device, and its recording.
 #[derive(Debug)]
 pub struct GpuFmm {
     params: wgpu::Buffer,
@@ -29,8 +29,8 @@ pub struct GpuFmm {
 }
 
 impl GpuFmm {
-    /// Uploads an octree over points of which `senders` have a radiosity; behind theirs stands the
-    /// sky's coefficient.
+    /// Uploads an octree over points. `senders` of them have a radiosity, and the sky's coefficient
+    /// follows theirs.
     ///
     /// # Errors
     /// Where the device does not hold it, see [`octree_fits`]: [`GpuError::TooLarge`], or
@@ -155,7 +155,8 @@ impl GpuFmm {
         self.dispatch(kernels, pass, counters, Pass::FmmEvaluate, &bind, levels);
     }
 
-    /// S-expansions and R-expansions, for tests and tools: what `up` and `receive` wrote.
+    /// Returns the S-expansions and R-expansions that `up` and `receive` wrote, for tests and
+    /// tools.
     #[must_use]
     pub fn expansions(&self) -> [&wgpu::Buffer; 2] {
         [&self.expansions, &self.locals]

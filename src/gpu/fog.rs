@@ -1,5 +1,5 @@
-//! Fog that a level lights, on the device: parameters of what a view draws, and the recording of
-//! kernels `fog_inscatter` and `fog`. A view without such fog has none.
+//! Fog that a scene lights, on the device: parameters of a view's draws, and the recording of
+//! kernels `fog_inscatter` and `fog`. A view without such fog has no buffers.
 
 use super::dispatch::{compute, entry};
 use super::kernels::{FOG, KERNELS};
@@ -54,7 +54,7 @@ pub struct FogBuffers {
 }
 
 impl FogBuffers {
-    /// Room for what these say, no more and no less, with that in it.
+    /// Writes these parameters into buffers of exactly the required size.
     pub fn write(
         &mut self,
         device: &wgpu::Device,
@@ -129,18 +129,20 @@ impl FogBuffers {
 pub struct FogTextures<'a> {
     /// The view's depth, reversed (0 is infinitely far), of the size of its target.
     pub depth: &'a wgpu::TextureView,
-    /// It has several samples a pixel.
+    /// `true` if the depth has several samples per pixel.
     pub sampled: bool,
     /// Voxels that kernel `volume` wrote for the scene.
     pub voxels: &'a wgpu::TextureView,
     /// Reads between the texels of a texture, and not across its edges.
     pub between: &'a wgpu::Sampler,
-    /// The density, and what reads it: in three dimensions, of one texel where no texture says it.
+    /// Three-dimensional texture of the density, and its sampler. The texture has one texel if the
+    /// fog has no density texture.
     pub density: (&'a wgpu::TextureView, &'a wgpu::Sampler),
 }
 
-/// Adds the light of the draw `which` of a view to its picture, a target of `format` with one
-/// sample a pixel. Its level's light is `light`; both count as [`FogBuffers::write`] had them.
+/// Adds the light of the draw `which` of a view to its picture. The target has this `format` and
+/// one sample per pixel. `light` is the index of the scene's light. Both indices refer to the
+/// arguments of [`FogBuffers::write`].
 ///
 /// # Panics
 /// Where one of them was not written.

@@ -1,5 +1,5 @@
-//! Records a frame of one baked scene: the steps of [`SolveSchedule`], which the CPU's frame runs
-//! too, as dispatches.
+//! Records a frame of one baked scene. The dispatches follow the steps of [`SolveSchedule`], as the
+//! frame on the CPU does.
 
 use super::dispatch::compute;
 use super::draw::draw_over;
@@ -20,7 +20,7 @@ const SLOTS_PER_DISPATCH: usize = 65_535 / 64 * 64;
 /// The textures that `splat` reads and writes. All have the size of the view's target.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatTargets<'a> {
-    /// Depth, reversed (0 is infinitely far), one sample a pixel.
+    /// Depth, reversed (0 is infinitely far), one sample per pixel.
     pub depth: &'a wgpu::TextureView,
     /// Bevy's deferred G-buffer, `Rgba32Uint`.
     pub gbuffer: &'a wgpu::TextureView,
@@ -30,7 +30,7 @@ pub struct SplatTargets<'a> {
     pub output: &'a wgpu::TextureView,
 }
 
-/// A baked scene on the device, and what is recorded of it.
+/// Baked scene on the device, and its recording.
 #[derive(Debug)]
 pub struct GpuFrame {
     buffers: SceneBuffers,
@@ -57,10 +57,10 @@ impl GpuFrame {
         Ok(Self::with_buffers(queue, buffers))
     }
 
-    /// A frame over buffers that are there.
+    /// Creates a frame over existing buffers.
     #[must_use]
     pub fn with_buffers(queue: &wgpu::Queue, buffers: SceneBuffers) -> Self {
-        // What `project` reads of it does not change any more.
+        // The parameters that `project` reads do not change later.
         let params = buffers.shape.params(&FrameSettings::default(), 0);
         queue.write_buffer(&buffers.params, 0, bytemuck::bytes_of(&params));
         Self {
@@ -85,8 +85,8 @@ impl GpuFrame {
     }
 
     /// Sets the lights, slot by slot, in the bake's local space, for the frame that is submitted
-    /// next; makes room where there is too little. What was projected stays: say which slots are to
-    /// be projected by [`GpuFrame::project`].
+    /// next. Grows the buffers if needed. Existing projections stay. Call [`GpuFrame::project`]
+    /// with the slots to project.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where so many slots do not fit a binding.
@@ -105,9 +105,9 @@ impl GpuFrame {
         Ok(())
     }
 
-    /// Sets the factors of the materials of `scene`, which the frame was made of, for the frame
-    /// that is submitted next: one each, those that are missing are as baked. Sends the senders'
-    /// surfaces to the device; says how many bytes those are, 0 where the bake knows no materials.
+    /// Sets the factors of the materials of `scene`, from which the frame was created, for the
+    /// frame that is submitted next. Missing factors are as baked. Uploads the senders' surfaces
+    /// and returns their size in bytes, 0 if the bake has no materials.
     pub fn set_materials(
         &mut self,
         queue: &wgpu::Queue,
@@ -121,14 +121,14 @@ impl GpuFrame {
         self.paint(queue, scene)
     }
 
-    /// Notes what passes each set of occluders, and sends what that changes of the senders'
-    /// surfaces.
+    /// Stores the transmission of each set of occluders, and uploads the senders' surfaces that it
+    /// changes.
     pub(super) fn occluded(&mut self, queue: &wgpu::Queue, scene: &BakedScene, passing: Vec<f32>) {
         self.passing = passing;
         self.paint(queue, scene);
     }
 
-    /// Sends the senders' surfaces as they are now; says how many bytes those are.
+    /// Uploads the current surfaces of the senders. Returns their size in bytes.
     fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
         let (surfaces, seen) = current_surfaces(scene, &self.factors, &self.passing);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
@@ -267,8 +267,8 @@ impl GpuFrame {
         self.recorder(kernels).flatten(&mut pass, &steps, false);
     }
 
-    /// Applies the rows of the probes; nothing for a bake without probes. After
-    /// [`pull_push`](Self::pull_push).
+    /// Applies the rows of the probes, after [`pull_push`](Self::pull_push). Does nothing for a
+    /// bake without probes.
     pub fn apply_probes(
         &mut self,
         kernels: &KernelPipelines,
@@ -288,7 +288,7 @@ impl GpuFrame {
         }
     }
 
-    /// Parameters of a view of this scene; see [`SplatParams`].
+    /// Returns the parameters of a view of this scene, see [`SplatParams`].
     #[must_use]
     pub fn splat_params(
         &self,
@@ -358,9 +358,9 @@ impl GpuFrame {
         self.counters.dispatches[pass as usize] += 1;
     }
 
-    /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass`
-    /// has one target, of `format`. Once a view, after the `splat` of its last scene. `textures`
-    /// are irradiance, G-buffer and lighting passes.
+    /// Draws a view's irradiance onto its picture: added to it, or in its place if `replace` is
+    /// set. `pass` has one target, of `format`. Call it once per view, after the `splat` of its
+    /// last scene. `textures` are irradiance, G-buffer and lighting passes.
     pub fn composite(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,5 +1,5 @@
-//! A device without a window, for tests and tools: asks for WebGPU's default limits and no feature,
-//! so that what runs here runs anywhere.
+//! Device without a window, for tests and tools. It requests WebGPU's default limits and no
+//! features, so that the kernels run on all devices.
 
 use super::GpuError;
 use bytemuck::{AnyBitPattern, NoUninit};
@@ -180,8 +180,8 @@ impl HeadlessDevice {
     }
 }
 
-/// Waits for a future that needs no other thread of ours; those of a native device are ready at
-/// once.
+/// Waits for a future that needs no other thread of this crate. Futures of a native device are
+/// ready at once.
 fn wait<F: Future>(future: F) -> F::Output {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());

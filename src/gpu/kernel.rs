@@ -26,7 +26,7 @@ pub enum Kind {
     Output,
     /// Such a texture in three dimensions.
     Voxels,
-    /// A depth texture with several samples a pixel.
+    /// A depth texture with several samples per pixel.
     Samples,
     /// A texture of floats in three dimensions, filtered.
     Space,
@@ -94,8 +94,8 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "composite_shadow",
 ];
 
-/// Entry points of `fog`: vertex, and the fragments of views with one sample a pixel and with
-/// several.
+/// Entry points of `fog`: vertex, and the fragments of views with one and with several samples per
+/// pixel.
 pub const FOG_ENTRIES: [&str; 3] = ["fog_screen", "fog", "fog_sampled"];
 
 pub(super) const fn bind(index: u32, name: &'static str, kind: Kind) -> Binding {

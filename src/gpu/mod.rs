@@ -5,15 +5,15 @@
 //! | type | does |
 //! |---|---|
 //! | [`KERNELS`] | the table of kernels: shader, entry points, bindings |
-//! | [`KernelPipelines`] | pipelines, each made when it is first asked for |
+//! | [`KernelPipelines`] | pipelines, each created on first use |
 //! | [`SceneBuffers`] | a baked scene on the device |
 //! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
 //! | [`ViewBuffers`] | the parameters of one scene in one view |
-//! | [`SubsplatBuffers`] | records what a view shows by subsplats |
-//! | [`SpecularBuffers`] | records what a view's glossy surfaces show of virtual lights |
-//! | [`RsmBuffers`] | records `rsm` and `vpl`: what moving objects reflect |
-//! | [`SoftShadowBuffers`] | records `soft_shadow`: what lights with soft shadows do not reach |
-//! | [`SubtractShadowBuffers`] | records `subtract_shadow`: what a view loses by that |
+//! | [`SubsplatBuffers`] | records a view's subsplats |
+//! | [`SpecularBuffers`] | records specular reflection of virtual lights in a view |
+//! | [`RsmBuffers`] | records `rsm` and `vpl`: light that dynamic objects reflect |
+//! | [`SoftShadowBuffers`] | records `soft_shadow`: missing light of lights with soft shadows |
+//! | [`SubtractShadowBuffers`] | records `subtract_shadow`: the radiance of a view that is missing |
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`HeadlessDevice`] | a device without a window |
 //!

@@ -85,11 +85,11 @@ impl OccluderBuffers {
 }
 
 impl GpuFrame {
-    /// Sets what passes the occluders of `scene`, which the frame was made of: one each in [0, 1],
-    /// those that are missing are open. Rewrites their links, what the senders have from the sky
-    /// and what shadow rays see of them, for the frame that is submitted next; at most once a
-    /// submission. Says how many dispatches that took, 0 where the bake knows no occluders. The
-    /// lights' shadows change: [`project`](Self::project) all slots after it.
+    /// Sets the transmission of the occluders of `scene`, from which the frame was created, in [0,
+    /// 1]. Missing values are 1. Rewrites the occluders' links, the senders' sky terms and the
+    /// occluders of shadow rays. The new values apply to the frame that is submitted next. Call it
+    /// at most once per submission. Returns the number of dispatches, 0 if the bake has no
+    /// occluders. The lights' shadows change, so [`project`](Self::project) all slots afterwards.
     pub fn set_occluders(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,4 +1,4 @@
-//! The compute entry points by name: what is dispatched, and counted.
+//! Compute entry points by name, for dispatches and their counters.
 
 use super::kernel::Entry;
 use super::kernels::KERNELS;
@@ -54,7 +54,7 @@ pub enum Pass {
     RsmSelect,
     /// `vpl`, where a view has no light yet.
     Vpl,
-    /// `vpl`, over what baked scenes gave.
+    /// `vpl`, added to the output of baked scenes.
     VplOver,
     /// `vpl`, the subsplats of a list.
     VplNodes,

@@ -1,5 +1,4 @@
-//! Pipelines, made when they are first asked for: an effect that no scene calls for has none
-//! (design D9).
+//! Pipelines, created on first use. An effect that no scene needs has none (design D9).
 
 use super::GpuError;
 use super::Pass;
@@ -20,7 +19,7 @@ pub struct ComputeKernel {
     pub layout: wgpu::BindGroupLayout,
 }
 
-/// As [`ComputeKernel`], for what draws.
+/// Render pipeline of a kernel that draws, see [`ComputeKernel`].
 #[derive(Clone, Debug)]
 pub struct RenderKernel {
     /// The pipeline.
@@ -42,7 +41,7 @@ pub enum Draw {
     Shadow,
     /// Light that fog sends to the eye, added to the picture.
     Fog,
-    /// The same over a depth with several samples a pixel.
+    /// The same over a depth with several samples per pixel.
     FogSampled,
 }
 
@@ -152,7 +151,7 @@ impl KernelPipelines {
         self.passes[pass as usize].get().is_some()
     }
 
-    /// The pipeline of a pass; made now if this is the first call.
+    /// Returns the pipeline of a pass. The first call creates it.
     pub fn pass(&self, pass: Pass) -> &ComputeKernel {
         self.passes[pass as usize].get_or_init(|| {
             let (at, entry) = pass.entry();
@@ -179,7 +178,8 @@ impl KernelPipelines {
         })
     }
 
-    /// The pipeline that draws so onto a target of this format; made now if this is the first call.
+    /// Returns the pipeline of this kind of draw for a target of this format. The first call
+    /// creates it.
     pub fn drawing(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
         let mut made = self.drawings.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, kernel)) = made.iter().find(|(of, _)| *of == (format, draw)) {

@@ -1,5 +1,5 @@
-//! Light in free space on the device: the probes of a baked scene, `apply` over their rows, and
-//! `probe` over what a view shows. A scene without probes makes no such buffers.
+//! Probes of a baked scene on the device: `apply` over their rows, and `probe` over the pixels of a
+//! view. A scene without probes has no such buffers.
 
 use super::dispatch::compute;
 use super::frame::SplatTargets;

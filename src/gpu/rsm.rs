@@ -1,6 +1,6 @@
-//! Records what moving objects reflect: the maps of a light become virtual point lights (`rsm`),
-//! and those light a view (`vpl`). There is one of these for all lights that ask for it, and none
-//! where no light does.
+//! Records the light that dynamic objects reflect. The maps of a light become virtual point lights
+//! (`rsm`), and these light a view (`vpl`). All lights with maps share one set of buffers. There is
+//! none without such a light.
 
 use super::Pass;
 use super::dispatch::{MAX_GROUPS, compute};
@@ -23,8 +23,8 @@ const _: () = assert!(
     size_of::<RsmParams>() <= UNIFORM as usize && size_of::<RsmShadowParams>() <= UNIFORM as usize
 );
 
-/// A map that was drawn from a light: a square of depth (reversed, one sample) and Bevy's deferred
-/// G-buffer (`Rgba32Uint`), of what moves alone.
+/// Map drawn from a light: a square of depth (reversed, one sample) and Bevy's deferred G-buffer
+/// (`Rgba32Uint`). It shows only dynamic objects.
 #[derive(Clone, Copy, Debug)]
 pub struct RsmCapture<'a> {
     /// Depth.
@@ -48,7 +48,7 @@ pub struct VplShadows<'a> {
     pub dim: f32,
 }
 
-/// The buffers of all reflective shadow maps, and what is recorded of them.
+/// Buffers of all reflective shadow maps, and their recording.
 #[derive(Debug)]
 pub struct RsmBuffers {
     /// Texels of the light that is being recorded. Lights use this buffer in turn.
@@ -62,7 +62,7 @@ pub struct RsmBuffers {
     filled: u32,
     /// A node and a triangle that are bound where there is no baked scene.
     nothing: [wgpu::Buffer; 2],
-    /// Uniform buffers of a frame, and how many of them it uses so far.
+    /// Uniform buffers of a frame, followed by the number in use.
     uniforms: Vec<wgpu::Buffer>,
     taken: usize,
     counters: GpuCounters,
@@ -92,9 +92,9 @@ impl RsmBuffers {
         })
     }
 
-    /// Begins a frame: no light, all uniform buffers free again, and room for so many texels of a
-    /// light and virtual point lights of all lights. Not between recording a frame and its
-    /// submission.
+    /// Begins a frame without lights and with all uniform buffers free. Reserves space for the
+    /// texels of one light and the virtual point lights of all lights. Do not call it between
+    /// recording a frame and its submission.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer.
@@ -111,14 +111,14 @@ impl RsmBuffers {
         Ok(())
     }
 
-    /// Begins a frame with the virtual lights of the one before: nothing but views may be recorded.
-    /// Not between recording a frame and its submission.
+    /// Begins a frame with the virtual lights of the previous frame. Only views may be recorded. Do
+    /// not call it between recording a frame and its submission.
     pub fn rest(&mut self) {
         (self.filled, self.taken) = (0, 0);
     }
 
-    /// Records what one map of a light shows; after its last map comes [`RsmBuffers::choose`].
-    /// Maps that do not fit are left out; see [`RsmBuffers::begin`].
+    /// Records one map of a light. Call [`RsmBuffers::choose`] after its last map. Maps that do not
+    /// fit are left out, see [`RsmBuffers::begin`].
     pub fn map(
         &mut self,
         kernels: &KernelPipelines,

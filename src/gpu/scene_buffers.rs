@@ -23,7 +23,7 @@ pub(super) struct BounceBuffers {
     pub further: wgpu::Buffer,
 }
 
-/// The matrix of an operator of components on the device, and what it makes of the senders.
+/// Matrix of an operator of components on the device, and its product with the senders.
 #[derive(Debug)]
 pub(super) struct ComponentBuffers {
     pub columns: wgpu::Buffer,
@@ -39,9 +39,9 @@ pub struct SceneBuffers {
     pub(super) grid: GridShape,
     pub(super) params: wgpu::Buffer,
     pub(super) spans: wgpu::Buffer,
-    /// One span a level.
+    /// Spans of the levels, one per level.
     pub(super) levels: SpanList,
-    /// All points; the senders.
+    /// Span of all points, then the span of the senders.
     pub(super) whole: SpanList,
     /// For each tier, for each part of the links: the rows that it uses, as a range of `order` (a
     /// count of 0 where there are none).
@@ -53,7 +53,7 @@ pub struct SceneBuffers {
     pub(super) places: wgpu::Buffer,
     pub(super) surfaces: wgpu::Buffer,
     pub(super) rows: wgpu::Buffer,
-    /// The rows in the order of their links; behind them the senders' rows alone.
+    /// Rows in the order of their links, followed by the senders' rows alone.
     pub(super) order: wgpu::Buffer,
     pub(super) pull_starts: wgpu::Buffer,
     pub(super) pull_entries: wgpu::Buffer,
@@ -71,10 +71,11 @@ pub struct SceneBuffers {
     pub(super) senders: wgpu::Buffer,
     /// Visible part of the sky's terms for each sender. `None` if the bake has no such data.
     pub(super) sky: Option<wgpu::Buffer>,
-    /// Direct coefficients, kept while further bounces are added; made when a solve first has them.
+    /// Direct coefficients, kept while further bounces are added. Created by the first solve that
+    /// has further bounces.
     pub(super) direct: Option<wgpu::Buffer>,
-    /// Differences of the senders and what the operator makes of them, where the operator is in
-    /// that form.
+    /// Differences of the senders, and the operator's product with them. `None` if the operator has
+    /// another form.
     pub(super) differences: Option<[wgpu::Buffer; 2]>,
     /// Operator in the form of components. `None` if it has another form.
     pub(super) components: Option<ComponentBuffers>,
@@ -250,8 +251,8 @@ impl SceneBuffers {
         &self.shape
     }
 
-    /// Makes room for `slots` light slots; what is projected stays. Not between recording a frame
-    /// and its submission.
+    /// Grows the buffers to `slots` light slots. Existing projections stay. Do not call it between
+    /// recording a frame and its submission.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the projections of so many lights do not fit a binding.
@@ -265,8 +266,8 @@ impl SceneBuffers {
             return Ok(());
         }
         let make = Maker::new(device, queue);
-        // Half as much again, so that lights that come one by one do not each copy everything; what
-        // is needed where that is too much.
+        // Reserves half as much again, so that lights that are added one by one do not copy the
+        // buffer each time. Reserves only the required size if that is too much.
         let senders = self.shape.senders() as u64;
         let roomy = slots.max(self.slots + self.slots / 2);
         let projected = |slots: u32| {
@@ -332,7 +333,7 @@ impl SceneBuffers {
             Pass::ProbeNodes | Pass::ProbeOver | Pass::Volume => {
                 self.probes.as_ref().map(|p| &p.values)
             }
-            // What is on the screen, or seen from a light, is not a scene's.
+            // Buffers of views and of lights' maps are not part of a scene.
             _ => None,
         }
     }
@@ -424,7 +425,7 @@ impl ViewBuffers {
     }
 
     /// Sets the parameters of `probe` ([`GpuFrame::probe_params`](super::GpuFrame::probe_params))
-    /// for the frame that is submitted next; none for a scene without probes.
+    /// for the frame that is submitted next. `None` for a scene without probes.
     pub fn write_probes(
         &mut self,
         device: &wgpu::Device,

@@ -1,6 +1,6 @@
-//! Soft shadows on the device: what the kernel `soft_shadow` reads of a baked scene, and the
-//! recording of it and of `flatten` behind it. A scene without visibility, and one whose lights all
-//! cast hard shadows or none, makes no such buffers.
+//! Soft shadows on the device: the buffers that kernel `soft_shadow` reads, and the recording of
+//! this kernel and of `flatten`. A scene without visibility has no such buffers. The same holds if
+//! no light of the scene casts soft shadows.
 
 use super::dispatch::{MAX_GROUPS, compute};
 use super::error::GpuError;
@@ -14,14 +14,13 @@ use meshless_gi::internals::frame::{
 };
 use meshless_gi::internals::transport::pca::Visibility;
 
-/// The visibility of a baked scene on the device, its soft lights, and what is missing of their
-/// light.
+/// Visibility of a baked scene on the device, its soft lights, and their missing light.
 #[derive(Debug)]
 pub struct SoftShadowBuffers {
     params: wgpu::Buffer,
     solve: wgpu::Buffer,
     spans: wgpu::Buffer,
-    /// Levels behind those that remember, with the offsets of their spans.
+    /// Levels after those with visibility, with the offsets of their spans.
     levels: Vec<(u32, u32)>,
     lights: wgpu::Buffer,
     room: usize,
@@ -155,8 +154,8 @@ impl SoftShadowBuffers {
         })
     }
 
-    /// Records what is missing of the light of `lights` at all points of `scene`, which the buffers
-    /// were made for. Only when a light changed.
+    /// Records the missing light of `lights` at all points of `scene`, for which the buffers were
+    /// created. Call it only after a light changed.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more lights than the device binds.

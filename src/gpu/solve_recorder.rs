@@ -16,7 +16,8 @@ fn operands(b: &SceneBuffers) -> [&wgpu::Buffer; 2] {
     }
 }
 
-/// Records the steps of a solve. Each dispatch sees what the ones before it in the same pass wrote.
+/// Records the steps of a solve. Each dispatch reads the output of earlier dispatches in the same
+/// pass.
 pub(super) struct Recorder<'a> {
     pub kernels: &'a KernelPipelines,
     pub b: &'a SceneBuffers,
@@ -175,7 +176,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// Points without a row that is used take their parents' mean, level after level.
+    /// Sets points without a used row to their parents' mean, level after level.
     pub fn averages(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
         if levels.is_empty() {
             return;

@@ -1,7 +1,7 @@
-//! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl`
-//! (nodes) and `upsample`, in the order of [`meshless_gi::internals::frame::subsplats`]. Which
-//! cells are evaluated is decided on the device: lists that grow by atomics, and indirect
-//! dispatches. Nothing is read back.
+//! Records a view's subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and
+//! `upsample`. Their order is that of [`meshless_gi::internals::frame::subsplats`]. The device
+//! selects the cells to evaluate, by lists that grow by atomics and by indirect dispatches. Nothing
+//! is read back.
 
 use super::Pass;
 use super::dispatch::{MAX_GROUPS, compute};
@@ -14,14 +14,14 @@ use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::subsplat::LEVELS;
 use meshless_gi::internals::frame::{Span, SubsplatLevels, SubsplatNode, SubsplatParams};
 
-/// Words of a count: an indirect dispatch, how many items, how many cells were divided for them,
-/// the rest not used.
+/// Words of a count: an indirect dispatch, the number of items, the number of cells divided for
+/// them, and unused words.
 const COUNT: u64 = 8;
 
 /// The textures that a view's subsplats read and write. All have the size of the view's target.
 #[derive(Clone, Copy, Debug)]
 pub struct SubsplatTargets<'a> {
-    /// Depth, reversed (0 is infinitely far), one sample a pixel.
+    /// Depth, reversed (0 is infinitely far), one sample per pixel.
     pub depth: &'a wgpu::TextureView,
     /// Bevy's deferred G-buffer, `Rgba32Uint`.
     pub gbuffer: &'a wgpu::TextureView,
@@ -42,19 +42,19 @@ pub struct NodeLights<'a> {
     pub shadows: Option<VplShadows<'a>>,
 }
 
-/// A view's buffers, and what is recorded of it.
+/// Buffers of a view, and its recording.
 #[derive(Debug)]
 pub struct SubsplatBuffers {
     levels: SubsplatLevels,
     finest: u32,
     params: wgpu::Buffer,
-    /// A span a level: which, and how many items its list has room for.
+    /// Spans of the levels: the level, and the capacity of its list in items.
     spans: wgpu::Buffer,
     stride: u32,
     cells: wgpu::Buffer,
     nodes: wgpu::Buffer,
     lists: wgpu::Buffer,
-    /// One a level: what is dispatched from a buffer is not written in the same dispatch.
+    /// Counts, one buffer per level. A dispatch can't write the buffer that it is dispatched from.
     counts: Vec<wgpu::Buffer>,
     /// A count of nothing.
     none: wgpu::Buffer,
@@ -179,14 +179,14 @@ impl SubsplatBuffers {
         &self.lists
     }
 
-    /// The count of level `k`: words 3 and 4 are its items, and how many cells were divided for
-    /// them.
+    /// Returns the count of level `k`. Word 3 is the number of its items, word 4 the number of
+    /// cells divided for them.
     #[must_use]
     pub fn count_of(&self, k: u32) -> &wgpu::Buffer {
         &self.counts[k as usize]
     }
 
-    /// Sets the parameters for the frame that is submitted next; their levels are
+    /// Sets the parameters for the frame that is submitted next. Their levels are
     /// [`SubsplatBuffers::levels`].
     pub fn write(&mut self, queue: &wgpu::Queue, params: &SubsplatParams) {
         debug_assert_eq!(params.levels(), self.levels);
@@ -194,8 +194,8 @@ impl SubsplatBuffers {
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(params));
     }
 
-    /// Records everything between the G-buffer and the irradiance of every pixel. `scenes` are
-    /// asked in their order; `lights` are added.
+    /// Records all passes between the G-buffer and the irradiance of every pixel. `scenes` are
+    /// evaluated in their order. `lights` are added.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,
@@ -249,7 +249,7 @@ impl SubsplatBuffers {
     }
 }
 
-/// Records dispatches into one pass; each sees what the ones before it wrote.
+/// Records dispatches into one pass. Each dispatch reads the output of earlier ones.
 struct Recorder<'a> {
     kernels: &'a KernelPipelines,
     b: &'a SubsplatBuffers,
@@ -265,7 +265,7 @@ enum Groups<'a> {
 }
 
 impl Recorder<'_> {
-    /// Binds and dispatches; `level` is the span where the pass has one.
+    /// Binds and dispatches a pass. `level` is the span of the pass, if it has one.
     fn run(
         &mut self,
         which: Pass,
@@ -345,7 +345,7 @@ impl Recorder<'_> {
         );
     }
 
-    /// The light of what level `k` lists.
+    /// Evaluates the light of the items in the list of level `k`.
     fn evaluate(
         &mut self,
         k: u32,
@@ -376,7 +376,7 @@ impl Recorder<'_> {
                 &Groups::From(count),
             );
         }
-        // What moves, where none of them covers a node.
+        // Probes light the nodes that no surface function covers, such as those of dynamic objects.
         for (scene, view) in scenes {
             let (Some(probes), Some(params)) = (&scene.probes, &view.probes) else {
                 continue;
@@ -474,7 +474,7 @@ impl Recorder<'_> {
 }
 
 impl SubsplatBuffers {
-    /// The spans, to be bound at a level's offset.
+    /// Returns the binding of the spans, for a dynamic offset per level.
     fn span(&self) -> wgpu::BindingResource<'_> {
         wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &self.spans,

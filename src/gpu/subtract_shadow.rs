@@ -1,5 +1,5 @@
-//! Records what soft shadows take from a view: the kernel `subtract_shadow`, for one baked scene in
-//! one view. A view whose lights cast none makes no such buffers.
+//! Records the light that soft shadows subtract from a view: the kernel `subtract_shadow`, for one
+//! baked scene in one view. A view without soft shadows has no such buffers.
 
 use super::dispatch::compute;
 use super::error::GpuError;
@@ -114,9 +114,8 @@ impl SubtractShadowBuffers {
         Ok(())
     }
 
-    /// Writes the radiance that is missing at each pixel, for [`draw_over`](super::draw_over).
-    /// `tables` are two layers, see
-    /// [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
+    /// Writes the missing radiance of each pixel, for [`draw_over`](super::draw_over). `tables` are
+    /// two layers, see [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,6 +1,6 @@
-//! Light in free space for what is drawn forward, on the device: the recording of kernel `volume`
-//! over a texture that an engine reads. A scene whose volume nobody asks for has neither parameters
-//! nor places nor a texture.
+//! Probe light for forward rendering, on the device: the recording of kernel `volume` over a
+//! texture that an engine reads. A scene whose volume no camera shows has no parameters, weights or
+//! texture.
 
 use super::dispatch::compute;
 use super::maker::{Maker, uniform};
@@ -24,7 +24,7 @@ pub struct VolumeBuffers {
 }
 
 impl VolumeBuffers {
-    /// For one volume, all of whose places are found.
+    /// Creates the buffers of one volume with complete weights.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the shares do not fit a binding; within WebGPU's default limits
@@ -91,10 +91,10 @@ impl VolumeBuffers {
 }
 
 impl GpuFrame {
-    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of
-    /// [`VoxelGrid::texels`] that may be stored to, from the values of probes and points as the
-    /// last [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places
-    /// were found in this scene. Nothing for a scene without probes.
+    /// Writes every texel of `voxels` from the values of probes and points after the last
+    /// [`solve`](Self::solve). `voxels` is a view of a three-dimensional `Rgba16Float` texture of
+    /// [`VoxelGrid::texels`] with storage usage. `params` have the shape of `buffers`, whose
+    /// weights were computed in this scene. Does nothing for a scene without probes.
     pub fn volume(
         &mut self,
         kernels: &KernelPipelines,

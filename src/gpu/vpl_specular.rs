@@ -1,7 +1,7 @@
-//! Records what a view's glossy surfaces show of virtual point lights: the kernel `vpl_specular`,
-//! level by level, and its pixels, in the order of
-//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). Which
-//! lights are evaluated where is decided on the device; nothing is read back.
+//! Records specular reflection of virtual point lights in a view: the kernel `vpl_specular`, level
+//! by level, and its pixels. The order is that of
+//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). The
+//! device selects the lights of each node. Nothing is read back.
 
 use super::Pass;
 use super::dispatch::compute;
@@ -14,14 +14,14 @@ use meshless_gi::internals::frame::{
     Span, SpecularNode, SpecularParams, SubsplatLevels, SubsplatParams,
 };
 
-/// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many
-/// of those from 2: about 6.6 bytes a pixel.
+/// Buffers of a view, and its recording. They take 16 bytes per node of the levels from 1, and the
+/// same for those from 2: about 6.6 bytes per pixel.
 #[derive(Debug)]
 pub struct SpecularBuffers {
     levels: SubsplatLevels,
     screen: wgpu::Buffer,
     wanted: wgpu::Buffer,
-    /// A span a level: which.
+    /// Spans of the levels.
     spans: wgpu::Buffer,
     stride: u32,
     shines: wgpu::Buffer,
@@ -30,8 +30,8 @@ pub struct SpecularBuffers {
 }
 
 impl SpecularBuffers {
-    /// Buffers for views of these levels ([`SubsplatParams::levels`] of what
-    /// [`SpecularSettings::params`](meshless_gi::SpecularSettings::params) gives).
+    /// Creates buffers for views of these levels: [`SubsplatParams::levels`] of the parameters from
+    /// [`SpecularSettings::params`](meshless_gi::SpecularSettings::params).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.
@@ -134,7 +134,7 @@ impl SpecularBuffers {
         &self.refine_masks
     }
 
-    /// Sets the parameters for the frame that is submitted next; their levels are
+    /// Sets the parameters for the frame that is submitted next. Their levels are
     /// [`SpecularBuffers::levels`].
     pub fn write(&mut self, queue: &wgpu::Queue, screen: &SubsplatParams, wanted: &SpecularParams) {
         debug_assert_eq!(screen.levels(), self.levels);

@@ -1,7 +1,7 @@
 //! The baked scene as a Bevy asset, and the part of the plugin that loads and processes it.
 //!
-//! Hot reload: when a `.mgi` file is baked again and Bevy watches files, the new bake replaces the
-//! old one in every scene that uses the handle, in the frame in which it has loaded.
+//! Hot reload: if Bevy watches files and a `.mgi` file is baked again, the new bake replaces the
+//! old one in every scene with the handle. This happens in the frame in which it has loaded.
 
 use super::level_check::{GiStaleBakes, LevelChecker, LevelReports, warn_stale};
 use super::{GiBakedSceneLoader, GiSystems};

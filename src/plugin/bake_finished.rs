@@ -4,9 +4,9 @@ use super::bake_error::GiBakeError;
 use super::bake_summary::GiBakeSummary;
 use bevy::ecs::prelude::*;
 
-/// Triggered on an entity when its bake has ended. After success its
-/// [`GiScene`](super::GiScene) is present; after an error the entity keeps the one it had.
-/// A bake that was replaced, or whose entity or component was removed, triggers none.
+/// Triggered on an entity when its bake has ended. After success its [`GiScene`](super::GiScene) is
+/// present. After an error the entity keeps its previous one. A bake that was replaced triggers
+/// none. The same holds if its entity or component was removed.
 ///
 /// ```no_run
 /// use bevy::prelude::*;

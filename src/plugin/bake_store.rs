@@ -1,4 +1,4 @@
-//! Bakes of recipes beside the folder of processed assets, each with the key of its input.
+//! Bakes of recipes next to the folder of processed assets, each with the key of its input.
 //!
 //! Bevy's asset processor truncates an asset's output before its processor runs, and it bakes again
 //! whenever the hash of an input's `.meta` changes, which depends on the loaders of the app. The

@@ -16,7 +16,7 @@
 //! Scenes of Bevy meshes need no `TriangleMesh`: see [`GiBakeRequest`].
 //!
 //! The bake runs on threads of its own, one less than the machine has, so that the game stays
-//! alive; none of Bevy's task pools waits for it. Despawning the entity or removing the component
+//! responsive. It blocks none of Bevy's task pools. Despawning the entity or removing the component
 //! cancels it.
 
 use super::asset::GiBakedScene;
@@ -62,7 +62,7 @@ pub(super) type NamedMaterials = Vec<(String, Handle<StandardMaterial>)>;
 /// Result of the thread of a [`GiBakeTask`].
 pub(super) type Outcome = Result<BakeOutput, GiBakeError>;
 
-/// A baked scene, with what its summary needs.
+/// Baked scene, and the data of its summary.
 pub(super) struct BakeOutput {
     pub(super) scene: BakedScene,
     pub(super) seconds: f64,

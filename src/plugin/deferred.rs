@@ -40,7 +40,7 @@ impl ReadyDisplays {
 /// Views with Bevy's deferred lighting.
 type Lit = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
 
-/// Removes the volumes from the deferred lighting of views that have a display and see a volume,
+/// Removes the volumes from the deferred lighting of views that have a display and show a volume,
 /// and compiles the pipelines for that. Runs after Bevy's choice of the pipeline.
 pub(crate) fn leave_volumes_out(
     mut commands: Commands,

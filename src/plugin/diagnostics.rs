@@ -11,8 +11,8 @@
 //! | `meshless_gi/subsplats/saved` | their pixels that were not evaluated |
 //! | `meshless_gi/dispatches/<stage>` | dispatches (draws, for `composite`; both, for `fog`) of a stage |
 //!
-//! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With
-//! pipelined rendering that frame is one behind the main world's.
+//! Pipelines, buffers and bytes are current totals. The other counters refer to the last rendered
+//! frame. With pipelined rendering that frame is one behind the main world's.
 
 use super::effects::{EFFECTS, stages};
 use crate::plan::{FrameStage, Plan};
@@ -43,17 +43,17 @@ pub struct FrameStats {
     pub active_scenes: u32,
     /// Light slots projected.
     pub projected_slots: u32,
-    /// Dispatches (draws, for the composite) of each stage; a stage that did not run is missing.
+    /// Dispatches (draws, for the composite) of each stage. A stage that did not run is missing.
     pub dispatches: BTreeMap<FrameStage, u32>,
     /// The scenes that were solved, by the bits of their roots, and with which tier of the
     /// operator.
     pub solved: BTreeMap<u64, u32>,
-    /// For the views that are shown by subsplats, by the bits of their cameras: how many, in a
-    /// frame not long ago.
+    /// Counts of subsplats of each view that uses them, by the bits of its camera. The counts are a
+    /// few frames old.
     pub subsplats: BTreeMap<u64, SubsplatCounts>,
-    /// The plan of the frame: what runs and why, what does not, what it is expected to cost and
-    /// what it cost in the frames before, what was decided ([`Plan::decisions`]), and what the
-    /// world has ([`Plan::inventory`]). In words by its `Display`.
+    /// Plan of the frame: passes and reasons, skipped passes, expected and measured costs,
+    /// decisions ([`Plan::decisions`]) and inventory ([`Plan::inventory`]). Its `Display` writes it
+    /// as text.
     pub plan: Plan,
 }
 
@@ -80,8 +80,8 @@ impl GiFrameStats {
             .clone()
     }
 
-    /// Bytes on the device of the scene on the root with these bits; `None` if the device does not
-    /// hold `bake`.
+    /// Returns the bytes on the device of the scene on the root with these bits. `None` if the
+    /// device does not hold `bake`.
     pub(crate) fn bytes_of(&self, root: u64, bake: &Arc<BakedScene>) -> Option<u64> {
         let counters = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let held = counters.scene_bakes.get(&root)?;

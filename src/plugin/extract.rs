@@ -44,13 +44,13 @@ use std::sync::Arc;
 /// A baked scene of the main world, extracted for the render world.
 pub(crate) struct ExtractedScene {
     pub id: SceneId,
-    /// The bake; `None` while it loads.
+    /// Bake of the scene. `None` while it loads.
     pub bake: Option<Arc<BakedScene>>,
     pub placement: Option<SimilarityTransform>,
     pub shown: bool,
     pub layers: RenderLayers,
     pub solver: GiSolver,
-    /// Luminance of a baked emissive value of 1, cd/m²; not negative.
+    /// Luminance of a baked emissive value of 1, cd/m². It is not negative.
     pub emissive_luminance: f32,
     /// The sky's radiance in the bake's local space.
     pub sky: SkyRadiance,
@@ -122,7 +122,7 @@ pub(crate) struct View {
     brought: Brought,
 }
 
-/// Returns `true` if a camera with this frustum and these layers sees the scene's bounds.
+/// Returns `true` if the scene's bounds intersect the frustum and the layers of a camera.
 pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &RenderLayers) -> bool {
     let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
         return false;

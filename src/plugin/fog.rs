@@ -1,6 +1,6 @@
-//! Fog that a level lights: Bevy draws its volumetric fog with lights and the camera's ambient
-//! light; behind that, kernel [`fog`](meshless_gi::internals::frame::fog) adds what the fog sends
-//! to the eye of the level's light in free space, which it reads from the level's
+//! Fog that a scene lights. Bevy draws its volumetric fog with lights and the camera's ambient
+//! light. After that, kernel [`fog`](meshless_gi::internals::frame::fog) adds the scene's indirect
+//! light that the fog sends to the eye. It reads this light from the scene's
 //! [`GiIrradianceVolume`].
 //!
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and
@@ -47,7 +47,7 @@ pub(crate) struct LitFog {
     pub density: Option<AssetId<Image>>,
 }
 
-/// A camera that sees fog.
+/// Camera that shows fog.
 pub(crate) struct ExtractedFogView {
     id: ViewId,
     pixels: u64,
@@ -56,7 +56,7 @@ pub(crate) struct ExtractedFogView {
     pub lit: Vec<LitFog>,
 }
 
-/// Cameras that see fog, and the scenes that light it. Where several scenes overlap the first one
+/// Cameras that show fog, and the scenes that light it. If several scenes overlap, the first one
 /// lights the fog.
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedFogs {
@@ -71,7 +71,7 @@ impl ExtractedFogs {
         self.views.iter().any(|view| view.lit.iter().any(lights))
     }
 
-    /// The fog that a camera sees.
+    /// Returns the fog that a camera shows.
     pub fn view(&self, id: ViewId) -> Option<&ExtractedFogView> {
         self.views.iter().find(|view| view.id == id)
     }
@@ -106,7 +106,7 @@ fn rgb(color: Color) -> Vec3 {
     LinearRgba::from(color).to_vec3()
 }
 
-/// Bevy's fog in the core's terms; none where that is no fog.
+/// Converts Bevy's fog to the type of the core. `None` if it is no fog.
 fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
     let affine = transform.affine();
     let found = Fog {
@@ -198,7 +198,7 @@ pub(crate) fn extract_fogs(
             let [low, high] = bounds;
             let middle = Affine3A::from_translation(0.5 * (low + high));
             let cube = placement.world_from_local * middle * Affine3A::from_scale(high - low);
-            // A level without a height has no air.
+            // A fog volume without height has no air.
             if cube.matrix3.determinant() == 0.0 {
                 continue;
             }
@@ -253,7 +253,7 @@ pub(crate) fn extract_fogs(
     }
 }
 
-/// Says once where ambient light is in fog that a level lights. Runs in
+/// Warns once if fog that a scene lights also has ambient light. Runs in
 /// [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_fog(
     settings: Res<GiSettings>,

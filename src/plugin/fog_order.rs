@@ -1,7 +1,7 @@
-//! When light in fog is added to a picture: behind Bevy's volumetric fog, which is private and runs
-//! before all of `EarlyPostProcess`, and before all else that is in that set, temporal
-//! anti-aliasing among it, which this crate cannot name either: it is a part of Bevy that an app
-//! may be without.
+//! Order of the pass that adds light in fog to a picture. It runs after Bevy's volumetric fog,
+//! which is private and runs before all of `EarlyPostProcess`. It runs before all other systems in
+//! that set, such as temporal anti-aliasing. This crate cannot name that system, because an app may
+//! lack that part of Bevy.
 
 use super::sets::GiRenderSystems;
 use bevy::core_pipeline::schedule::Core3dSystems;
@@ -13,8 +13,8 @@ use bevy::ecs::schedule::{
 use bevy::ecs::world::World;
 use bevy::platform::collections::{HashMap, HashSet};
 
-/// Puts [`GiRenderSystems::CompositeFog`] before the other systems of `EarlyPostProcess`, but for
-/// those that are ordered before it.
+/// Puts [`GiRenderSystems::CompositeFog`] before the other systems of `EarlyPostProcess`, except
+/// for those that are ordered before it.
 #[derive(Debug, Default)]
 pub(crate) struct FogFirst {
     members: HashMap<SystemSetKey, Vec<SystemKey>>,

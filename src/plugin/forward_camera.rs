@@ -60,8 +60,8 @@ pub(crate) type ForwardDisplays<'w, 's> =
     Query<'w, 's, (Entity, ForwardParts), (Without<GiCamera>, Without<GiRsmCamera>)>;
 
 impl ForwardPartsItem<'_, '_> {
-    /// Returns the view for the render world. It sees only scenes that have a volume, because
-    /// surfaces read their light through the volume.
+    /// Returns the view for the render world. It has only scenes with a volume, because surfaces
+    /// read their light through the volume.
     pub fn view(
         &self,
         entity: Entity,

@@ -1,13 +1,12 @@
 //! The display of views that are not deferred, read by Bevy's forward shader itself.
 //!
-//! Every view that Bevy draws meshes in has a texture at binding 24 of its bind group,
-//! `view_transmission_texture` (bevy_pbr `render/mesh_view_bindings.rs`): the fallback, or what
-//! transmissive materials see through them. It is read in the transmissive pass alone, after the
-//! opaque pass, and Bevy copies the picture into it first. So it is free while opaque surfaces are
-//! drawn, and holds the display then: light of the pixel's surface, and that surface's distance.
-//! The shader module that stands in for Bevy's irradiance volumes
-//! (`shaders/engine/irradiance_volume.wgsl`) reads it there, and answers with the volume where the
-//! distance is another one.
+//! Bevy binds a texture at binding 24 in every view with meshes: `view_transmission_texture`
+//! (bevy_pbr `render/mesh_view_bindings.rs`). It is a fallback, or the picture behind transmissive
+//! materials. Only the transmissive pass reads it, after the opaque pass, and Bevy copies the
+//! picture into it first. It is free while opaque surfaces are drawn. During that time it holds the
+//! display: the light of the pixel's surface, and that surface's distance. The replacement of
+//! Bevy's module of irradiance volumes (`shaders/engine/irradiance_volume.wgsl`) reads it there. It
+//! returns the light of the volume if the distance differs.
 //!
 //! | when | system | does |
 //! |---|---|---|
@@ -239,7 +238,7 @@ type View = (
     Option<&'static TemporalJitter>,
 );
 
-/// Evaluates the display, and writes what surfaces read.
+/// Evaluates the display, and writes the texture that surfaces read.
 pub(crate) fn draw(
     view: ViewQuery<View>,
     forward: Res<ForwardViews>,

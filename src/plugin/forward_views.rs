@@ -3,19 +3,19 @@
 //!
 //! Bevy 0.19 draws an opaque material of the deferred method in the G-buffer alone.
 //! `queue_material_meshes` leaves it out of the main pass of every view (bevy_pbr `material.rs`,
-//! arm `RenderPhaseType::Opaque`), so a camera without a deferred prepass shows the clear color.
-//! `queue_prepass_material_meshes` adds it to a phase that such a view does not have, and panics
-//! where the view has a depth, normal or motion vector prepass (`prepass/mod.rs`,
-//! `opaque_deferred_phase.as_mut().unwrap()`). The pipelines of both passes exist: Bevy specializes
-//! them for each view before it looks at the method.
+//! arm `RenderPhaseType::Opaque`). Therefore a camera without a deferred prepass shows the clear
+//! color. `queue_prepass_material_meshes` adds it to a phase that such a view does not have. It
+//! panics if the view has a depth, normal or motion vector prepass (`prepass/mod.rs`,
+//! `opaque_deferred_phase.as_mut().unwrap()`). The pipelines of both passes exist, because Bevy
+//! specializes them for each view before it checks the method.
 //!
-//! The systems here run around those two. They add what was left out under the keys that Bevy uses
-//! for forward materials, over the same lists of changed meshes, so that a view without a deferred
-//! prepass is drawn as with `DefaultOpaqueRendererMethod::forward()`.
+//! The systems here run around those two. They add the omitted meshes under the keys that Bevy uses
+//! for forward materials, over the same lists of changed meshes. A view without a deferred prepass
+//! is then drawn as with `DefaultOpaqueRendererMethod::forward()`.
 //!
 //! Masked materials have the opposite fault: a view with a G-buffer draws them in it and again in
-//! the main pass. Where the view has a display, that second draw would add the light of a volume to
-//! pixels that the display lights, so it is taken out.
+//! the main pass. In a view with a display, the second draw would add the light of a volume to
+//! pixels that the display lights. It is removed there.
 
 use super::extract::ExtractedGi;
 use crate::plan::ViewId;
@@ -84,7 +84,7 @@ pub(crate) struct Changed<'w> {
     support: Res<'w, GpuPreprocessingSupport>,
 }
 
-/// A mesh of a deferred material, and what the keys of its phases are made of.
+/// Mesh of a deferred material, and the data of its phase keys.
 struct DeferredMesh<'a> {
     entity: (Entity, MainEntity),
     material: &'a PreparedMaterial,
@@ -109,8 +109,8 @@ impl Changed<'_> {
         })
     }
 
-    /// The mesh of an entity; none where its material is not deferred, or an asset is not there
-    /// yet: Bevy then queues it in a later frame.
+    /// Returns the mesh of an entity. `None` if its material is not deferred, or an asset is
+    /// missing. In that case Bevy queues it in a later frame.
     fn find(&self, entity: Entity, main: MainEntity) -> Option<DeferredMesh<'_>> {
         let used = self.used.instances.get(&main)?;
         let material = self.materials.get(used.asset_id)?;

@@ -1,4 +1,4 @@
-//! Drawings of what a bake is made of, off by default.
+//! Debug drawings of a bake, off by default.
 //!
 //! Turn them on with `GizmoConfigStore`: `store.config_mut::<GiGizmos>().0.enabled = true`, and
 //! choose in the group what to draw. Points come from the baked asset. The green dots of [L08]

@@ -23,12 +23,12 @@ impl DeviceCosts {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes into the plan what is known.
+    /// Writes the known costs into the plan.
     pub fn price(&self, plan: &mut Plan) {
         self.model().price(plan);
     }
 
-    /// Another device: nothing is known of it.
+    /// Removes all costs. Used after a change of the device.
     pub fn forget(&self) {
         *self.model() = CostModel::new();
     }
@@ -92,6 +92,6 @@ pub(crate) fn learn(
             model.measured(*timed, found.value as f32);
         }
     }
-    // What no plan has had for long is gone.
+    // Spans that no plan had for long are removed.
     seen.retain(|_, (_, frame)| *frame + 1000 > counters.frame);
 }

@@ -1,6 +1,6 @@
-//! Takes the [inventory](crate::plan::Inventory) of the world: in the main world, which materials
-//! want a normal map, looked at where one changes; in extraction, after scenes and lights were
-//! read, everything else.
+//! Takes the [inventory](crate::plan::Inventory) of the world. The main world collects materials
+//! with a normal map, each after a change. Extraction collects everything else, after it has read
+//! scenes and lights.
 
 use super::camera::GiCamera;
 use super::extract::{
@@ -28,7 +28,7 @@ use std::sync::Arc;
 #[derive(Resource, Debug, Default)]
 pub(crate) struct NormalMaps(HashSet<AssetId<StandardMaterial>>);
 
-/// Follows the materials that came, changed or went in this frame; no other is looked at.
+/// Updates the materials that were added, changed or removed in this frame.
 pub(crate) fn follow_materials(
     mut found: ResMut<NormalMaps>,
     mut events: MessageReader<AssetEvent<StandardMaterial>>,

@@ -1,5 +1,5 @@
-//! File of a scene and the files that it names, read in an asset loader, in the build step or from
-//! the folder of the sources.
+//! File of a scene and the files that it names. An asset loader, the build step, or a reader of the
+//! source folder loads them.
 
 use super::recipe_loader::RecipeLoadError;
 use bevy::asset::AssetPath;

@@ -7,7 +7,7 @@ use bevy::reflect::prelude::*;
 use meshless_gi::{AssetError, BakedScene, Limits};
 use serde::{Deserialize, Serialize};
 
-/// Loads `.mgi` files, and what the asset processor makes of recipes.
+/// Loads `.mgi` files, and the outputs of the asset processor for recipes.
 #[derive(Clone, Debug, Default, TypePath)]
 pub struct GiBakedSceneLoader {
     pub(crate) checker: LevelChecker,
@@ -18,7 +18,7 @@ pub struct GiBakedSceneLoader {
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct GiBakedSceneLoaderSettings {
-    /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything
+    /// Largest size of a bake in memory, bytes, decoded. Larger files are refused before anything
     /// is allocated.
     pub max_bytes: u64,
     /// Condition for reading the scene file next to the bake, to detect a stale bake.
@@ -44,7 +44,7 @@ pub enum GiLoadError {
     /// The bytes are no whole bake.
     #[error("this is no usable bake: {0}")]
     Asset(#[from] AssetError),
-    /// There are no bytes: what an asset processor leaves behind when a bake fails.
+    /// The file has no bytes: an asset processor leaves such a file after a failed bake.
     #[error("the file is empty: its bake failed; read the asset processor's log, or bake again")]
     Empty,
 }

@@ -31,9 +31,9 @@ pub struct GiDynamicMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
 pub(crate) struct ResolvedMaterials {
     bake: Weak<BakedScene>,
     named: Vec<(String, Handle<StandardMaterial>)>,
-    /// Places in `named` and among the bake's materials, in the order of the former.
+    /// Pairs of an index in `named` and an index of the bake's materials, in the order of `named`.
     at: Vec<(usize, usize)>,
-    /// Names that the bake does not know, or all of them where it knows no materials.
+    /// Names that the bake lacks. All names if it has no materials.
     unknown: Vec<String>,
 }
 
@@ -62,8 +62,8 @@ impl ResolvedMaterials {
         };
     }
 
-    /// The factors of the bake's materials now, none where it knows no materials, and the names
-    /// that it does not know.
+    /// Returns the current factors of the bake's materials, and the names that the bake lacks. The
+    /// factors are empty if it has no materials.
     pub fn factors(
         &mut self,
         bake: &Arc<BakedScene>,
@@ -90,8 +90,8 @@ impl ResolvedMaterials {
 
 type Textures = [Option<AssetId<Image>>; 2];
 
-/// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs
-/// in [`GiSystems::Validate`](super::GiSystems::Validate).
+/// Warns if a live material gets another texture, because indirect light keeps the bake's texture.
+/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,

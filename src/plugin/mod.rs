@@ -4,27 +4,27 @@
 //!
 //! | file | world, schedule | does |
 //! |---|---|---|
-//! | `points` | main, `Update` | gives point clouds what they are drawn as |
-//! | `entity_bake` | main, `Last` | starts bakes of the meshes below roots that ask for one |
-//! | `check` | main, `Last` | warns of what would be counted twice |
-//! | `level_check` | main, `Last` | warns of bakes whose level has changed since |
+//! | `point_cloud` | main, `Update` | inserts the meshes of point clouds |
+//! | `entity_bake` | main, `Last` | starts bakes of the meshes below roots with a request |
+//! | `validation` | main, `Last` | warns of light that counts twice |
+//! | `level_check` | main, `Last` | warns of bakes whose scene has changed since |
 //! | `check_display` | main, `Last` | warns of a bake that no camera displays |
-//! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
+//! | `rsm` | main, `PostUpdate` | positions the cameras of reflective shadow maps |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
-//! | `inventory` | both | counts what there is and what changed of it |
+//! | `inventory` | both | counts entities and their changes |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
-//! | `volume` | both | light in free space as one of Bevy's irradiance volumes, for cameras without a G-buffer |
-//! | `volume_shader` | main, `PostUpdate` | has Bevy read such a volume with its walls in mind |
-//! | `soft_shadow` | both | lights with soft shadows, and what is taken from the picture for them |
-//! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
+//! | `volume` | both | probe light as one of Bevy's irradiance volumes, for cameras without a G-buffer |
+//! | `volume_shader` | main, `PostUpdate` | replaces Bevy's shader of irradiance volumes by one that respects walls |
+//! | `soft_shadow` | both | lights with soft shadows, and the light that they subtract from the picture |
+//! | `rsm_render` | render, before the other cameras | draws dynamic objects into those maps |
 //! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
-//! | `record` | render, in `compute` and the two below | walks the plan's passes; `effects` records each |
-//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds that to the pictures of deferred cameras |
-//! | `forward_display` | render, `Core3d` of each camera, before opaque | hands it to the surfaces of forward cameras |
-//! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
+//! | `record` | render, in `compute` and the two below | iterates over the plan's passes, which `effects` records |
+//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds irradiance to the pictures of deferred cameras |
+//! | `forward_display` | render, `Core3d` of each camera, before opaque | provides irradiance to the surfaces of forward cameras |
+//! | `fog` | render, `Core3d` of each camera, after Bevy's volumetric fog | adds indirect light that fog scatters to the eye |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
-//! | `costs` | both | what the device's clock says of the passes, to the next plans |
-//! | `decisions` | main, `PreUpdate` | logs changes of the plan's decisions (DEBUG) |
+//! | `gpu_timings` | both | provides measured pass times to the next plans |
+//! | `plan_log` | main, `PreUpdate` | logs changes of the plan's decisions (DEBUG) |
 //! | `scene_log` | main, `PreUpdate` | logs one line per scene when its light starts (INFO) |
 
 mod asset;

@@ -175,7 +175,7 @@ fn is_seen(scene: &ExtractedScene, world: &ExtractedWorld) -> bool {
     world.gi.views.iter().any(sees) || SceneVolume::seen(&world.volumes, scene.id)
 }
 
-/// Describes the lights, occluders and volume of a scene that is seen.
+/// Describes the lights, occluders and volume of a scene in view.
 fn observe_lights(
     runtime: &mut SceneRuntime,
     scene: &ExtractedScene,

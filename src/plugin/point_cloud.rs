@@ -1,14 +1,14 @@
 //! Point clouds in a game: an asset for `.ply` files, and the component that draws one.
 //!
-//! A cloud is drawn as what rays meet at the bake: the flat cell of each point
-//! ([`PointCloud::outline`]), in the point's own color, shaded with normals that change smoothly
-//! from cell to cell ([`PointCloud::corner_normals`]). Drawn so it is an ordinary deferred mesh:
-//! lights and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on
-//! it as on any other.
+//! A cloud is drawn as the surface that rays hit in the bake: the flat cell of each point
+//! ([`PointCloud::outline`]). Cells have the point's own color and normals that change smoothly
+//! from cell to cell ([`PointCloud::corner_normals`]). The result is an ordinary deferred mesh.
+//! Bevy's lights and shadow maps, a bake's indirect light and the bounce from dynamic objects
+//! affect it as any other mesh.
 //!
-//! Each cell has a face to either side, the back's a little behind the front's: at the edge of a
-//! bent surface one looks at the backs of cells that stick out past it, and they would be dark
-//! where no light gets.
+//! Each cell has a face on either side, and the back face lies a little behind the front face. At
+//! the edge of a bent surface, the backs of cells that stick out are visible. They would be dark if
+//! no light reached them.
 
 use bevy::asset::RenderAssetUsages;
 use bevy::asset::io::Reader;
@@ -28,23 +28,23 @@ use meshless_gi::{PointCloud, SceneError};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A point cloud, and what it is drawn as. `asset_server.load::<GiPointCloudAsset>("statue.ply")`.
+/// Point cloud, and its meshes and material. Load it with
+/// `asset_server.load::<GiPointCloudAsset>("statue.ply")`.
 #[derive(Asset, TypePath, Clone, Debug)]
 pub struct GiPointCloudAsset {
     /// The points, in the cloud's own space: meters, linear albedo.
     pub cloud: Arc<PointCloud>,
-    /// Their cells, colored as the points are, in parts of 100,000 points at most, as no device has
-    /// room for a mesh of any size; the labeled assets `Mesh0`, `Mesh1`, …
+    /// Meshes of the cells, in the points' colors. Each has at most 100,000 points, because devices
+    /// limit the size of a mesh. Labeled assets `Mesh0`, `Mesh1`, …
     #[dependency]
     pub meshes: Vec<Handle<Mesh>>,
-    /// White and rough; the labeled asset `Material`.
+    /// White, rough material. Labeled asset `Material`.
     #[dependency]
     pub material: Handle<StandardMaterial>,
 }
 
-/// Draws a point cloud: it puts a [`Mesh3d`] and a [`MeshMaterial3d`] beside itself when the cloud
-/// is there, and others when the handle or the cloud changes. A material that is there already
-/// stays.
+/// Draws a point cloud. Inserts a [`Mesh3d`] and a [`MeshMaterial3d`] when the cloud has loaded,
+/// and replaces them when the handle or the cloud changes. An existing material stays.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Transform, Visibility)]
@@ -59,8 +59,8 @@ pub struct GiPointCloudLoader;
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct GiPointCloudLoaderSettings {
-    /// Places in free space, meters: where a file has no normals, a closed surface around one of
-    /// them faces it; all others face outwards.
+    /// Positions in empty space, meters. In a file without normals, a closed surface around one of
+    /// them faces it. All other surfaces face outwards.
     pub viewpoints: Vec<[f32; 3]>,
 }
 
@@ -199,7 +199,7 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiPointCloudPart;
 
-/// Gives point clouds what they are drawn as, and takes it from those that are none any more.
+/// Inserts the meshes of point clouds, and removes them from entities without a cloud.
 #[allow(clippy::type_complexity, reason = "what a query reads")]
 pub(crate) fn spawn_point_cloud_meshes(
     mut commands: Commands,
@@ -262,8 +262,7 @@ type Drawn = (
     Has<NotShadowReceiver>,
 );
 
-/// Parts of clouds are drawn as their clouds are, whatever a game makes of these. Runs behind
-/// [`spawn_point_cloud_meshes`].
+/// Copies the render components of clouds to their parts. Runs after [`spawn_point_cloud_meshes`].
 pub(crate) fn sync_point_cloud_parts(
     mut commands: Commands,
     parts: Query<(Entity, &ChildOf, Drawn), With<GiPointCloudPart>>,

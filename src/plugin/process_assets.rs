@@ -10,12 +10,12 @@
 //! }
 //! ```
 //!
-//! Recipes become bakes; all other files are copied, so that an app with `AssetMode::Processed` and
-//! no asset processor of its own loads them with its own loaders. A recipe is baked again only if
-//! its text, the level, a file that the level names, or the bake version has changed. Bakes are
-//! kept in `meshless_gi` beside the folder of the processed assets, where an app's asset processor
-//! looks too: keep that folder between runs. Outputs that a run made are removed by a later run if
-//! their source is gone.
+//! Recipes become bakes. All other files are copied, for apps with `AssetMode::Processed` and no
+//! asset processor of their own. Such an app loads the copies with its own loaders. A recipe is
+//! baked again only if its text, the scene, a file that the scene names, or the bake version has
+//! changed. Bakes are kept in `meshless_gi` next to the folder of the processed assets, for later
+//! runs and the app's asset processor. Keep that folder between runs. A run removes outputs of
+//! earlier runs if their source is gone.
 
 use super::asset_folders::{base_folder, source_file};
 use super::bake_processor::GiBakeProcessor;
@@ -43,7 +43,7 @@ use std::time::{Duration, Instant};
 /// `BEVY_ASSET_ROOT`, else below the package that `cargo run` runs, else next to the executable.
 #[derive(Clone, Debug)]
 pub struct ProcessAssetsOptions {
-    /// Folder of the assets as people make them; relative to the project's root, or absolute.
+    /// Folder of the source assets, absolute or relative to the project's root.
     pub source: PathBuf,
     /// Folder for the processed ones.
     pub processed: PathBuf,

@@ -29,12 +29,11 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The tier that [`GiQuality`] selects, with the reason. Output of the plugin; comes with
-/// [`GiScene`].
+/// Tier that [`GiQuality`] selects, with the reason. Output of the plugin, required by [`GiScene`].
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiActiveTier {
-    /// Tier of the next frames, from 1; 0 while the bake is not loaded.
+    /// Tier of the next frames, from 1. The value is 0 while the bake is not loaded.
     pub tier: u32,
     /// Number of tiers of the bake.
     pub tiers: u32,
@@ -51,7 +50,7 @@ pub struct GiActiveTier {
 }
 
 impl GiActiveTier {
-    /// The tier of the next frames and the reason; `None` while the bake is not loaded.
+    /// Returns the tier of the next frames and the reason. `None` while the bake is not loaded.
     #[must_use]
     pub fn picked(&self) -> Option<TierSelection> {
         (self.tier > 0).then(|| TierSelection {

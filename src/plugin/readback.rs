@@ -16,7 +16,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct SharedCoefficients(Arc<Mutex<BTreeMap<u64, Arc<Vec<f32>>>>>);
 
 impl SharedCoefficients {
-    /// The newest values of the scene on `root`, one a point; `None` before the first have arrived.
+    /// Returns the newest values of the scene on `root`, one per point. `None` before the first
+    /// values have arrived.
     #[must_use]
     pub fn of(&self, root: Entity) -> Option<Arc<Vec<f32>>> {
         self.0

@@ -1,8 +1,7 @@
-//! From a recipe beside a level to a baked asset: the input of its bake, the bake, and the loader
-//! that bakes.
+//! Bake of a recipe as an asset: the input of the bake, the bake, and the loader that bakes.
 //!
-//! `level.gi.ron` beside `level.glb` holds a [`Recipe`] that names the level:
-//! `(scene: "level.glb", preset: Medium)`.
+//! `level.gi.ron` next to `level.glb` holds a [`Recipe`] that names the scene: `(scene:
+//! "level.glb", preset: Medium)`.
 //!
 //! | assets of the app | `asset_server.load::<GiBakedScene>("level.gi.ron")` |
 //! |---|---|
@@ -10,11 +9,11 @@
 //! | processed before, by the build step or another app | loads that bake |
 //! | unprocessed | bakes while loading, on background threads, at every start |
 //!
-//! The asset processor and the build step bake again when the recipe, the level, or a file that the
-//! level names changes.
+//! The asset processor and the build step bake again when the recipe, the scene, or a file that the
+//! scene names changes.
 //!
-//! A level that cannot be baked fails its asset with a message that says what and where. Nothing
-//! here panics, because a panic would hang Bevy's asset processor forever.
+//! A scene that cannot be baked fails its asset, with a message that names the problem and the
+//! file. Nothing here panics, because a panic would hang Bevy's asset processor forever.
 
 use super::asset::GiBakedScene;
 use super::asset_folders::AssetFolders;
@@ -42,7 +41,7 @@ use std::sync::Arc;
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 pub struct GiBakeSettings {
-    /// [`BAKE_VERSION`]; it takes part in Bevy's hash of what an asset was made from.
+    /// [`BAKE_VERSION`], a part of Bevy's hash of the input of an asset.
     pub bake_version: u32,
 }
 

@@ -14,9 +14,9 @@ const LOGGED_SHARE: f32 = 0.1;
 /// Time between two looks of the log at a bake.
 const LOG_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Message of a recipe that is being baked, by its loader or by the app's asset processor. It is
-/// sent when the stage or its fraction has changed, at most once a frame for each recipe. The end
-/// of the bake is an [`AssetEvent`](bevy::asset::AssetEvent) of the asset.
+/// Progress message of a recipe, sent by its loader or by the app's asset processor. It is sent
+/// when the stage or its fraction has changed, at most once per frame for each recipe. The end of
+/// the bake is an [`AssetEvent`](bevy::asset::AssetEvent) of the asset.
 #[derive(Message, Clone, Debug, PartialEq)]
 pub struct GiRecipeProgress {
     /// Path of the recipe.

@@ -26,7 +26,7 @@ use bevy::render::renderer::RenderContext;
 use bevy::render::view::{ExtractedView, ViewTarget};
 use std::collections::BTreeMap;
 
-/// Recorder of Bevy's diagnostics; `None` if the app has none.
+/// Recorder of Bevy's diagnostics. `None` if the app has none.
 pub(crate) type Recorder<'a> = Option<&'a DiagnosticsRecorder>;
 
 /// Spans of the device's clock, outermost first. Passes of one timing scope share a span.
@@ -104,7 +104,7 @@ pub(crate) struct Surfaces<'a> {
     pub view: &'a ExtractedView,
     pub camera: &'a ExtractedCamera,
     pub jitter: Option<&'a TemporalJitter>,
-    /// Depth, reversed (0 is infinitely far), one sample a pixel.
+    /// Depth, reversed (0 is infinitely far), one sample per pixel.
     pub depth: &'a wgpu::TextureView,
     /// Bevy's deferred G-buffer, or a texture with the same normals.
     pub gbuffer: &'a wgpu::TextureView,
@@ -145,7 +145,7 @@ pub(crate) struct ViewInput<'a> {
     /// The camera as extracted from the main world.
     pub camera: &'a ExtractedGiView,
     pub surfaces: &'a Surfaces<'a>,
-    /// The picture that light is added to; `None` for a forward camera, whose surfaces read the
+    /// Picture to which light is added. `None` for a forward camera, whose surfaces read the
     /// irradiance.
     pub picture: Option<Picture<'a>>,
     pub world: &'a ExtractedGi,
@@ -193,7 +193,7 @@ impl ViewContext<'_> {
     }
 }
 
-/// Records the passes of a view. Returns its irradiance; `None` if nothing lights the view.
+/// Records the passes of a view. Returns its irradiance. `None` if nothing lights the view.
 pub(crate) fn record_view(
     render: &mut GiRender,
     input: &ViewInput<'_>,

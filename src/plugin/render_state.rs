@@ -24,7 +24,7 @@ pub(crate) struct SceneRuntime {
     pub bake: Arc<BakedScene>,
     /// Values that the results on the device were computed from.
     pub changes: ChangeDetector<LightKey>,
-    /// The bake's buffers; `None` before the upload.
+    /// Buffers of the bake. `None` before the upload.
     pub frame: Option<GpuFrame>,
     pub soft: SceneSoft,
     pub volume: SceneVolume,
@@ -61,7 +61,7 @@ pub(crate) struct GiRender {
     pub scenes: BTreeMap<SceneId, SceneRuntime>,
     pub views: BTreeMap<ViewId, ViewRuntime>,
     pub reflections: Option<Reflections>,
-    /// Parameters of the fog that views see.
+    /// Parameters of the fog in each view.
     pub fogs: BTreeMap<ViewId, FogBuffers>,
     pub plan: Plan,
     /// Number of frames so far.

@@ -3,8 +3,8 @@
 //!
 //! A bake has the light that static surfaces reflect. [`GiReflector`] marks dynamic objects. A
 //! light with [`GiReflectiveShadowMap`] draws only these objects into small G-buffers (reflective
-//! shadow maps, \[N09\] §3). Each map has its own camera ([`GiRsmCamera`]), which this file spawns,
-//! places ([`map_views`]) and deactivates. `rsm_render` runs them.
+//! shadow maps, \[N09\] §3). Each map has its own camera ([`GiRsmCamera`]). This file spawns,
+//! positions ([`map_views`]) and deactivates the cameras. `rsm_render` runs them.
 //!
 //! The cameras select dynamic objects by the [`RenderLayers`] layer [`RSM_RENDER_LAYER`], which is
 //! added to the meshes below a reflector.
@@ -45,7 +45,7 @@ pub const RSM_RENDER_LAYER: usize = 61;
 /// drawn before the cameras of the game.
 pub const RSM_CAMERA_ORDER: isize = -1_000_000;
 
-/// Camera that draws one reflective shadow map. The plugin spawns, places and despawns it. It is
+/// Camera that draws one reflective shadow map. The plugin spawns, positions and despawns it. It is
 /// inactive if there is nothing to draw. Queries of a game for cameras may need
 /// `Without<GiRsmCamera>`.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
@@ -258,7 +258,7 @@ type DynamicBounds<'w, 's> = Query<
     (With<Marked>, Without<GiRsmCamera>),
 >;
 
-/// Places the camera of one map, or spawns it, and returns it.
+/// Positions the camera of one map, or spawns it, and returns it.
 fn place_camera(
     commands: &mut Commands,
     captures: &mut Captures,
@@ -290,7 +290,7 @@ fn place_camera(
     entity
 }
 
-/// Places the cameras of the reflective shadow maps, and deactivates those that have nothing to
+/// Positions the cameras of the reflective shadow maps, and deactivates those that have nothing to
 /// draw.
 pub(crate) fn update_rsm_cameras(
     mut commands: Commands,

@@ -1,13 +1,13 @@
-//! One bounce from what moves, the render world's part: draws the maps, makes virtual point lights
-//! of them, and lights the views.
+//! One bounce from dynamic objects, in the render world: draws the maps, creates virtual point
+//! lights from them, and lights the views.
 //!
-//! Each map is a Bevy camera with a schedule of its own, [`RsmSchedule`], in the place of `Core3d`:
-//! the meshes' transforms, and one pass that draws the deferred G-buffer. No shadow maps, no
-//! lighting, no tonemapping, no picture. Bevy's own deferred prepass is not public; ours binds what
-//! it binds (format of Bevy 0.19).
+//! Each map is a Bevy camera with its own schedule [`RsmSchedule`] instead of `Core3d`. The
+//! schedule has the meshes' transforms, and one pass that draws the deferred G-buffer. It has no
+//! shadow maps, lighting, tonemapping or picture. Bevy's deferred prepass is not public. Ours has
+//! the same bindings (format of Bevy 0.19).
 //!
-//! Cameras whose targets have the same size share their textures (Bevy keys them by target): what a
-//! map holds must be read before the next is drawn, in the same schedule.
+//! Cameras whose targets have the same size share their textures (Bevy keys them by target).
+//! Therefore a map is read before the next one is drawn, in the same schedule.
 
 use super::extract::{ExtractedGi, LightKey, LightKind};
 use super::record::{Layer, ViewInput};
@@ -40,7 +40,8 @@ use std::collections::BTreeMap;
 #[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub struct RsmSchedule;
 
-/// The schedule: Bevy's transforms of the meshes, our pass, and what reads it.
+/// Creates the schedule: Bevy's transforms of the meshes, our pass, and the systems that read its
+/// output.
 pub(crate) fn schedule() -> Schedule {
     let mut schedule = Schedule::new(RsmSchedule);
     schedule.set_build_settings(ScheduleBuildSettings {
@@ -51,7 +52,7 @@ pub(crate) fn schedule() -> Schedule {
     schedule
 }
 
-/// The lights that ask for the bounce of what moves, as of the frame that is drawn.
+/// Lights that bounce from dynamic objects in the frame that is drawn.
 #[derive(Resource, Default)]
 pub(crate) struct LightMaps(pub AskingLights);
 
@@ -70,13 +71,13 @@ pub(crate) fn light_id(key: LightKey) -> LightId {
     LightId(key.0, kind)
 }
 
-/// Runs beside `extract`.
+/// Extracts the maps of lights. Runs in the same schedule as `extract`.
 pub(crate) fn extract_maps(mut maps: ResMut<LightMaps>, asking: Extract<Res<AskingLights>>) {
     maps.0.clone_from(&asking);
 }
 
 impl LightMaps {
-    /// As the plan sees them.
+    /// Describes the lights for the plan.
     pub fn describe(&self, world: &ExtractedGi) -> Vec<BounceState> {
         let lights = &self.0.lights;
         let state = |light: &AskingLight| BounceState {
@@ -97,7 +98,8 @@ type View = (
     &'static ViewPrepassTextures,
 );
 
-/// The light that this camera draws a map of, which of its maps that is, and how many it has.
+/// Returns the light of this camera's map, the index of the map, and the number of the light's
+/// maps.
 fn light_of(lights: &LightMaps, camera: Entity) -> Option<(&AskingLight, usize, usize)> {
     lights.0.lights.iter().find_map(|light| {
         let maps = light.maps.as_ref().ok()?;
@@ -106,7 +108,7 @@ fn light_of(lights: &LightMaps, camera: Entity) -> Option<(&AskingLight, usize, 
     })
 }
 
-/// Draws the deferred meshes that the camera sees, where the plan asks for it.
+/// Draws the deferred meshes in the camera's view, if the plan has this map.
 fn draw(
     world: &World,
     view: ViewQuery<View>,
@@ -160,17 +162,17 @@ pub(crate) struct Reflections {
     origin: Vec3,
     /// The light whose maps are being read.
     light: Option<LightId>,
-    /// Reflected light asks the baked scenes for its shadows.
+    /// `true` if the baked scenes shadow reflected light.
     visibility: bool,
     /// The lights whose virtual lights the buffer holds, and the bakes that shadowed them.
     holds: Vec<LightId>,
-    /// In how many frames all of them were drawn whole since anything changed.
+    /// Number of frames since the last change in which all maps were drawn completely.
     frames: u32,
     shadowed_by: Vec<Shadower>,
 }
 
-/// A bake, where it stood, whose it was, and what passed its occluders: (instance, address, local
-/// from world, gains).
+/// Baked scene that casts shadows: (instance, address of the bake, local from world, transmittances
+/// of its occluders).
 type Shadower = (SceneId, usize, DMat4, Vec<f32>);
 
 fn shadowers(world: &ExtractedGi, scenes: &BTreeMap<SceneId, SceneRuntime>) -> Vec<Shadower> {
@@ -185,12 +187,12 @@ fn shadowers(world: &ExtractedGi, scenes: &BTreeMap<SceneId, SceneRuntime>) -> V
         .collect()
 }
 
-/// Virtual point lights that together give a pixel less than this, where 1 is white, need not ask
-/// for their shadows: half a step of 12 bits.
+/// Threshold of shadow rays, where 1 is white: half a step of 12 bits. Virtual point lights that
+/// together give a pixel less than this need no shadows.
 const DIM: f32 = 1.0 / 8192.0;
 
 impl Reflections {
-    /// Makes room for a frame, or nothing where the plan draws no map.
+    /// Reserves space for a frame. Does nothing if the plan draws no map.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], see [`RsmBuffers::begin`].

@@ -79,7 +79,7 @@ fn summary(bake: &BakedScene, bytes: u64) -> String {
     parts.join(", ")
 }
 
-/// Returns the preset whose tolerances the bake has; `None` if it has others.
+/// Returns the preset whose tolerances the bake has. `None` if it has others.
 fn preset_of(bake: &BakedScene) -> Option<Preset> {
     let found = BakeSettings::from_ron(&bake.info.recipe).ok()?;
     [Preset::Draft, Preset::Medium, Preset::High]

@@ -23,8 +23,8 @@ pub enum GiSystems {
     /// and cameras whose [`GiCamera`](super::GiCamera) is disabled.
     FilterVolumes,
     /// `PostUpdate`, after transform propagation and before Bevy's camera update: finds dynamic
-    /// objects and places the cameras of
-    /// [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap) lights.
+    /// objects and positions the cameras of [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)
+    /// lights.
     UpdateRsmCameras,
     /// `Last`: starts requested bakes whose scene is complete
     /// ([`GiBakeRequest`](super::GiBakeRequest)). Entities that are spawned before it are included.

@@ -121,8 +121,8 @@ impl GiSky {
     }
 
     /// Returns the nearest sky of the same mean that is nowhere negative
-    /// ([`SkyRadiance::without_ringing`]). Use it for scenes that see the sky through openings:
-    /// nine coefficients ring around a sun or a low sun's glow and give wrong colors.
+    /// ([`SkyRadiance::without_ringing`]). Use it for scenes in which the sky is visible through
+    /// openings. Nine coefficients ring around a sun or a low sun's glow and give wrong colors.
     #[must_use]
     pub fn without_ringing(&self) -> Self {
         self.radiance().without_ringing().into()
@@ -298,7 +298,7 @@ mod tests {
                 let side = n >> level;
                 for k in 0..side * side {
                     let lit = face == 2 && level == 0 && at.contains(&(k % n, k / n));
-                    // What is in smaller levels must not matter.
+                    // The texels of smaller mip levels must not matter.
                     let word = if lit || level > 0 { sun } else { 0 };
                     data.extend(word.to_le_bytes());
                 }

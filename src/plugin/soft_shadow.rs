@@ -1,9 +1,10 @@
-//! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lights
-//! as the render world needs them. The effects `soft_shadows` and `penumbrae` (in
+//! Soft shadows of Bevy's rectangle and point lights: the component that enables them, and the
+//! lights for the render world. The effects `soft_shadows` and `penumbrae` (in
 //! [`super::effects`]) compute and draw the shadows.
 //!
-//! Bevy draws such a light without shadows. What of its light does not get there is taken from the
-//! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
+//! Bevy draws such a light without shadows. The occluded part of its light is subtracted from the
+//! picture, pixel by pixel. This replaces the light's own contribution and leaves all other light
+//! unchanged.
 
 use super::asset::GiBakedScene;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
@@ -22,20 +23,20 @@ use bevy::render::texture::GpuImage;
 use meshless_gi::Light;
 use meshless_gi::internals::frame::SoftLight;
 
-/// This light casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces.
-/// Goes on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is
-/// a sphere of its `radius`. The bake must remember what its points see (recipe field
+/// Soft shadows of this light without a shadow map, on baked surfaces, from baked surfaces. Add it
+/// to a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off. A point light is a
+/// sphere of its `radius`. The bake needs the visibility of its points (recipe field
 /// `soft_shadows`).
 ///
-/// Taken away is the light that Bevy draws and that does not get there: of a rectangle all of it,
-/// of a point light what is diffuse; its highlights stay. What moves, and what no basis function
-/// reaches, keeps Bevy's light and casts no such shadow. Indirect light has its own shadows, with
-/// or without this.
+/// Occluded light that Bevy draws is subtracted: all light of a rectangle, and the diffuse light of
+/// a point light. Highlights of a point light stay. Dynamic objects and surfaces that no basis
+/// function reaches keep Bevy's light, without such a shadow. Indirect light has its own shadows,
+/// with or without this component.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiSoftShadow {
-    /// Samples of the light, about, 1 to 256. Each costs two look-ups of what every point
-    /// remembers, in frames in which the light moves.
+    /// Approximate number of samples of the light, 1 to 256. Each sample costs two look-ups of
+    /// every point's visibility, in frames in which the light moves.
     pub samples: u32,
 }
 
@@ -60,8 +61,8 @@ pub(crate) struct ExtractedSoft {
     pub tables: Option<wgpu::TextureView>,
 }
 
-/// The tables by which Bevy draws rectangle lights; none where it draws no such light, for without
-/// its feature `area_light_luts` it holds a placeholder.
+/// Returns the tables for Bevy's rectangle lights. `None` if Bevy draws no such light: without its
+/// feature `area_light_luts` it holds a placeholder.
 fn tables_of(
     luts: Option<&AreaLightLuts>,
     images: Option<&RenderAssets<GpuImage>>,
@@ -130,7 +131,7 @@ fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
         .map_or_else(SoftLight::default, |l| l.within(range.max(0.01)))
 }
 
-/// Says once what lights with [`GiSoftShadow`] lack. Runs in
+/// Warns once about missing requirements of lights with [`GiSoftShadow`]. Runs in
 /// [`GiSystems::Validate`](super::GiSystems::Validate).
 #[allow(
     clippy::type_complexity,

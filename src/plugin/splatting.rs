@@ -23,7 +23,7 @@ pub enum GiSplatting {
     /// Evaluates a fraction of the pixels and interpolates within surfaces (\[N09\],
     /// multiresolution splatting). The default.
     Multiresolution(SubsplatSettings),
-    /// Evaluates every pixel. This is the reference; it costs several times more.
+    /// Evaluates every pixel. This is the reference. It costs several times more.
     PerPixel,
 }
 
@@ -92,7 +92,7 @@ impl ViewSubsplats {
         self.counted.latest()
     }
 
-    /// Records the view and returns the counters of what was recorded.
+    /// Records the view and returns the counters of the recorded work.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,5 +1,5 @@
-//! From the world into the local space of a bake: lights go in, pixels go in, irradiance stays what
-//! it is.
+//! Transforms from the world to the local space of a bake. Lights and pixels are transformed, and
+//! irradiance is not.
 //!
 //! With a uniform scale s the local space is the world divided by s: lengths / s, intensities
 //! (W/sr) / s², irradiance and radiance unchanged
@@ -11,7 +11,8 @@ use bevy::transform::components::GlobalTransform;
 /// Placement of a bake: translation, rotation (perhaps with a reflection) and one scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimilarityTransform {
-    /// Local to world, meters; its linear part is `scale` times an orthogonal matrix.
+    /// Transform from local to world, meters. Its linear part is `scale` times an orthogonal
+    /// matrix.
     pub world_from_local: Affine3A,
     /// World meters per local meter.
     pub scale: f32,
@@ -20,7 +21,8 @@ pub struct SimilarityTransform {
 }
 
 impl SimilarityTransform {
-    /// The placement nearest to a transform; `None` for one that has no volume or is not finite.
+    /// Returns the placement nearest to a transform. `None` for a transform that has no volume or
+    /// is not finite.
     #[must_use]
     pub fn new(transform: &GlobalTransform) -> Option<Self> {
         let affine = transform.affine();
@@ -66,8 +68,8 @@ impl SimilarityTransform {
         }
     }
 
-    /// World to local as a matrix: what
-    /// [`FrameLight::to_local`](meshless_gi::FrameLight::to_local) takes.
+    /// Returns the matrix from world to local, for
+    /// [`FrameLight::to_local`](meshless_gi::FrameLight::to_local).
     #[must_use]
     pub fn matrix(&self) -> Mat4 {
         self.local_from_world().into()

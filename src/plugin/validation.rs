@@ -67,9 +67,9 @@ pub enum GiWarning {
     /// An entity uses a bake whose scene, recipe or bake version has changed, see
     /// [`GiStaleBakes`](super::GiStaleBakes).
     StaleBake,
-    /// No camera displays a bake, and some camera that sees its root is not deferred.
+    /// No camera displays a bake, and some camera that shows its root is not deferred.
     NoDisplay,
-    /// No camera displays a bake, and all cameras that see its root are deferred.
+    /// No camera displays a bake, and all cameras that show its root are deferred.
     NoDeferredDisplay,
 }
 

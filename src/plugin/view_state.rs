@@ -51,7 +51,7 @@ impl ViewRuntime {
         own + subsplats + specular + shadow
     }
 
-    /// Subsplats of the view; `None` if it evaluates light at every pixel.
+    /// Subsplats of the view. `None` if it evaluates light at every pixel.
     pub fn subsplats(&mut self) -> Option<&mut ViewSubsplats> {
         self.subsplats.as_mut()
     }

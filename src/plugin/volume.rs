@@ -1,9 +1,9 @@
-//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's
-//! irradiance volumes, which kernel [`volume`](meshless_gi::internals::frame::volume) writes
+//! Indirect light for surfaces outside the G-buffer. The probe light of a baked scene is in one of
+//! Bevy's irradiance volumes. Kernel [`volume`](meshless_gi::internals::frame::volume) writes it
 //! whenever the light changes. [`super::fog`] reads it too.
 //!
-//! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras
-//! with our own display have it taken out there ([`super::deferred`]), or do not see it.
+//! Bevy adds a volume to every pixel of every camera that shows it, including those of the
+//! G-buffer. For cameras with our display it is removed there ([`super::deferred`]), or hidden.
 
 use super::asset::GiBakedScene;
 use super::camera::GiCamera;
@@ -35,18 +35,19 @@ use meshless_gi::internals::frame::VoxelGrid;
 use std::any::TypeId;
 use std::sync::Arc;
 
-/// Lights what no G-buffer holds: all that cameras without [`GiCamera`] draw, forward ones and
-/// those with several samples a pixel; transparent and forward surfaces in views with it; and
-/// Bevy's volumetric fog in all views. Goes beside [`GiScene`]; the bake must know light in free
-/// space (recipe field `probes`).
+/// Irradiance volume for surfaces outside the G-buffer. It lights everything in cameras without
+/// [`GiCamera`], such as forward cameras and those with several samples per pixel. It also lights
+/// transparent and forward surfaces in views with it, and Bevy's volumetric fog in all views. Add
+/// it to the entity with [`GiScene`]. The bake needs probes (recipe field `probes`).
 ///
-/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames
-/// in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces
-/// are lit between voxels, which is coarser. No wall lets light of the next room through, however
-/// thin: as soon as there is such a component, Bevy's shader module for irradiance volumes is
-/// replaced by one that leaves out voxels behind walls (other volumes look as before; pipelines are
-/// compiled anew once, so let the component be there when a level is loaded). On devices that
-/// sample one volume at a time the nearest one counts: use one a place.
+/// The plugin spawns a child with an [`IrradianceVolume`] below the root and writes its voxels in
+/// frames in which the light changes. Baked walls have the same light as in a deferred camera.
+/// Surfaces away from walls are lit by interpolation between voxels, which is coarser. Walls of any
+/// thickness block light of the next room. For this, the plugin replaces Bevy's shader module for
+/// irradiance volumes as soon as the component exists. The replacement leaves out voxels behind
+/// walls, and other volumes look as before. Pipelines are compiled once more, so add the component
+/// while a scene loads. On devices that sample one volume at a time, only the nearest one counts.
+/// Use one volume per room there.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiIrradianceVolume {
@@ -77,11 +78,12 @@ impl GiIrradianceVolume {
     }
 }
 
-/// The child with the volume, and what it was made for.
+/// Child with the volume, and the inputs of the volume.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Voxels {
     pub shape: VoxelGrid,
-    /// The bake, also where another takes its place under the same handle, and what was asked for.
+    /// Key of the bake, which changes with a new bake under the same handle, and the requested
+    /// settings.
     bake: (AssetId<GiBakedScene>, usize),
     asked: GiIrradianceVolume,
 }
@@ -92,7 +94,7 @@ fn which(id: AssetId<GiBakedScene>, asset: &GiBakedScene) -> (AssetId<GiBakedSce
 }
 
 impl Voxels {
-    /// The volume of a bake; none where it knows no light in free space.
+    /// Returns the volume of a bake. `None` if it has no probes.
     fn new(
         asked: &GiIrradianceVolume,
         asset: &GiBakedScene,
@@ -193,9 +195,10 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
     display.is_some_and(|d| d.enabled) && draws_gbuffer(brought, msaa)
 }
 
-/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them
-/// out of the G-buffer, as soon as it can: cameras of lights' maps do not, nor those whose display
-/// is off or cannot be. Runs in [`GiSystems::FilterVolumes`](super::GiSystems::FilterVolumes).
+/// Hides our volumes from cameras with a display of their own, unless [`super::deferred`] takes
+/// them out of the G-buffer. Cameras of lights' maps do not show them. The same holds for cameras
+/// whose display is off or impossible. Runs in
+/// [`GiSystems::FilterVolumes`](super::GiSystems::FilterVolumes).
 pub(crate) fn hide_irradiance_volumes(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
@@ -238,8 +241,8 @@ impl ExtractedVolume {
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedVolumes {
     all: Vec<ExtractedVolume>,
-    /// Cameras of the main world with our display, and whether they see one; none where there are
-    /// no volumes.
+    /// Cameras of the main world with our display, and whether they show a volume. Empty if there
+    /// are no volumes.
     displays: Vec<(Entity, bool)>,
 }
 
@@ -315,7 +318,7 @@ pub(crate) fn extract_volumes(
     }
 }
 
-/// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in
+/// Warns once if there is a volume and the bake has no probes to fill it. Runs in
 /// [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_volumes(
     settings: Res<GiSettings>,

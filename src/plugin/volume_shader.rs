@@ -35,7 +35,7 @@ pub(crate) enum Module {
     Theirs,
     /// It is Bevy's and stays so: it looks unlike the one that this was written for.
     Unknown,
-    /// It is ours; it reads the display of forward cameras, or does not.
+    /// Our module, with or without the display of forward cameras.
     Ours { display: bool },
 }
 
@@ -69,7 +69,7 @@ pub(crate) fn replace(
     }
     let ours = ours(theirs, display);
     *module = Module::Ours { display };
-    // The place is there, so nothing can be wrong with it.
+    // The id exists, so the insertion cannot fail.
     let _ = shaders.insert(id, ours);
 }
 

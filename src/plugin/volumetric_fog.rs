@@ -8,7 +8,7 @@ use bevy::reflect::prelude::*;
 /// the root of a scene, next to [`GiScene`](super::GiScene). The fog reads the scene's
 /// [`GiIrradianceVolume`], which this component adds.
 ///
-/// Every camera that sees a fog volume in the scene shows it, at every pixel and without noise.
+/// Every camera with a fog volume of the scene in view shows it, at every pixel and without noise.
 /// A ray takes one step per two voxels, at most `step_count`. Each fog volume attenuates only the
 /// light that it scatters itself. If scenes overlap, the first lights the fog there, of at most
 /// five.

@@ -1,4 +1,4 @@
-//! Component of cameras that asks for specular reflections of virtual lights.
+//! Component of cameras that enables specular reflections of virtual lights.
 
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;

@@ -88,7 +88,7 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-/// Adds the surface irradiance of a scene; nothing if the scene has no position or no buffers.
+/// Adds the surface irradiance of a scene. Does nothing if the scene has no position or no buffers.
 fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) {
     let scene = ctx.input.world.scenes.iter().find(|s| s.id == pass.scene);
     let frame = ctx.scenes.get(&pass.scene).and_then(|s| s.frame.as_ref());
@@ -154,8 +154,8 @@ pub(crate) fn evaluate_layers(ctx: &mut ViewContext<'_>) {
     };
 }
 
-/// The view's subsplats and their parameters; `None` if it evaluates light at every pixel, or if
-/// the device cannot hold the subsplats.
+/// Returns the view's subsplats and their parameters. `None` if it evaluates light at every pixel,
+/// or if the device cannot hold the subsplats.
 fn subsplats(ctx: &mut ViewContext<'_>) -> Option<(ViewSubsplats, SubsplatParams)> {
     let before = ctx.runtime.subsplats.take();
     let surfaces = ctx.input.surfaces;

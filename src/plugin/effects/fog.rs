@@ -118,7 +118,7 @@ impl<'a> FogDraws<'a> {
         out
     }
 
-    /// Adds the draw of a fog volume; nothing if the scene's volume is not written yet.
+    /// Adds the draw of a fog volume. Does nothing if the scene's volume is not written yet.
     fn add(
         &mut self,
         lit: &LitFog,
@@ -302,8 +302,8 @@ mod tests {
 
     const A: SceneId = SceneId(1);
 
-    /// A scene on the device with a volume that is written, and fog in it that a camera without
-    /// display settings sees.
+    /// Returns a scene on the device with a complete volume. A camera without display settings
+    /// shows fog in it.
     fn at_rest() -> FrameState {
         FrameState {
             scenes: vec![SceneState {
@@ -342,7 +342,7 @@ mod tests {
         let words = plan.to_string();
         let line = "fog of scene 1 in view 7 (fog): 2 fog volume(s) of the view lie in the scene";
         assert!(words.contains(line), "{words}");
-        // Once for each of them; a second scene is timed with it.
+        // The pass runs once for each scene. The second scene is timed with the first.
         let timed = TimingScope {
             stage: FrameStage::FOG,
             scene: SceneId::WORLD,
@@ -395,7 +395,7 @@ mod tests {
             change(&mut state);
             assert_eq!(stages(&state), [], "{k}");
         }
-        // A bake without light in free space says so.
+        // A bake without probes skips the effect with a reason.
         let mut state = at_rest();
         state.scenes[0].probes = false;
         let why = (A, None, SkipReason::NoFreeSpace);

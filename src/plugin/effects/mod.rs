@@ -46,7 +46,7 @@ pub(crate) type PassKind = crate::plan::PassKind<Recording>;
 pub(crate) struct Recording {
     /// Kernels that count as this stage.
     pub kernels: &'static [gpu::Pass],
-    /// Counter of draws of this stage; `None` if it draws nothing.
+    /// Counter of draws of this stage. `None` if it draws nothing.
     pub draws: Option<fn(&GpuCounters) -> u64>,
     /// The recording itself.
     pub how: Record,

@@ -235,14 +235,14 @@ mod tests {
     #[test]
     fn soft_shadows_run_once_for_casting_lights() {
         let mut state = at_rest();
-        // A bake that could, and no light that asks.
+        // The bake has visibility, but no light casts soft shadows.
         state.scenes[0].soft.remembers = true;
         let none = plan_frame(&state);
         assert_eq!(
             none.count(FrameStage::SOFT_SHADOW) + none.count(FrameStage::SUBTRACT_SHADOW),
             0
         );
-        // A light that asks, and has moved.
+        // A light with soft shadows has moved.
         state.scenes[0].soft.lights = 2;
         let plan = plan_frame(&state);
         assert_eq!(
@@ -262,7 +262,8 @@ mod tests {
             plan.find(FrameStage::SUBTRACT_SHADOW, A).unwrap().view,
             Some(ViewId(7))
         );
-        // At rest: what is missing is held, and taken from every view that shows the picture.
+        // At rest, the device keeps the missing light. It is subtracted from every view with the
+        // final picture.
         state.scenes[0].soft.held = true;
         state.views.push(view(8, true));
         state.views.push(view(9, false));

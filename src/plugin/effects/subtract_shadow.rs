@@ -75,8 +75,8 @@ pub(crate) struct ViewShadow {
 }
 
 impl ViewShadow {
-    /// Records the radiance to subtract, scene by scene: each adds to the output of the one before.
-    /// Returns the last output; `None` if there is nothing to subtract.
+    /// Records the radiance to subtract. Each scene adds to the output of the previous one. Returns
+    /// the last output. `None` if there is nothing to subtract.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more lights than the device binds.

@@ -165,7 +165,7 @@ fn disabled_view_or_view_without_gbuffer_runs_no_pass() {
         change(&mut state.views[0]);
         assert!(plan_frame(&state).is_empty());
     }
-    // Beside a view that shows the scene the disabled one is named.
+    // The disabled view is named next to a view that shows the scene.
     let mut state = at_rest();
     state.views.push(ViewState {
         enabled: false,
@@ -183,7 +183,8 @@ fn disabled_view_or_view_without_gbuffer_runs_no_pass() {
 fn new_bake_runs_all_passes_once_and_views_composite_visible_scenes() {
     let mut state = at_rest();
     state.scenes[0].resident = false;
-    // The device holds nothing: what shines is new to it, and what is dark needs no projection.
+    // The device holds no scene. Lights that are on are new to it, and lights that are off need no
+    // projection.
     state.scenes[0].slots = vec![SlotChange::Geometry; 8];
     state.scenes[0].slots[3] = SlotChange::None;
     state.scenes.push(SceneState {
@@ -495,8 +496,8 @@ fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (
     (plan, values.iter().map(|v| v.abs()).sum())
 }
 
-/// The file `blackout.rs` and one row: planned with a reason, priced by its work, counted, and
-/// recorded in its place among the passes of the other effects.
+/// A table of effects with `blackout.rs` as one more row. The effect is planned with a reason,
+/// priced by its work, counted, and recorded in order with the passes of the other effects.
 #[test]
 fn an_effect_is_one_file_and_one_row() {
     let rows = EFFECTS.iter().copied().chain([blackout::EFFECT]);

@@ -120,7 +120,7 @@ fn note_selections(scene: &SceneState, plan: &mut Plan) {
     }
 }
 
-/// The reason for a solve; `None` if the device's values are up to date.
+/// Returns the reason for a solve. `None` if the device's values are up to date.
 fn reason_of(scene: &SceneState) -> Option<RunReason> {
     let count = |change| scene.slots.iter().filter(|s| **s == change).count();
     Some(if !scene.resident {

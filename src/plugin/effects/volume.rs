@@ -1,7 +1,7 @@
 //! Effect `volume`: probe irradiance as a volume, for cameras without a G-buffer and for fog.
 //!
-//! Reads: whether a scene has a volume that such a camera sees, whether its texture is up to date,
-//! and whether the scene is solved in this frame. Kernel: `volume`.
+//! Reads: the volume of a scene and the cameras that show it, the state of its texture, and the
+//! solve of the scene in this frame. Kernel: `volume`.
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
@@ -64,7 +64,7 @@ const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 /// written.
 #[derive(Default)]
 pub(crate) struct SceneVolume {
-    /// Found over as many frames as it takes; gone once the device has them.
+    /// Weights, computed over several frames. `None` once the device has them.
     places: Option<VoxelWeights>,
     buffers: Option<VolumeBuffers>,
     written: Option<(VolumeParams, wgpu::TextureView)>,
@@ -85,7 +85,7 @@ impl SceneVolume {
         ))
     }
 
-    /// Says what cameras ask of the scene's volume.
+    /// Describes the requests of cameras for the scene's volume.
     pub fn observe(
         &mut self,
         world: &ExtractedVolumes,
@@ -153,8 +153,7 @@ impl SceneVolume {
         self.written = None;
     }
 
-    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is
-    /// done.
+    /// Continues the preparation of a volume. Its buffers exist once the preparation is complete.
     fn prepare(
         &mut self,
         shape: VoxelGrid,
@@ -204,7 +203,7 @@ mod tests {
 
     const A: SceneId = SceneId(1);
 
-    /// A scene on the device with light in free space, and no view with a G-buffer.
+    /// Returns a scene on the device with probes, and no view with a G-buffer.
     fn at_rest() -> FrameState {
         FrameState {
             scenes: vec![SceneState {
@@ -264,13 +263,13 @@ mod tests {
     #[test]
     fn volume_is_written_on_light_change() {
         let mut state = at_rest();
-        // Nobody asks, and no camera is there.
+        // There is no volume and no camera.
         assert_eq!(stages(&state), []);
         assert_eq!(
             plan_frame(&state).skipped,
             [(A, None, SkipReason::NotInView)]
         );
-        // Asked for, but out of view; in view, but not asked for.
+        // First a volume out of view, then a view without a volume.
         state.scenes[0].volume.asked = true;
         assert_eq!(stages(&state), []);
         state.scenes[0].volume = VolumeState {
@@ -288,7 +287,7 @@ mod tests {
         );
         state.scenes[0].volume.held = true;
         assert_eq!(stages(&state), []);
-        // A light moves: one more pass than what carries its light on.
+        // A moving light adds one pass after the transport of its light.
         state.scenes[0].slots[1] = SlotChange::Geometry;
         assert_eq!(
             stages(&state),
@@ -301,14 +300,14 @@ mod tests {
                 FrameStage::VOLUME
             ]
         );
-        // A deferred camera beside it has its own display.
+        // A deferred camera in the same frame has its own display.
         state.views.push(deferred());
         state.scenes[0].slots[1] = SlotChange::None;
         assert_eq!(
             stages(&state),
             [FrameStage::SPLAT, FrameStage::PROBE, FrameStage::COMPOSITE]
         );
-        // A bake without light in free space says so.
+        // A bake without probes skips the effect with a reason.
         state.scenes[0].probes = false;
         state.scenes[0].volume.held = false;
         assert_eq!(stages(&state), [FrameStage::SPLAT, FrameStage::COMPOSITE]);

@@ -126,7 +126,7 @@ impl Textures {
     }
 }
 
-/// Hash of a material with its textures and its name: what makes it another material.
+/// Hash of a material with its textures and its name. Materials with equal hashes are the same.
 fn surface_hash(surface: &SurfaceMaterial, textures: &Textures) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     surface.material.add_to_hash(&mut hasher);
@@ -137,7 +137,8 @@ fn surface_hash(surface: &SurfaceMaterial, textures: &Textures) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-/// The triangles of an instance, and how many of them are not finite or too far away.
+/// Returns the triangles of an instance, and the number of triangles that are not finite or too far
+/// away.
 fn piece(
     instance: &Instance,
     mesh: &MeshData,

@@ -31,7 +31,7 @@ pub(super) struct Collected {
     pub(super) images: Vec<Image>,
     pub(super) instances: Vec<Instance>,
     pub(super) nodes: Vec<MeshNode>,
-    /// Names of materials and their assets; empty if names are not wanted.
+    /// Names of materials and their assets. Empty if names are not requested.
     pub(super) named: NamedMaterials,
     pub(super) warnings: Vec<Warning>,
 }
@@ -50,7 +50,7 @@ pub(super) struct Instance {
     pub(super) node: u32,
 }
 
-/// Copies what `walk` found. `with_names` gives the materials names.
+/// Copies the scene that `walk` found. `with_names` gives the materials names.
 pub(super) fn collect(world: &World, walk: Walk, with_names: bool) -> Collected {
     let given = world.get::<GiDynamicMaterials>(walk.root);
     let mut collector = Collector {
@@ -95,7 +95,7 @@ struct Collector<'w> {
     given: &'w [(String, Handle<StandardMaterial>)],
     /// `None` for meshes that can't be read.
     meshes: HashMap<AssetId<Mesh>, Option<usize>>,
-    /// By asset and sides; without an asset the neutral material.
+    /// Materials by asset and sides. Without an asset the key has the neutral material.
     materials: HashMap<(Option<AssetId<StandardMaterial>>, bool), usize>,
     /// `None` for images that can't be read.
     images: HashMap<AssetId<Image>, Option<usize>>,

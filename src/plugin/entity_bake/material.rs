@@ -14,7 +14,7 @@ use meshless_gi::Material;
 /// A material with its textures: base color, metallic, emissive.
 #[derive(Clone, Debug)]
 pub(super) struct SurfaceMaterial {
-    /// Factors; its texture indices are not set.
+    /// Factors of the material. Its texture indices are not set.
     pub(super) material: Material,
     pub(super) textures: [Option<SurfaceTexture>; 3],
     /// From the mesh's texture coordinates to those of the textures.
@@ -36,7 +36,8 @@ pub(super) const TEXTURES: [&str; 3] = ["base color", "metallic", "emissive"];
 /// Encodings of a material's textures, in their order.
 pub(super) const ENCODINGS: [Encoding; 3] = [Encoding::Color, Encoding::Data, Encoding::Color];
 
-/// Images of a material's textures, in their order; only those that a factor lets through.
+/// Returns the images of a material's textures, in their order. Textures with a factor of zero are
+/// left out.
 pub(super) fn images_of(material: &StandardMaterial) -> [Option<&Handle<Image>>; 3] {
     let metallic = material.metallic != 0.0;
     let emissive = emissive(material) != Vec3::ZERO;

@@ -20,9 +20,9 @@ pub(super) struct MeshData {
     pub(super) positions: Vec<Vec3>,
     /// Indices of positions, all of them valid.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// `ATTRIBUTE_UV_0` and `ATTRIBUTE_UV_1`; empty if missing.
+    /// `ATTRIBUTE_UV_0` and `ATTRIBUTE_UV_1`. Empty if missing.
     pub(super) uvs: [Vec<Vec2>; 2],
-    /// Linear RGBA; empty if missing.
+    /// Linear RGBA. Empty if missing.
     pub(super) colors: Vec<[f32; 4]>,
     /// Triangles that were dropped because an index was out of range.
     pub(super) bad_indices: u64,

@@ -43,7 +43,7 @@ use std::path::PathBuf;
 /// `NotShadowCaster` ones too: exclude sky domes and glass.
 ///
 /// A mesh or image without data in the main world (`RenderAssetUsages::RENDER_WORLD` alone) and a
-/// compressed image can't be read. A warning names the entity; the bake goes on without them.
+/// compressed image can't be read. A warning names the entity, and the bake continues without them.
 ///
 /// The name of an entity (`Name`, or the name of its
 /// [`GiOccluder`](super::super::GiOccluder)) is the node name for the recipe's

@@ -18,7 +18,7 @@ use meshless_gi::internals::bake::is_stale;
 pub(crate) struct BakeComparison {
     /// The bake that was compared.
     asset: AssetId<GiBakedScene>,
-    /// Hash of the meshes, while it is computed; `None` in it if there are no meshes.
+    /// Hash of the meshes, while it is computed. The result is `None` if there are no meshes.
     work: Option<Background<Option<[u8; 32]>>>,
 }
 
@@ -49,7 +49,7 @@ fn wants_comparison(
 ) -> bool {
     let is_done = |c: &BakeComparison| c.asset == gi.0.id() && c.work.is_none();
     let is_of_entities = |bake: &GiBakedScene| !bake.scene.info.request.is_empty();
-    // A bake of this session has no path, and was made from what is there.
+    // A bake of this session has no path, and was made from the current meshes.
     !is_requested
         && !comparison.is_some_and(is_done)
         && bakes.get(&gi.0).is_some_and(is_of_entities)

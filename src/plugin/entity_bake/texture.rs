@@ -14,7 +14,7 @@ pub(super) enum Encoding {
     Data,
 }
 
-/// Reason why an image can't be read, and the remedy; `None` if it can.
+/// Returns the reason why an image can't be read, and the remedy. `None` if it can.
 pub(super) fn unreadable(image: &Image) -> Option<String> {
     let format = image.texture_descriptor.format;
     if image.is_compressed() {

@@ -21,7 +21,7 @@ pub(super) enum State {
     Missing(String),
 }
 
-/// The first scene or asset that a bake has to wait for; `None` if there is none.
+/// Returns the first scene or asset that a bake has to wait for. `None` if there is none.
 pub(super) fn pending(world: &World, walk: &Walk) -> Option<String> {
     let waits = |state: State| matches!(state, State::Pending);
     for &entity in &walk.scenes {

@@ -113,7 +113,7 @@ pub enum GiBakeWarning {
         /// Cause and remedy.
         reason: String,
     },
-    /// Values of materials are outside of what surfaces can have.
+    /// Values of materials are outside of the range of surfaces.
     #[error("{root}: {count} materials: {problem}")]
     MaterialRange {
         /// The root of the bake.

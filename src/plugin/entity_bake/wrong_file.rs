@@ -18,7 +18,7 @@ pub(crate) fn check_files(changed: Query<(Entity, Option<&Name>, &GiScene), Chan
     }
 }
 
-/// The message for a path that is no bake; `None` for other paths.
+/// Returns the message for a path that is no bake. `None` for other paths.
 fn wrong_file(path: &AssetPath) -> Option<String> {
     let ending = path.path().extension()?.to_str()?;
     if !SCENES.contains(&ending.to_ascii_lowercase().as_str()) {
