@@ -342,11 +342,8 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         true => &bakes.gray,
         false => &bakes.of[usize::from(scene.rich)][usize::from(scene.screen)],
     };
-    let asset = world
-        .resource_mut::<Assets<GiBakedScene>>()
-        .add(GiBakedScene {
-            scene: bake.clone(),
-        });
+    let scene_data = bake.clone();
+    let asset = (world.resource_mut::<Assets<_>>()).add(GiBakedScene { scene: scene_data });
     let mut root = world.spawn((GiScene(asset), Transform::IDENTITY));
     if scene.forward || scene.fog {
         root.insert(GiIrradianceVolume {
@@ -360,7 +357,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     let root = root.id();
     world
         .run_system_cached_with(room, (root, scene.gray))
-        .expect("the room can be made");
+        .expect("a room");
     if scene.screen {
         world.spawn(GiOccluder {
             name: "screen".into(),
@@ -447,19 +444,19 @@ fn spawn_cameras(world: &mut World, scene: &Scene, size: UVec2) {
         let mut image =
             Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-        let image = world.resource_mut::<Assets<Image>>().add(image);
-        (Camera3d::default(), RenderTarget::Image(image.into()), eye)
+        let image = RenderTarget::Image(world.resource_mut::<Assets<Image>>().add(image).into());
+        (Camera3d::default(), image, eye)
     };
     let [deferred, forward] = [target(), target()];
     let deferred = (!scene.no_deferred).then(|| world.spawn((deferred, GiCamera::default())).id());
     let forward = (scene.forward).then(|| world.spawn((forward, Hdr, Msaa::Sample4)).id());
-    for camera in [deferred, forward].into_iter().flatten() {
-        if scene.fog {
-            world.entity_mut(camera).insert(VolumetricFog {
-                ambient_intensity: 0.0,
-                ..default()
-            });
-        }
+    let cameras = [deferred, forward].into_iter().flatten();
+    for camera in cameras.filter(|_| scene.fog) {
+        let fog = VolumetricFog {
+            ambient_intensity: 0.0,
+            ..default()
+        };
+        world.entity_mut(camera).insert(fog);
     }
 }
 

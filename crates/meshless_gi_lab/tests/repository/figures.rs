@@ -233,23 +233,30 @@ fn comments_fit_in_100_columns() {
     );
 }
 
+/// Figures of the last version that was a single package, counted by the same code.
+const BEFORE: &str = "before: 67410 lines in src, 4632 in shaders, 8644 in examples; longest file \
+    687 lines (src/bake/mod.rs); longest function 339 lines (composite); 2040 comments over 100 \
+    columns; about 800 public items";
+
 /// Prints the figures of the repository. Run with `--nocapture`.
 #[test]
 fn figures_are_printed() {
     let all = sources();
     let longest_file = all
         .iter()
+        .filter(|(path, _)| !path.ends_with("tests.rs"))
         .map(|(path, text)| (text.lines().count(), path.as_str()))
         .max();
     let longest_function = all
         .iter()
-        .filter(|(path, _)| path.ends_with(".rs"))
+        .filter(|(path, _)| path.ends_with(".rs") && !path.ends_with("tests.rs"))
         .flat_map(|(path, text)| functions(text).into_iter().map(move |f| (f, path)))
         .map(|(f, path)| (f.lines, f.name, path.as_str()))
         .max();
     let wide = all
         .iter()
         .flat_map(|(path, text)| wide_comments(path, text));
+    println!("{BEFORE}");
     println!("longest file: {longest_file:?}");
     println!("longest function: {longest_function:?}");
     println!("comments over 100 columns: {}", wide.count());
