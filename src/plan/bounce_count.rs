@@ -1,34 +1,34 @@
-//! How many diffuse reflections a scene is solved with: as many as its surfaces call for. The bake
-//! has proved what a reflection leaves of the light at most
+//! Number of diffuse reflections that a scene is solved with: as many as its surfaces need. The
+//! bake bounds the share of the light that a reflection leaves
 //! ([`EnergyInfo::spectral_radius_bound`](meshless_gi::EnergyInfo::spectral_radius_bound), design
-//! D12), so after n of them no more than gainⁿ of what all of them give is missing, about: dark
-//! levels need two or three, white rooms ten.
+//! D12). After n reflections, about gainⁿ of the light of all reflections is missing at most. Dark
+//! scenes need two or three reflections, white rooms ten.
 
 use super::GiBounceCount;
 use meshless_gi::internals::frame::materials::live_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, MaterialFactors};
 use std::fmt;
 
-/// What the reflections that are left out may be of all light, by the gain.
+/// Largest share of all light that the omitted reflections may carry, estimated from the gain.
 pub const MAX_TRUNCATED_FRACTION: f32 = 0.03;
-/// Most reflections, where no setting asks for more: each takes its time in every frame in which
-/// the light changes.
+/// Largest number of reflections that is chosen without a setting. Each takes time in every frame
+/// in which the light changes.
 pub const MAX_AUTO_BOUNCES: u32 = 16;
-/// Where a bake does not say what a reflection leaves.
+/// Number of reflections for a bake without a bound on the gain.
 const UNKNOWN: u32 = 4;
 /// A choice and its reason.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BounceSelection {
-    /// Diffuse reflections in all, 1 or more.
+    /// Number of diffuse reflections, 1 or more.
     pub bounces: u32,
-    /// A setting says so: nothing else has a say.
+    /// `true` if a setting fixes the number.
     pub forced: bool,
-    /// What a reflection leaves of the light at most; none where the bake does not say so.
+    /// Bound on the share of the light that a reflection leaves. `None` if the bake has no bound.
     pub gain: Option<f32>,
 }
 
 impl BounceSelection {
-    /// Why.
+    /// Returns the reason of the choice.
     #[must_use]
     pub fn why(&self) -> String {
         match (self.forced, self.gain) {
@@ -49,8 +49,8 @@ impl fmt::Display for BounceSelection {
     }
 }
 
-/// How many reflections a frame takes at a gain: the fewest that leave [`MAX_TRUNCATED_FRACTION`]
-/// at most, and [`MAX_AUTO_BOUNCES`] where that is more.
+/// Returns the number of reflections for a gain: the smallest that leaves
+/// [`MAX_TRUNCATED_FRACTION`] at most. The limit is [`MAX_AUTO_BOUNCES`].
 #[must_use]
 pub fn bounces_for_spectral_radius(gain: f32) -> u32 {
     match gain {
@@ -58,31 +58,31 @@ pub fn bounces_for_spectral_radius(gain: f32) -> u32 {
         g if g < 1.0 => (MAX_TRUNCATED_FRACTION.ln() / g.ln())
             .ceil()
             .min(MAX_AUTO_BOUNCES as f32) as u32,
-        // Also what is no number.
+        // Includes NaN.
         _ => MAX_AUTO_BOUNCES,
     }
 }
 
-/// Picks, frame by frame, for one scene with one bake. What live materials ask for goes up at once
-/// and never down: there is nothing to see when they go dark, and nothing flickers.
+/// Selects the number of reflections of one scene with one bake, frame by frame. Live materials
+/// raise the number at once and never lower it, so nothing flickers.
 #[derive(Clone, Debug, Default)]
 pub struct BounceSelector {
-    /// The largest gain that was asked for so far.
+    /// Largest gain that was requested so far.
     gain: f32,
-    /// The factors of the materials that it was asked for last.
+    /// Factors of the materials at the last request.
     factors: Vec<MaterialFactors>,
 }
 
 impl BounceSelector {
-    /// Nothing seen yet.
+    /// Creates a selector without history.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What this frame's solve takes: `asked`, or as many as the bake's surfaces call for with
-    /// these factors of its materials (as they were baked where there are none). None for a bake
-    /// that holds its bounces.
+    /// Returns the number of reflections of this frame's solve. It is `asked`, or the number that
+    /// the bake's surfaces need with these factors of its materials. Without factors, the materials
+    /// are as baked. Returns `None` for a bake that holds its bounces.
     pub fn pick(
         &mut self,
         asked: GiBounceCount,
@@ -112,9 +112,10 @@ impl BounceSelector {
     }
 }
 
-/// A bound on what a reflection leaves of the light with these factors of the materials: the
-/// bake's, times the largest factor by which a base color is above the baked one; and never more
-/// than the brightest surface, for a row of the operator holds no more than the hemisphere.
+/// Returns a bound on the share of the light that a reflection leaves with these factors of the
+/// materials. It is the bake's bound times the largest factor by which a base color exceeds the
+/// baked one. It never exceeds the albedo of the brightest surface, because a row of the operator
+/// covers one hemisphere at most.
 fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     let baked = bake.info.energy.spectral_radius_bound;
     let Some(live) = &bake.materials else {
@@ -124,7 +125,7 @@ fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     let colors = pairs.flat_map(|(baked, now)| baked.base_color.into_iter().zip(now.base_color));
     let growth = colors
         .filter(|(baked, now)| now > baked)
-        // Infinite where it was black.
+        // Infinite where the baked color was black.
         .map(|(baked, now)| now / baked.max(0.0))
         .fold(1.0, f32::max);
     if growth <= 1.0 {

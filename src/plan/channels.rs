@@ -1,38 +1,39 @@
-//! In how many channels a scene's operator is applied: one where its surfaces are gray and all that
-//! shines has one chromaticity, three else. [`InventoryTracker`](super::InventoryTracker) knows
-//! what there is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and
-//! forth with a light that blinks in another color.
+//! Number of channels in which a scene's operator is applied. One channel suffices if the surfaces
+//! are gray and all light has one chromaticity. All other scenes take three.
+//! [`InventoryTracker`](super::InventoryTracker) collects the colors. [`ColorModeSelector`] decides
+//! per scene, with hysteresis against lights that blink in another color.
 
 use super::{ColorUniformity, GiColorMode};
 use glam::Vec3;
 use meshless_gi::Channels;
 use std::fmt;
 
-/// Frames of one color, one after another, before a scene that had several is one channel again.
+/// Number of consecutive frames of one color before a scene that had several returns to one
+/// channel.
 pub const MONOCHROME_HYSTERESIS_FRAMES: u32 = 60;
 
-/// What colors a scene's light has.
+/// Colors of a scene's light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneChromaticity {
-    /// Whether it is one.
+    /// Uniformity of the colors.
     pub colors: ColorUniformity,
-    /// That one, largest part 1; white where there are none or several.
+    /// Common color, largest part 1. White if there is none or if there are several.
     pub hue: Vec3,
 }
 
 /// A choice and its reason.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColorModeSelection {
-    /// What frames take.
+    /// Channels of the frame.
     pub channels: Channels,
-    /// A setting says so: nothing else has a say.
+    /// `true` if a setting fixes the channels.
     pub forced: bool,
-    /// Why.
+    /// Reason of the choice.
     pub why: &'static str,
 }
 
 impl ColorModeSelection {
-    /// The choice in words.
+    /// Returns the choice in words.
     #[must_use]
     pub fn choice(&self) -> &'static str {
         match self.channels {
@@ -48,25 +49,25 @@ impl fmt::Display for ColorModeSelection {
     }
 }
 
-/// Picks, frame by frame, for one scene.
+/// Selects the channels of one scene, frame by frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ColorModeSelector {
-    /// One channel, with its hue, or three; none before anything shone.
+    /// One channel with its hue, or three. `None` before any light shone.
     now: Option<Option<Vec3>>,
-    /// Frames of one color in a row.
+    /// Number of consecutive frames of one color.
     steady: u32,
 }
 
 impl ColorModeSelector {
-    /// Nothing seen yet.
+    /// Creates a selector without history.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What this frame's solve takes. Three channels come with the frame that needs them, one
-    /// channel only after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that do with it; what shines
-    /// first is taken as it is, and darkness changes nothing.
+    /// Returns the channels of this frame's solve. Three channels start with the frame that needs
+    /// them. One channel starts after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that need no more.
+    /// The first light is taken as it is, and darkness changes nothing.
     pub fn pick(&mut self, asked: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
         let waits = match found.colors {
             ColorUniformity::Dark => false,
@@ -144,7 +145,7 @@ mod tests {
             auto(&mut picker, ColorUniformity::Surfaces),
             Channels::Three
         );
-        // Darkness is no sign of anything.
+        // Darkness does not count as a color.
         for _ in 0..2 * MONOCHROME_HYSTERESIS_FRAMES {
             assert_eq!(auto(&mut picker, ColorUniformity::Dark), Channels::Three);
         }

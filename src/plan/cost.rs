@@ -1,11 +1,11 @@
-//! What passes cost: their work, the milliseconds that it is expected to take on this device, and
-//! those that the device's clock said.
+//! Costs of passes: their work, the predicted milliseconds on this device, and the milliseconds of
+//! its timestamps.
 //!
-//! Passes that are recorded into one another are timed as one ([`TimingScope`]). A group's
-//! milliseconds over its work is its rate; the mean over the groups of a stage is the stage's, by
-//! which a group that nobody has timed yet is foretold. Before any measurement nothing is known,
-//! and the plan says so. Means run over milliseconds and work apart: a clock that answers some
-//! frames late still gives the right rate.
+//! Passes that are recorded into one another are timed as one ([`TimingScope`]). The rate of a
+//! group is its milliseconds divided by its work. The rate of a stage is the mean over its groups,
+//! and it predicts groups without a measurement. Before any measurement there is no prediction, and
+//! the plan states it. Milliseconds and work have separate running means. Timestamps that arrive
+//! some frames late thus still give the right rate.
 
 use super::{Effect, FrameStage, FrameState, Pass, Plan, SceneId, ViewId, kind_of};
 use std::collections::BTreeMap;
@@ -13,22 +13,22 @@ use std::fmt;
 
 /// Weight of a new measurement in the running means.
 const SMOOTH: f64 = 0.2;
-/// Answers of the clock that are not looked at after work came to be counted in another unit: they
-/// are some frames late.
+/// Number of measurements that are ignored after the unit of the work changed. Timestamps arrive
+/// some frames late.
 const LATE: u32 = 4;
-/// A group that no plan of so many had is forgotten.
+/// Number of plans without a group after which the group is removed.
 const KEPT: u64 = 1000;
 
-/// Passes that the device's clock times as one.
+/// Passes that the device's timestamps measure as one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TimingScope {
-    /// The one of them that stands for all: [`FrameStage::APPLY`] for what carries light on (pull,
-    /// push, apply, flatten, the probes' rows), [`FrameStage::SPLAT`] for all that lays light over
-    /// a view's pixels.
+    /// Stage that represents all of them. [`FrameStage::APPLY`] represents the transport: pull,
+    /// push, apply, flatten, and the rows of the probes. [`FrameStage::SPLAT`] represents all
+    /// passes that add light to a view's pixels.
     pub stage: FrameStage,
-    /// For which scene; [`SceneId::WORLD`] for what a view takes of all scenes.
+    /// Scene of the passes. [`SceneId::WORLD`] for work of a view on all scenes.
     pub scene: SceneId,
-    /// For which view; `None` for work that all views share.
+    /// View of the passes. `None` for work that all views share.
     pub view: Option<ViewId>,
 }
 
@@ -46,7 +46,7 @@ impl TimingScope {
         }
     }
 
-    /// The name of the span that times it.
+    /// Returns the name of the timestamp span.
     #[must_use]
     pub fn span(&self) -> String {
         let of = self.view.map_or(self.scene.0, |view| view.0);
@@ -54,31 +54,31 @@ impl TimingScope {
     }
 }
 
-/// How much there is to do, in the unit that a stage's time grows with.
+/// Amount of work, in the unit that a stage's time is proportional to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Work {
-    /// It isn't counted: what it costs shows when it has run.
+    /// Work without a count. Its cost is known after it has run.
     #[default]
     Uncounted,
-    /// Links of the operator that are read, once a sweep.
+    /// Number of links of the operator that are read, counted once per sweep.
     Links(u64),
-    /// The same, in one channel of three.
+    /// Number of links that are read in one channel of three.
     OneChannel(u64),
     /// Shadow rays.
     Rays(u64),
-    /// Parts of links that occluders are in the way of.
+    /// Number of link terms that occluders intersect.
     Passages(u64),
-    /// Lights with soft shadows, once a point that remembers what it sees.
+    /// Number of lights with soft shadows times the number of points with baked visibility.
     Sights(u64),
-    /// Voxels of a volume.
+    /// Number of voxels of a volume.
     Voxels(u64),
-    /// Pixels, once for each scene (or list of virtual lights, or fog volume before a scene) that
-    /// is laid over them.
+    /// Number of pixels, counted once per layer. A layer is a scene, a list of virtual lights, or a
+    /// fog volume in front of a scene.
     Pixels(u64),
 }
 
 impl Work {
-    /// The number; none where it isn't counted or is zero.
+    /// Returns the number. `None` if it is not counted or zero.
     #[must_use]
     pub fn amount(self) -> Option<f64> {
         match self {
@@ -93,7 +93,7 @@ impl Work {
         }
     }
 
-    /// What it is counted in.
+    /// Returns the unit of the work.
     fn unit(self) -> Unit {
         match self {
             Self::Uncounted => Unit::None,
@@ -118,7 +118,7 @@ impl Work {
     }
 }
 
-/// What work is counted in: costs of one unit say nothing of another's.
+/// Unit of work. Costs of different units are not comparable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum Unit {
     #[default]
@@ -147,15 +147,15 @@ impl fmt::Display for Work {
     }
 }
 
-/// What a group of passes costs.
+/// Cost of a group of passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cost {
-    /// How much there is to do in this frame.
+    /// Amount of work in this frame.
     pub work: Work,
-    /// Milliseconds that it is expected to take; none before any measurement of the stage.
+    /// Predicted milliseconds. `None` before any measurement of the stage.
     pub predicted: Option<f32>,
-    /// Milliseconds that the device's clock said of it, a mean over its last frames; none where it
-    /// has no clock, or did not answer yet.
+    /// Measured milliseconds, a running mean over the last frames. `None` without timestamps, or
+    /// before the first arrives.
     pub measured: Option<f32>,
 }
 
@@ -167,7 +167,7 @@ impl Cost {
     }
 }
 
-/// The work, and the milliseconds that are known.
+/// Formats the work and the available milliseconds.
 impl fmt::Display for Cost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.work.fmt(f)?;
@@ -214,7 +214,7 @@ pub(super) fn weigh<R>(
 #[derive(Clone, Copy, Debug, Default)]
 struct Means {
     unit: Unit,
-    /// So many answers of the clock are of before the unit changed.
+    /// Number of pending measurements from before the unit changed.
     late: u32,
     ms: Option<f64>,
     work: Option<f64>,
@@ -230,23 +230,23 @@ fn mix(mean: &mut Option<f64>, value: f64) {
     *mean = Some(mean.map_or(value, |m| m + SMOOTH * (value - m)));
 }
 
-/// What is known of the costs on one device.
+/// Model of the costs on one device.
 #[derive(Clone, Debug, Default)]
 pub struct CostModel {
     groups: BTreeMap<TimingScope, (Means, u64)>,
-    /// Milliseconds a unit of work, by stage and unit.
+    /// Milliseconds per unit of work, by stage and unit.
     rates: BTreeMap<(FrameStage, Unit), f64>,
     plans: u64,
 }
 
 impl CostModel {
-    /// Knows nothing.
+    /// Creates a model without measurements.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A frame with this plan was recorded.
+    /// Notes that a frame with this plan was recorded.
     pub fn ran(&mut self, plan: &Plan) {
         self.plans += 1;
         for (timed, cost) in &plan.costs {
@@ -268,8 +268,8 @@ impl CostModel {
         self.groups.retain(|_, (_, seen)| *seen > oldest);
     }
 
-    /// The device's clock said so of one of the last frames. What no plan had, and what is no time,
-    /// is left out.
+    /// Adds a measurement of one of the last frames, ms. Ignores scopes that no plan had, and
+    /// values that are no valid time.
     pub fn measured(&mut self, timed: TimingScope, ms: f32) {
         let Some((means, _)) = self.groups.get_mut(&timed) else {
             return;
@@ -292,7 +292,7 @@ impl CostModel {
         }
     }
 
-    /// Writes into the plan what is known.
+    /// Writes the available costs into the plan.
     pub fn price(&self, plan: &mut Plan) {
         for (timed, cost) in &mut plan.costs {
             let unit = cost.work.unit();

@@ -4,8 +4,8 @@
 //! [`FrameState`] and adds the passes that it needs to the [`Plan`], each with a reason. Effects
 //! run in the order of their table, so a later one may read the passes of an earlier one.
 //!
-//! The type parameter `R` is how a pass is recorded. The plan never uses it: the caller that owns
-//! the table also owns the recorder.
+//! The type parameter `R` describes the recording of a pass. The plan never uses it: the caller
+//! that owns the table also owns the recorder.
 
 use super::{FrameStage, FrameState, Pass, Plan, Work};
 
@@ -33,7 +33,7 @@ pub struct PassKind<R: 'static> {
     pub timed_with: Option<FrameStage>,
     /// Amount of work of a pass, in the unit that its time is proportional to.
     pub work: fn(&FrameState, &Pass) -> Work,
-    /// How such a pass is recorded.
+    /// Recorder of such a pass.
     pub record: R,
 }
 

@@ -1,35 +1,35 @@
-//! What the world has that indirect light may have to follow, in counts: the plan's first words.
-//! [`InventoryTracker`](super::InventoryTracker) makes it, frame by frame.
+//! Counts of the parts of the world that affect indirect light. The plan prints them first.
+//! [`InventoryTracker`](super::InventoryTracker) updates them in each frame.
 //!
-//! It says what is there, not what runs: a light that moves out of view is in the inventory, and no
-//! pass is in the plan.
+//! The inventory lists the objects that exist, not the passes that run. A light that moves out of
+//! view is in the inventory, and no pass is in the plan.
 
 use std::fmt;
 
-/// How many of a kind, and what became of them since the frame before. What is new or gone counts
-/// as moved.
+/// Counts of one kind of object, and of its changes since the previous frame. Added and removed
+/// objects count as moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ChangeCounts {
-    /// There are so many.
+    /// Number of objects.
     pub all: u32,
-    /// So many of them are on.
+    /// Number of objects that are on.
     pub on: u32,
-    /// So many stand, point or reach elsewhere, or are new.
+    /// Number of objects with another position, direction or range, and of added and removed ones.
     pub moved: u32,
-    /// So many have another color or strength, or went on or off.
+    /// Number of objects with another color or intensity, or that were turned on or off.
     pub recolored: u32,
 }
 
-/// A kind of light.
+/// Kind of light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LightKind {
-    /// Point lights.
+    /// Point light.
     Point,
-    /// Spot lights.
+    /// Spot light.
     Spot,
-    /// Suns.
+    /// Directional light.
     Directional,
-    /// Rectangles.
+    /// Rectangular area light.
     Rect,
 }
 
@@ -37,7 +37,7 @@ impl LightKind {
     /// All kinds.
     pub const ALL: [Self; 4] = [Self::Point, Self::Spot, Self::Directional, Self::Rect];
 
-    /// One of them in words.
+    /// Returns the name of one light of this kind.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -49,92 +49,93 @@ impl LightKind {
     }
 }
 
-/// What the skies of the baked scenes are.
+/// Kind of the skies of the baked scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SkyKind {
-    /// None shines.
+    /// No sky shines.
     #[default]
     None,
-    /// All that shine are uniform.
+    /// All skies that shine are uniform.
     Uniform,
-    /// One varies with the direction.
+    /// At least one sky varies with the direction.
     Varied,
 }
 
-/// The cameras that draw in three dimensions, captures of what moves aside.
+/// Numbers of cameras that draw in three dimensions, without those of reflective shadow maps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cameras {
-    /// They show indirect light over a G-buffer.
+    /// Cameras that show indirect light over a G-buffer.
     pub deferred: u32,
-    /// They draw without one, one sample a pixel.
+    /// Cameras without a G-buffer, with one sample per pixel.
     pub forward: u32,
-    /// They draw without one, several samples a pixel.
+    /// Cameras without a G-buffer, with several samples per pixel.
     pub sampled: u32,
-    /// They ask for indirect light, and their settings turn it off.
+    /// Cameras with indirect light that is turned off by their settings.
     pub off: u32,
 }
 
-/// Whether all light of the world has one color, so that one channel would tell all of it.
+/// Uniformity of the colors of all light. One channel suffices for a single color.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColorUniformity {
     /// Nothing shines.
     #[default]
     Dark,
-    /// Every surface that reflects is gray, and all that shines has one chromaticity.
+    /// All surfaces that reflect are gray, and all light has one chromaticity.
     One,
-    /// A baked surface is colored, or a material that covers one is now.
+    /// A baked surface, or a live material that covers one, is colored.
     Surfaces,
-    /// Surfaces are gray, and what shines has several chromaticities.
+    /// All surfaces are gray, and the light has several chromaticities.
     Lights,
 }
 
-/// What a frame's world has.
+/// Inventory of the world in one frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Inventory {
     /// Lights of each kind, as [`LightKind::ALL`] orders them.
     pub lights: [ChangeCounts; 4],
-    /// Baked scenes.
+    /// Number of baked scenes.
     pub bakes: u32,
-    /// What their skies are.
+    /// Kind of their skies.
     pub skies: SkyKind,
-    /// How many scenes' skies changed.
+    /// Number of scenes with a changed sky.
     pub skies_changed: u32,
-    /// Scenes with surfaces that glow, as bake and settings have it.
+    /// Number of scenes with emissive surfaces, by the bake and the settings.
     pub glowing: u32,
-    /// How many scenes' emission changed.
+    /// Number of scenes with changed emission.
     pub glow_changed: u32,
-    /// Materials that may change ([`dynamic_materials`](meshless_gi::Recipe::dynamic_materials)).
+    /// Number of materials that may change
+    /// ([`dynamic_materials`](meshless_gi::Recipe::dynamic_materials)).
     pub live_materials: u32,
-    /// How many of them changed.
+    /// Number of materials that changed.
     pub materials_changed: u32,
-    /// Doors, lifts and the like.
+    /// Number of occluders, such as doors and lifts.
     pub doors: u32,
-    /// How many of them moved.
+    /// Number of occluders that moved.
     pub doors_moved: u32,
-    /// Roots of baked scenes that moved.
+    /// Number of roots of baked scenes that moved.
     pub bakes_moved: u32,
-    /// What moves and is marked to reflect light.
+    /// Number of dynamic objects that reflect light.
     pub bouncers: u32,
-    /// Lights that ask for the bounce of what moves.
+    /// Number of lights that request a bounce off dynamic objects.
     pub bouncing_lights: u32,
-    /// The cameras.
+    /// Numbers of cameras.
     pub cameras: Cameras,
-    /// Materials with a normal map.
+    /// Number of materials with a normal map.
     pub normal_maps: u32,
-    /// Fog volumes.
+    /// Number of fog volumes.
     pub fogs: u32,
-    /// Whether one channel would do.
+    /// Uniformity of the colors of all light.
     pub colors: ColorUniformity,
 }
 
 impl Inventory {
-    /// Lights of one kind.
+    /// Returns the counts of the lights of one kind.
     #[must_use]
     pub fn lights_of(&self, sort: LightKind) -> ChangeCounts {
         self.lights[sort as usize]
     }
 
-    /// Nothing of what lights the scenes changed since the frame before.
+    /// Returns `true` if nothing that affects the light changed since the previous frame.
     #[must_use]
     pub fn at_rest(&self) -> bool {
         let lights = |c: &ChangeCounts| c.moved == 0 && c.recolored == 0;
@@ -178,7 +179,7 @@ impl fmt::Display for ColorUniformity {
 }
 
 impl fmt::Display for Inventory {
-    /// One line for each of: what shines, what changes, what is looked at; only what there is.
+    /// Writes one line each for light sources, changes and cameras. Omits the empty ones.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let changed = |n: u32, what| match n {
             0 => String::new(),

@@ -1,8 +1,8 @@
-//! Takes the [inventory](Inventory) of a frame: compares what the world has with what it had a
-//! frame before.
+//! Computes the [inventory](Inventory) of a frame from the differences between the world and the
+//! previous frame.
 //!
-//! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up
-//! once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
+//! The caller describes lights, scenes and cameras. Properties of a bake's surfaces are computed
+//! once per bake. A frame costs one comparison per light and scene, and no loop over meshes.
 
 use super::{Cameras, ColorUniformity, Inventory, LightKind, SceneChromaticity, SceneId, SkyKind};
 use glam::Vec3;
@@ -11,63 +11,63 @@ use meshless_gi::{BakedScene, Light, MaterialFactors, SkyRadiance};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
 
-/// A baked scene as the survey sees it.
+/// State of a baked scene in one frame.
 #[derive(Clone, Debug)]
 pub struct SceneSnapshot<'a> {
-    /// Which one.
+    /// Identifier of the scene.
     pub id: SceneId,
-    /// Its bake, once it is there.
+    /// Bake of the scene. `None` until it is loaded.
     pub bake: Option<&'a Arc<BakedScene>>,
-    /// The root's affine transform, column by column.
+    /// Affine transform of the root, in columns.
     pub transform: [f32; 12],
-    /// The sky's radiance.
+    /// Radiance of the sky.
     pub sky: SkyRadiance,
-    /// Multiplies the bake's emission.
+    /// Factor on the bake's emission.
     pub emission: f32,
-    /// The factors of its materials, where they may change.
+    /// Factors of its materials. Empty if they cannot change.
     pub materials: &'a [MaterialFactors],
-    /// What passes its occluders.
+    /// Transmittance of its occluders.
     pub gains: &'a [f32],
-    /// Which of [`WorldSnapshot::lights`] do not light it, as indices in ascending order: they are
-    /// of other layers, or end before it.
+    /// Indices of the [`WorldSnapshot::lights`] that do not light it, in ascending order. These
+    /// lights are on other layers, or their range ends before it.
     pub unlit_by: Vec<usize>,
 }
 
-/// What is in the world.
+/// State of the world in one frame.
 #[derive(Clone, Debug, Default)]
 pub struct WorldSnapshot<'a, K> {
-    /// Lights by the caller's key, each of which comes once. Black ones are off; the sky is no
-    /// light here.
+    /// Lights by the caller's key. Each key occurs once. Black lights are off, and the sky is not
+    /// included.
     pub lights: Vec<(K, &'a Light)>,
     /// Roots of baked scenes.
     pub scenes: Vec<SceneSnapshot<'a>>,
-    /// The cameras.
+    /// Numbers of cameras.
     pub cameras: Cameras,
-    /// What moves and is marked to reflect light.
+    /// Number of dynamic objects that reflect light.
     pub bouncers: u32,
-    /// Lights that ask for its bounce.
+    /// Number of lights that request a bounce off dynamic objects.
     pub bouncing_lights: u32,
-    /// Materials with a normal map.
+    /// Number of materials with a normal map.
     pub normal_maps: u32,
-    /// Fog volumes.
+    /// Number of fog volumes.
     pub fogs: u32,
 }
 
-/// The chromaticities of several colors.
+/// Chromaticity of a set of colors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Hues {
-    /// All are black.
+    /// All colors are black.
     #[default]
     None,
-    /// All have this one: a color whose largest part is 1.
+    /// All colors have this chromaticity: a color whose largest part is 1.
     One(Vec3),
-    /// They differ.
+    /// The chromaticities differ.
     Several,
 }
 
 impl Hues {
-    /// Parts of a chromaticity that differ by less are alike: an eighth of a step of eight bits and
-    /// the rounding of textures.
+    /// Largest difference of two chromaticities that count as equal, per part. It covers an eighth
+    /// of an 8-bit step and the rounding of textures.
     const ALIKE: f32 = 2e-3;
     const GRAY: Self = Self::One(Vec3::ONE);
 
@@ -95,7 +95,7 @@ impl Hues {
         (colors.into_iter()).fold(Self::None, |hues, c| hues.with(Self::of(c)))
     }
 
-    /// What is left of colors of these chromaticities behind a factor.
+    /// Returns the chromaticity of these colors times a factor.
     fn times(self, factor: Vec3) -> Self {
         match self {
             Self::One(hue) => Self::of(hue * factor),
@@ -108,13 +108,14 @@ impl Hues {
         Self::GRAY.with(self) == Self::GRAY
     }
 
-    /// Of light of these chromaticities on surfaces that are all gray, or not.
+    /// Returns the colors of a scene with light of these chromaticities. `gray` is `true` if all
+    /// its surfaces are gray.
     fn on(self, gray: bool) -> SceneChromaticity {
         let (colors, hue) = match (self, gray) {
             (Self::None, _) => (ColorUniformity::Dark, Vec3::ONE),
             (_, false) => (ColorUniformity::Surfaces, Vec3::ONE),
             (Self::Several, true) => (ColorUniformity::Lights, Vec3::ONE),
-            // The terms of a sky have either sign.
+            // Terms of a sky have either sign.
             (Self::One(hue), true) if hue.min_element() >= 0.0 => (ColorUniformity::One, hue),
             (Self::One(hue), true) if hue.max_element() <= 0.0 => (ColorUniformity::One, -hue),
             (Self::One(_), true) => (ColorUniformity::Lights, Vec3::ONE),
@@ -123,17 +124,17 @@ impl Hues {
     }
 }
 
-/// What a bake's surfaces are like.
+/// Colors of a bake's surfaces.
 #[derive(Clone, Debug)]
 struct Facts {
-    /// The bake that they are of.
+    /// Bake of the surfaces.
     bake: Weak<BakedScene>,
-    /// What all surfaces reflect and emit.
+    /// Reflected and emitted colors of all surfaces.
     all: [Hues; 2],
-    /// The same of those that no live material covers.
+    /// Reflected and emitted colors of the surfaces without a live material.
     rest: [Hues; 2],
-    /// What the shares of each live material reflect and emit for factors of one: its textures are
-    /// in them.
+    /// Reflected and emitted colors of each live material, for factors of one. Textures are
+    /// included.
     shares: Vec<[Hues; 2]>,
 }
 
@@ -153,7 +154,7 @@ impl Facts {
             let own = [surface.albedo, surface.emission];
             add(&mut facts.all, own);
             let covers = |live: &DynamicMaterials| !live.row(j).is_empty();
-            // Points that do not send have no row.
+            // Points that do not send light have no row.
             if j < bake.senders() && !bake.materials.as_ref().is_some_and(covers) {
                 add(&mut facts.rest, own);
             }
@@ -169,8 +170,8 @@ impl Facts {
         facts
     }
 
-    /// What surfaces reflect and emit with these factors of its materials; all as baked where there
-    /// are none.
+    /// Returns the reflected and emitted colors with these factors of the materials. All are as
+    /// baked if there are no factors.
     fn now(&self, materials: &[MaterialFactors]) -> [Hues; 2] {
         if materials.is_empty() {
             return self.all;
@@ -187,7 +188,7 @@ impl Facts {
     }
 }
 
-/// A scene a frame before.
+/// State of a scene in the previous frame.
 #[derive(Clone, Debug)]
 struct Before {
     transform: [f32; 12],
@@ -198,7 +199,7 @@ struct Before {
     facts: Option<Facts>,
 }
 
-/// Takes inventories, frame after frame. `K` is what the caller knows a light by.
+/// Computes the inventory of each frame. `K` identifies a light.
 #[derive(Clone, Debug)]
 pub struct InventoryTracker<K> {
     lights: BTreeMap<K, Light>,
@@ -216,7 +217,7 @@ impl<K> Default for InventoryTracker<K> {
     }
 }
 
-/// Kind, color and the rest of a light; none for a sky.
+/// Returns kind, color and geometry of a light. `None` for a sky.
 fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
     let mut place = [0.0; 9];
     let mut put = |at: usize, v: Vec3| place[at..at + 3].copy_from_slice(&v.to_array());
@@ -267,13 +268,13 @@ fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
 }
 
 impl<K: Copy + Ord> InventoryTracker<K> {
-    /// A surveyor who has seen nothing: to its first inventory everything is new.
+    /// Creates a tracker without history. Its first inventory counts every object as new.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The inventory of this frame, beside the one before.
+    /// Returns the inventory of this frame, compared with the previous one.
     pub fn survey(&mut self, found: &WorldSnapshot<'_, K>) -> Inventory {
         let mut out = Inventory {
             bakes: found.scenes.len() as u32,
@@ -309,14 +310,14 @@ impl<K: Copy + Ord> InventoryTracker<K> {
         out
     }
 
-    /// What colors the light of a scene of the last inventory has: its sky, what glows in it, and
-    /// the lights that light it.
+    /// Returns the light colors of a scene of the last inventory, from its sky, its emissive
+    /// surfaces and its lights.
     #[must_use]
     pub fn colors_of(&self, scene: SceneId) -> SceneChromaticity {
         self.colors.get(&scene).copied().unwrap_or_default()
     }
 
-    /// Counts the lights; answers what color each shines in.
+    /// Counts the lights and returns the chromaticity of each.
     fn count_lights(&mut self, found: &WorldSnapshot<'_, K>, out: &mut Inventory) -> Vec<Hues> {
         let mut hues = vec![Hues::None; found.lights.len()];
         let mut before = std::mem::take(&mut self.lights);
@@ -344,8 +345,8 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     }
 }
 
-/// Counts a scene; answers how it stands, what colors shine in it, and whether all that it reflects
-/// is gray.
+/// Counts a scene. Returns its state, the colors of its sky and emission, and `true` if all its
+/// surfaces are gray.
 fn count_scene(
     scene: &SceneSnapshot<'_>,
     was: Option<Before>,
@@ -404,7 +405,7 @@ fn count_scene(
         gains: scene.gains.to_vec(),
         facts,
     };
-    // A bake that knows a uniform sky only has the mean of another.
+    // A bake for a uniform sky uses the mean of any other sky.
     let sky = match scene.bake.is_some_and(|bake| bake.sky.is_none()) {
         true => Hues::of(scene.sky.mean),
         false => sky,

@@ -1,10 +1,10 @@
-//! Which light sits in which slot, and what changed about it since the device last computed it.
+//! Assignment of lights to slots, and changes of a slot since the device last computed it.
 //!
-//! A slot is one column of the projection g[slot][point]: a light of unit color. A rectangle takes
-//! several slots, one a patch. A light keeps its slots as long as it lives, so that a light that
-//! moves costs its own slots and no others. Changes are measured against what was last *projected*,
-//! never against the last frame: a slow drift adds up until it counts, and frames in which the
-//! scene was out of view are caught up by themselves.
+//! A slot is one column of the projection g[slot][point] and holds a light of unit color. A
+//! rectangle takes several slots, one per patch. A light keeps its slots while it exists, so a
+//! light that moves costs its own slots only. Changes are measured against the last *projected*
+//! values, never against the last frame. A slow drift thus adds up until it counts, and a scene
+//! that was out of view catches up.
 
 use super::SlotChange;
 use glam::Vec3;
@@ -12,8 +12,8 @@ use meshless_gi::internals::frame::SoftLight;
 use meshless_gi::{Bounds, FrameLight};
 use std::collections::BTreeMap;
 
-/// True when a projection made for `a` serves `b`: lengths alike within `tolerance` meters,
-/// directions and the numbers of a cone within 1e-5 of their size. Colors do not matter.
+/// Returns `true` if a projection made for `a` is valid for `b`. Lengths may differ by `tolerance`
+/// meters, directions by 1e-5, and cone parameters by 1e-5 of their value. Colors are ignored.
 #[must_use]
 pub fn same_projection(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3], t: f32| {
@@ -23,7 +23,7 @@ pub fn same_projection(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
             <= t
     };
     let like = |x: f32, y: f32| (x - y).abs() <= 1e-5 * x.abs().max(y.abs());
-    // 1/r² changes twice as much as r, relatively.
+    // The relative change of 1/r² is twice that of r.
     let range = |x: f32, y: f32| x == y || (x.powf(-0.5) - y.powf(-0.5)).abs() <= tolerance;
     a.kind == b.kind
         && near(a.position, b.position, tolerance)
@@ -33,8 +33,8 @@ pub fn same_projection(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
         && like(a.spot_offset, b.spot_offset)
 }
 
-/// True when a transport computed with color `a` serves color `b`: alike within 1e-5 of the larger
-/// one, channel by channel. A scene root that turns together with its lights gives that much
+/// Returns `true` if a transport computed with color `a` is valid for color `b`. Channels may
+/// differ by 1e-5 of the larger value: a scene root that rotates with its lights causes such
 /// rounding.
 #[must_use]
 pub fn same_color(a: [f32; 3], b: [f32; 3]) -> bool {
@@ -43,8 +43,9 @@ pub fn same_color(a: [f32; 3], b: [f32; 3]) -> bool {
         .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
 }
 
-/// True when what lights `a` do not reach is what lights `b` do not reach: the same lights in the
-/// same order, lengths alike within `tolerance` meters, colors as in [`same_color`].
+/// Returns `true` if the shadows of lights `a` are valid for lights `b`. Both must have the same
+/// lights in the same order. Lengths may differ by `tolerance` meters, and colors as in
+/// [`same_color`].
 #[must_use]
 pub fn same_soft_shadow(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3]| {
@@ -64,7 +65,8 @@ pub fn same_soft_shadow(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> boo
     a.len() == b.len() && a.iter().zip(b).all(alike)
 }
 
-/// False when no light of `light` can arrive in the box: it is black, or ends before.
+/// Returns `false` if no light of `light` can arrive in the box: it is black, or its range ends
+/// before.
 #[must_use]
 pub fn soft_light_affects(light: &SoftLight, bounds: Bounds) -> bool {
     let center = Vec3::from_array(light.center);
@@ -74,7 +76,7 @@ pub fn soft_light_affects(light: &SoftLight, bounds: Bounds) -> bool {
         && nearest.distance_squared(center) * light.inverse_square_range < 1.0
 }
 
-/// False when no light of `light` can arrive in the box: it ends before.
+/// Returns `false` if no light of `light` can arrive in the box: its range ends before.
 #[must_use]
 pub fn light_affects(light: &FrameLight, bounds: Bounds) -> bool {
     match light.kind {
@@ -88,36 +90,36 @@ pub fn light_affects(light: &FrameLight, bounds: Bounds) -> bool {
     }
 }
 
-/// One slot in use.
+/// Slot in use.
 #[derive(Clone, Debug)]
 struct Slot {
-    /// What the world says now.
+    /// Light in the current frame.
     wanted: FrameLight,
-    /// What the device's projection was made for.
+    /// Light that the device's projection was made for.
     projected: Option<FrameLight>,
-    /// What the last update found.
+    /// Change found by the last update.
     change: SlotChange,
 }
 
-/// What the table says about a frame.
+/// Changes of the table in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slots {
-    /// One entry a slot.
+    /// Changes, one entry per slot.
     pub changes: Vec<SlotChange>,
-    /// A slot that shone was freed.
+    /// `true` if a slot with light was freed.
     pub stale: bool,
 }
 
-/// The slots of one scene. `K` is what the caller knows a light by.
+/// Light slots of one scene. `K` identifies a light.
 #[derive(Clone, Debug)]
 pub struct SlotTable<K = u64> {
-    /// First come, first slot; a freed slot is taken again.
+    /// Slots in order of assignment. A freed slot is reused.
     slots: Vec<Option<Slot>>,
-    /// The colors that the device's transport was computed with, slot by slot.
+    /// Colors that the device's transport was computed with, per slot.
     applied: Vec<[f32; 3]>,
-    /// The slots of each light, by the caller's key.
+    /// Slots of each light, by the caller's key.
     owners: BTreeMap<K, Vec<u32>>,
-    /// A slot that the device's transport counted is no longer in the table.
+    /// `true` if a slot that the device's transport includes is no longer in the table.
     lost: bool,
 }
 
@@ -133,29 +135,28 @@ impl<K> Default for SlotTable<K> {
 }
 
 impl<K: Copy + Ord> SlotTable<K> {
-    /// An empty table.
+    /// Creates an empty table.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// How many slots, free ones within included.
+    /// Returns the number of slots, including free ones.
     #[must_use]
     pub fn len(&self) -> usize {
         self.slots.len()
     }
 
-    /// True without slots.
+    /// Returns `true` if there are no slots.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.slots.is_empty()
     }
 
-    /// Takes the frame's lights, in the bake's local space, and says what changed. Lights are known
-    /// by their key, each of which comes once; a key that is missing has gone. A light that is
-    /// black or does not reach `bounds` keeps its slots and its projection. Moves by less than 1e-5
-    /// of the box's diagonal do not count (a scene root that moves together with its lights gives
-    /// that much rounding).
+    /// Sets the frame's lights, in the bake's local space, and returns the changes. Each key occurs
+    /// once, and a light whose key is missing is removed. A light that is black or does not reach
+    /// `bounds` keeps its slots and its projection. Moves by less than 1e-5 of the box's diagonal
+    /// are ignored: a scene root that moves with its lights causes such rounding.
     pub fn update(&mut self, lights: &[(K, Vec<FrameLight>)], bounds: Bounds) -> Slots {
         let tolerance = 1e-5 * bounds.size().length();
         let here: BTreeMap<K, usize> = lights.iter().map(|(k, s)| (*k, s.len())).collect();
@@ -206,7 +207,7 @@ impl<K: Copy + Ord> SlotTable<K> {
                 let valid = |p: FrameLight| same_projection(&p, &slot.wanted, tolerance);
                 let color = slot.wanted.color;
                 slot.change = if color == [0.0; 3] {
-                    // Dark: whatever its projection says is multiplied by zero.
+                    // The projection of a dark slot is multiplied by zero.
                     if applied == [0.0; 3] {
                         SlotChange::None
                     } else {
@@ -225,9 +226,9 @@ impl<K: Copy + Ord> SlotTable<K> {
         Slots { changes, stale }
     }
 
-    /// The light of every slot, for the device: one that is to be projected as it is now, one that
-    /// is not with the geometry that its projection was made for and its color of now.
-    /// [`FrameLight::NONE`] where there is nothing to multiply.
+    /// Returns the light of every slot, for the device. A slot to be projected has its current
+    /// light. Any other has the geometry of its projection and its current color.
+    /// [`FrameLight::NONE`] if there is no projection.
     #[must_use]
     pub fn lights(&self) -> Vec<FrameLight> {
         let light = |slot: &Slot| match (slot.change, slot.projected) {
@@ -244,8 +245,8 @@ impl<K: Copy + Ord> SlotTable<K> {
             .collect()
     }
 
-    /// The device has projected these slots from [`lights`](Self::lights). One that did not ask for
-    /// it was not given its geometry, so nothing is known about its projection.
+    /// Marks slots as projected from [`lights`](Self::lights). Ignores slots without
+    /// [`SlotChange::Geometry`], because their current geometry was not on the device.
     pub fn mark_projected(&mut self, slots: &[u32]) {
         for &i in slots {
             if let Some(slot) = self.slots.get_mut(i as usize).and_then(Option::as_mut)
@@ -256,20 +257,20 @@ impl<K: Copy + Ord> SlotTable<K> {
         }
     }
 
-    /// The device has run the transport with the wanted colors.
+    /// Marks the transport as computed with the current colors.
     pub fn mark_applied(&mut self) {
         self.applied = self.lights().iter().map(|l| l.color).collect();
         self.lost = false;
     }
 
-    /// What casts shadows changed: no projection is of use any more.
+    /// Discards all projections, after a shadow caster changed.
     pub fn unproject(&mut self) {
         for slot in self.slots.iter_mut().flatten() {
             slot.projected = None;
         }
     }
 
-    /// The device holds nothing any more.
+    /// Discards all values, after the device released the scene.
     pub fn forget(&mut self) {
         self.unproject();
         self.applied.fill([0.0; 3]);

@@ -1,38 +1,35 @@
-//! What this frame's scene calls for: which passes run, for which scene and view, and why (design
-//! D9).
+//! Planning of a frame: the passes that run, their scenes and views, and the reasons (design D9).
 //!
-//! Where it stands: after `bake`, before `gpu` and `plugin`. It knows neither an engine nor a
-//! device: a caller describes the frame in plain words ([`FrameState`]), gets a [`Plan`], and
-//! records exactly the passes that the plan lists.
+//! The module follows `bake` and precedes `gpu` and `plugin`. It depends on neither an engine nor a
+//! device. A caller describes the frame as a [`FrameState`], gets a [`Plan`], and records exactly
+//! the passes that the plan lists.
 //!
-//! Rules, and each has a test:
+//! Rules, each with a test:
 //!
 //! | the frame | what runs |
 //! |---|---|
-//! | no camera asks, or no baked scene is in view, or its asset is not there | nothing: no buffer, no pipeline |
+//! | no camera requests indirect light, or no baked scene is in view, or its asset is not there | nothing: no buffer, no pipeline |
 //! | a scene is in view for the first time, or was baked again | upload, project every slot that shines, transport, display |
 //! | one of eight lights moved | its slots are projected, transport, display |
 //! | a light changed its color, or the sky or the emission changed | transport, display; nothing is projected |
 //! | all lights at rest | display alone |
-//! | a scene has been out of view for a while | its buffers go |
-//! | a light asks for the bounce of what moves, and something moves in its reach | its maps, and its virtual point lights over each view |
-//! | a light casts soft shadows on a bake that remembers what its points see | what it does not reach, when it changed; it is taken from each view |
-//! | no light does, or the bake does not remember | nothing: no visibility on the device, no pass |
-//! | a volume for forward cameras is asked for, and one of them sees the scene | its voxels, when the light changed |
-//! | a camera sees fog that lies in a scene with a volume | the volume's voxels, when the light changed; its light is added to that camera's picture |
-//! | no fog is there, or it lies elsewhere | nothing: no pass, no buffer |
-//! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
+//! | a scene has been out of view for a while | its buffers are released |
+//! | a light requests a bounce off dynamic objects, and one is in its reach | its maps, and its virtual point lights over each view |
+//! | a light casts soft shadows on a bake with visibility | the shadowed irradiance, when it changed, which is subtracted from each view |
+//! | no light casts soft shadows, or the bake has no visibility | nothing: no visibility on the device, no pass |
+//! | a volume for forward cameras is requested, and one of them sees the scene | its voxels, when the light changed |
+//! | a camera sees fog in a scene with a volume | the volume's voxels, when the light changed, and the fog's light in that camera's picture |
+//! | no fog is there, or it is outside such scenes | nothing: no pass, no buffer |
+//! | no dynamic object is in the light's reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
-//! With which tier of the operator a scene is solved [`TierController`] says, as the game asks for
-//! it (design D11); the plan names it beside its reason.
+//! [`TierController`] selects the operator tier of a scene, as the game requests it (design D11).
+//! [`ColorModeSelector`] selects the number of channels, from the colors of light and surfaces.
+//! [`BounceSelector`] selects the number of reflections, from the reflectance of the surfaces. The
+//! plan stores each choice with its reason.
 //!
-//! In how many channels its operator is applied [`ColorModeSelector`] says, as what shines and what
-//! it shines on ask for it; with how many reflections [`BounceSelector`], as what surfaces return
-//! asks for it.
-//!
-//! What the world has is counted in an [`Inventory`], frame by frame; what passes cost a
-//! [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line
-//! in the log a [`DecisionLog`] knows.
+//! [`Inventory`] counts the contents of the world, frame by frame. [`CostModel`] predicts the costs
+//! of passes from the device's timestamps. [`DecisionLog`] selects the changes of a [`Decision`]
+//! that are logged.
 //!
 //! The effects are the rows of a table ([`Effect`]), which the plugin holds in `plugin/effects`.
 

@@ -1,26 +1,26 @@
-//! Whether a device holds the octree of rule `fmm`: where it does not, frames go through the links
-//! on the same points, if the bake has any.
+//! Limits of a device for the octree of rule `fmm`. If it exceeds one, frames use the links on the
+//! same points, if the bake has any.
 
 use meshless_gi::BakedScene;
 use meshless_gi::internals::frame::fmm_layout::MAX_FMM_ORDER;
 use meshless_gi::internals::transport::fmm::FmmOperator;
 use std::fmt;
 
-/// Why a device does not hold an octree.
+/// Limit that keeps an octree off a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FmmLimit {
     /// Its expansions have more terms than a workgroup's memory.
     Order {
-        /// The highest order that kernels take.
+        /// Highest order that the kernels support.
         have: u64,
-        /// Its order.
+        /// Order of the octree.
         need: u64,
     },
     /// One of its arrays is larger than the device binds.
     TooLarge {
-        /// Which.
+        /// Name of the array.
         what: &'static str,
-        /// Its bytes.
+        /// Size of the array, bytes.
         needs: u64,
         /// Bytes that the device binds.
         has: u64,
@@ -40,11 +40,11 @@ impl fmt::Display for FmmLimit {
     }
 }
 
-/// Whether a device that binds `largest` bytes at most runs the octree. Its expansions are most
-/// often what does not fit: larger leaves or a lower order make them smaller.
+/// Checks that a device that binds `largest` bytes at most can run the octree. Most often the
+/// expansions are too large: larger leaves or a lower order make them smaller.
 ///
 /// # Errors
-/// The limit that it does not keep.
+/// Returns the limit that the octree exceeds.
 pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
     if octree.order as usize > MAX_FMM_ORDER {
         return Err(FmmLimit::Order {
@@ -68,9 +68,9 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
     }
 }
 
-/// Why frames of `scene` go through its links and not through its octree on a device that binds
-/// `largest` bytes; nothing where the octree runs, where there is none, and where there are no
-/// links in its place.
+/// Returns the reason why frames of `scene` use links in place of its octree on a device that binds
+/// `largest` bytes. Returns `None` if the octree runs, if there is none, or if there are no links
+/// to replace it.
 #[must_use]
 pub fn falls_back(scene: &BakedScene, largest: u64) -> Option<FmmLimit> {
     let why = octree_fits(scene.fmm.as_ref()?, largest).err();

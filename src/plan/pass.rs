@@ -1,37 +1,37 @@
-//! What a plan is made of: passes, and the reasons why they run or do not.
+//! Passes of a plan, and the reasons why they run or do not.
 
 use super::{FrameStage, LightId, SceneId, TimingScope, ViewId};
 use std::fmt;
 
-/// Why a pass runs.
+/// Reason why a pass runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RunReason {
     /// The device does not hold this bake yet, or holds an older one.
     NewBake,
-    /// These many light slots are new or have moved.
+    /// Number of light slots that are new or have moved.
     LightsMoved(usize),
-    /// These many light slots changed their color, and none moved.
+    /// Number of light slots that changed their color, where none moved.
     LightsRecolored(usize),
     /// Sky, emission, bounces or the tier changed.
     SettingsChanged,
     /// Base colors or emission of materials are not those that the device has.
     MaterialsChanged,
-    /// So many occluders opened or shut, or moved between.
+    /// Number of occluders that moved or changed their transmittance.
     OccludersMoved(usize),
-    /// A light went away.
+    /// A light was removed.
     LightRemoved,
     /// The scene is in this view.
     InView,
-    /// Somebody asked for the coefficients.
+    /// The coefficients were requested on the CPU.
     Asked,
-    /// Something that moves is in the light's reach, in so many maps.
+    /// Number of reflective shadow maps with a dynamic object in the light's reach.
     Moving(u32),
-    /// Lights with soft shadows came, went, moved or changed color; there are so many now.
+    /// Number of lights with soft shadows, after one was added, removed, moved or recolored.
     SoftLightsChanged(usize),
-    /// A volume is new, or stands differently in the world.
+    /// A volume is new, or has another transform.
     NewVolume,
-    /// So many fog volumes are in the view and in the scene.
+    /// Number of fog volumes in the view and in the scene.
     FogInView(usize),
 }
 
@@ -55,13 +55,13 @@ impl fmt::Display for RunReason {
     }
 }
 
-/// Why something does not run.
+/// Reason why something does not run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SkipReason {
     /// The device lacks compute shaders or large enough limits.
     DeviceUnable,
-    /// The asset is not loaded (yet).
+    /// The asset is not loaded.
     AssetMissing,
     /// The scene is hidden.
     Hidden,
@@ -82,17 +82,17 @@ pub enum SkipReason {
     NoGbuffer,
     /// Nothing changed since the last time.
     AtRest,
-    /// A light asks for the bounce of what moves, and nothing does.
+    /// A light requests a bounce off dynamic objects, and nothing moves.
     NothingMoves,
-    /// Nothing that moves is in the light's reach.
+    /// No dynamic object is in the light's reach.
     OutOfReach,
     /// The light is off.
     LightDark,
     /// This kind of light casts no reflective shadow maps.
     NoMaps,
-    /// A light casts soft shadows, and the points of this bake do not remember what they see.
+    /// A light casts soft shadows, and this bake has no visibility.
     NoVisibility,
-    /// A volume is asked for, and the bake knows no light in free space.
+    /// A volume is requested, and the bake has no probes.
     NoFreeSpace,
 }
 
@@ -129,22 +129,22 @@ impl fmt::Display for SkipReason {
     }
 }
 
-/// One pass of the frame.
+/// Pass of the frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pass {
-    /// The effect that asked for it (its name in [`Effect::name`](super::Effect::name)).
+    /// Effect that added it, by its [`Effect::name`](super::Effect::name).
     pub effect: &'static str,
-    /// What runs.
+    /// Stage of the pass.
     pub stage: FrameStage,
-    /// For which scene; [`SceneId::WORLD`] for what belongs to no bake.
+    /// Scene of the pass. [`SceneId::WORLD`] for work that belongs to no bake.
     pub scene: SceneId,
-    /// For which light ([`FrameStage::RSM`] only).
+    /// Light of the pass ([`FrameStage::RSM`] only).
     pub light: Option<LightId>,
-    /// For which view; `None` for work that all views share.
+    /// View of the pass. `None` for work that all views share.
     pub view: Option<ViewId>,
-    /// Which light slots ([`FrameStage::PROJECT`] only).
+    /// Light slots ([`FrameStage::PROJECT`] only).
     pub slots: Vec<u32>,
-    /// Why.
+    /// Reason why it runs.
     pub reason: RunReason,
     /// Scope in which the device's clock times it; `None` if no clock does.
     pub timing: Option<TimingScope>,

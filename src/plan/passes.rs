@@ -1,5 +1,5 @@
-//! [`Plan`]: the passes of one frame, why they run and why others do not, what they cost, and what
-//! the world has. A table of [`Effect`]s makes it.
+//! [`Plan`]: the passes of one frame, the reasons why they run or do not, their costs, and the
+//! inventory of the world. It is made from a table of [`Effect`]s.
 
 use super::cost::{self, Cost, TimingScope};
 use super::{
@@ -8,36 +8,34 @@ use super::{
 };
 use std::fmt;
 
-/// The passes of one frame, in order, and why the rest does not run.
+/// Passes of one frame in order, and the reasons why others do not run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
-    /// What runs, in order.
+    /// Passes that run, in order.
     pub passes: Vec<Pass>,
-    /// What does not, and why. A view is named where the view is the cause.
+    /// Scenes that do not run, with the reason. A view is named if it is the cause.
     pub skipped: Vec<(SceneId, Option<ViewId>, SkipReason)>,
-    /// Lights that ask for the bounce of what moves and get none, and why.
+    /// Lights that request a bounce off dynamic objects and get none, with the reason.
     pub dark: Vec<(LightId, SkipReason)>,
-    /// Lights whose virtual lights the device holds from an earlier frame: nothing of them moved.
+    /// Lights whose virtual lights are valid from an earlier frame, because nothing moved.
     pub resting: Vec<LightId>,
-    /// The tiers of the operators that run, and why.
+    /// Operator tier of each scene that runs, with the reason.
     pub tiers: Vec<(SceneId, TierSelection)>,
-    /// In how many channels links are applied, and why.
+    /// Number of channels in which links are applied, with the reason.
     pub channels: Vec<(SceneId, ColorModeSelection)>,
-    /// With how many reflections scenes are solved, and why; none for bakes that hold them.
+    /// Number of diffuse reflections, with the reason. Omits bakes that hold their bounces.
     pub reflections: Vec<(SceneId, BounceSelection)>,
-    /// Scenes whose light goes through links because the device does not hold their octree, and
-    /// what it lacks.
+    /// Scenes that use links because the device does not hold their octree, with the limit.
     pub linked: Vec<(SceneId, FmmLimit)>,
-    /// Scenes whose sky varies, and what becomes of it.
+    /// Scenes with a varying sky, and its treatment.
     pub skies: Vec<(SceneId, SkyUse)>,
-    /// At which pixels the views that show indirect light evaluate it.
+    /// Pixels at which the views with indirect light evaluate it.
     pub displays: Vec<(ViewId, DisplayUse)>,
-    /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
+    /// Scenes whose buffers are released: no view has seen them for long, or their bake is gone.
     pub release: Vec<SceneId>,
-    /// What the passes cost, as far as is known: one entry for all that the device's clock times as
-    /// one, in the order of the passes.
+    /// Costs of the passes, one entry per timing scope, in the order of the passes.
     pub costs: Vec<(TimingScope, Cost)>,
-    /// What the world has.
+    /// Inventory of the world.
     pub inventory: Inventory,
 }
 
@@ -56,13 +54,13 @@ impl Plan {
         plan
     }
 
-    /// True when nothing runs.
+    /// Returns `true` if nothing runs.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.passes.is_empty()
     }
 
-    /// The pass of this stage for this scene that all views share, if there is one.
+    /// Finds the pass of this stage for this scene.
     #[must_use]
     pub fn find(&self, stage: FrameStage, scene: SceneId) -> Option<&Pass> {
         self.passes
@@ -70,14 +68,15 @@ impl Plan {
             .find(|p| p.stage == stage && p.scene == scene)
     }
 
-    /// What this pass costs, with all that is timed as one with it; none where no clock times it.
+    /// Returns the cost of this pass and of all passes in its timing scope. `None` if it is not
+    /// timed.
     #[must_use]
     pub fn cost_of(&self, pass: &Pass) -> Option<&Cost> {
         let timed = pass.timing?;
         self.costs.iter().find(|(t, _)| *t == timed).map(|(_, c)| c)
     }
 
-    /// The maps of this light, if they are drawn.
+    /// Finds the pass that draws the reflective shadow maps of this light.
     #[must_use]
     pub fn find_light(&self, light: LightId) -> Option<&Pass> {
         self.passes
@@ -85,19 +84,19 @@ impl Plan {
             .find(|p| p.stage == FrameStage::RSM && p.light == Some(light))
     }
 
-    /// Whether this light's bounce off what moves is to be seen: drawn now, or held.
+    /// Returns `true` if the bounce of this light off dynamic objects is drawn now or still valid.
     #[must_use]
     pub fn bounces(&self, light: LightId) -> bool {
         self.find_light(light).is_some() || self.resting.contains(&light)
     }
 
-    /// The passes of a scene that all views share, in order.
+    /// Returns the passes of a scene that all views share, in order.
     pub fn of_scene(&self, scene: SceneId) -> impl Iterator<Item = &Pass> {
         let own = move |p: &&Pass| p.scene == scene && p.view.is_none();
         self.passes.iter().filter(own)
     }
 
-    /// The passes of a view, in order.
+    /// Returns the passes of a view, in order.
     pub fn of_view(&self, view: ViewId) -> impl Iterator<Item = &Pass> {
         self.passes.iter().filter(move |p| p.view == Some(view))
     }
@@ -114,19 +113,19 @@ impl Plan {
         self.of_view(view).any(|p| p.stage == stage)
     }
 
-    /// How many passes of this stage.
+    /// Returns the number of passes of this stage.
     #[must_use]
     pub fn count(&self, stage: FrameStage) -> usize {
         self.passes.iter().filter(|p| p.stage == stage).count()
     }
 
-    /// How many light slots are projected, over all scenes.
+    /// Returns the number of light slots that are projected, over all scenes.
     #[must_use]
     pub fn projected_slots(&self) -> usize {
         self.passes.iter().map(|p| p.slots.len()).sum()
     }
 
-    /// The baked scenes that any pass touches, ascending.
+    /// Returns the baked scenes that have a pass, in ascending order.
     #[must_use]
     pub fn active_scenes(&self) -> Vec<SceneId> {
         let mut ids: Vec<_> = self.passes.iter().map(|p| p.scene).collect();

@@ -1,22 +1,22 @@
-//! [`TierSelection`]: the tier of the operator that a scene is lit with, and why.
-//! [`TierController`](super::TierController) says it.
+//! [`TierSelection`]: the operator tier of a scene, and its reason.
+//! [`TierController`](super::TierController) returns it.
 
 use std::fmt;
 
-/// A choice and its reason.
+/// Selected tier and the reason of the choice.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TierSelection {
-    /// The tier, from 1 on.
+    /// Number of the tier, from 1.
     pub tier: u32,
-    /// How many there are.
+    /// Number of tiers.
     pub tiers: u32,
-    /// It is the octree of rule `fmm`; else, some or all of the links.
+    /// `true` for the octree of rule `fmm`, `false` for some or all links.
     pub octree: bool,
-    /// Links that a solve reads ([`TierCandidate::work`](super::TierCandidate::work)).
+    /// Number of links that a solve reads ([`TierCandidate::work`](super::TierCandidate::work)).
     pub work: u64,
-    /// A setting names the tier: nothing else has a say.
+    /// `true` if a setting names the tier.
     pub forced: bool,
-    /// Why this one.
+    /// Reason of the choice.
     pub why: String,
 }
 

@@ -1,17 +1,18 @@
-//! Where a light's reflective shadow maps stand: which views from it show what moves, and no more
-//! of them than that takes.
+//! Views of a light's reflective shadow maps: the fewest that show all dynamic objects in its
+//! reach.
 //!
-//! In the flow: the plugin asks for the views of each light, draws them, and describes the outcome
-//! to the [plan](super). \[N09\] §3 draws one map a light with the light's own lens; ours is aimed
-//! at what moves, for nothing else is drawn into it: the same texels hold more of the object.
+//! The plugin requests the views of each light, draws them, and describes the result to the
+//! [plan](super). \[N09\] §3 draws one map per light with the light's own frustum. Here, the map is
+//! aimed at the dynamic objects, because nothing else is drawn into it. The same texels thus show
+//! more of the object.
 //!
 //! | light | maps |
 //! |---|---|
 //! | directional | one, orthographic, around the boxes of all that moves; it moves by whole texels, so that nothing that stands still flickers |
 //! | point, spot | one, perspective, where all that moves fits a cone of [`MAX_RSM_HALF_ANGLE`]; else those faces of a cube that show some of it |
 //!
-//! Sizes and angles change in steps of [`RSM_SIZE_STEP`], so that a map keeps its scale while
-//! things move a little.
+//! Sizes and angles change in steps of [`RSM_SIZE_STEP`], so a map keeps its scale during small
+//! moves.
 
 use super::SkipReason;
 use super::lights::light_affects;
@@ -19,29 +20,29 @@ use glam::{Mat3, Quat, Vec3};
 use meshless_gi::{Bounds, FrameLight};
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most
-/// texels at their rims.
+/// Largest half angle of an aimed map, radians: 50°. A wider map would spend most texels near its
+/// edges.
 pub const MAX_RSM_HALF_ANGLE: f32 = 50.0 * PI / 180.0;
 
-/// Sizes and angles are powers of this.
+/// Ratio of consecutive map sizes and angles.
 pub const RSM_SIZE_STEP: f32 = 1.189_207_1; // the fourth root of two
 
-/// Nothing nearer to a point or spot light than this is drawn, meters.
+/// Distance of the near plane of a point or spot light, meters.
 pub const RSM_NEAR_PLANE: f32 = 1e-3;
 
-/// A map's lens. Depth is reversed and the picture is square.
+/// Projection of a map. Depth is reversed and the picture is square.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
-    /// From a point.
+    /// Perspective projection.
     Perspective {
         /// Full angle of view, radians.
         fov: f32,
         /// Distance of the near plane, meters.
         near: f32,
-        /// Nothing that is to be seen is farther, meters.
+        /// Distance of the farthest object, meters.
         far: f32,
     },
-    /// Along parallel rays, from a plane on.
+    /// Orthographic projection.
     Orthographic {
         /// Edge of the picture, meters.
         size: f32,
@@ -50,24 +51,24 @@ pub enum Lens {
     },
 }
 
-/// A view from a light, in world space.
+/// View from a light, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapView {
-    /// Where it stands, meters.
+    /// Position of the view, meters.
     pub position: Vec3,
-    /// Turns −Z to where it looks and +Y to its upper edge.
+    /// Rotation from −Z to the view direction, and from +Y to the upper edge.
     pub rotation: Quat,
-    /// What it sees from there.
+    /// Projection of the view.
     pub lens: Lens,
 }
 
-/// The views that show all that moves (`bouncers`: boxes in world space) as far as `light`, in
-/// world space, can reach it; `resolution` is the edge of a map in texels. Boxes that are empty or
-/// not finite are left out.
+/// Returns the views that show all dynamic objects in the reach of `light`. `bouncers` are their
+/// boxes, and light and boxes are in world space. `resolution` is the edge of a map in texels.
+/// Boxes that are empty or not finite are ignored.
 ///
 /// # Errors
-/// Why there is none: [`SkipReason::LightDark`], [`SkipReason::NothingMoves`],
-/// [`SkipReason::OutOfReach`], [`SkipReason::NoMaps`].
+/// Returns the reason why there is no view: [`SkipReason::LightDark`],
+/// [`SkipReason::NothingMoves`], [`SkipReason::OutOfReach`], [`SkipReason::NoMaps`].
 pub fn map_views(
     light: &FrameLight,
     bouncers: &[Bounds],
@@ -92,13 +93,13 @@ pub fn map_views(
     Ok(views)
 }
 
-/// The least power of [`RSM_SIZE_STEP`] that is not below `value`.
+/// Returns the smallest power of [`RSM_SIZE_STEP`] that is not below `value`.
 fn stepped(value: f32) -> f32 {
     let exponent = (libm::logf(value.clamp(1e-12, 1e12)) / libm::logf(RSM_SIZE_STEP)).ceil();
     libm::powf(RSM_SIZE_STEP, exponent).max(value)
 }
 
-/// Axes of a view that looks along `forward`.
+/// Returns the axes of a view along `forward`.
 fn looking(forward: Vec3) -> Mat3 {
     let up = if forward.y.abs() < 0.99 {
         Vec3::Y
@@ -131,7 +132,7 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
         }
     });
     let extent = joint.max - joint.min;
-    // A texel on each side, for the move by whole texels.
+    // One texel on each side, because the view moves by whole texels.
     let texels = resolution.max(4) as f32;
     let size = stepped(extent.x.max(extent.y).max(RSM_NEAR_PLANE) * texels / (texels - 2.0));
     let texel = size / texels;
@@ -152,12 +153,12 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
     }]
 }
 
-/// The sphere around a box, as a point or spot light sees it.
+/// Bounding sphere of a box, relative to a point or spot light.
 struct Seen {
-    /// From the light to its middle, meters.
+    /// Vector from the light to the center, meters.
     to: Vec3,
     radius: f32,
-    /// Half of the angle that it fills; π where the light is inside.
+    /// Half of the angle that the sphere subtends, radians. π if the light is inside.
     half: f32,
 }
 
@@ -174,7 +175,7 @@ impl Seen {
         Self { to, radius, half }
     }
 
-    /// The angle, radians, from `axis` to its farthest part.
+    /// Returns the angle from `axis` to the farthest part of the sphere, radians.
     fn angle(&self, axis: Vec3) -> f32 {
         if self.half == PI {
             return PI;
@@ -191,7 +192,7 @@ fn angle_between(unit: Vec3, v: Vec3) -> f32 {
 fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
     let position = Vec3::from_array(light.position);
     let along = Vec3::from_array(light.direction);
-    // Half angle of a spot's cone; a point light shines everywhere.
+    // Half angle of a spot's cone. A point light shines in all directions.
     let cone = match light.kind {
         FrameLight::SPOT => {
             libm::acosf((-light.spot_offset / light.spot_scale).clamp(-1.0, 1.0)).min(FRAC_PI_2)
@@ -217,7 +218,7 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         rotation: Quat::from_mat3(&axes),
         lens: Lens::Perspective {
             fov: 2.0 * half,
-            // What is nearest may be at a corner of the picture.
+            // The nearest part may be at a corner of the picture.
             near: (0.9 * nearest * libm::cosf(half) / 2f32.sqrt()).max(RSM_NEAR_PLANE),
             far: far.max(2.0 * RSM_NEAR_PLANE),
         },
@@ -250,7 +251,7 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         .collect()
 }
 
-/// Whether a sphere about `to`, in a view's own space, meets its pyramid of 90°.
+/// Returns `true` if a sphere meets the 90° pyramid of a view. `to` is its center in view space.
 fn in_face(to: &Vec3, seen: &Seen) -> bool {
     let reach = seen.radius * 2f32.sqrt();
     -to.z + reach >= to.x.abs().max(to.y.abs())
@@ -280,7 +281,7 @@ mod tests {
         })
     }
 
-    /// Where a point of the world is in a map: picture from −1 to 1, and whether it is between the
+    /// Returns the position of a point in a map, from −1 to 1, and `true` if it is between the
     /// planes.
     fn project(view: &MapView, p: Vec3) -> (Vec3, bool) {
         let at = Mat4::from_rotation_translation(view.rotation, view.position)
@@ -359,14 +360,14 @@ mod tests {
                 );
             }
         }
-        // The light within the thing that moves: all faces, and nothing is cut off but what touches
-        // it.
+        // A light within the dynamic object takes all faces, and only parts that touch it are cut
+        // off.
         let views = map_views(&light, &[cube(Vec3::ZERO, 1.0)], 64).unwrap();
         assert_eq!(views.len(), 6);
         for corner in corners(&cube(Vec3::ZERO, 1.0)) {
             assert!(views.iter().any(|v| shows(v, corner * 0.999)));
         }
-        // Each view is a proper turn.
+        // Each view is a proper rotation.
         for v in views {
             assert!((v.rotation.length() - 1.0).abs() < 1e-5);
         }
@@ -374,7 +375,7 @@ mod tests {
 
     #[test]
     fn spot_light_rsm_is_limited_to_cone() {
-        // A long thing across a narrow cone.
+        // A long object across a narrow cone.
         let wall = Bounds {
             min: Vec3::new(-5.0, -0.1, -3.2),
             max: Vec3::new(5.0, 0.1, -3.0),
@@ -384,7 +385,7 @@ mod tests {
             panic!("a spot has a perspective lens");
         };
         assert!((fov - 0.8).abs() < 1e-3);
-        // Beside the cone, behind, and out of its range.
+        // Objects outside the cone, behind it, and out of its range.
         for b in [
             cube(Vec3::new(3.0, 0.0, -3.0), 0.2),
             cube(Vec3::Z * 2.0, 0.2),
@@ -393,7 +394,7 @@ mod tests {
             let none = map_views(&spot(Vec3::ZERO, Vec3::NEG_Z, 0.4), &[b], 64);
             assert_eq!(none, Err(SkipReason::OutOfReach));
         }
-        // A cone of nearly 180° over things on both sides.
+        // A cone of nearly 180° over objects on both sides.
         let both = [
             cube(Vec3::new(3.0, 0.0, -0.4), 0.2),
             cube(Vec3::new(-3.0, 0.0, -0.4), 0.2),

@@ -1,16 +1,16 @@
-//! The frame as the plan sees it: a plain description, without an engine and without a device.
+//! Description of a frame for the plan, without an engine and without a device.
 
 use super::{BounceSelection, ColorModeSelection, FmmLimit, Inventory, SkipReason, TierSelection};
 use std::fmt;
 
-/// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's
-/// bits).
+/// Identifier of a baked scene's instance. The caller chooses the number. The plugin takes the
+/// entity's bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SceneId(pub u64);
 
 impl SceneId {
-    /// No baked scene: passes of what moves, and of views that show no bake, belong to the world as
-    /// it is.
+    /// Scene for passes that belong to no bake: those of dynamic objects, and of views without a
+    /// bake.
     pub const WORLD: Self = Self(u64::MAX);
 }
 
@@ -23,8 +23,8 @@ impl fmt::Display for SceneId {
     }
 }
 
-/// Names a light that asks for the bounce of what moves: the caller's number for it, and which of
-/// its lights where it has several.
+/// Identifier of a light that requests a bounce off dynamic objects: the caller's number, and an
+/// index for an entity with several lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct LightId(pub u64, pub u8);
 
@@ -34,108 +34,108 @@ impl fmt::Display for LightId {
     }
 }
 
-/// Names a view (a camera that asks for indirect light).
+/// Identifier of a view (a camera with indirect light).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ViewId(pub u64);
 
-/// How a light slot differs from what the device last computed for it.
+/// Change of a light slot since the device last computed it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SlotChange {
-    /// Not at all.
+    /// No change.
     #[default]
     None,
-    /// Its color or strength: its projection stays valid.
+    /// Another color or intensity. The projection stays valid.
     Color,
-    /// Where it is, where it points or how far it reaches, or it is new: it must be projected
-    /// again.
+    /// Another position, direction or range, or a new light. It must be projected again.
     Geometry,
 }
 
-/// What lights with soft shadows ask of a scene.
+/// Requests of lights with soft shadows in a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SoftState {
-    /// How many lights cast them there.
+    /// Number of lights that cast them in the scene.
     pub lights: usize,
-    /// The bake's points remember what they see.
+    /// `true` if the bake's points have visibility.
     pub remembers: bool,
-    /// The device holds what these lights do not reach, where they are now.
+    /// `true` if the device holds the shadowed irradiance of these lights in their current state.
     pub held: bool,
-    /// Bytes of the largest buffer that this needs on the device, where it is known not to fit.
+    /// Bytes of the largest buffer on the device, if it is too large.
     pub largest_buffer: u64,
-    /// Points that remember.
+    /// Number of points with visibility.
     pub points: u64,
 }
 
-/// What cameras without a G-buffer, and fog, ask of a scene: its light in free space as a volume.
+/// Requests of cameras without a G-buffer, and of fog: the scene's probe irradiance as a volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VolumeState {
-    /// The scene is to have a volume, and there is a texture for it.
+    /// `true` if the scene is to have a volume and there is a texture for it.
     pub asked: bool,
-    /// One of those cameras sees the scene, or any camera fog in it.
+    /// `true` if one of those cameras sees the scene, or any camera sees fog in it.
     pub seen: bool,
-    /// The texture holds the light of an earlier frame, for the volume as it is now.
+    /// `true` if the texture holds the light of an earlier frame for the current volume.
     pub held: bool,
-    /// How many voxels it has.
+    /// Number of voxels.
     pub voxels: u64,
 }
 
-/// One baked scene in the world.
+/// State of a baked scene in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
-    /// Which one.
+    /// Identifier of the scene.
     pub id: SceneId,
-    /// The baked asset is loaded.
+    /// `true` if the baked asset is loaded.
     pub loaded: bool,
-    /// The device holds this very bake (not an older one).
+    /// `true` if the device holds this very bake (not an older one).
     pub resident: bool,
-    /// The world shows the scene (it is not hidden).
+    /// `true` if the world shows the scene (it is not hidden).
     pub shown: bool,
-    /// Bytes of the largest buffer that the scene needs on the device; the largest number where it
-    /// is another limit that refuses the scene.
+    /// Bytes of the largest buffer that the scene needs on the device. [`u64::MAX`] if another
+    /// limit excludes the scene.
     pub largest_buffer: u64,
-    /// One entry a light slot. Where the device does not hold the bake, every slot that shines is
-    /// [`SlotChange::Geometry`].
+    /// Changes, one entry per light slot. If the device does not hold the bake, every slot with
+    /// light is [`SlotChange::Geometry`].
     pub slots: Vec<SlotChange>,
-    /// The sky's radiance, the emission, the number of bounces or the tier differ from what the
-    /// device last computed.
+    /// `true` if sky radiance, emission, number of bounces or tier differ from the device's.
     pub settings_changed: bool,
-    /// The scene's transport is not what the lights say for another reason (a slot was freed).
+    /// `true` if the scene's transport is out of date for another reason (a slot was freed).
     pub stale: bool,
-    /// Frames since the scene was last in a view.
+    /// Number of frames since the scene was last in a view.
     pub idle_frames: u32,
-    /// Somebody wants the coefficients back on the CPU (the gizmos).
+    /// `true` if the coefficients are requested on the CPU (for gizmos).
     pub read_back: bool,
-    /// The materials of a bake that lets them change are not those that the device last had.
+    /// `true` if the live materials differ from those on the device.
     pub materials_changed: bool,
-    /// So many occluders of the bake do not stand as the device last had them.
+    /// Number of occluders that differ from the device's.
     pub occluders_changed: usize,
-    /// Parts of links that occluders are in the way of.
+    /// Number of link terms that occluders intersect.
     pub passages: u64,
-    /// The bake knows light in free space.
+    /// `true` if the bake has probes.
     pub probes: bool,
-    /// Links of those rows.
+    /// Number of links in the rows of the probes.
     pub probe_links: u64,
-    /// What cameras without a G-buffer, and fog, ask of it.
+    /// Requests of cameras without a G-buffer, and of fog.
     pub volume: VolumeState,
-    /// What becomes of the sky.
+    /// Treatment of the sky.
     pub sky: SkyUse,
-    /// What lights with soft shadows ask of it.
+    /// Requests of lights with soft shadows.
     pub soft: SoftState,
-    /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
+    /// Operator tier of its frames, with the reason. `None` until the bake is loaded.
     pub tier: Option<TierSelection>,
-    /// In how many channels links are applied, and why; none where the bake is not known yet.
+    /// Number of channels in which links are applied, with the reason. `None` until the bake is
+    /// loaded.
     pub channels: Option<ColorModeSelection>,
-    /// With how many reflections, and why; none where the bake is not known yet, or holds them.
+    /// Number of reflections, with the reason. `None` until the bake is loaded, or if it holds its
+    /// bounces.
     pub bounces: Option<BounceSelection>,
-    /// Shadow rays that a light slot takes when it is projected.
+    /// Number of shadow rays per projection of a light slot.
     pub rays: u64,
-    /// Why its frames go through links and not through its octree
-    /// ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
+    /// Limit because of which its frames use links in place of its octree
+    /// ([`falls_back`](super::falls_back)). `None` if they do not, or if there is no octree.
     pub no_octree: Option<FmmLimit>,
 }
 
 impl SceneState {
-    /// A scene that is loaded and shown, holds nothing on the device and has no lights.
+    /// Creates a scene that is loaded and shown, has no data on the device, and has no lights.
     #[must_use]
     pub fn new(id: SceneId) -> Self {
         Self {
@@ -166,15 +166,15 @@ impl SceneState {
     }
 }
 
-/// What becomes of a scene's sky.
+/// Treatment of a scene's sky.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SkyUse {
-    /// It is the same in all directions, or there is none.
+    /// The sky is uniform, or there is none.
     #[default]
     Uniform,
-    /// It varies, and the bake knows its terms.
+    /// The sky varies, and the bake has its terms.
     Terms,
-    /// It varies, and the bake knows a uniform sky only: its mean shines.
+    /// The sky varies, and the bake has a uniform sky only. The mean is used.
     Mean,
 }
 
@@ -188,20 +188,20 @@ impl fmt::Display for SkyUse {
     }
 }
 
-/// At which pixels a view evaluates indirect light.
+/// Pixels at which a view evaluates indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DisplayUse {
-    /// At a fraction of them, and in between by interpolation.
+    /// A fraction of the pixels, with interpolation in between.
     #[default]
     Subsplats,
-    /// At all, as its settings say.
+    /// All pixels, as its settings request.
     Full,
-    /// At all: the device has no room for what subsplats need.
+    /// All pixels, because the device has no room for the buffers of subsplats.
     NoRoom,
 }
 
 impl DisplayUse {
-    /// The choice in words.
+    /// Returns the choice in words.
     #[must_use]
     pub fn choice(self) -> &'static str {
         match self {
@@ -210,7 +210,7 @@ impl DisplayUse {
         }
     }
 
-    /// Why.
+    /// Returns the reason of the choice.
     #[must_use]
     pub fn why(self) -> &'static str {
         match self {
@@ -221,72 +221,73 @@ impl DisplayUse {
     }
 }
 
-/// One camera that carries the display settings.
+/// State of a camera with display settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewState {
-    /// Which one.
+    /// Identifier of the view.
     pub id: ViewId,
-    /// Its settings say that indirect light is on.
+    /// `true` if its settings turn indirect light on.
     pub enabled: bool,
-    /// It draws a G-buffer (deferred, high dynamic range, one sample a pixel).
+    /// `true` if it draws a G-buffer (deferred, high dynamic range, one sample per pixel).
     pub has_gbuffer: bool,
-    /// It shows the gloss of virtual lights.
+    /// `true` if it shows the specular reflection of virtual lights.
     pub gloss: bool,
-    /// It shows the picture, direct light and all: what soft shadows are taken from.
+    /// `true` if it shows the full picture with direct light, from which soft shadows are
+    /// subtracted.
     pub lit: bool,
-    /// How many pixels it draws.
+    /// Number of pixels that it draws.
     pub pixels: u64,
-    /// At which of them it evaluates light.
+    /// Pixels at which it evaluates indirect light.
     pub display: DisplayUse,
-    /// The scenes whose box meets its frustum.
+    /// Scenes whose box meets its frustum.
     pub sees: Vec<SceneId>,
 }
 
-/// One light that asks for the bounce of what moves.
+/// State of a light that requests a bounce off dynamic objects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BounceState {
-    /// Which one.
+    /// Identifier of the light.
     pub id: LightId,
-    /// How many reflective shadow maps show what moves in its light; or why none does
-    /// ([`map_views`](super::map_views)).
+    /// Number of reflective shadow maps that show dynamic objects in its light
+    /// ([`map_views`](super::map_views)). The error is the reason why there is none.
     pub maps: Result<u32, SkipReason>,
-    /// The views that may show its light.
+    /// Views that may show its light.
     pub views: Vec<ViewId>,
 }
 
-/// Fog in a camera's view that lies in a scene with a volume. The camera needs no display settings.
+/// Fog in a camera's view, in a scene with a volume. The camera needs no display settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FogState {
-    /// The camera.
+    /// Camera that sees the fog.
     pub view: ViewId,
-    /// The scene.
+    /// Scene of the fog.
     pub scene: SceneId,
-    /// How many fog volumes.
+    /// Number of fog volumes.
     pub volumes: usize,
-    /// How many pixels the camera draws.
+    /// Number of pixels that the camera draws.
     pub pixels: u64,
 }
 
-/// The whole frame.
+/// State of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameState {
-    /// The device has what the kernels need.
+    /// `true` if the device supports the kernels.
     pub device_able: bool,
-    /// The largest buffer, in bytes, that the device binds.
+    /// Largest buffer that the device binds, bytes.
     pub largest_binding: u64,
-    /// A scene that no view has seen for this many frames gives its buffers back.
+    /// Number of frames out of view after which a scene's buffers are released.
     pub unload_after_frames: u32,
-    /// Every baked scene of the world.
+    /// Baked scenes of the world.
     pub scenes: Vec<SceneState>,
-    /// Every camera with display settings.
+    /// Cameras with display settings.
     pub views: Vec<ViewState>,
-    /// Every light that asks for the bounce of what moves.
+    /// Lights that request a bounce off dynamic objects.
     pub bounces: Vec<BounceState>,
-    /// The device holds the virtual lights of all of them as maps drawn now would make them.
+    /// `true` if the virtual lights on the device are still valid for all of them.
     pub bounces_held: bool,
-    /// Every camera's fog, scene by scene.
+    /// Fog by camera and scene.
     pub fogs: Vec<FogState>,
-    /// What the world has.
+    /// Inventory of the world.
     pub inventory: Inventory,
 }
 
@@ -329,7 +330,7 @@ impl FrameState {
         }
     }
 
-    /// The scenes that take part in the frame.
+    /// Returns the scenes that take part in the frame.
     pub fn active_scenes(&self) -> impl Iterator<Item = &SceneState> {
         self.scenes.iter().filter(|s| self.check_active(s).is_ok())
     }
@@ -341,10 +342,10 @@ impl FrameState {
         scene.volume.asked && scene.volume.seen || self.views.iter().any(shows)
     }
 
-    /// How many maps a light's bounce takes; or why it has none.
+    /// Returns the number of maps that a light's bounce takes.
     ///
     /// # Errors
-    /// The reason.
+    /// Returns the reason why there is none.
     pub fn maps_of(&self, light: &BounceState) -> Result<u32, SkipReason> {
         let shown =
             |id: &ViewId| (self.views.iter()).any(|v| v.id == *id && v.enabled && v.has_gbuffer);
@@ -357,7 +358,7 @@ impl FrameState {
 }
 
 impl Default for FrameState {
-    /// An able device with WebGPU's default binding size and an empty world.
+    /// Creates a frame with a capable device, WebGPU's default binding size and an empty world.
     fn default() -> Self {
         Self {
             device_able: true,

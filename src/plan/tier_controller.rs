@@ -1,48 +1,48 @@
-//! Which tier of the operator a scene's frames use (design D11): as asked for by number, by error,
-//! or by time; and why that one.
+//! Selection of the operator tier of a scene's frames, by number, by error or by time (design D11).
+//! The reason is part of the selection.
 //!
-//! A budget is held by measuring: what the solves cost says what those of other tiers would, for
-//! the cost grows with the links that are read. The picker goes down at once when a few solves in a
-//! row are over the budget. It goes up when the tier above is predicted to stay well below it for
-//! many solves; and when it has to come down again soon after, it waits twice as long before the
-//! next try. So a load at the edge between two tiers flips a number of times that grows with the
-//! logarithm of the time, and noise of single frames does nothing.
+//! A time budget is held by measurement. The measured cost of solves predicts the cost of other
+//! tiers, because the cost grows with the number of links. The controller lowers the tier after a
+//! few consecutive solves over the budget. It raises the tier when the next one is predicted to
+//! stay well below the budget for many solves. If it has to lower the tier again soon after, it
+//! doubles the wait before the next attempt. A load between two tiers thus changes the tier a
+//! number of times that grows with the logarithm of the time. Noise of single frames has no effect.
 //!
-//! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake
-//! measures.
+//! The number of reflections and of lit points is not part of the choice, because no bake measures
+//! the error of fewer of them.
 
 use super::settings::milliseconds;
 use super::{GiQuality, TierSelection};
 use meshless_gi::BakedScene;
 
-/// Solves in a row over the budget before the picker goes down.
+/// Number of consecutive solves over the budget before the tier is lowered.
 const OVER: u32 = 3;
-/// Share of the budget that the tier above must be predicted to stay below.
+/// Share of the budget that the next tier must be predicted to stay below.
 const HEADROOM: f32 = 0.8;
-/// Solves in a row that must say so before the first try.
+/// Number of consecutive solves with room for the next tier before the first attempt.
 const CALM: u32 = 60;
-/// Coming down within so many solves after going up is a failed try.
+/// Number of solves after a raise within which a lower tier counts as a failed attempt.
 const TRIAL: u32 = 300;
-/// Measurements after a change that may still be of the tier before.
+/// Number of measurements after a change that may still belong to the previous tier.
 const SETTLE: u32 = 4;
 /// Weight of a new measurement in the running mean.
 const SMOOTH: f32 = 0.2;
 
-/// What is known of a tier.
+/// Properties of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TierCandidate {
-    /// Links that a solve reads, those of the sweeps counted as often as they run; for the octree
-    /// of rule `fmm` as many as take as long, about.
+    /// Number of links that a solve reads, with those of the sweeps counted once per sweep. For the
+    /// octree of rule `fmm`, the number of links that take about the same time.
     pub work: u64,
     /// Estimated NRMSE at the upper end of its confidence interval.
     pub error: f32,
-    /// The octree of rule `fmm` carries the light, and no link.
+    /// `true` if the octree of rule `fmm` replaces the links.
     pub octree: bool,
 }
 
 impl TierCandidate {
-    /// The tiers of a bake, tier 1 first, for solves with so many sweeps. The octree of rule `fmm`
-    /// stands above all links.
+    /// Returns the tiers of a bake, tier 1 first, for solves with this number of sweeps. The octree
+    /// of rule `fmm` is above all links.
     #[must_use]
     pub fn of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
         let mut work = vec![0u64; scene.link_tiers() as usize];
@@ -67,7 +67,7 @@ impl TierCandidate {
                 let info = scene.info.tiers.get(t);
                 Self {
                     work,
-                    // Unknown is no promise.
+                    // An unknown error counts as infinite.
                     error: info.map_or(f32::INFINITY, |tier| {
                         tier.estimated_nrmse + tier.estimated_nrmse_interval
                     }),
@@ -78,32 +78,32 @@ impl TierCandidate {
     }
 }
 
-/// Picks the tier of one scene, frame by frame.
+/// Selects the tier of one scene, frame by frame.
 #[derive(Clone, Debug)]
 pub struct TierController {
     asked: GiQuality,
     tiers: Vec<TierCandidate>,
     tier: u32,
-    /// Running mean of what a solve of this tier costs, milliseconds.
+    /// Running mean of the cost of a solve of this tier, milliseconds.
     cost: Option<f32>,
-    /// The tier before, and what its solves cost: two tiers tell what a solve costs beside its
-    /// links.
+    /// Previous tier, and the cost of its solves. Two tiers separate the cost of the links from the
+    /// rest.
     before: Option<(u32, f32)>,
-    /// Solves in a row over the budget, and their sum.
+    /// Number of consecutive solves over the budget, and the sum of their costs.
     over: (u32, f32),
-    /// Solves in a row that leave room for the tier above.
+    /// Number of consecutive solves with room for the next tier.
     calm: u32,
-    /// How many of them a try takes; doubles with each failed one.
+    /// Value of `calm` that an attempt requires. Doubles with each failed attempt.
     wait: u32,
-    /// Measurements since the last change upwards, while that is on trial.
+    /// Number of measurements since the last raise, while it may still fail.
     trial: Option<u32>,
-    /// Measurements still to be left out.
+    /// Number of measurements still to be ignored.
     settle: u32,
     changes: u64,
 }
 
 impl TierController {
-    /// A picker for a bake's tiers, tier 1 first. A budget starts from all links.
+    /// Creates a controller for a bake's tiers, tier 1 first. A budget starts from all links.
     #[must_use]
     pub fn new(asked: GiQuality, tiers: Vec<TierCandidate>) -> Self {
         let top = tiers.len().max(1) as u32;
@@ -130,31 +130,32 @@ impl TierController {
         }
     }
 
-    /// What was asked for.
+    /// Returns the requested quality.
     #[must_use]
     pub fn asked(&self) -> GiQuality {
         self.asked
     }
 
-    /// The tiers that there are.
+    /// Returns all tiers.
     #[must_use]
     pub fn tiers(&self) -> &[TierCandidate] {
         &self.tiers
     }
 
-    /// The tier now.
+    /// Returns the selected tier.
     #[must_use]
     pub fn tier(&self) -> u32 {
         self.tier
     }
 
-    /// How often the tier has changed.
+    /// Returns the number of changes of the tier.
     #[must_use]
     pub fn changes(&self) -> u64 {
         self.changes
     }
 
-    /// A solve took so many milliseconds. Matters to a budget alone; what is no time is left out.
+    /// Adds the measured cost of a solve, ms. Only a budget uses it. Values that are no valid time
+    /// are ignored.
     pub fn measured(&mut self, ms: f32) {
         let GiQuality::GpuBudget(budget) = self.asked else {
             return;
@@ -191,7 +192,7 @@ impl TierController {
         }
     }
 
-    /// The tier and why.
+    /// Returns the selected tier and the reason.
     #[must_use]
     pub fn picked(&self) -> TierSelection {
         let top = self.tiers.len().max(1) as u32;
@@ -241,7 +242,7 @@ impl TierController {
         }
     }
 
-    /// To the highest tier below that is predicted to stay well below the budget.
+    /// Selects the highest lower tier that is predicted to stay well below the budget.
     fn down(&mut self, cost: f32, budget: f32) {
         if self.trial.is_some() {
             self.wait = self.wait.saturating_mul(2);
@@ -252,7 +253,7 @@ impl TierController {
         self.trial = None;
     }
 
-    /// To another tier; a solve of this one costs `cost`.
+    /// Changes the tier. `cost` is the cost of a solve of the current one.
     fn go(&mut self, tier: u32, cost: f32) {
         self.before = Some((self.tier, cost));
         self.tier = tier;
@@ -263,10 +264,10 @@ impl TierController {
         self.calm = 0;
     }
 
-    /// What a solve of tier `t` would cost where one of this tier costs `cost`. Without another
-    /// tier to compare with, the cost is the links'. With one, what does not grow with the links is
-    /// set apart (shadow rays of lights that move); no more than nine tenths, for the load may have
-    /// changed in between.
+    /// Predicts the cost of a solve of tier `t` from the `cost` of the current tier. Without a
+    /// previous tier, all of the cost is attributed to the links. With one, the part that does not
+    /// grow with the links is separated (shadow rays of lights that move). That part is limited to
+    /// nine tenths, because the load may have changed in between.
     fn predict(&self, t: u32, cost: f32) -> f32 {
         let work = |t: u32| self.tiers[t as usize - 1].work.max(1) as f64;
         let (cost, here) = (f64::from(cost), work(self.tier));
