@@ -1,5 +1,5 @@
-//! How many reflections a level's surfaces call for, beside all of them at once: what the picked
-//! number leaves out, on the two rooms that have references, and what it costs.
+//! Number of reflections that a scene's surfaces need, compared with all of them: truncation error
+//! and cost, on the two rooms with references.
 
 use bevy_meshless_gi::GiBounceCount;
 use bevy_meshless_gi::internals::plan::{
@@ -21,7 +21,7 @@ fn draft() -> Recipe {
     }
 }
 
-/// The light of all points together, for each point's own normal.
+/// Sums the light of all points, each for its own normal.
 fn light(frame: &CpuFrame, scene: &BakedScene) -> f64 {
     (frame.values().iter().zip(&scene.points))
         .map(|(e, point)| f64::from(e.dot(point.n()).element_sum()))
@@ -69,13 +69,13 @@ fn automatic_bounce_count_truncation_is_small() {
             (0.0..=f64::from(MAX_TRUNCATED_FRACTION)).contains(&left),
             "{name}: {left}"
         );
-        // A number that fits one level is too few for another.
+        // A number that suffices for one scene is too small for another.
         assert!(missing[3] > fixed, "{name}: {}", missing[3]);
     }
 }
 
-/// A box whose walls return a tenth of the light takes two; a setting takes what it says, within
-/// what a frame ends with.
+/// A box whose walls reflect a tenth of the light takes two reflections. A setting fixes its own
+/// number, within the limits of a frame.
 #[test]
 fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     let wall = |origin: Vec3, [u, v]: [Vec3; 2]| Quad {

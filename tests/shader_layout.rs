@@ -1,7 +1,7 @@
-//! The shaders against the Rust side, read from the WGSL by naga; needs no GPU. Structs, constants,
-//! bindings, entry points and workgroup sizes must be what the kernel table and the shared types
-//! say, and every kernel must have a shader and a CPU twin of its name. Each comparison is also run
-//! on a shader that was spoiled, and must object.
+//! Comparison of the shaders with the Rust side, read from the WGSL by naga, without a GPU.
+//! Structs, constants, bindings, entry points and workgroup sizes must match the kernel table and
+//! the shared types. Every kernel must have a shader and a CPU twin of its name. Each comparison is
+//! repeated on a spoiled shader, and must fail.
 
 use bevy_meshless_gi::internals::gpu::{KERNELS, Kernel, Kind, Pass};
 use meshless_gi::internals::asset::PointSurface;
@@ -33,7 +33,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::path::Path;
 
-/// A Rust struct as a shader must see it: name, size, fields with offsets.
+/// Rust struct as a shader must declare it: name, size, fields with offsets.
 struct Layout {
     name: &'static str,
     size: usize,
@@ -325,7 +325,7 @@ fn layouts() -> Vec<Layout> {
     ]
 }
 
-/// Structs that live in a shader alone.
+/// Structs that exist in a shader only.
 const SHADER_ONLY: [&str; 23] = [
     "Cell",
     "PixelPosition",
@@ -352,8 +352,8 @@ const SHADER_ONLY: [&str; 23] = [
     "Outgoing",
 ];
 
-/// Every constant that a shader may declare, and its value in Rust; None for one that only tidies
-/// the shader.
+/// Returns every constant that a shader may declare, with its value in Rust. `None` for a constant
+/// that has no counterpart in Rust.
 fn constants() -> BTreeMap<&'static str, Option<f64>> {
     BTreeMap::from([
         ("LIGHT_NONE", Some(f64::from(FrameLight::NONE))),
@@ -523,7 +523,7 @@ fn parse(name: &str, source: &str) -> Result<(naga::Module, ModuleInfo), String>
     Ok((module, info))
 }
 
-/// What is wrong with the structs of a shader.
+/// Returns the problems of a shader's structs.
 fn struct_problems(module: &naga::Module) -> Vec<String> {
     let known = layouts();
     let mut problems = Vec::new();
@@ -558,7 +558,7 @@ fn struct_problems(module: &naga::Module) -> Vec<String> {
     problems
 }
 
-/// What is wrong with the constants of a shader.
+/// Returns the problems of a shader's constants.
 fn constant_problems(module: &naga::Module) -> Vec<String> {
     let known = constants();
     let mut problems = Vec::new();
@@ -584,7 +584,7 @@ fn constant_problems(module: &naga::Module) -> Vec<String> {
     problems
 }
 
-/// The kind of a global variable, as the table would say it.
+/// Returns the kind of a global variable, in the terms of the table.
 fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kind> {
     let ty = &module.types[variable.ty];
     let size = |ty: naga::Handle<naga::Type>| module.types[ty].inner.size(module.to_ctx()) as usize;
@@ -663,7 +663,7 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
     }
 }
 
-/// What is wrong with the bindings and entry points of a shader.
+/// Returns the problems of a shader's bindings and entry points.
 fn interface_problems(kernel: &Kernel, module: &naga::Module, info: &ModuleInfo) -> Vec<String> {
     let mut problems = Vec::new();
     let bound = |v: &naga::GlobalVariable| v.binding.as_ref().map(|b| (b.group, b.binding));
@@ -749,7 +749,7 @@ fn shader_structs_match_rust() {
 
 #[test]
 fn shader_struct_mismatch_is_detected() {
-    // What is replaced, by what, in which kernel, and a word of the complaint.
+    // Kernel, replaced text, replacement, and a word of the message.
     let spoils = [
         (
             "    radius: f32,\n    normal: vec3f,",
@@ -920,7 +920,7 @@ fn pass_table_has_each_pass_once_within_webgpu_limits() {
     }
 }
 
-/// Stems of the files with this extension in a folder of the crate.
+/// Returns the stems of the files with this extension in a folder of the crate.
 fn stems(folder: &str, extension: &str) -> BTreeSet<String> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let files = std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
@@ -936,7 +936,7 @@ fn every_kernel_has_shader_and_twin() {
     let kernels: BTreeSet<String> = KERNELS.iter().map(|k| k.name.to_owned()).collect();
     assert_eq!(kernels.len(), KERNELS.len());
     assert_eq!(stems("shaders", "wgsl"), kernels);
-    // The rest of crates/meshless_gi/src/frame/: types that the twins share, and what runs them.
+    // Other files of crates/meshless_gi/src/frame/: shared types of the twins, and their callers.
     let shared = [
         "mod",
         "layout",

@@ -71,8 +71,8 @@ fn cpu(scene: &BakedScene, lights: &[FrameLight], settings: &FrameSettings) -> C
     frame
 }
 
-/// A frame on the device that starts from the CPU's projection, so that a shadow ray that grazes an
-/// edge does not reach the kernels after `project`.
+/// Solves a frame on the device from the CPU's projection. A shadow ray that grazes an edge thus
+/// does not affect the kernels after `project`.
 fn solved(
     harness: &HeadlessDevice,
     kernels: &KernelPipelines,
@@ -107,7 +107,7 @@ fn output<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         .unwrap()
 }
 
-/// Items of the projection that differ, and how many of those are shadow rays that fell on the
+/// Returns the items of the projection that differ, and the number of shadow rays among them on the
 /// other side of an edge.
 fn projection_problems(
     scene: &BakedScene,
@@ -122,7 +122,7 @@ fn projection_problems(
     let finest = scene.finest_senders().start;
     let found = differing(gpu, &twin, 1, SINGLE, Scale::Item);
     let flips = found.iter().filter(|&&i| {
-        // The difference is what one of the sender's places gives.
+        // The difference equals the contribution of one of the sender's samples.
         let (light, j) = (&lights[i / senders], i % senders);
         let count = scene.places.per_sender as usize;
         let difference = (gpu[i] - twin[i]).abs();
@@ -159,7 +159,7 @@ fn project_kernel_matches_twin() {
     });
     assert!(shadowed, "the scene has no shadows");
 
-    // Room for three slots at first: the others come later, and the projection so far stays.
+    // Capacity for three slots at first. More slots follow, and the existing projection stays.
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 3).unwrap();
     frame
         .set_lights(&kernels, &harness.queue, &lights[..3])
@@ -177,8 +177,8 @@ fn project_kernel_matches_twin() {
 
     let count = lights.len() * scene.senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
-    // The only freedom: a ray that passes an edge within rounding may be seen on either side of it.
-    // Of 2970 rays at most two do.
+    // Only tolerance: a ray that passes an edge within rounding may be on either side of it. Of
+    // 2970 rays at most two do.
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
     assert!(
         differing == flips && flips <= 2,
@@ -213,14 +213,14 @@ fn project_kernel_matches_twin() {
     assert!(differing > flips, "a moved place is not noticed");
 }
 
-/// More slots than one dispatch takes: rectangles are many patches, and lights many.
+/// More slots than one dispatch takes, from rectangles with many patches and many lights.
 #[test]
 fn project_above_dispatch_limit_matches_twin() {
     let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let few = synthetic::lights();
-    // Lights at the beginning, and round the place where the second dispatch begins.
+    // Lights at the beginning, and around the start of the second dispatch.
     let mut lights = vec![FrameLight::default(); 70_000];
     let starts = [0, 65_472 - 5, 69_900];
     for start in starts {
@@ -251,17 +251,17 @@ fn project_above_dispatch_limit_matches_twin() {
     }
 }
 
-/// What of a solve is compared: kernel, what the GPU has, what the twin has, floats an item, scale.
+/// Checked result of a solve: kernel, GPU data, twin data, floats per item, scale.
 type Checked = (&'static str, Pass, fn(&CpuFrame) -> Vec<f32>, usize, Scale);
 
 fn flat<T: bytemuck::NoUninit>(items: &[T]) -> Vec<f32> {
     bytemuck::cast_slice(items).to_vec()
 }
 
-/// What makes an input wrong.
+/// Change that makes an input wrong.
 type Spoil = fn(&mut BakedScene);
 
-/// Solves on both, compares, and compares again with each of the `spoils`.
+/// Solves on GPU and CPU, compares, and compares again with each of the `spoils`.
 fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
     scene_agrees(&synthetic::scene(form), settings, checked);
 }
@@ -291,9 +291,9 @@ fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checke
     }
 }
 
-/// What `radiosity` writes stays where `pull` does not replace it: on the finest sender level.
+/// Output of `radiosity` on the finest sender level, where `pull` does not replace it.
 const SENDERS: Checked = ("senders", Pass::Pull, |f| flat(f.senders()), 4, Scale::Item);
-/// As [`SENDERS`], where E⃗·n, a sum that may cancel, is in it.
+/// Same as [`SENDERS`], for values with E⃗·n, a sum that may cancel.
 const BOUNCED: Checked = ("senders", Pass::Sweep, |f| flat(f.senders()), 4, Scale::Rms);
 const VALUES: Checked = (
     "values",
@@ -303,12 +303,12 @@ const VALUES: Checked = (
     Scale::Rms,
 );
 
-/// Adds a percent to the weight of entry `at`.
+/// Adds one percent to the weight of entry `at`.
 fn heavier(weights: &mut meshless_gi::internals::basis::Weights, at: usize) {
     weights.entries[at].weight *= 1.01;
 }
 
-/// Turns a few links round, from link `at` on: some senders are black.
+/// Reverses a few links, from link `at` on. Several are needed because some senders are black.
 fn bend(scene: &mut BakedScene, at: usize) {
     for link in scene.operator.links[at..].iter_mut().take(5) {
         *link = Link::pack(-link.vector(), 1.0, link.sender() as u16);
@@ -423,7 +423,7 @@ fn runtime_bounces_match_twin() {
     }
 }
 
-/// The scene in the form of averages, lit by a sky that varies: some links name its terms.
+/// Returns the scene with averages, lit by a varying sky: some links refer to its terms.
 fn under_a_sky() -> BakedScene {
     let mut scene = synthetic::scene(SenderForm::Averages);
     let mut dice = synthetic::Dice::new(7);
@@ -475,7 +475,7 @@ fn directional_sky_matches_twin() {
     }
 }
 
-/// Takes the rows of some points of tier 1 away, of senders if `senders`: they inherit instead.
+/// Removes the rows of some points of tier 1, of senders if `senders`. These points then inherit.
 fn orphan(scene: &mut BakedScene, senders: bool) {
     let (first, count) = (scene.level_starts[1] as usize, scene.senders());
     let range = if senders {
@@ -595,7 +595,7 @@ fn links_above_binding_limit_are_split() {
     );
 }
 
-/// The whole frame of real bakes, from lights to vector irradiance, the projection included.
+/// Compares the whole frame of real bakes, from lights to vector irradiance, with the projection.
 #[test]
 fn cornell_box_bakes_match_twin() {
     use meshless_gi::{BounceMode, TransportMethod};
@@ -626,7 +626,7 @@ fn cornell_box_bakes_match_twin() {
             .unwrap();
         let count = lights.len() * scene.senders();
         let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
-        // As in `project`: a ray within rounding of an edge may fall on either side of it. At most
+        // As in `project`, a ray within rounding of an edge may be on either side of it. At most
         // one in 10 000.
         let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
         assert!(
@@ -636,7 +636,7 @@ fn cornell_box_bakes_match_twin() {
 
         let mut wrong = lights.clone();
         wrong[0].color[1] *= 1.001;
-        // One frame for all tiers: nothing of one is left in the next.
+        // One frame for all tiers, so no data of one may remain in the next.
         for tier in (1..=scene.tiers()).rev() {
             let settings = FrameSettings { tier, ..settings };
             let twin = cpu(&scene, &lights, &settings);
@@ -656,8 +656,8 @@ fn cornell_box_bakes_match_twin() {
     }
 }
 
-/// An octree carries the light alone, and where the device does not hold it the links on the same
-/// points do, if there are any.
+/// An octree carries the light alone. If the device does not hold it, the links on the same points
+/// replace it, if there are any.
 #[test]
 fn octree_above_limit_falls_back_to_links() {
     use bevy_meshless_gi::internals::plan::{FmmLimit, falls_back};
@@ -681,13 +681,13 @@ fn octree_above_limit_falls_back_to_links() {
         matches!(why, Some(FmmLimit::TooLarge { has: 65536, .. })),
         "{why:?}"
     );
-    // Of an order that no workgroup holds.
+    // An order that exceeds any workgroup.
     scene.fmm.as_mut().unwrap().order = 7;
     let why = falls_back(&scene, 128 << 20);
     assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
-    // And nothing in its place.
+    // No links to replace it.
     scene.operator.rows.fill(Row::default());
     scene.operator.links.clear();
     let error = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap_err();
@@ -712,7 +712,7 @@ fn only_components_are_compressed() {
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
     let other = synthetic::scene(SenderForm::Averages);
     let other = GpuFrame::new(&kernels, &harness.queue, &other, 8).unwrap();
-    // The matrix, cut into three arrays, and what it makes of the senders.
+    // The matrix, in three arrays, and its product with the senders.
     assert_eq!(frame.buffers().count(), other.buffers().count() + 4);
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
@@ -728,7 +728,7 @@ fn only_components_are_compressed() {
             Pass::Averages
         ]
     );
-    // Before every use of the operator, and never else.
+    // Only before each use of the operator.
     let counters = frame.counters();
     assert_eq!(counters.of(Pass::Compress), 3);
     assert_eq!(counters.of(Pass::Apply), 3);

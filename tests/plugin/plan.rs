@@ -1,5 +1,5 @@
-//! The plan as the running plugin shows it: what the world has, what was decided and by which
-//! setting, and what passes cost as far as the device or the test says.
+//! Plan of the running plugin: inventory, decisions with their settings, and costs from the device
+//! or the test.
 
 use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::flip;
@@ -63,7 +63,7 @@ fn inventory_follows_world() {
     assert_eq!((found.skies, found.normal_maps), (SkyKind::None, 0));
     assert_eq!(found.colors, ColorUniformity::Surfaces);
 
-    // One moves, one changes its color; each for one frame.
+    // One moves and one changes its color, each for one frame.
     move_to(&mut app, lamp, PLACE + 0.1 * Vec3::X);
     let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
     light.color = Color::linear_rgb(1.0, 0.5, 0.5);
@@ -73,7 +73,7 @@ fn inventory_follows_world() {
     run(&mut app, 1);
     assert!(inventory(&app).at_rest());
 
-    // Others come: a panel that asks for a bounce, something to give it, a sky, a forward camera.
+    // More objects: a panel with bounce, a reflector, a sky, a forward camera.
     app.world_mut().spawn(RectLight::default());
     app.world_mut()
         .entity_mut(lamp)
@@ -89,7 +89,7 @@ fn inventory_follows_world() {
     assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
     assert_eq!((found.cameras.sampled, found.cameras.forward), (1, 0));
 
-    // A material wants a normal map, changes its mind, and goes.
+    // A material gains a normal map, loses it, and is removed.
     let mut material = StandardMaterial {
         normal_map_texture: Some(Handle::default()),
         ..default()
@@ -104,7 +104,7 @@ fn inventory_follows_world() {
     run(&mut app, 2);
     assert_eq!(inventory(&app).normal_maps, 0);
 
-    // A camera that is off is counted as that.
+    // A camera that is off is counted as such.
     let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
@@ -112,7 +112,7 @@ fn inventory_follows_world() {
     assert_eq!((cameras.deferred, cameras.off), (0, 1));
 }
 
-/// The test gives the cost of solves: what one tier cost foretells the other.
+/// The test provides the cost of solves: the cost of one tier predicts that of the other.
 #[test]
 fn costs_are_measured_and_predict_other_tier() {
     let mut app = app();
@@ -154,7 +154,7 @@ fn costs_are_measured_and_predict_other_tier() {
         "{seen}"
     );
 
-    // A setting forces another tier, which has fewer links: cheaper before it was measured.
+    // A setting forces another tier with fewer links, which is predicted to be cheaper.
     let world = app.world_mut();
     world.entity_mut(root).insert(GiQuality::Tier(1));
     run(&mut app, 1);
@@ -168,7 +168,7 @@ fn costs_are_measured_and_predict_other_tier() {
     assert!(!close(found.predicted, all), "{found}");
 }
 
-/// Nothing but the tier changes where a setting forces it, and every other frame says the same.
+/// A forced tier changes nothing but the tier, and later frames have the same decisions.
 #[test]
 fn forced_tier_changes_only_tier_decision() {
     let mut app = app();
@@ -177,12 +177,12 @@ fn forced_tier_changes_only_tier_decision() {
     let standing = |app: &App| {
         let mut found = plan(app).decisions();
         found.retain(|d| !matches!(d.kind, DecisionKind::Effect("lights" | "transport", ..)));
-        // What a choice costs in a frame is no choice.
+        // The cost of a choice in a frame is not compared.
         found.iter_mut().for_each(|d| d.costs.clear());
         found
     };
     let before = standing(&app);
-    // The test's cameras ask for every pixel, and its rooms for so many reflections.
+    // The test's cameras request every pixel, and its rooms a fixed number of reflections.
     let forced: Vec<&DecisionKind> = (before.iter())
         .filter(|d| d.forced.is_some())
         .map(|d| &d.kind)
@@ -210,7 +210,7 @@ fn forced_tier_changes_only_tier_decision() {
         run(&mut app, 1);
         assert_eq!(standing(&app), forced, "frame {k}");
     }
-    // A camera that is off shows nothing, whatever else there is.
+    // A camera that is off shows nothing, whatever else exists.
     let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
@@ -222,8 +222,7 @@ fn forced_tier_changes_only_tier_decision() {
     );
 }
 
-/// Where the device has a clock, its milliseconds come to the plan; how many they are decides
-/// nothing.
+/// Timestamps of a device with a clock reach the plan. Their values are not checked.
 #[test]
 fn gpu_timings_reach_plan() {
     let mut app = App::new();
@@ -264,8 +263,8 @@ fn gpu_timings_reach_plan() {
     assert!(cost(&found, FrameStage::SPLAT).work == Work::Pixels(128 * 96));
 }
 
-/// A room is solved with as many reflections as its surfaces call for, and with another number
-/// where a setting says so.
+/// A room is solved with the number of reflections that its surfaces need, or with the number of a
+/// setting.
 #[test]
 fn bounce_count_follows_surface_albedo() {
     let mut app = app();
@@ -310,7 +309,7 @@ fn bounce_count_follows_surface_albedo() {
         "{many}"
     );
     assert_eq!(many.gain, Some(gain));
-    // What is left out is hardly seen; two reflections are not enough.
+    // The omitted light is hardly visible, and two reflections are not enough.
     let settings = FrameSettings {
         sweeps: 4 * many.bounces,
         ..settings()
@@ -332,7 +331,7 @@ fn bounce_count_follows_surface_albedo() {
     );
 }
 
-/// The room in gray under a light of one color, and what the CPU makes of it in three channels.
+/// Gray room under a light of one color, and the CPU's result in three channels.
 #[test]
 fn gray_room_uses_monochrome_until_colored_light() {
     let gray = Room::cornell().recolored(|c| Vec3::splat(c.max_element()));
@@ -376,7 +375,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(matches!(cost(&first, FrameStage::APPLY).work, Work::OneChannel(n) if n > 1000));
     let warm = right(&[(PLACE, WARM)]);
     assert_alike("one_channel", &warm, &picture(&mut app, &image));
-    // Another color for all: still one, in its own frame.
+    // Another color for all lights: one channel, in the same frame.
     paint(&mut app, BLUE);
     run(&mut app, 1);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
@@ -384,7 +383,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(flip(&warm, &blue) > MAX);
     assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
 
-    // A second light in another color: three, at once.
+    // A second light in another color: three channels at once.
     let place = PLACE + 0.6 * Vec3::X;
     let second = spawn_lamp(&mut app, place);
     run(&mut app, 1);
@@ -395,7 +394,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(flip(&blue, &both) > MAX);
     assert_alike("two_colors", &both, &picture(&mut app, &image));
 
-    // It goes: one channel again after a while, and nothing is solved for that.
+    // After its removal, one channel returns after a while, without a solve.
     app.world_mut().despawn(second);
     run(&mut app, 1);
     assert!(work(&app) > 0);
@@ -410,7 +409,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert_alike("blue_again", &blue, &picture(&mut app, &image));
 
-    // A setting decides alone, whatever there is, and the light follows.
+    // A setting decides alone, and the light follows.
     let ask = |app: &mut App, channels| {
         let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
         solver.color_mode = channels;

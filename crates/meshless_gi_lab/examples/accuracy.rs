@@ -1,5 +1,5 @@
-//! How wrong is a bake, and where did its seconds go? Bakes scenes for which another program has
-//! computed the truth and prints a row of each.
+//! Error of bakes and the times of their steps. Bakes scenes with a reference solution of another
+//! program and prints one row per scene.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example accuracy -- medium tests/data/cornell
@@ -7,7 +7,7 @@
 //! ```
 //!
 //! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json`
-//! (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
+//! (geometry and lights) and `L0.csv` (irradiance at sample points, with standard errors).
 
 use meshless_gi::internals::bake::{BakeSettings, cast_gather_rays};
 use meshless_gi::internals::scene::SceneDescription;
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns
+/// Bakes the scene of a folder and prints a row for each light and number of reflections. Returns
 /// the row of the bake and those of its tiers.
 fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<dyn Error>> {
     let lights = (0..)
@@ -124,7 +124,8 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
     Ok([bake, tiers])
 }
 
-/// A row for each tier: four reflections against the truth, and against the whole operator.
+/// Prints a row for each tier: four reflections against the reference, and against the whole
+/// operator.
 fn compare_tiers(
     baked: &Baked,
     mesh: &TriangleMesh,

@@ -1,6 +1,6 @@
-//! How much light comes through walls, and what does it cost to stop it there? Bakes two rooms with
-//! our rule and with [L08]'s, with functions that stop at walls and without, and prints a row of
-//! each.
+//! Light leaks through walls, and the cost of preventing them. Bakes two rooms with our rule and
+//! with the rule of [L08], with basis functions that stop at walls and without. Prints one row per
+//! bake.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example leaks -- draft
@@ -12,7 +12,7 @@ use leak_support::{Door, Walled, open, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use std::error::Error;
 
-/// Paths of the reference at each place in the lit room.
+/// Paths of the reference at each sample in the lit room.
 const PATHS: u32 = 2048;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -44,8 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bakes and prints one row; `without` holds rays, seconds and bytes of the bake without walls,
-/// once it is known.
+/// Bakes and prints one row. `without` holds rays, seconds and bytes of the bake without walls,
+/// after that bake.
 fn row(
     scene: &Walled,
     preset: Preset,
@@ -63,7 +63,7 @@ fn row(
     let baked = bake_scene(&scene.mesh, &recipe, 0, &Progress::default())?;
     let leak = scene.measure(&baked.scene);
     let bytes = baked.scene.to_bytes()?.len() as f64;
-    // The estimate is no part of what walls cost.
+    // The estimate is not part of the cost of walls.
     let seconds = baked.stats.seconds.total - baked.stats.seconds.estimate;
     let rays = (baked.stats.rays - baked.stats.gather_rays) as f64;
     let [r, s, b] = *without.get_or_insert([rays, seconds, bytes]);

@@ -1,5 +1,5 @@
-//! Both kinds of operator on the same axes, on a level: links to senders and bases of direct light,
-//! by error, time of a frame, bytes and time of the bake.
+//! Comparison of both kinds of operator on one scene: links to senders and bases of direct light.
+//! The axes are error, frame time, bytes and bake time.
 
 use super::document::LEVEL;
 use meshless_gi::internals::bake::BakeSettings;
@@ -11,11 +11,11 @@ use std::error::Error;
 use std::fmt::Write;
 use std::time::Duration;
 
-/// No bake begins that would end later than this.
+/// Latest time at which a bake may be predicted to end.
 const LIMIT: Duration = Duration::from_mins(8);
 
-/// Of a full report what changes the rule or its threshold at draft, bases of light without added
-/// levels too, as links to senders are tried.
+/// Chooses variants of a full report: those that change the rule or its threshold at draft.
+/// Includes bases of light without added levels, as for links to senders.
 fn choose(base: &BakeSettings) -> Vec<Variant> {
     let mut all = full(base);
     all.retain(|v| {
@@ -40,7 +40,7 @@ fn choose(base: &BakeSettings) -> Vec<Variant> {
     all
 }
 
-/// Measures a level.
+/// Measures a scene.
 pub fn measure(name: &str, level: &TriangleMesh) -> Result<Report, Box<dyn Error>> {
     let plan = Sweep {
         choose,
@@ -52,7 +52,7 @@ pub fn measure(name: &str, level: &TriangleMesh) -> Result<Report, Box<dyn Error
     })?)
 }
 
-/// The charts of both rules: error against time of the bake, time of a frame, bytes, links.
+/// Returns the charts of both rules: error against bake time, frame time, bytes and links.
 pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
     let mut all = figures(name, report);
     all.retain(|f| f.file.starts_with("error_"));
@@ -62,7 +62,7 @@ pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
     all
 }
 
-/// A section of the document.
+/// Returns a section of the document.
 pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!(
         "{LEVEL}{name}\n\n\

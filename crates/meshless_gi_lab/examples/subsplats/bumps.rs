@@ -1,6 +1,6 @@
-//! What vectors at nodes are worth ([N09] §4.3, Fig. 11): a ball and a wall whose normals are
-//! bumpy, from nodes that hold vector irradiance, and from nodes that hold the irradiance of their
-//! own normal, with and without Eq. (3).
+//! Benefit of vector irradiance at nodes ([N09] §4.3, Fig. 11), on a ball and a wall with bumpy
+//! normals. Nodes hold vector irradiance, or the irradiance of their own normal, with and without
+//! Eq. (3).
 
 use super::experiments::SMALL;
 use super::subsplat_support::{Measured, Stage, View, from};
@@ -15,7 +15,7 @@ use std::f32::consts::PI;
 pub enum Held {
     Vectors,
     Scalars,
-    /// Darkened at a slant with this α.
+    /// Darkened at grazing angles with this α.
     Darkened(f32),
 }
 
@@ -25,7 +25,7 @@ pub struct Bumpy {
     pub measured: Measured,
 }
 
-/// From one side, and a little from all around.
+/// Light from one side, and a little from all directions.
 fn light(x: Vec3) -> VectorIrradiance {
     let to = Vec3::new(-2.5, 2.0, 1.0) - x;
     let mut e = from(to, Vec3::new(9.0, 8.0, 7.0) / (1.0 + to.length_squared()));
@@ -36,7 +36,7 @@ fn light(x: Vec3) -> VectorIrradiance {
     e
 }
 
-/// A ball of 1 m before a wall.
+/// Ball of 1 m in front of a wall.
 fn scene() -> TriangleMesh {
     const N: u32 = 96;
     let center = Vec3::new(0.0, 0.0, -3.0);
@@ -61,7 +61,7 @@ fn scene() -> TriangleMesh {
     mesh_of_quads(&quads)
 }
 
-/// Bumps a few centimeters wide, up to 25 degrees steep.
+/// Adds bumps a few centimeters wide, up to 25 degrees steep.
 fn bump(view: &mut View<'_>) {
     for i in 0..view.drawn.depth.len() {
         if view.drawn.depth[i] <= 0.0 {
@@ -83,9 +83,9 @@ fn bump(view: &mut View<'_>) {
     view.expose(scale);
 }
 
-/// Result of nodes with one irradiance each. Between nodes light is interpolated part by part, and
-/// each pixel takes its normal's: with all of the irradiance along one axis of the six, a pixel
-/// whose normal has that axis gives back what was interpolated.
+/// Returns the result of nodes with one irradiance each. Interpolation between nodes acts on each
+/// part, and a pixel evaluates the result for its normal. The irradiance is stored along one of the
+/// six axes. A pixel with a normal along that axis thus returns the interpolated value.
 fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Measured) {
     let params = view.params(settings);
     let picture = view.picture();
@@ -124,7 +124,7 @@ pub fn measure() -> Vec<Bumpy> {
         let settings = SubsplatSettings {
             normal: NormalTest::MinMax(normal),
             light: f32::INFINITY,
-            // No pixel by itself, as in [N09].
+            // No direct evaluation at pixels, as in [N09].
             alike: 0.0,
             ..SubsplatSettings::default()
         };

@@ -1,15 +1,14 @@
-//! Which of many measurements are worth choosing: the Pareto front, and what a front says between
-//! its places.
+//! Pareto front of many measurements, and interpolation along a front.
 
-/// The places of which no other is at least as good in both coordinates and better in one, where
-/// less is better: their numbers, by the first coordinate. Of equal places the first is taken;
-/// places that are not finite are none.
+/// Returns the indices of the points on the Pareto front, ordered by the first coordinate. Less is
+/// better. On the front, no other point is at least as good in both coordinates and better in one.
+/// The first of equal points is taken, and points that are not finite are ignored.
 #[must_use]
 pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..places.len())
         .filter(|&i| places[i].0.is_finite() && places[i].1.is_finite())
         .collect();
-    // By cost, then by error; the order of what is equal stays.
+    // Ordered by cost, then by error. Equal points keep their order.
     order.sort_by(|&a, &b| {
         let (a, b) = (places[a], places[b]);
         a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
@@ -23,8 +22,9 @@ pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// Value at `x` of a falling curve through `front` (by x, both coordinates above 0), on straight
-/// lines between the logarithms. None outside of it.
+/// Returns the value at `x` of a falling curve through `front`, with straight lines between the
+/// logarithms. `front` is ordered by x, and its coordinates are above 0. Returns `None` outside of
+/// it.
 #[must_use]
 pub fn interpolate_log(front: &[(f64, f64)], x: f64) -> Option<f64> {
     let (first, last) = (front.first()?, front.last()?);
@@ -36,7 +36,7 @@ pub fn interpolate_log(front: &[(f64, f64)], x: f64) -> Option<f64> {
         return Some(last.1);
     };
     let (x0, y0) = front[after - 1];
-    // Exactly at its places; logarithms would round.
+    // Exact at its points, where logarithms would round.
     if x >= x1 {
         return Some(y1);
     }
@@ -67,7 +67,7 @@ mod tests {
         ];
         assert_eq!(pareto_front(&places), [1, 2, 0, 6]);
         assert!(pareto_front(&[]).is_empty());
-        // By its definition, on many places.
+        // Compares with the definition, on many points.
         let many: Vec<(f64, f64)> = (0..200u32)
             .map(|i| (f64::from(i * 7919 % 101), f64::from(i * 104_729 % 97)))
             .collect();

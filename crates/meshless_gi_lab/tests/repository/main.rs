@@ -27,8 +27,8 @@ fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap_or_else(|why| panic!("{path}: {why}"))
 }
 
-/// All files below `folder` with one of the endings: path from the root with forward slashes, and
-/// text.
+/// Returns all files below `folder` with one of the endings: path from the root with forward
+/// slashes, and text.
 fn files(folder: &str, endings: &[&str]) -> Vec<(String, String)> {
     fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder)
@@ -62,7 +62,7 @@ fn files(folder: &str, endings: &[&str]) -> Vec<(String, String)> {
         .collect()
 }
 
-/// Rust source without comments, strings and character literals; lines stay where they are.
+/// Returns Rust source without comments, strings and character literals. Line numbers are kept.
 fn code_only(text: &str) -> String {
     let s: Vec<char> = text.chars().collect();
     let at = |i: usize| s.get(i).copied().unwrap_or('\0');
@@ -114,7 +114,7 @@ fn code_only(text: &str) -> String {
             }
             i += 1;
         } else if c == '\'' && (at(i + 1) == '\\' || at(i + 2) == '\'') {
-            // A character; anything else with a quote is a lifetime.
+            // A character literal. Anything else with a quote is a lifetime.
             i += if at(i + 1) == '\\' { 3 } else { 2 };
             while i < s.len() && s[i] != '\'' {
                 i += 1;
@@ -128,7 +128,7 @@ fn code_only(text: &str) -> String {
     out
 }
 
-/// How many hashes a raw string that starts at `i` has.
+/// Returns the number of hashes of a raw string that starts at `i`.
 fn raw_string(s: &[char], mut i: usize) -> Option<usize> {
     if s.get(i) == Some(&'b') {
         i += 1;

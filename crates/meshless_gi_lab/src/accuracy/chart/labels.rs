@@ -1,15 +1,15 @@
-//! Where the labels of a chart's places go: beside their markers, and not over other markers or
-//! labels where that can be helped.
+//! Positions of a chart's labels: next to their markers, and clear of other markers and labels if
+//! possible.
 
 /// Height of a label, pixels.
 pub const HEIGHT: f64 = 11.0;
 
-/// A box, pixels: left, top, right, bottom.
+/// Box, pixels: left, top, right, bottom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area(pub f64, pub f64, pub f64, pub f64);
 
 impl Area {
-    /// A square around a place.
+    /// Creates a square around a point.
     pub fn around((x, y): (f64, f64), half: f64) -> Self {
         Self(x - half, y - half, x + half, y + half)
     }
@@ -20,13 +20,13 @@ impl Area {
         width.max(0.0) * height.max(0.0)
     }
 
-    /// Area that lies outside of `frame`.
+    /// Returns the area outside of `frame`.
     fn outside(&self, frame: &Self) -> f64 {
         (self.2 - self.0) * (self.3 - self.1) - self.overlap(frame)
     }
 }
 
-/// About how wide `text` is in a common sans-serif font, pixels.
+/// Returns the approximate width of `text` in a common sans-serif font, pixels.
 pub fn width(text: &str, size: f64) -> f64 {
     let ems: f64 = text
         .chars()
@@ -41,9 +41,9 @@ pub fn width(text: &str, size: f64) -> f64 {
     ems * size
 }
 
-/// Chooses the left end and the baseline of a label beside `place`: the near or far side that
-/// covers least of `taken`; its area is added to those. None where it would cover much: a label
-/// that nobody can read hides others.
+/// Chooses the left end and the baseline of a label next to `place`. The label goes to the side
+/// that covers least of `taken`, and its area is added to `taken`. Returns `None` if it would cover
+/// much, because an illegible label hides others.
 pub fn put(
     text: &str,
     place: (f64, f64),
@@ -60,7 +60,7 @@ pub fn put(
     let mut best = (f64::INFINITY, (0.0, 0.0));
     for (gap, penalty) in [(11.0, 0.0), (20.0, 0.08)] {
         let near = 0.7 * gap;
-        // Above and right of a place of a falling front there is room.
+        // The area above and right of a marker on a falling front is free.
         let sides = [
             (x + near, y - near - h),
             (x - near - w, y + near),
@@ -72,7 +72,7 @@ pub fn put(
             (x - near - w, y - near - h),
         ];
         for (left, top) in sides {
-            // Rounded, so that equal sides are equal, and the first of them is taken.
+            // Rounded, so that equal sides compare as equal and the first of them is taken.
             let cost = ((covered(left, top) / (w * h) + penalty) * 64.0).round();
             if cost < best.0 {
                 best = (cost, (left, top));
@@ -105,7 +105,7 @@ mod tests {
                 assert!(markers || a.overlap(b) < 1e-9, "{a:?} {b:?}");
             }
         }
-        // Where there is no room, there is no label.
+        // Without room, there is no label.
         let mut full = vec![frame];
         assert_eq!(put("a label", (150.0, 150.0), &frame, &mut full), None);
         assert_eq!(full.len(), 1);
