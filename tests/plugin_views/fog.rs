@@ -1,5 +1,6 @@
-//! Bevy's volumetric fog in a baked room, in the running plugin: what the level's light adds to the
-//! picture, beside the twin, for all kinds of cameras; and nothing where it is not called for.
+//! Bevy's volumetric fog in a baked room, in the running plugin. Compares the light that the scene
+//! adds to the picture with the twin, for all kinds of cameras. Without fog or volume, nothing
+//! runs.
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::Picture;
@@ -30,8 +31,8 @@ const STEPS: u32 = 48;
 const VOXEL: f32 = 0.15;
 /// Texels of a density along each edge.
 const EDGE: u32 = 4;
-/// The largest NRMSE between what fog adds and what the twin says. Pictures are halves, and what is
-/// compared is a difference of two.
+/// Largest NRMSE between the fog's light and the twin. Pictures hold half floats, and the fog's
+/// light is a difference of two.
 const MAX: f32 = 0.01;
 
 fn bake() -> Arc<BakedScene> {
@@ -71,8 +72,8 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// Box of the fog in the room's space: it reaches out of the room at one side, and does not fill
-/// it.
+/// Returns the box of the fog in the room's space. It extends beyond the room at one side, and does
+/// not fill it.
 fn fog_place() -> Transform {
     Transform::from_xyz(0.3, 0.9, 0.4)
         .with_rotation(Quat::from_rotation_y(0.4))
@@ -96,8 +97,7 @@ fn with_fog(intensity: f32) -> (GiIrradianceVolume, GiVolumetricFog) {
     (volume, GiVolumetricFog { intensity })
 }
 
-/// The room with a light and fog in it, and a sun without light for whose sake Bevy draws fog at
-/// all.
+/// Returns the room with a light and fog, and a black sun, without which Bevy draws no fog.
 fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     let mut app = app();
     if kind != Kind::Deferred {
@@ -135,7 +135,7 @@ fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
         fog,
         image,
     };
-    // What its voxels take from which probes is found meanwhile.
+    // Meanwhile, the probe weights of its voxels are computed.
     let mut frames = 0;
     while counters(&shown.app).dispatches_of(FrameStage::VOLUME) == 0 {
         run(&mut shown.app, 1);
@@ -157,7 +157,7 @@ impl Shown {
         run(&mut self.app, 2);
     }
 
-    /// Light that the scene's fog adds to the picture.
+    /// Returns the light that the scene's fog adds to the picture.
     fn added(&mut self) -> Picture {
         let with = self.picture();
         self.set_fog(0.0);
@@ -166,13 +166,14 @@ impl Shown {
         minus(&with, &without)
     }
 
-    /// Dispatches and draws for fog in the last frame: one of each for a fog volume.
+    /// Returns the number of dispatches and draws for fog in the last frame: one of each per fog
+    /// volume.
     fn draws(&self) -> u32 {
         counters(&self.app).dispatches_of(FrameStage::FOG)
     }
 
-    /// What the twin says that is added, with a light at `place` in the room's space and, where
-    /// `texture` says so, a density.
+    /// Returns the twin's light of the fog, with a light at `place` in the room's space and an
+    /// optional density `texture`.
     fn twin(&self, place: Vec3, of: &FogVolume, texture: Option<&dyn Fn(Vec3) -> f32>) -> Picture {
         let bake = bake();
         let local_from_world = self.placed.to_matrix().inverse();
@@ -248,7 +249,7 @@ impl Shown {
     }
 }
 
-/// The volume's voxels.
+/// Returns the volume's voxel grid.
 fn shape() -> VoxelGrid {
     let [low, high] = bake().info.bounds.map(Vec3::from_array);
     let (low, high) = (low - VOXEL, high + VOXEL);
@@ -292,11 +293,11 @@ fn fog_of_every_camera_matches_twin() {
         keep(&format!("fog_{name}_whole"), &whole.beside(&whole));
         let (off, share) = (added.nrmse(&twin), twin.mean() / whole.mean());
         println!("{name}: NRMSE {off:.4}; fog adds {share:.3} of the picture's light");
-        // The first of several samples is not in the middle of the pixel: edges differ.
+        // The first of several samples is not in the center of the pixel, so edges differ.
         let most = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
         assert!(off <= most, "{name}: {off}");
         assert!(share > 0.02, "{name}: {share}");
-        // A light moves: the fog shows it in that frame.
+        // A light moves, and the fog shows it in that frame.
         let place = Vec3::new(-0.6, 0.5, 0.9);
         let aside = added.nrmse(&s.twin(place, &even(), None));
         assert!(aside > 5.0 * most, "{name}: {aside}");
@@ -312,7 +313,7 @@ fn fog_of_every_camera_matches_twin() {
     }
 }
 
-/// A texture of the density, of `EDGE` texels along each edge.
+/// Returns a texel of the density texture, of `EDGE` texels along each edge.
 fn density(k: UVec3) -> u8 {
     [0, 255, 40, 160][((k.x + 2 * k.y + 3 * k.z) % 4) as usize]
 }
@@ -371,7 +372,7 @@ fn fog_density_texture_scales_light() {
     assert!(off <= MAX && moved > 3.0 * MAX, "{off} {moved}");
 }
 
-/// Two levels lie in one place: the first of them lights the fog, and not both.
+/// Two scenes overlap, and only the first of them lights the fog.
 #[test]
 fn fog_in_two_scenes_is_lit_once() {
     let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
@@ -386,7 +387,7 @@ fn fog_in_two_scenes_is_lit_once() {
         assert!(frames < 1000, "the second level never lights fog");
     }
     run(&mut s.app, 3);
-    // Both are toggled: what the second adds is nothing.
+    // Both are toggled: the second adds nothing.
     let with = s.picture();
     let mut volumes = s.app.world_mut().query::<&mut GiVolumetricFog>();
     for mut fog in volumes.iter_mut(s.app.world_mut()) {
@@ -407,7 +408,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     let words = lit.plan.to_string();
     assert!(words.contains("(fog): 1 fog volume(s)"), "{words}");
     assert_eq!(lit.plan.inventory.fogs, 1);
-    // Off: parameters go, and what its voxels send to the eye; they stay as they are.
+    // Turned off: parameters and in-scattered light are released, and the voxels stay.
     s.set_fog(0.0);
     let off = counters(&s.app);
     assert_eq!((off.plan.count(FrameStage::FOG), s.draws()), (0, 0));
@@ -422,7 +423,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     s.set_fog(1.0);
     assert_eq!(s.draws(), 2);
     assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 0);
-    // Each of these ends it, and going back brings it again.
+    // Each of these turns it off, and reverting turns it on again.
     type Change = fn(&mut Shown, bool);
     let changes: [(&str, Change); 6] = [
         ("fog is elsewhere", |s, back| {
@@ -479,13 +480,13 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
         run(&mut s.app, 3);
         assert_eq!(s.draws(), 2, "{name}, undone");
     }
-    // Twice the light where that is asked for.
+    // Twice the light for a factor of two.
     let one = minus(&s.picture(), &dark);
     s.set_fog(2.0);
     let two = minus(&s.picture(), &dark);
     let ratio = two.mean() / one.mean();
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
-    // Ambient light in fog that is lit is told.
+    // Ambient light in lit fog causes a warning.
     let told = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(told(&s.app), []);
     let mut eye = s.app.world_mut().entity_mut(s.eye);

@@ -1,5 +1,5 @@
-//! Soft shadows in the running plugin: what is taken from Bevy's picture, where, and when; against
-//! shadow rays at every pixel.
+//! Soft shadows in the running plugin: the light subtracted from Bevy's picture, its position and
+//! its time. Compares with shadow rays at every pixel.
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::bounce::Things;
@@ -19,7 +19,7 @@ use meshless_gi_lab::accuracy::RaycastView;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::{Arc, OnceLock};
 
-/// The room, whose points remember what they see; baked once.
+/// Returns the room with visibility at its points, baked once.
 fn remembering() -> Arc<BakedScene> {
     static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let bake = || {
@@ -51,14 +51,14 @@ fn panel() -> RectLight {
     }
 }
 
-/// Below the ceiling, shining down.
+/// Returns a transform below the ceiling, facing down.
 fn hanging(at: Vec3) -> Transform {
     Transform::from_translation(at).with_rotation(Quat::from_rotation_x(-FRAC_PI_2))
 }
 
 const PLACE: Vec3 = Vec3::new(-0.35, 1.9, 0.1);
 
-/// The panel in the core's terms, in the world.
+/// Returns the panel as a light of the core, in world space.
 fn core_panel(at: Transform, samples: u32) -> SoftLight {
     let radiance = LUMENS / (PI * 4.0 * HALF.x * HALF.y) * Vec3::new(1.0, 0.9, 0.6);
     let (u, v) = (
@@ -68,7 +68,7 @@ fn core_panel(at: Transform, samples: u32) -> SoftLight {
     SoftLight::rectangle(at.translation, u, v, radiance, samples).within(RANGE)
 }
 
-/// The room on `root` with `bake`, and a camera that shows it without indirect light.
+/// Spawns the room on `root` with `bake`, and a camera that shows it without indirect light.
 fn direct_room(
     app: &mut App,
     bake: Arc<BakedScene>,
@@ -90,17 +90,17 @@ fn direct_room(
     (eye, image)
 }
 
-/// What the CPU says of the room as `look` sees it, in the light of a light: the picture without
-/// shadows (diffuse light alone), the share of it that the twins take at every pixel, and the part
-/// of the light that rays see from there; 0 and 1 where nothing is.
+/// Expected values on the CPU for the room from `look`: the picture without shadows (diffuse only),
+/// the share subtracted by the twins, and the share of the light visible to rays. The shares are 0
+/// and 1 where nothing is.
 struct Expected {
     bright: Picture,
     taken: Vec<Vec3>,
     seen: Vec<f32>,
 }
 
-/// The light with `few` samples as the plugin has it, and with `many` for the rays, in the world;
-/// `root` places the room.
+/// Computes the expected values, in world space. The light has `few` samples for the twins and
+/// `many` for rays, and `root` places the room.
 fn expected(
     bake: &BakedScene,
     root: Transform,
@@ -112,7 +112,7 @@ fn expected(
     let size = [WIDTH, HEIGHT];
     let [width, height] = size.map(|v| v as f32);
     let clip_from_view = Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, width / height, 0.1);
-    // All of it in the bake's own space, where rays are cast.
+    // Everything in the bake's own space, where rays are cast.
     let local_from_world = root.to_matrix().inverse();
     let clip_from_local = clip_from_view * look.to_matrix().inverse() * root.to_matrix();
     let things = Things {
@@ -143,7 +143,7 @@ fn expected(
         seen: Vec::new(),
     };
     for i in 0..WIDTH * HEIGHT {
-        // The room's material: rough.
+        // The room's material is rough.
         let texel = gbuffer::with_roughness(drawn.gbuffer[i as usize], 1.0, 0.0);
         let depth = drawn.depth[i as usize];
         if depth <= 0.0 {
@@ -174,7 +174,7 @@ fn expected(
 }
 
 impl Expected {
-    /// Bevy's picture with the shadows of the twins.
+    /// Returns Bevy's picture with the shadows of the twins.
     fn by_twins(&self, plain: &Picture) -> Picture {
         let mut out = plain.clone();
         for (pixel, taken) in out.pixels.iter_mut().zip(&self.taken) {
@@ -183,7 +183,7 @@ impl Expected {
         out
     }
 
-    /// Bevy's picture with the shadows of rays.
+    /// Returns Bevy's picture with the shadows of rays.
     fn by_rays(&self, plain: &Picture) -> Picture {
         let mut out = plain.clone();
         for (pixel, seen) in out.pixels.iter_mut().zip(&self.seen) {
@@ -193,7 +193,7 @@ impl Expected {
     }
 }
 
-/// Means of `picture` over `of` at the pixels that `which` picks, where `of` is not dark.
+/// Returns the mean ratio of `picture` and `of` at the pixels of `which`, where `of` is not dark.
 fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 {
     let luminance = |p: [f32; 3]| p[0] + p[1] + p[2];
     let (mut sum, mut whole, mut count) = (0.0, 0.0, 0);
@@ -206,7 +206,7 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
     sum / whole
 }
 
-/// Pixels whose neighbors see as much of the light as `wanted` says.
+/// Returns the pixels whose neighbors all have a visible share accepted by `wanted`.
 fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {
@@ -224,9 +224,9 @@ fn soft_work(c: &FrameStats) -> [u32; 2] {
     [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 
-/// Requirements for a picture with soft shadows: nothing below black, Bevy's own where the light is
-/// seen whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly as the
-/// bake remembers.
+/// Checks a picture with soft shadows. No value is below zero. It equals Bevy's picture where the
+/// light is fully visible, and is dark where it is hidden. It matches the twins everywhere, and
+/// rays within the accuracy of the baked visibility.
 #[track_caller]
 fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expected) {
     let (by_twins, by_rays) = (expected.by_twins(plain), expected.by_rays(plain));
@@ -250,15 +250,15 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     );
     assert!(in_shadow < 0.05, "{name}: in full shadow {in_shadow}");
     assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
-    // The room is bright, shadows are small: what is left of the error that a picture without them
-    // has.
+    // The room is bright and shadows are small. The limit is a share of the error of a picture
+    // without shadows.
     let most = 0.3 * without;
     assert!(
         without > 0.02,
         "{name}: shadows do not matter here, {without}"
     );
     assert!(rays < most, "{name}: not what rays say, {rays}");
-    // The test can fail: for shadows that are elsewhere.
+    // The check fails for shadows at another position.
     let mut moved = shaded.clone();
     moved.pixels.rotate_right(3);
     assert!(moved.nrmse(&by_twins) > 0.002 && moved.nrmse(&by_rays) > most);
@@ -314,7 +314,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
         "what Bevy draws is not what is taken from it: {off}"
     );
 
-    // It moves: what is missing is found anew, once, and the shadow is elsewhere.
+    // The light moves: the shadowed irradiance is computed once, and the shadow moves.
     let place = hanging(Vec3::new(-0.6, 1.6, 0.3));
     let move_to = |app: &mut App, to| {
         *app.world_mut().get_mut::<Transform>(lamp).unwrap() = to;
@@ -333,7 +333,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     cast(&mut app, lamp, Some(soft));
     move_to(&mut app, hanging(PLACE));
 
-    // A view of indirect light alone has no direct light to take from.
+    // A view of indirect light alone has no direct light to subtract from.
     let mut cameras = app.world_mut().query::<&mut GiCamera>();
     let mut only = |app: &mut App, view| {
         for mut camera in cameras.iter_mut(app.world_mut()) {
@@ -347,7 +347,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     assert!(indirect.pixels.iter().flatten().all(|v| *v == 0.0));
     assert_eq!(only(&mut app, GiDebugView::Final), [0, 1]);
 
-    // Off, or without the component: Bevy's picture, to the bit, and nothing is held.
+    // Off, or without the component: Bevy's picture, to the bit, and no buffers.
     for off in [true, false] {
         let mut entity = app.world_mut().entity_mut(lamp);
         if off {
@@ -362,7 +362,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     }
     assert_eq!(picture(&mut app, &image), plain);
 
-    // On surfaces that shine, the mirror image goes too.
+    // On glossy surfaces, the mirror image disappears too.
     let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     let all: Vec<_> = materials.ids().collect();
     for id in all {
@@ -438,7 +438,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), []);
 
-    // A bake that does not remember.
+    // A bake without visibility.
     cast(&mut app, lamp, Some(GiSoftShadow::default()));
     run(&mut app, 2);
     let c = counters(&app);
@@ -470,7 +470,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     run(&mut app, 1);
     expected.push(GiWarning::SoftShadowTwice);
     assert_eq!(found(&app), expected);
-    // More panels than Bevy draws.
+    // More panels than Bevy's limit.
     for _ in 0..8 {
         app.world_mut().spawn((panel(), hanging(PLACE)));
     }
@@ -506,7 +506,7 @@ fn nan_lights_and_many_lights_do_not_panic() {
     run(&mut app, 3);
     assert_eq!(soft_work(&counters(&app)), [0, 1]);
     assert!(counters(&app).plan.to_string().contains("subtract_shadow"));
-    // More come: the buffers grow.
+    // With more panels, the buffers grow.
     for i in 0..20 {
         let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.2, 0.5);
         app.world_mut()

@@ -1,4 +1,4 @@
-//! Bakes of the Cornell box, as a game would have them.
+//! Bakes of the Cornell box with recipes of a game.
 
 use glam::Vec3;
 use meshless_gi::{
@@ -6,12 +6,12 @@ use meshless_gi::{
     TransportMethod, bake, load_gltf,
 };
 
-/// A quick bake.
+/// Bakes the Cornell box quickly.
 pub fn cornell(rule: TransportMethod, bounce_mode: BounceMode) -> BakedScene {
     bake_box(&recipe(rule, bounce_mode))
 }
 
-/// What makes a bake quick.
+/// Returns the recipe of a quick bake.
 pub fn recipe(rule: TransportMethod, bounce_mode: BounceMode) -> Recipe {
     Recipe {
         preset: Preset::Draft,
@@ -48,7 +48,7 @@ pub fn bake_box(recipe: &Recipe) -> BakedScene {
     bake(&source, recipe, &Progress::default()).unwrap().scene
 }
 
-/// The box's light, one beside it, and a bright window.
+/// Returns the box's light, one next to it, and a bright window.
 pub fn lights() -> Vec<FrameLight> {
     let lamp = Light::Spot {
         position: Vec3::new(2.78, 5.4, 2.795),

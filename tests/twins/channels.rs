@@ -1,5 +1,5 @@
 //! `apply_one` against its twin, for every form of coefficients, with sweeps and without, and at
-//! probes; and beside `apply`, where one channel is all that there is.
+//! probes. Also against `apply`, where one channel is exact.
 
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{SINGLE, Scale, differing};
@@ -46,7 +46,7 @@ fn monochrome_frame_matches_twin() {
     }
 }
 
-/// What lights a scene of gray surfaces, all in `HUE`.
+/// Returns a scene of gray surfaces and its lights, all in `HUE`.
 fn gray(form: SenderForm) -> (BakedScene, Vec<FrameLight>) {
     let mut scene = synthetic::scene(form);
     for surface in &mut scene.surfaces {
@@ -68,7 +68,7 @@ fn at(channels: Channels) -> FrameSettings {
     }
 }
 
-/// How many values of `right` are others in one channel of `hue`, on the CPU.
+/// Returns the number of values that differ from `right` in one channel of `hue`, on the CPU.
 fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -> usize {
     let found = cpu(scene, lights, &at(Channels::One(hue)));
     differing(found.values(), right.values(), 12, SINGLE, Scale::Rms).len()
@@ -82,7 +82,7 @@ fn monochrome_of_gray_scene_equals_rgb() {
         let (scene, mut lights) = gray(form);
         let right = cpu(&scene, &lights, &at(Channels::Three));
         assert_eq!(off(&scene, &lights, &right, HUE), 0, "{form:?}");
-        // As bright as it comes.
+        // At a large intensity.
         assert_eq!(off(&scene, &lights, &right, 30.0 * HUE), 0, "{form:?}");
 
         let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
@@ -95,7 +95,7 @@ fn monochrome_of_gray_scene_equals_rgb() {
         assert_eq!(counters.of(Pass::Apply), 0);
         assert!(counters.of(Pass::ApplyOne) >= 3);
 
-        // Another color of light, or of a wall, is not gray any more.
+        // Another color of light or wall is no longer gray.
         assert!(off(&scene, &lights, &right, Vec3::ONE) > 100, "{form:?}");
         lights[0].color = [9.0, 1.0, 1.0];
         let three = cpu(&scene, &lights, &at(Channels::Three));

@@ -1,5 +1,5 @@
-//! Kernels `fog_inscatter` and `fog` against their twins, over a picture: fog before walls at any
-//! distance, with a density of its own and without, and a level that comes first.
+//! Kernels `fog_inscatter` and `fog` against their twins, over a picture: fog in front of walls at
+//! any distance. Some fog has a density texture, and some has another scene in front.
 
 use super::compare::{HALF, Scale, differing};
 use super::depth::depth_samples;
@@ -16,9 +16,9 @@ use meshless_gi::internals::frame::{Fog, FogInscatterParams, FogParams, FogView,
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [72, 48];
-/// What the picture was.
+/// Value of the picture before the fog.
 const GRAY: f32 = 0.25;
-/// The density's texture along each edge.
+/// Texels of the density texture along each edge.
 const EDGE: u32 = 6;
 
 struct Drawn {
@@ -30,8 +30,8 @@ struct Drawn {
 }
 
 impl Drawn {
-    /// A level that is turned and twice as large, in fog that is turned another way; without a
-    /// texture of its density, with one, and where a part of it belongs to another level. The view
+    /// Creates a scene that is rotated and twice as large, in fog with another rotation. One fog
+    /// has no density texture, one has one, and one is partly covered by another scene. The view
     /// does not fill its target.
     fn new() -> Self {
         let mut dice = Dice::new(7);
@@ -70,7 +70,7 @@ impl Drawn {
             ..even
         };
         let other = Mat4::from_translation(middle) * Mat4::from_scale(Vec3::splat(3.0));
-        // The outermost voxels lie half beyond it.
+        // The outermost voxels extend half beyond it.
         let bounds = [Vec3::splat(-0.8), Vec3::new(2.3, 1.35, 1.9)];
         let near = FogView {
             exposure: 12.0,
@@ -87,7 +87,7 @@ impl Drawn {
             density: (0..EDGE * EDGE * EDGE)
                 .map(|_| [f16::from_f32(dice.unit()); 4])
                 .collect(),
-            // From far behind all to before it, and the sky.
+            // Depths from far behind to in front of everything, and the sky.
             depth: (0..SIZE[0] * SIZE[1])
                 .map(|i| {
                     if i % 5 == 0 {
@@ -100,7 +100,7 @@ impl Drawn {
         }
     }
 
-    /// What each voxel sends, by the twin.
+    /// Returns the light that each voxel scatters, by the twin.
     fn light(&self) -> Vec<[f32; 4]> {
         let (voxels, size) = (wide(&self.voxels), UVec3::from(self.light.size));
         (0..size.element_product())
@@ -109,7 +109,7 @@ impl Drawn {
             .collect()
     }
 
-    /// By the twin.
+    /// Returns the twin's picture.
     fn run(&self, which: usize) -> Vec<[f32; 4]> {
         let voxels = wide(&self.voxels);
         let light = self.light();
@@ -132,7 +132,7 @@ impl Drawn {
     }
 }
 
-/// As a sampler reads that does not repeat.
+/// Interpolates as a sampler with clamping does.
 fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
     let at = at * EDGE as f32 - 0.5;
     let first = at.floor();
@@ -149,7 +149,7 @@ fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
         .sum()
 }
 
-/// What the device makes of it.
+/// Returns the device's picture.
 fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -> Vec<[f32; 4]> {
     let (device, queue) = (&harness.device, &harness.queue);
     let kernels = KernelPipelines::new(device).unwrap();
@@ -198,7 +198,7 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
     wide(&harness.read_texture::<[f16; 4]>(&picture).unwrap())
 }
 
-/// Pixels that differ by more than halves, and filters of eight bits, explain.
+/// Counts pixels that differ by more than half floats and 8-bit filters explain.
 fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     differing(gpu, cpu, 4, 4.0 * HALF, Scale::Rms).len()
 }
@@ -221,7 +221,7 @@ fn fog_picture_matches_twin() {
             println!(
                 "draw {which}, {samples} samples: {off} of {count} pixels differ, {lit} are lit"
             );
-            // Rays that pass a voxel's wall within rounding may lie on either side of it.
+            // Rays that pass a voxel's wall within rounding may be on either side of it.
             assert!(off <= count / 500, "{which}, {samples} samples: {off}");
         }
     }

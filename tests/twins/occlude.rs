@@ -1,5 +1,5 @@
-//! `occlude` against its twin, and a whole frame behind shutters: links, shadows, sky and light in
-//! free space, as they shut and open again.
+//! `occlude` against its twin, and a whole frame behind shutters: links, shadows, sky and probes,
+//! while the shutters close and open.
 
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};
@@ -14,7 +14,7 @@ use meshless_gi::{
     Recipe, SkyModel, SkyRadiance, TransportMethod,
 };
 
-/// The Cornell box with a shutter across its middle and one in its opening.
+/// Returns the Cornell box with a shutter across its middle and one in its opening.
 fn scene() -> BakedScene {
     let shutter = |name: &str, z: f32| OccluderDesc {
         name: name.into(),
@@ -23,7 +23,7 @@ fn scene() -> BakedScene {
             half_edges: [1.9, 2.74, 0.02],
         }],
     };
-    // More than a word of bits between them; nothing gets to what is behind the box.
+    // More than 32 occluders between them. No light reaches those behind the box.
     let aside = (0..32).map(|k| OccluderDesc {
         name: format!("aside {k}"),
         boxes: vec![OccluderBox {
@@ -49,7 +49,7 @@ fn scene() -> BakedScene {
     scene
 }
 
-/// What passes all occluders, from what passes the two that matter.
+/// Returns the transmittance of all occluders, from that of the two that matter.
 fn gains([middle, front]: [f32; 2]) -> Vec<f32> {
     let mut all = vec![1.0; 34];
     (all[0], all[33]) = (middle, front);
@@ -73,7 +73,7 @@ fn twin(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
     frame
 }
 
-/// The vectors of links.
+/// Returns the vectors of links.
 fn vectors(links: &[Link]) -> Vec<[f32; 3]> {
     links.iter().map(|l| l.vector().to_array()).collect()
 }
@@ -98,7 +98,7 @@ fn occluders_closed_and_open_match_twin() {
                 frame.solve(k, q, e, &settings());
             })
             .unwrap();
-        // The operator's, and the probes'.
+        // One for the operator, one for the probes.
         assert_eq!(dispatched, 2);
         let count = lights.len() * scene.senders();
         let links: Vec<Link> = output(&harness, &frame, Pass::Occlude, scene.operator.links.len());
@@ -115,7 +115,7 @@ fn occluders_closed_and_open_match_twin() {
         let senders = links.iter().zip(right.links(&scene)[0]);
         assert!(senders.into_iter().all(|(a, b)| a.sender() == b.sender()));
         let [a, b] = [&links[..], right.links(&scene)[0]].map(vectors);
-        // A shadow ray that grazes an edge may fall on either side.
+        // A shadow ray that grazes an edge may be on either side.
         let (off, _) = projection_problems(&scene, &lights, projected, &right);
         [
             differing(&a, &b, 3, HALF, Scale::Rms).len(),
@@ -127,7 +127,7 @@ fn occluders_closed_and_open_match_twin() {
     for two in [[0.0, 1.0], [0.35, 0.8], [1.0, 0.0], [1.0, 1.0]] {
         let found = set(&gains(two));
         assert_eq!(compare(&gains(two), &found), [0; 4], "{two:?}");
-        // A door that stands a little wider is another.
+        // A door that is slightly more open has another transmittance.
         let wider = two.map(|g| if g > 0.5 { g - 0.1 } else { g + 0.1 });
         let wrong = compare(&gains(wider), &found);
         assert!(wrong.iter().all(|&n| n > 20), "{two:?}: {wrong:?}");
@@ -143,7 +143,7 @@ fn occluded_link_chunks_match_twin() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = scene();
     let (device, queue) = (&harness.device, &harness.queue);
-    // The least that all other arrays fit.
+    // Smallest limit that all other arrays fit.
     let limit = 3 * std::mem::size_of_val(scene.operator.links.as_slice()) as u64 / 4;
     let buffers = SceneBuffers::with_limit(device, queue, &scene, 1, limit).unwrap();
     let mut frame = GpuFrame::with_buffers(queue, buffers);

@@ -1,4 +1,4 @@
-//! The kernels of reflective shadow maps against their twins: `rsm` with its three entries, and
+//! Kernels of reflective shadow maps against their twins: `rsm` with its three entry points, and
 //! `vpl`.
 
 use super::compare::{HALF, SINGLE, Scale, differing};
@@ -25,7 +25,7 @@ use wgpu::{TextureFormat, TextureUsages, TextureView, TextureViewDescriptor};
 const SIDE: u32 = 32;
 const VPLS: u32 = 48;
 
-/// A map of random depths and normals, as `Screen` is one.
+/// Map of random depths and normals, as in `Screen`.
 struct Map {
     depth: Vec<f32>,
     gbuffer: Vec<[u32; 4]>,
@@ -33,7 +33,7 @@ struct Map {
     clip_from_view: Mat4,
 }
 
-/// Where the lights' space begins.
+/// Origin of the lights' space.
 const ORIGIN: Vec3 = Vec3::new(0.5, -1.0, 2.0);
 
 impl Map {
@@ -85,7 +85,7 @@ impl Map {
 
 const EYE: Vec3 = Vec3::new(2.5, 1.5, 2.0);
 
-/// A light of each kind, with its maps.
+/// Returns a light of each kind, with its maps.
 fn lamps() -> Vec<(FrameLight, Vec<Map>)> {
     let target = Vec3::new(0.5, 0.6, 0.4);
     let color = Vec3::new(9.0, 7.0, 5.0);
@@ -142,8 +142,9 @@ fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
     rsm::select_vpls(&params, texels)
 }
 
-/// Texels whose places, normals, flux or spread differ: each by itself, for they have different
-/// units. At the edge of a cone the flux is a small difference, so the scale is that of all texels.
+/// Returns the texels whose position, normal, flux or spread differ. Each is compared separately,
+/// because units differ. At the edge of a cone the flux is a small difference, so the scale is that
+/// of all texels.
 fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     let parts: [fn(&RsmTexel) -> [f32; 3]; 4] = [
         |t| t.position,
@@ -163,8 +164,8 @@ fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     found
 }
 
-/// Virtual point lights whose numbers differ. A sum over texels in another order of the same
-/// rounding: a place within a ten-thousandth of a meter.
+/// Returns the virtual point lights that differ. Sums over texels in another order differ by
+/// rounding: a position by a ten-thousandth of a meter.
 fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
     let near = |a: [f32; 3], b: [f32; 3], within: f32| {
         (Vec3::from_array(a) - Vec3::from_array(b))
@@ -196,7 +197,7 @@ fn rsm_matches_twin() {
     let room = 2 * SIDE * SIDE;
     let mut maps = RsmBuffers::new(&harness.device, 1, 1).unwrap();
     let local = local_from_space(&local_from_world(), ORIGIN);
-    // Each light once without a baked scene and once with one.
+    // Each light with and without a baked scene.
     for shadows in [false, true] {
         maps.begin(&harness.device, room, all).unwrap();
         let mut expected = Vec::new();
@@ -236,7 +237,7 @@ fn rsm_matches_twin() {
             }
             let gpu: Vec<RsmTexel> = harness.read(maps.texels(), twin.len()).unwrap();
             let found = texels_differing(&gpu, &twin);
-            // A ray that grazes an edge may fall on either side of it.
+            // A ray that grazes an edge may be on either side of it.
             let flips =
                 |&&i: &&usize| shadows && (gpu[i].flux == [0.0; 3]) != (twin[i].flux == [0.0; 3]);
             let by_shadow = found.iter().filter(flips).count();
@@ -260,7 +261,7 @@ fn rsm_matches_twin() {
             expected.push(gpu);
         }
         assert_eq!(maps.used(), all);
-        // From the very texels that the GPU has: a stratum may hang on one of them.
+        // From the GPU's own texels, because a stratum may depend on one of them.
         let gpu: Vec<Vpl> = harness.read(maps.vpls(), all as usize).unwrap();
         for (gpu, texels) in gpu.chunks(VPLS as usize).zip(&expected) {
             assert!(gpu.iter().all(|v| v.flux[0] > 0.0));
@@ -281,7 +282,7 @@ fn rsm_matches_twin() {
     );
     assert_eq!(counters.total(), 22);
 
-    // No flux: no light, and no number that is none.
+    // Without flux, there is no light and no NaN.
     maps.begin(&harness.device, room, all).unwrap();
     let dark = FrameLight::default();
     let views = lamps[0].1[0].views(&harness);
@@ -342,8 +343,8 @@ fn vpl_matches_twin() {
     let viewport = [3.0, 2.0, size[0] as f32 - 5.0, size[1] as f32 - 2.0];
     let local = local_from_space(&local_from_world(), ORIGIN);
 
-    // Lights as a map gives them, and two that nothing of a map has: without a normal, and without
-    // a size.
+    // Lights from a map, and two that no map contains: one without a normal, and one without a
+    // size.
     let (light, own) = &lamps()[0];
     let mut lights = chosen(&own[0].texels(light));
     lights[3].normal = [0.0; 3];
@@ -427,7 +428,7 @@ fn vpl_matches_twin() {
         let wrong = |expected: &[[f32; 4]]| differing(&gpu, expected, 4, HALF, Scale::Rms).len();
         let bright = expected.iter().filter(|e| e[0] > 0.0).count();
         assert!(bright > 500, "{bright}");
-        // A ray within rounding of an edge may fall on either side of it.
+        // A ray within rounding of an edge may be on either side of it.
         assert!(wrong(&expected) <= 2, "{} differ", wrong(&expected));
         assert!(gpu.iter().flatten().all(|v| v.is_finite()));
         if scale > 1e5 {

@@ -1,4 +1,4 @@
-//! Textures of a made-up picture: every pixel has its own random depth and normal.
+//! Textures of a synthetic picture: every pixel has its own random depth and normal.
 
 use super::synthetic::Dice;
 use glam::{Mat4, Vec3};
@@ -6,15 +6,15 @@ use meshless_gi::internals::frame::gbuffer;
 
 pub const SIZE: [u32; 2] = [67, 41];
 
-/// The picture's texels on the CPU.
+/// Texels of the picture on the CPU.
 pub struct Screen {
     pub depth: Vec<f32>,
     pub gbuffer: Vec<[u32; 4]>,
-    /// Bevy's deferred lighting pass.
+    /// Identifier of Bevy's deferred lighting pass, per pixel.
     pub passes: Vec<u8>,
-    /// What an earlier scene left.
+    /// Output of an earlier scene.
     pub earlier: Vec<[half::f16; 4]>,
-    /// The picture before the composite.
+    /// Picture before the composite.
     pub lit: Vec<[half::f16; 4]>,
 }
 
@@ -31,7 +31,7 @@ impl Screen {
             lit: Vec::new(),
         };
         for i in 0..count {
-            // Distances from 0.5 to 3.5 meters; some sky.
+            // Distances from 0.5 to 3.5 meters, and some sky.
             let depth = NEAR / (0.5 + 3.0 * dice.unit());
             out.depth.push(if i % 13 == 0 { 0.0 } else { depth });
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
@@ -59,7 +59,7 @@ impl Screen {
 
 const NEAR: f32 = 0.1;
 
-/// World from clip space of a camera in the middle of the points.
+/// Returns world from clip space of a camera in the middle of the points.
 pub fn world_from_clip() -> Mat4 {
     let clip_from_view =
         Mat4::perspective_infinite_reverse_rh(1.2, SIZE[0] as f32 / SIZE[1] as f32, NEAR);
@@ -68,7 +68,7 @@ pub fn world_from_clip() -> Mat4 {
     (clip_from_view * view_from_world).inverse()
 }
 
-/// Local from world space of a scene root that is turned, moved and twice as large.
+/// Returns local from world space of a scene root that is rotated, moved and twice as large.
 pub fn local_from_world() -> Mat4 {
     let turn = glam::Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
     Mat4::from_scale_rotation_translation(Vec3::splat(2.0), turn, Vec3::new(2.0, 1.0, 1.0))

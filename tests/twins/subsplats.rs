@@ -1,4 +1,4 @@
-//! The kernels of subsplats against their twins, on a drawn view of the Cornell box: `pyramid`,
+//! Kernels of subsplats against their twins, on a view of the Cornell box. Tests `pyramid`,
 //! `refine`, `splat` (nodes) and `upsample`, alone and together.
 
 #[path = "volume.rs"]
@@ -28,11 +28,11 @@ use std::collections::BTreeSet;
 use std::f32::consts::{PI, TAU};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
-/// Not a multiple of anything.
+/// Not a multiple of any workgroup size.
 const SIZE: [u32; 2] = [163, 121];
 const SCALE: f32 = 0.3;
 
-/// A view of the box that is turned and moved in the world, as its bake is.
+/// View of the box, which is rotated and moved in the world.
 struct Scene {
     view: RaycastView,
     scene: BakedScene,
@@ -41,7 +41,7 @@ struct Scene {
     view_from_clip: Mat4,
 }
 
-/// The box without anything that moves.
+/// Returns the box without dynamic objects.
 fn box_mesh() -> TriangleMesh {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
@@ -50,7 +50,7 @@ fn box_mesh() -> TriangleMesh {
     load_gltf(path).unwrap().mesh
 }
 
-/// A ball of flat faces.
+/// Returns a ball of flat faces.
 fn ball(center: Vec3, radius: f32) -> TriangleMesh {
     let at = |i: u32, j: u32| {
         let (a, b) = (TAU * i as f32 / 24.0, PI * j as f32 / 12.0);
@@ -79,7 +79,7 @@ impl Scene {
         )
     }
 
-    /// With a ball in the air that the bake knows nothing of, and light for it.
+    /// Adds a dynamic ball in the air, lit by probes.
     fn with_ball() -> Self {
         let mut scene = baked::bake_box(&Recipe {
             probes: Some(ProbeSettings {
@@ -90,7 +90,7 @@ impl Scene {
         });
         let probes = scene.probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());
-        // Some lean, as those of occluders do.
+        // Some planes are tilted, as those of occluders are.
         let leaning = probes.planes.iter_mut().step_by(2);
         leaning.for_each(|p| *p = p.map(|c| 1.1 * c));
         let drawn = TriangleMesh::joined(vec![box_mesh(), ball(Vec3::new(2.2, 2.4, 1.2), 0.9)]);
@@ -104,7 +104,7 @@ impl Scene {
         let view_from_world =
             Mat4::look_at_rh(Vec3::new(3.4, 2.9, -6.5), Vec3::new(2.6, 2.4, 2.8), Vec3::Y);
         let mut view = RaycastView::new(drawn, clip_from_view * view_from_world, SIZE);
-        // A hole in the picture, and a patch that no light applies to.
+        // A hole in the picture, and an area without light.
         for y in 50..60 {
             for x in 40..70 {
                 view.depth[y * SIZE[0] as usize + x] = 0.0;
@@ -148,7 +148,7 @@ impl Scene {
             (&self.scene.display.grid).into(),
         );
         SplatParams {
-            // Wide, so that surfaces and space share many pixels of the level itself.
+            // Wide, so that surfaces and probes share many pixels of the baked scene itself.
             seam: self.scene.probes.as_ref().map_or(0.0, |_| 1.2),
             ..params
         }
@@ -170,10 +170,10 @@ impl Scene {
     }
 }
 
-/// What the device made.
+/// Results of the device.
 struct OnGpu {
     cells: Vec<CellRange>,
-    /// What each level lists, and how many cells were divided for that.
+    /// Cells listed per level, and number of cells that were divided for that.
     lists: Vec<(BTreeSet<u32>, u32)>,
     texels: Vec<[f32; 4]>,
 }
@@ -220,7 +220,7 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
     );
     let probing = frame.probe_params(&of.splat_params());
     splat.write_probes(&harness.device, &harness.queue, probing.as_ref());
-    // Twice: the second frame starts from what the first one left.
+    // Run twice, because the second frame starts from the results of the first.
     for _ in 0..2 {
         buffers.write(&harness.queue, &params);
         harness
@@ -266,7 +266,7 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
     }
 }
 
-/// Texels that differ by more than halves and sums in another order explain.
+/// Counts texels that differ by more than half floats and sums in another order explain.
 fn differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     let rms = (cpu.iter().flatten().map(|v| v * v).sum::<f32>() / (4 * cpu.len()) as f32).sqrt();
     let near = |(g, c): (&[f32; 4], &[f32; 4])| {
@@ -284,7 +284,7 @@ fn compare(settings: &SubsplatSettings) {
     let cpu = of.on_cpu(settings, &of.scene);
     let params = of.params(settings);
 
-    // pyramid. Bytes of a normal that lies between two may round either way.
+    // pyramid. Bytes of a normal between two values may round either way.
     let cells = pyramid(&params, &of.picture());
     let close = |a: f32, b: f32| (a - b).abs() <= 1e-4 * a.abs().max(b.abs()).max(0.1);
     let byte = |a: u32, b: u32| {
@@ -324,7 +324,7 @@ fn compare(settings: &SubsplatSettings) {
         "a pixel's depth goes unnoticed"
     );
 
-    // refine. A node within rounding of a threshold may fall on either side of it.
+    // refine. A node within rounding of a threshold may be on either side of it.
     let mut listed = 0;
     for (k, (set, divided)) in gpu.lists.iter().enumerate() {
         let twin: BTreeSet<u32> = cpu.lists[k].iter().copied().collect();
@@ -343,7 +343,7 @@ fn compare(settings: &SubsplatSettings) {
     }
     assert!(listed > 500, "{listed}");
 
-    // All of it.
+    // All kernels.
     let found = differing(&gpu.texels, &cpu.texels);
     println!("{found} of {} pixels differ", cpu.texels.len());
     assert!(
@@ -399,7 +399,7 @@ fn probe_nodes_match_twin() {
     let found = differing(&gpu.texels, &cpu.texels);
     println!("{found} of {} pixels differ", cpu.texels.len());
     assert!(found * 500 <= cpu.texels.len(), "{found} pixels differ");
-    // The ball is lit by probes alone, and only by them.
+    // Only probes light the ball, and they light nothing else.
     let mut without = of.scene.clone();
     without.probes = None;
     let dark = of.on_cpu(&settings, &without).texels;
@@ -440,7 +440,7 @@ fn probe_kernel_matches_twin() {
         &super::settings(2, false),
     );
 
-    // apply over the probes' rows.
+    // apply, over the rows of the probes.
     let probes = of.scene.probes.as_ref().unwrap();
     let values: Vec<VectorIrradiance> = harness
         .read(
@@ -463,7 +463,7 @@ fn probe_kernel_matches_twin() {
     moved.swap(3, 4);
     assert!(off(&moved) > 0, "swapped rows go unnoticed");
 
-    // probe_over, from the very values that the device has.
+    // probe_over, from the device's own values.
     let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
     let depth = depth_texture(&harness, SIZE, &of.view.depth);
     let gbuffer = harness.texture(
@@ -510,11 +510,11 @@ fn probe_kernel_matches_twin() {
     let expected =
         |values: &[VectorIrradiance], params: &SplatParams| of_probes(probes, values, params);
     let twin = expected(&values, &probing);
-    // A place within rounding of a clip plane may lie on either side of it.
+    // A position within rounding of a clip plane may be on either side of it.
     assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
     let lit = (0..gpu.len()).filter(|&i| before[i][3] == 0.0 && gpu[i][3] == 1.0);
     assert!(lit.count() > 500);
-    // Shares of surfaces and space.
+    // Shares of surfaces and probes.
     let mixed = (0..gpu.len()).filter(|&i| before[i][3] > 0.0 && before[i][3] < 1.0);
     assert!(mixed.count() > 100);
     let shares = |seam: f32| {

@@ -1,5 +1,5 @@
-//! The kernel `subtract_shadow` and what is drawn of it against their twins, on the baked box of
-//! `soft_shadow` as a camera sees it.
+//! Kernel `subtract_shadow` and its draw against their twins, on the baked box of `soft_shadow` in
+//! a camera's view.
 
 use super::depth::depth_texture;
 use super::harness;
@@ -20,11 +20,12 @@ use meshless_gi::{BakedScene, TriangleMesh, cornell_box, mesh_of_quads};
 use meshless_gi_lab::accuracy::RaycastView;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
-/// What an earlier scene left in every third pixel, and what the picture was.
+/// Output of an earlier scene in every third pixel.
 const EARLIER: f32 = 0.25;
+/// Value of the picture before the draw.
 const GRAY: f32 = 0.5;
 
-/// A box, a picture of it, what its points miss, and lights.
+/// Box, its picture, the shadowed irradiance of its points, and lights.
 struct Shaded {
     scene: BakedScene,
     drawn: RaycastView,
@@ -34,7 +35,7 @@ struct Shaded {
     tables: LtcTables,
 }
 
-/// Tables of five texels along an edge, smooth and made up: the lobes of no surface.
+/// Returns synthetic, smooth tables of five texels along an edge, which fit no real surface.
 fn made_up() -> LtcTables {
     let size = 5;
     let texel = |i: u32, k: f32| {
@@ -57,7 +58,7 @@ impl Shaded {
         let scene = baked();
         let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
         let [width, height] = SIZE.map(|v| v as f32);
-        // A root that is turned, moved and twice as large.
+        // A root that is rotated, moved and twice as large.
         let turn = glam::Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
         let root =
             Mat4::from_scale_rotation_translation(Vec3::splat(2.0), turn, Vec3::new(2.0, 1.0, 1.0));
@@ -67,7 +68,7 @@ impl Shaded {
         let mut drawn = RaycastView::new(&mesh, clip_from_local, SIZE);
         let (_, turned, _) = root.to_scale_rotation_translation();
         for (i, texel) in drawn.gbuffer.iter_mut().enumerate() {
-            // The G-buffer holds the world's normals.
+            // The G-buffer holds normals in world space.
             let n = turned * gbuffer::normal(*texel);
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
             let packed = gbuffer::pack(gbuffer::base(*texel), 0.1, 0.7, n, flags);
@@ -91,7 +92,8 @@ impl Shaded {
         }
     }
 
-    /// By the twins: `subtract_shadow`, and `next_scene` the earlier scene.
+    /// Returns the twins' output: of `subtract_shadow`, and of `next_scene` after the earlier
+    /// scene.
     fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
         let params = SubtractShadowParams::new(&self.scene, self.lights.len());
         let tables = gloss.then_some(&self.tables);
@@ -121,8 +123,8 @@ fn earlier(i: usize) -> [f32; 4] {
     }
 }
 
-/// What the device makes of it: `subtract_shadow`, `next_scene`, and the picture after the draw of
-/// the first.
+/// Returns the device's output: of `subtract_shadow`, of `next_scene`, and the picture after the
+/// draw of the first.
 fn on_gpu(
     harness: &HeadlessDevice,
     shaded: &Shaded,
@@ -136,7 +138,7 @@ fn on_gpu(
     let visibility = scene.visibility.as_ref().unwrap();
     let soft_buffers =
         SoftShadowBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
-    // From the twin's, so that nothing of `soft_shadow` reaches the comparison.
+    // From the twin's values, so that `soft_shadow` does not affect the comparison.
     queue.write_buffer(
         soft_buffers.occluded_irradiances(),
         0,
@@ -144,7 +146,7 @@ fn on_gpu(
     );
     let mut view = ViewBuffers::new(device);
     view.write(queue, &shaded.view, &CompositeParams::default());
-    // Room for fewer: it grows.
+    // Too little capacity, so the buffer grows.
     let mut buffers = SubtractShadowBuffers::new(device, 1).unwrap();
     buffers
         .write(&kernels, queue, &scene_buffers, &shaded.lights, gloss)
@@ -211,7 +213,7 @@ fn on_gpu(
     [&out[0], &out[1], &picture].map(|t| wide(&harness.read_texture::<[f16; 4]>(t).unwrap()))
 }
 
-/// Tables on the device.
+/// Uploads the tables to the device.
 fn layers_of(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView {
     let size = wgpu::Extent3d {
         width: tables.size,
@@ -244,8 +246,8 @@ fn layers_of(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView 
     })
 }
 
-/// Pixels that differ by more than halves and sums in another order explain, or whose coverage
-/// does.
+/// Counts pixels that differ by more than half floats and sums in another order explain, or in
+/// their coverage.
 fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     pixels_differing(gpu, cpu).len()
 }
@@ -273,7 +275,7 @@ fn compare(gloss: bool) {
         covered > count / 2 && covered < count && dark > count / 10,
         "{covered} {dark} of {count}"
     );
-    // Places within rounding of a clip plane may lie on either side of it.
+    // Positions within rounding of a clip plane may be on either side of it.
     let found = [apart(&alone, &own), apart(&over, &behind)];
     println!("{found:?} of {count} pixels differ, {covered} are covered, {dark} miss light");
     assert!(found[0] <= 4 && found[1] <= 4, "{found:?}");

@@ -1,5 +1,5 @@
-//! The module that takes the place of Bevy's for irradiance volumes against its twin,
-//! `read_volume`: the file itself, with what it imports from Bevy made here.
+//! Replacement of Bevy's module for irradiance volumes against its twin, `read_volume`. Runs the
+//! file itself, with substitutes for its imports from Bevy.
 
 use crate::compare::{HALF, Scale, differing};
 use crate::harness;
@@ -13,7 +13,8 @@ use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{VolumeParams, VoxelGrid};
 use wgpu::util::DeviceExt;
 
-/// Two volumes are at every place: the second one counts half, and shines four times as bright.
+/// Substitutes for Bevy. Two volumes cover all positions: the second has half the weight and is
+/// four times as bright.
 const BEVY: &str = "
 struct ClusterableObjectIndexRanges { first: u32 }
 struct LightProbeQueryResult { texture_index: i32, intensity: f32, light_from_world: mat4x4<f32>, weight: f32, flags: u32 }
@@ -53,7 +54,7 @@ fn read_all(@builtin(global_invocation_id) id: vec3u) {
 }
 ";
 
-/// A place in voxels from the corner, and where the surface there faces.
+/// Position in voxels from the corner, and surface normal.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Place {
@@ -63,7 +64,7 @@ struct Place {
     pad2: u32,
 }
 
-/// The module without what its preprocessor does, as it is with these definitions.
+/// Returns the module after preprocessing with these definitions.
 fn preprocessed(text: &str, defined: &[&str]) -> String {
     let (mut out, mut inside, mut import) = (String::new(), Vec::new(), false);
     for line in text.lines() {
@@ -92,10 +93,11 @@ fn preprocessed(text: &str, defined: &[&str]) -> String {
     out
 }
 
-/// Texels of so many voxels with light of any color and walls anywhere.
+/// Creates texels of a volume of this size, with light of any color and walls anywhere.
 pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
     let texels = size * UVec3::new(1, 2, 3);
-    // A third of the voxels see no wall, and so does a corner of the volume; some ways are free.
+    // A third of the voxels have no wall, and so has a corner of the volume. Some directions are
+    // free.
     let walls: Vec<[f32; 6]> = (0..size.element_product())
         .map(|i| {
             let open = dice.below(3) == 0 || i % size.x < 3;
@@ -127,7 +129,7 @@ pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
         .collect()
 }
 
-/// A texture in three dimensions.
+/// Creates a 3D texture.
 pub fn space_of(harness: &HeadlessDevice, size: UVec3, texels: &[[f16; 4]]) -> wgpu::TextureView {
     let texture = harness.device.create_texture_with_data(
         &harness.queue,
@@ -151,7 +153,7 @@ pub fn space_of(harness: &HeadlessDevice, size: UVec3, texels: &[[f16; 4]]) -> w
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// What reads between texels.
+/// Creates a sampler with linear interpolation.
 pub fn linear(harness: &HeadlessDevice) -> wgpu::Sampler {
     harness.device.create_sampler(&wgpu::SamplerDescriptor {
         mag_filter: wgpu::FilterMode::Linear,
@@ -160,7 +162,7 @@ pub fn linear(harness: &HeadlessDevice) -> wgpu::Sampler {
     })
 }
 
-/// A texture of the screen.
+/// Creates a screen texture.
 fn screen_of(
     harness: &HeadlessDevice,
     [width, height]: [u32; 2],
@@ -220,7 +222,7 @@ fn volume_read_matches_twin() {
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let texels = shape.texels();
     let voxels = with_walls(&mut dice, size);
-    // Also in the outermost half voxels and beyond, and along the axes.
+    // Includes the outermost half voxels, positions beyond, and positions on the axes.
     let places: Vec<Place> = (0..2000)
         .map(|k| {
             let part = Vec3::new(dice.unit(), dice.unit(), dice.unit());
@@ -230,7 +232,7 @@ fn volume_read_matches_twin() {
             };
             let mut place = (part * 1.2 - 0.1) * size.as_vec3();
             if k % 3 == 0 {
-                // As far from the eye as surfaces of the display below.
+                // As far from the eye as surfaces of the splatting result below.
                 place.z = 3.0;
             }
             Place {
@@ -242,7 +244,7 @@ fn volume_read_matches_twin() {
         })
         .collect();
 
-    // What Bevy binds where a display may be: no alpha below zero.
+    // Bevy's fallback texture for a splatting result: no negative alpha.
     let none = screen_of(&harness, [1, 1], &[[f16::ONE; 4]]);
     let displayed = |voxels: &[[f16; 4]], display: &wgpu::TextureView| -> Vec<[f32; 4]> {
         let (view, sampler) = (space_of(&harness, texels, voxels), linear(&harness));
@@ -298,7 +300,7 @@ fn volume_read_matches_twin() {
     let found = on_device(&voxels);
     let twin = expected(&wide(&voxels));
     assert_eq!(off(&found, &twin), 0);
-    // Without what ways say it is another picture, and so it is where a way is a tenth longer.
+    // Without the distances, or with a distance one tenth longer, the picture differs.
     let spoiled = |change: &dyn Fn(f32) -> f32| -> Vec<[f32; 4]> {
         let mut voxels = wide(&voxels);
         voxels.iter_mut().for_each(|t| t[3] = change(t[3]));
@@ -308,17 +310,17 @@ fn volume_read_matches_twin() {
     assert!(off(&found, &expected(&plain)) * 3 > places.len());
     let longer = spoiled(&|way| if way > -1.9 { way - 0.1 } else { way });
     assert!(off(&found, &expected(&longer)) * 20 > places.len());
-    // A volume that is not ours is read as it is between its texels.
+    // A volume without our encoding is sampled with plain interpolation.
     let other: Vec<[f16; 4]> = plain.iter().map(|t| t.map(f16::from_f32)).collect();
     assert_eq!(off(&on_device(&other), &expected(&plain)), 0);
-    // As much light everywhere is as much between any of them.
+    // Uniform light is uniform between texels.
     let even: Vec<[f16; 4]> = (voxels.iter())
         .map(|t| [f16::ONE, f16::ONE, f16::ONE, t[3]])
         .collect();
     let even = on_device(&even);
     let largest = even.iter().map(|t| (t[0] - 2.0).abs()).fold(0.0, f32::max);
     assert!(largest < 0.01, "{largest}");
-    // A display answers for surfaces as far away as its own, and for no others.
+    // A splatting result applies to surfaces at its own depth only.
     let pixel = |x: u32, y: u32| {
         [
             0.25,
