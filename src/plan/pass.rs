@@ -74,7 +74,7 @@ pub enum SkipReason {
     },
     /// The device lacks another limit that the scene needs.
     BeyondLimits,
-    /// No camera asks for indirect light and sees the scene.
+    /// No camera with indirect light sees the scene.
     NotInView,
     /// The view's settings turn indirect light off.
     ViewDisabled,

@@ -61,7 +61,7 @@ fn stage_work_counts_read_items() {
         cost(&plan, FrameStage::PULL_PUSH),
         cost(&plan, FrameStage::APPLY)
     );
-    // Both scenes go over the pixels; the composite goes once.
+    // Both scenes are splatted over the pixels, and the composite runs once.
     assert_eq!(cost(&plan, FrameStage::SPLAT).work, Work::Pixels(20_000));
     assert_eq!(
         cost(&plan, FrameStage::COMPOSITE).work,
@@ -77,7 +77,7 @@ fn stage_work_counts_read_items() {
             FrameStage::COMPOSITE
         ]
     );
-    // The probes' rows are applied with the others, and timed with them.
+    // The rows of the probes are applied with the others, and timed with them.
     let mut in_space = moving(state(), 1, 3);
     (in_space.scenes[1].probes, in_space.scenes[1].probe_links) = (true, 3000);
     let both = plan_frame(&in_space);
@@ -112,7 +112,7 @@ fn cost_measured_on_one_scene_predicts_other() {
         ..
     } = cost(&first, FrameStage::APPLY);
     assert_eq!((predicted, measured), (Some(2.0), Some(2.0)));
-    // Four times the links, three times the rays: never run, so not measured.
+    // Four times the links and three times the rays: never run, so not measured.
     let mut second = plan_frame(&moving(state(), 1, 3));
     model.price(&mut second);
     let Cost {
@@ -133,7 +133,7 @@ fn cost_measured_on_one_scene_predicts_other() {
 #[test]
 fn cost_rate_with_delayed_timings_and_changed_slots_is_correct() {
     let mut model = CostModel::new();
-    // A microsecond a ray; one to four slots in turn; the answers come three frames late.
+    // One microsecond per ray, and one to four slots in turn. Timestamps arrive three frames late.
     let mut late = std::collections::VecDeque::new();
     for k in 0..200 {
         let plan = plan_frame(&moving(state(), 0, 1 + k % 4));
@@ -170,7 +170,7 @@ fn cost_of_removed_scene_is_dropped_and_invalid_time_skipped() {
         model.ran(&rest);
     }
     assert_eq!(model.groups.len(), rest.costs.len());
-    // The rate stays: it is the device's.
+    // The rate stays, because it belongs to the device.
     assert_eq!(model.rates.len(), 1);
 }
 
@@ -200,7 +200,7 @@ fn cost_rate_of_monochrome_is_separate() {
     };
     let close = |found: Option<f32>, ms: f32| found.is_some_and(|f| (f / ms - 1.0).abs() < 1e-3);
     assert!(close(run(&mut model, &mut three, 4.0).predicted, 4.0));
-    // The clock still answers for three channels.
+    // Timestamps still belong to three channels.
     let late = Cost {
         work: Work::OneChannel(50_000),
         ..Cost::default()
@@ -216,7 +216,7 @@ fn cost_rate_of_monochrome_is_separate() {
     }
     model.price(&mut one);
     assert_eq!(cost(&one, FrameStage::APPLY), late);
-    // An octree takes all three.
+    // An octree takes all three channels.
     let mut octree = in_one(state());
     octree.scenes[0].tier.as_mut().expect("a tier").octree = true;
     let octree = plan_frame(&moving(octree, 0, 1));
@@ -226,7 +226,7 @@ fn cost_rate_of_monochrome_is_separate() {
         close(first.predicted, 2.0) && close(first.measured, 2.0),
         "{first}"
     );
-    // Another scene in three channels is foretold by what three channels took.
+    // Another scene in three channels is predicted from measurements of three channels.
     let mut other = plan_frame(&moving(state(), 1, 1));
     model.price(&mut other);
     assert!(close(cost(&other, FrameStage::APPLY).predicted, 16.0));

@@ -59,7 +59,7 @@ fn decision_forced_by_setting_states_it() {
         tier,
         "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
     );
-    // Nothing of it runs at rest. Where a light moves, it costs what carries its light on.
+    // No pass runs at rest. A light that moves costs the transport.
     let tier_of = |plan: &Plan| {
         let found = plan.decisions();
         let tier = found.iter().find(|d| d.kind == DecisionKind::Tier(A));
@@ -81,7 +81,7 @@ fn decision_forced_by_setting_states_it() {
         "tier of scene 1: 2 of 4 (it was asked for); apply: 0 links, 1.50 ms expected, 1.25 ms measured; \
          set by the quality setting"
     );
-    // What goes over a view's pixels; the composite is an entry of its own.
+    // Passes over a view's pixels. The composite is an entry of its own.
     let shown = plan.decisions();
     let shown = |of: &DecisionKind| {
         let shown = shown.iter().find(|d| d.kind == *of).expect("decided");
@@ -93,7 +93,7 @@ fn decision_forced_by_setting_states_it() {
     );
     let lights = DecisionKind::Effect("lights", A, None);
     assert_eq!(shown(&lights), [FrameStage::PROJECT]);
-    // The rest follows from the scene.
+    // All other decisions follow from the scene.
     let forced = found.iter().filter(|d| d.forced.is_some()).count();
     assert_eq!(forced, 1);
     let mut off = state();
@@ -121,7 +121,7 @@ fn decision_of_moving_light_changes_nothing_else() {
     let standing = |moves| {
         let mut found = of(&moved(moves));
         found.retain(|d| !matches!(d.kind, DecisionKind::Effect("lights" | "transport", ..)));
-        // What a choice costs in a frame is no choice.
+        // The cost of a choice in a frame is not compared.
         found.iter_mut().for_each(|d| d.costs.clear());
         found
     };
@@ -141,7 +141,7 @@ fn decision_change_is_logged_once_and_end_debounced() {
         started[0].contains("runs (1 light slot(s) new or moved)"),
         "{started:?}"
     );
-    // It moves and stops in turn: nothing is said.
+    // It moves and stops in turn, and nothing is reported.
     for k in 0..50 {
         assert!(log.observe(of(&moved(k % 3 == 0)), &|_| None).is_empty());
     }
@@ -171,7 +171,7 @@ fn decision_flicker_is_logged_logarithmically() {
         // Two effects, one tier, one sky, one display at its pixels.
         assert!((5..=40).contains(&told), "{period}: {told}");
     }
-    // And the same that changes once in long times is told each time.
+    // Changes at long intervals are all reported.
     let mut log = DecisionLog::new();
     let mut told = 0;
     for k in 0..20_000u64 {
@@ -233,7 +233,7 @@ fn decision_of_color_mode_requires_links() {
             .to_string()
             .contains("use  scene 1 in one channel: it is asked for")
     );
-    // An octree carries the light in all three.
+    // An octree takes all three channels.
     now.scenes[0].tier.as_mut().expect("a tier").octree = true;
     assert!(of(&now).iter().all(|d| d.kind != kind));
 }
@@ -269,7 +269,7 @@ fn decision_of_view_names_pixel_mode() {
             .to_string()
             .contains("use  view 7 with every pixel")
     );
-    // A view that shows nothing decides nothing.
+    // A view without a scene has no decisions.
     now.views[0].sees.clear();
     assert_eq!(told(&now), None);
 }

@@ -20,7 +20,7 @@ fn look(surveyor: &mut InventoryTracker<u32>, lights: &[(u32, Light)]) -> Invent
     })
 }
 
-/// The box with its colors, or all in gray.
+/// Returns the bake of the box, in color or in gray.
 fn bake(gray: bool) -> Arc<BakedScene> {
     let mut quads = cornell_box();
     if gray {
@@ -61,7 +61,7 @@ fn inventory_counts_moved_recolored_added_and_removed_lights() {
     let first = look(&mut surveyor, &lights).lights_of(LightKind::Point);
     assert_eq!((first.all, first.on, first.moved), (8, 8, 8));
     assert!(look(&mut surveyor, &lights).at_rest());
-    // One moves, one changes its color, one goes off, one goes; a sun comes.
+    // One moves, one changes its color, one is turned off, one is removed. A sun is added.
     lights[2].1 = lamp(Vec3::Y, Vec3::ONE);
     lights[3].1 = lamp(Vec3::X * 3.0, Vec3::new(1.0, 0.5, 0.5));
     lights[4].1 = lamp(Vec3::X * 4.0, Vec3::ZERO);
@@ -86,7 +86,7 @@ fn inventory_counts_moved_recolored_added_and_removed_lights() {
     assert_eq!(found.colors, ColorUniformity::Lights);
     assert!(!found.at_rest());
     assert!(look(&mut surveyor, &lights).at_rest());
-    // A light that becomes another kind is a new one of that kind.
+    // A light that changes its kind counts as a new one of that kind.
     lights[0].1 = sun;
     let found = look(&mut surveyor, &lights);
     assert_eq!(found.lights_of(LightKind::Directional).moved, 1);
@@ -115,7 +115,7 @@ fn scene_is_gray_if_surfaces_and_lights_are() {
             _ => Vec3::ONE,
         };
         assert!(own.hue.abs_diff_eq(expected / expected.max_element(), 1e-6));
-        // Lights that do not reach it say nothing of its colors.
+        // Lights that do not reach it do not affect its colors.
         let mut aside = found.clone();
         aside.scenes[0].unlit_by = (0..lights.len()).collect();
         surveyor.survey(&aside);
@@ -126,7 +126,7 @@ fn scene_is_gray_if_surfaces_and_lights_are() {
     };
     let warm = Vec3::new(2.0, 1.0, 0.5);
     assert_eq!(colors(&gray, &[], Vec3::ZERO), ColorUniformity::Dark);
-    // Any chromaticity, at any strength, as long as it is one.
+    // Any single chromaticity, at any intensity.
     let one = [warm, 7.0 * warm, Vec3::ZERO];
     assert_eq!(colors(&gray, &one, 0.1 * warm), ColorUniformity::One);
     assert_eq!(colors(&gray, &one, Vec3::ONE), ColorUniformity::Lights);
@@ -140,8 +140,8 @@ fn scene_is_gray_if_surfaces_and_lights_are() {
     );
 }
 
-/// A sign with a colored texture that was dark when it was baked, and a wall that was black:
-/// their factors are white now, and what they shine in is not.
+/// A sign with a colored texture was baked dark, and a wall was baked black. With white factors,
+/// their light is colored.
 #[test]
 fn dynamic_material_textures_count_with_factors() {
     let mut baked = (*bake(true)).clone();
@@ -226,7 +226,7 @@ fn scene_snapshot_reports_changes() {
     assert_eq!((found.doors, found.doors_moved), (2, 2));
     assert_eq!((found.glowing, found.glow_changed), (1, 1));
     assert_eq!((found.bakes, found.bakes_moved), (1, 1));
-    // A material that is painted makes a gray bake colored.
+    // A changed material makes a gray bake colored.
     assert_eq!(found.colors, ColorUniformity::Surfaces);
     assert!(look(vec![changed.clone()]).at_rest());
     let shut = SceneSnapshot {
@@ -235,7 +235,7 @@ fn scene_snapshot_reports_changes() {
     };
     let found = look(vec![shut]);
     assert_eq!((found.doors_moved, found.materials_changed), (1, 0));
-    // It goes.
+    // The light is removed.
     let found = look(Vec::new());
     assert_eq!((found.bakes, found.bakes_moved), (0, 1));
     assert_eq!(found.colors, ColorUniformity::Dark);

@@ -31,12 +31,12 @@ fn light_keeps_slot_while_others_change() {
     let first = table.update(&[(9, lamp(1.0, 1.0)), (4, lamp(2.0, 1.0))], BOX);
     assert_eq!(first.changes, [Geometry, Geometry]);
     settle(&mut table, &first.changes);
-    // 9 leaves: its slot is free, its light is still in the transport.
+    // Light 9 is removed: its slot is free, and the transport still includes its light.
     let second = table.update(&[(4, lamp(2.0, 1.0))], BOX);
     assert_eq!((second.changes, second.stale), (vec![None, None], true));
     assert_eq!(table.lights(), [FrameLight::default(), lamp(2.0, 1.0)[0]]);
     table.mark_applied();
-    // 5 takes the free slot; 4 changes color in its own.
+    // Light 5 takes the free slot. Light 4 changes color in its own.
     let third = table.update(&[(4, lamp(2.0, 3.0)), (5, lamp(3.0, 1.0))], BOX);
     assert_eq!((third.changes, third.stale), (vec![Geometry, Color], false));
 }
@@ -54,7 +54,7 @@ fn accumulated_light_drift_triggers_projection() {
             settle(&mut table, &slots.changes);
         }
     }
-    // 2 mm in all, 0.17 mm at a time.
+    // 2 mm in total, in steps of 0.17 mm.
     assert!((8..=13).contains(&moved), "projected {moved} times");
 }
 
@@ -75,7 +75,7 @@ fn moving_dark_light_is_not_projected() {
         [lamp(1.0, 0.0)[0]],
         "the geometry of its projection"
     );
-    // Back where it was: the old projection still holds; elsewhere: it does not.
+    // At the old position the projection is valid, elsewhere it is not.
     assert_eq!(
         table.update(&[(1, lamp(1.0, 1.0))], BOX).changes,
         [SlotChange::Color]
@@ -84,7 +84,7 @@ fn moving_dark_light_is_not_projected() {
         table.update(&[(1, lamp(4.0, 1.0))], BOX).changes,
         [SlotChange::Geometry]
     );
-    // Out of reach is dark, and so is a light that is no light.
+    // A light out of reach is dark, and so is one without a kind.
     assert_eq!(
         table.update(&[(1, lamp(400.0, 1.0))], BOX).changes,
         [SlotChange::None]
@@ -102,7 +102,7 @@ fn initially_dark_light_is_projected_when_lit() {
     let mut table = SlotTable::new();
     let dark = table.update(&[(1, lamp(1.0, 0.0)), (2, lamp(2.0, 1.0))], BOX);
     assert_eq!(dark.changes, [SlotChange::None, SlotChange::Geometry]);
-    // Even where somebody projects all slots: the dark one was not there to be projected.
+    // A dark slot is not projected, even if all slots are marked as projected.
     assert_eq!(table.lights()[0], FrameLight::default());
     table.mark_projected(&[0, 1]);
     table.mark_applied();
@@ -117,7 +117,7 @@ fn trailing_slots_are_removed_with_lights() {
     let first = table.update(&all, BOX);
     settle(&mut table, &first.changes);
     for _ in 0..2 {
-        // Until the transport has run, it is known to be wrong.
+        // Until the transport has run, it is out of date.
         let fewer = table.update(&all[..3], BOX);
         assert_eq!((fewer.changes.len(), fewer.stale), (3, true));
     }

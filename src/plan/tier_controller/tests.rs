@@ -13,15 +13,15 @@ fn tiers() -> Vec<TierCandidate> {
         .to_vec()
 }
 
-/// Counted noise in -1 to 1.
+/// Returns deterministic noise in −1 to 1.
 fn noise(i: u32) -> f32 {
     let hash = i.wrapping_mul(0x9e37_79b9) ^ 0x51ed_270b;
     let hash = (hash ^ hash >> 15).wrapping_mul(0x85eb_ca6b);
     ((hash ^ hash >> 13) >> 8) as f32 / (1 << 23) as f32 - 1.0
 }
 
-/// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Answers the tier
-/// after each.
+/// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Returns the tier after
+/// each.
 fn run(picker: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
     (0..count)
         .map(|i| {
@@ -61,7 +61,7 @@ fn tier_is_selected_by_number_or_error() {
         let met = error >= 0.04;
         assert!(picked.why.starts_with("none") != met, "{picked}");
     }
-    // What costs what matters to a budget alone.
+    // Only a budget uses the measured cost.
     let mut picker = TierController::new(GiQuality::Tier(4), tiers());
     run(&mut picker, 500, |_, _| 1e6);
     assert_eq!((picker.tier(), picker.changes()), (4, 0));
@@ -105,7 +105,7 @@ fn tier_with_noisy_load_does_not_oscillate() {
             let mut picker = budget(10.0);
             let cost = |i: u32, work| mean * work * (1.0 + spread * noise(i + 7919 * k));
             run(&mut picker, 20_000, cost);
-            // log2(20 000 / 60) tries, each up and down, and the way down at first.
+            // log2(20 000 / 60) attempts, each up and down, and the first way down.
             assert!(
                 picker.changes() <= 20,
                 "{mean} ± {spread}: {}",
@@ -123,7 +123,7 @@ fn tier_follows_load_steps_both_ways() {
         load(i) * work * (1.0 + 0.2 * noise(i))
     });
     assert_eq!((seen[1999], seen[11_999]), (4, 4));
-    // 30, 15, 7.5: the third tier from above, at once.
+    // 30, 15, 7.5 ms: the third tier from above, at once.
     assert!(
         seen[2010..6000].iter().all(|&t| t == 2),
         "{:?}",
@@ -137,13 +137,13 @@ fn tier_follows_load_steps_both_ways() {
 
 #[test]
 fn tier_trials_after_wrong_prediction_become_rare() {
-    // Nothing fits, for the cost is not the links': down, and no way up.
+    // No tier fits, because the cost does not depend on the links: down, and never up.
     let mut picker = budget(4.0);
     run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
     assert_eq!(picker.tier(), 1);
     assert!(picker.changes() <= 3 && picker.picked().why.contains("over 4 ms"));
-    // Most of the cost is not the links': what the first step down taught lets it go up to
-    // where it fits.
+    // Most of the cost does not depend on the links. After the first step down, the controller can
+    // raise the tier until it fits.
     let mut picker = budget(10.0);
     let load = |i: u32| if i < 500 { 9.0 } else { 4.0 };
     run(&mut picker, 2000, |i, work| load(i) + 3.0 * work);
@@ -153,7 +153,7 @@ fn tier_trials_after_wrong_prediction_become_rare() {
         "{}",
         picker.changes()
     );
-    // All links cost three times what half of them let expect.
+    // All links cost three times the prediction from half of them.
     let mut picker = budget(10.0);
     let seen = run(&mut picker, 100_000, |_, work| {
         if work == 1.0 { 12.0 } else { 4.0 * work }
