@@ -62,9 +62,9 @@ pub struct MapView {
     pub lens: Lens,
 }
 
-/// Returns the views that show all dynamic objects in the reach of `light`. `bouncers` are their
-/// boxes, and light and boxes are in world space. `resolution` is the edge of a map in texels.
-/// Boxes that are empty or not finite are ignored.
+/// Returns the views that show all dynamic objects in the reach of `light`. The light and the boxes
+/// of the objects are in world space. `resolution` is the edge of a map in texels. Boxes that are
+/// empty or not finite are ignored.
 ///
 /// # Errors
 /// Returns the reason why there is no view: [`SkipReason::LightDark`],

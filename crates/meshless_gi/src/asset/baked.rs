@@ -1,7 +1,7 @@
 //! A baked scene in memory: plain arrays in the layout that the kernels read.
 //!
-//! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the
-//! first `sender_levels` levels are the senders: sender j is point j.
+//! Points are numbered level after level, coarse first, and `level_starts` bounds the levels.
+//! Points of the first `sender_levels` levels are the senders: sender j is point j.
 
 use super::BakeInfo;
 use super::materials::DynamicMaterials;
@@ -18,7 +18,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::ops::{Deref, DerefMut};
 
-/// The material at a point, and how much of the sky it sees. 48 bytes.
+/// Material at a point, and its sky visibility. 48 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PointSurface {
@@ -30,20 +30,19 @@ pub struct PointSurface {
     pub emission: [f32; 3],
     /// Not used.
     pub pad1: f32,
-    /// (1/π) ∫ ω dω over the directions that meet nothing: the irradiance of a uniform sky is π L
-    /// (v·n).
+    /// (1/π) ∫ ω dω over the unoccluded directions: the irradiance of a uniform sky is π L (v·n).
     pub sky: [f32; 3],
     /// Not used.
     pub pad2: f32,
 }
 
-/// The flat display basis (\[L08\] §4.1 "Flattening"): the same points, one level, one radius.
+/// Flat display basis (\[L08\] §4.1 "Flattening"): the same points, one level, one radius.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatBasis {
-    /// Radius of every function, meters (each point's `radius` says the same).
+    /// Radius of every function, meters, equal to each point's `radius`.
     pub radius: f32,
-    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
-    /// points here.
+    /// Clip planes (n, d): a position p is on the function's side if n·p + d ≥ 0. `Point::planes`
+    /// refers to them.
     pub planes: Vec<[f32; 4]>,
     /// Grid of the functions that may cover a position.
     pub grid: HashedGrid,
@@ -56,12 +55,12 @@ pub struct FlatBasis {
 pub struct LightSamples {
     /// Number of samples per sender.
     pub per_sender: u32,
-    /// Sender after sender, from the first of the finest sender level.
+    /// Samples of each sender, from the first of the finest sender level.
     pub list: Vec<LightSample>,
 }
 
 impl LightSamples {
-    /// Most places of a sender.
+    /// Largest number of samples per sender.
     pub const MAX: u32 = 64;
 }
 
@@ -71,7 +70,7 @@ pub struct SceneData {
     /// All points, level after level, coarse first. `radius` and `planes` are those of the display
     /// basis.
     pub points: Vec<Point>,
-    /// One surface a point.
+    /// Surfaces, one per point.
     pub surfaces: Vec<PointSurface>,
     /// First point of each level, and the end of the last.
     pub level_starts: Vec<u32>,
@@ -79,25 +78,25 @@ pub struct SceneData {
     pub sender_levels: u32,
     /// Light samples of the finest sender level.
     pub places: LightSamples,
-    /// Row k (a sender): which senders of the next level its value is the mean of, with weights
-    /// that sum to one. An empty row (and all of the finest sender level) keeps its own light. One
-    /// row a sender.
+    /// Row k (a sender): the senders of the next level whose mean is its value, with weights that
+    /// sum to one. An empty row (and all of the finest sender level) keeps its own light. One row
+    /// per sender.
     pub pull: Weights,
     /// Row i (a point): the coarser functions that cover it. For
-    /// [`SenderForm::Averages`](crate::transport::SenderForm) those of the nearest coarser level
-    /// that covers it, weights that sum to one; for `Differences` those of all coarser levels,
-    /// weights that sum to one per level (\[L08\] Eq. (17) "all-parents"). Empty on the coarsest
-    /// level.
+    /// [`SenderForm::Averages`](crate::transport::SenderForm), those of the nearest coarser level
+    /// that covers it, with weights that sum to one. For `Differences`, those of all coarser
+    /// levels, with weights that sum to one per level (\[L08\] Eq. (17) "all-parents"). Empty on
+    /// the coarsest level.
     pub parents: Weights,
-    /// The one-bounce operator.
+    /// One-bounce operator.
     pub operator: Operator,
-    /// The octree that carries light in place of the operator's links, where the recipe asked for
-    /// rule `fmm`: the tier above those of the operator.
+    /// Octree that replaces the operator's links, for method `fmm`: the tier above those of the
+    /// operator. `None` if the recipe has none.
     pub fmm: Option<FmmOperator>,
-    /// Baked further bounces, where the recipe asked for them.
+    /// Baked further bounces. `None` if the recipe has none.
     pub bounces: Option<BounceOperator>,
-    /// Irradiance of every point under the lights that its maker chose, W/m², direct light and all
-    /// reflections the recipe asks for; empty where nobody asked.
+    /// Irradiance of every point under fixed lights, W/m²: direct light and all reflections of the
+    /// recipe. Empty if it was not requested.
     pub illumination: Vec<[f32; 3]>,
     /// Visibility of the senders and of the points of whole levels behind them, for soft shadows
     /// without rays. `None` if the recipe has none.
@@ -107,11 +106,11 @@ pub struct SceneData {
     pub sky: Option<SkyVisibility>,
     /// Dynamic materials of the senders. `None` if the recipe has none.
     pub materials: Option<DynamicMaterials>,
-    /// The light in free space, where the recipe asked for it.
+    /// Probes. `None` if the recipe has none.
     pub probes: Option<Probes>,
     /// Occluders. `None` if the recipe names none.
     pub occluders: Option<Occluders>,
-    /// The display basis.
+    /// Display basis.
     pub display: FlatBasis,
     /// Shadow casters.
     pub bvh: Bvh,
@@ -119,8 +118,7 @@ pub struct SceneData {
     pub info: BakeInfo,
 }
 
-/// A baked scene: the result of a bake, and all that a frame reads. Read and written as a `.mgi`
-/// file.
+/// Baked scene: the result of a bake, and all data that a frame reads. Stored as a `.mgi` file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BakedScene(SceneData);
 
@@ -179,8 +177,8 @@ impl BakedScene {
         self.level_starts.len() - 1
     }
 
-    /// Shadow rays that projecting one light takes: one a sender, and one a place of those that are
-    /// lit at several.
+    /// Returns the number of shadow rays to project one light: one per coarse sender, and one per
+    /// light sample.
     #[must_use]
     pub fn rays_per_slot(&self) -> u64 {
         let finest = (self.sender_levels as usize).saturating_sub(1);
@@ -191,7 +189,8 @@ impl BakedScene {
         single + self.places.list.len() as u64
     }
 
-    /// Number of tiers that use links: those of the operator, or 0 if an octree replaces all links.
+    /// Returns the number of tiers that use links: those of the operator, or 0 if an octree
+    /// replaces all links.
     #[must_use]
     pub fn link_tiers(&self) -> u32 {
         match self.fmm.is_some() && self.operator.rows.iter().all(|row| row.tier == 0) {
@@ -200,14 +199,14 @@ impl BakedScene {
         }
     }
 
-    /// Number of tiers that a frame may choose from, at least 1: those with links, and the octree
-    /// above them if there is one.
+    /// Returns the number of tiers that a frame may choose from, at least 1: those with links, and
+    /// the octree above them if there is one.
     #[must_use]
     pub fn tiers(&self) -> u32 {
         self.link_tiers() + u32::from(self.fmm.is_some())
     }
 
-    /// Rows and links (entries of the lists, for the octree) of each tier, tier 1 first.
+    /// Returns rows and links (entries of the lists, for the octree) of each tier, tier 1 first.
     #[must_use]
     pub fn tier_sizes(&self) -> Vec<(u64, u64)> {
         let mut sizes = self.operator.tier_sizes();
@@ -220,19 +219,19 @@ impl BakedScene {
         sizes
     }
 
-    /// The points of level `l`.
+    /// Returns the points of level `l`.
     #[must_use]
     pub fn level(&self, l: usize) -> std::ops::Range<usize> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// Number of senders without the sky.
+    /// Returns the number of senders without the sky.
     #[must_use]
     pub fn senders(&self) -> usize {
         self.level_starts[self.sender_levels as usize] as usize
     }
 
-    /// The senders of the finest sender level.
+    /// Returns the senders of the finest sender level.
     #[must_use]
     pub fn finest_senders(&self) -> std::ops::Range<usize> {
         self.level(self.sender_levels as usize - 1)

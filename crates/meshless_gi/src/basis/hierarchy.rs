@@ -1,5 +1,5 @@
-//! The hierarchy of functions ([L08] §2.1-2.3): levels of Poisson disks, their radii, clip planes,
-//! parents and children.
+//! Hierarchy of basis functions ([L08] §2.1-2.3): levels of Poisson disks, their radii, clip
+//! planes, parents and children.
 
 use super::clip::with_planes;
 use super::{LevelBasis, WeightEntry, Weights};
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// C of r = C · R on the coarsest and on the finest level ([L08] §2.3).
 const OVERLAP: [f32; 2] = [1.5, 2.5];
 
-/// Rays that look for candidates of an added level around a point.
+/// Number of rays per point that search candidates of an added level.
 const LOCAL_RAYS: u64 = 64;
 
 /// Settings of a hierarchy.
@@ -27,13 +27,13 @@ pub struct HierarchySettings {
     /// Number of levels, from the coarsest, that are senders. The finest sender level and the
     /// finest level of all cover everything. The others leave tight corners to finer levels.
     pub sender_levels: usize,
-    /// Most points of each level.
+    /// Largest number of points of each level.
     pub most: Vec<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// C of the functions that senders are written in. None takes those of the hierarchy (\[L08\]
-    /// uses one basis for both and asks, in §5.2, for different ones: smoothness is for receivers;
-    /// tight senders blur less and are looked up faster).
+    /// C of the basis functions of senders. `None` uses the functions of the hierarchy. \[L08\]
+    /// uses one basis for both, and suggests different ones in §5.2. Receivers need smooth
+    /// functions. Tight senders blur less, and their lookup is faster.
     pub sender_overlap: Option<f32>,
     /// Clip planes end functions at walls. `false` is the method of \[L08\].
     pub clip: bool,
@@ -41,26 +41,26 @@ pub struct HierarchySettings {
     pub drop_first: bool,
 }
 
-/// Levels of functions with everything that connects them.
+/// Levels of basis functions and their relations.
 #[derive(Debug)]
 pub struct Hierarchy {
-    /// The levels, coarse first, each with radii for the hierarchical basis.
+    /// Levels, coarse first, each with radii for the hierarchical basis.
     pub levels: Vec<LevelBasis>,
-    /// The sender levels in the functions that senders are written in, coarse first.
+    /// Sender levels with the basis functions of senders, coarse first.
     pub senders: Vec<LevelBasis>,
-    /// The surface at each point, all levels behind one another.
+    /// Surface at each point, level after level.
     pub surfaces: Vec<Surface>,
     /// Start of each level among all points, and the end.
     pub level_starts: Vec<u32>,
-    /// Rays that the construction took.
+    /// Number of rays of the construction.
     pub rays: u64,
-    /// Levels that were cut short by their largest number of points.
+    /// Levels that reached their largest number of points.
     pub truncated: Vec<usize>,
 }
 
 impl Hierarchy {
-    /// Scatters the points and builds the levels. `progress` is told after each step how much of
-    /// the work is done and may stop it by answering false; then nothing comes back.
+    /// Scatters the points and builds the levels. `progress` gets the completed share after each
+    /// step. If it returns `false`, the construction stops and returns nothing.
     pub fn build(
         geometry: &dyn Geometry,
         viewpoints: &[Vec3],
@@ -103,7 +103,7 @@ impl Hierarchy {
         for l in 0..settings.levels {
             let disk = settings.coarse_radius / (1u32 << l) as f32;
             let points = to_points(&filled[l], disk * overlap(l, settings.levels));
-            // Look at the points of this level and the next: four to five times as dense as the
+            // Search the points of this level and the next: four to five times as dense as the
             // functions themselves.
             let finer = (l + 1).min(settings.levels - 1);
             let mut around: Vec<&[Candidate]> = vec![&filled[finer]];
@@ -142,9 +142,10 @@ impl Hierarchy {
         })
     }
 
-    /// Adds a level of half the finest level's disk radius around the points `wanting` (of the
-    /// finest level so far), where light asks for more detail than it has: candidates are what is
-    /// seen from just above each of them. At most `most` points; none means that nothing was added.
+    /// Adds a level of half the finest level's disk radius around the points `wanting` of the
+    /// finest level, where light needs more detail. Candidates are surface points visible from just
+    /// above each of them. `most` limits the number of points. Returns `None` if no point was
+    /// added.
     pub fn add_level(
         &mut self,
         geometry: &dyn Geometry,
@@ -177,34 +178,34 @@ impl Hierarchy {
         filled.len()
     }
 
-    /// Number of points of all levels.
+    /// Returns the number of points of all levels.
     #[must_use]
     pub fn len(&self) -> usize {
         self.surfaces.len()
     }
 
-    /// True without points.
+    /// Returns `true` if there are no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.surfaces.is_empty()
     }
 
-    /// The points of level `l`, as a range of all points.
+    /// Returns the points of level `l`, as a range of all points.
     #[must_use]
     pub fn level(&self, l: usize) -> std::ops::Range<usize> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// The level of point `i`.
+    /// Returns the level of point `i`.
     #[must_use]
     pub fn level_of(&self, i: usize) -> usize {
         self.level_starts.partition_point(|&s| s as usize <= i) - 1
     }
 
-    /// The parents of the points of level `l` with B_k(p_i) (\[L08\] §2.1, Eq. (17)), appended to
-    /// `out`, which must hold those of the coarser levels. `all` asks for those of all coarser
-    /// levels, weights that sum to one for each; else only those of the nearest coarser level that
-    /// covers the point.
+    /// Appends the parents of the points of level `l` with B_k(p_i) (\[L08\] §2.1, Eq. (17)) to
+    /// `out`, which must hold those of the coarser levels. With `all`, a point has parents on every
+    /// coarser level, with weights that sum to one per level. Otherwise, it has those of the
+    /// nearest coarser level that covers it.
     pub fn append_parents(&self, l: usize, all: bool, out: &mut Weights) {
         let rows: Vec<Vec<WeightEntry>> = self
             .level(l)
@@ -231,7 +232,7 @@ impl Hierarchy {
         out.append(rows);
     }
 
-    /// The parents of every point, see [`append_parents`](Self::append_parents).
+    /// Returns the parents of every point, see [`append_parents`](Self::append_parents).
     #[must_use]
     pub fn parents(&self, all: bool) -> Weights {
         let mut out = Weights::from_rows(std::iter::empty::<Vec<WeightEntry>>());
@@ -241,9 +242,9 @@ impl Hierarchy {
         out
     }
 
-    /// Pull rows of the senders: each function's children (points of the next level that it covers)
-    /// with weights w_k(p_c) that sum to one (\[L08\] §2.1 "Pull-Push Approximation": "the weighted
-    /// average of function values in its children").
+    /// Returns the pull rows of the senders: each function's children (points of the next level
+    /// that it covers). Their weights w_k(p_c) sum to one (\[L08\] §2.1 "Pull-Push Approximation":
+    /// "the weighted average of function values in its children").
     #[must_use]
     pub fn pull(&self) -> Weights {
         let levels = self.senders.len();
@@ -277,9 +278,9 @@ impl Hierarchy {
         Weights::from_rows(rows)
     }
 
-    /// The sender whose function weighs most at each sender of the level behind it: a tree over the
-    /// sender levels. Senders that no function of the level before covers, and those of the
-    /// coarsest level, are their own parents.
+    /// Returns the sender with the largest weight at each sender of the next level: a tree over the
+    /// sender levels. Senders of the coarsest level, and those that no function of the previous
+    /// level covers, are their own parents.
     #[must_use]
     pub fn tree(&self) -> Vec<u32> {
         (0..self.senders.len())
@@ -327,7 +328,7 @@ impl Hierarchy {
             .iter()
             .map(|level| level.points.first().map_or(0.0, |p| p.radius))
             .collect();
-        // Nobody is without a share: a point that no particle came near stands for next to nothing.
+        // No point has a share of zero: one without a particle counts next to nothing.
         let mut areas = vec![vec![0.0f32; tree.len()]; reach.len()];
         for level in &mut areas {
             level[first as usize..].fill(0.01);
@@ -358,7 +359,7 @@ impl Hierarchy {
                             best = (w.weight, w.index);
                         }
                     }
-                    // The free place is half-way along the flight.
+                    // The free position is half-way along the flight.
                     (best.1, 2.0 * c.free.distance(c.surface.position))
                 })
                 .collect();
@@ -381,9 +382,9 @@ impl Hierarchy {
         (areas, rays)
     }
 
-    /// Pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each one's own
-    /// children by the surface they show. A place then counts in one sender of each level, so that
-    /// a row which hands mass to a parent gets the very mean of what it handed over.
+    /// Returns the pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each
+    /// sender's own children, weighted by visible area. A position then counts in one sender of
+    /// each level. A row that moves mass to a parent thus gets the exact mean of that mass.
     #[must_use]
     pub fn tree_pull(&self, tree: &[u32], shown: &[Vec<f32>]) -> Weights {
         let mut rows: Vec<Vec<WeightEntry>> =
@@ -403,7 +404,7 @@ impl Hierarchy {
     }
 }
 
-/// Makes the weights sum to one; a row whose sum is next to nothing is emptied.
+/// Scales the weights to a sum of one. Clears a row whose sum is next to nothing.
 fn normalize(row: &mut Vec<WeightEntry>) {
     let sum: f32 = row.iter().map(|w| w.weight).sum();
     if sum <= super::NO_COVER {

@@ -1,13 +1,13 @@
-//! Poisson disks under the 5D distance ([L08] §2.3): one independent set of points a level, radius
-//! halved from level to level.
+//! Poisson disks under the 5D distance ([L08] §2.3): one independent set of points per level, with
+//! radii that halve from level to level.
 //!
-//! Dart throwing: importance candidates are tried in order; one is accepted when no accepted point
-//! of its level is nearer than R under [L08] Eq. (11), and, where asked for, when it is open
-//! enough. A level is full after 2000 failures in a row ([L08]).
+//! Dart throwing tries importance candidates in order. A candidate is accepted if no accepted point
+//! of its level is nearer than R under [L08] Eq. (11). Optionally, it must also be open enough. A
+//! level is full after 2000 consecutive failures ([L08]).
 //!
-//! That leaves one place in about 2000 without a point, most of them on strips too thin to be hit:
-//! the edges of ledges and steps, which show. So a level that has to cover everything then looks
-//! around from each of its points, and takes what is still bare.
+//! About one position in 2000 is then uncovered, mostly on strips too thin to be hit: the visible
+//! edges of ledges and steps. A level that has to cover everything then casts rays from each of its
+//! points, and adds uncovered positions.
 
 use super::openness::{OPENNESS_RAYS, openness};
 use super::particles::{Candidate, local_candidates, trace_particles};
@@ -15,15 +15,14 @@ use super::{HashedGrid, Random, distance_5d};
 use crate::scene::{Geometry, Surface};
 use glam::{IVec3, Vec3};
 
-/// Failures in a row that end a level ([L08] §2.3).
+/// Number of consecutive failures that end a level ([L08] §2.3).
 const FAILURES: u32 = 2000;
-/// Particles traced at a time.
+/// Number of particles traced at a time.
 const BATCH: u64 = 4096;
-/// Particles after which a level ends whatever happens: a scene in which candidates are this rare
-/// is out of reach.
+/// Number of particles after which a level ends in any case, because candidates are too rare.
 const MAX_PARTICLES: u64 = 1 << 18;
 
-/// Rays from each point that look for bare places.
+/// Number of rays from each point that search uncovered positions.
 const COVERAGE_RAYS: u64 = 16;
 
 /// Settings of one level.
@@ -31,30 +30,30 @@ const COVERAGE_RAYS: u64 = 16;
 pub struct DiskSettings {
     /// Disk radius R, meters.
     pub radius: f32,
-    /// Reject candidates whose openness is below R / 6 (\[L08\] §2.3). Where not, the level covers
-    /// everything.
+    /// `true` to reject candidates whose openness is below R / 6 (\[L08\] §2.3). `false` for a
+    /// level that covers everything.
     pub open_only: bool,
-    /// Most points the level may have.
+    /// Largest number of points of the level.
     pub most: usize,
-    /// Seed; the level's number should be in it, so that levels do not share their candidates.
+    /// Seed. It should depend on the level, so that levels do not share their candidates.
     pub seed: u64,
-    /// Particles drop their first bounces, see [`trace_particles`].
+    /// `true` if particles drop their first bounces, see [`trace_particles`].
     pub drop_first: bool,
 }
 
-/// A filled level.
+/// Level with all its points.
 #[derive(Debug, Default)]
 pub struct PoissonSamples {
-    /// The accepted candidates, in the order of acceptance.
+    /// Accepted candidates, in the order of acceptance.
     pub points: Vec<Candidate>,
-    /// Rays that it took.
+    /// Number of rays cast.
     pub rays: u64,
-    /// True when `most` cut it short.
+    /// `true` if the level reached `most` points.
     pub truncated: bool,
 }
 
-/// Accepted points by hash of their cell: chains, because points come one by one. A bucket may hold
-/// several cells' points; the distance test sorts them out.
+/// Accepted points by hash of their cell, as linked lists, because points are added one by one. A
+/// bucket may hold points of several cells, and the distance test separates them.
 struct Buckets {
     cell: f32,
     heads: Vec<u32>,
@@ -80,7 +79,7 @@ impl Buckets {
         self.grow(points.len(), |i| points[i].surface.position);
     }
 
-    /// Enters what was added since the last call: there are `count` points now, at these places.
+    /// Adds the points since the last call. There are now `count` points, at positions `place`.
     fn grow(&mut self, count: usize, place: impl Fn(usize) -> Vec3) {
         if count > self.heads.len() {
             self.heads = vec![Self::NONE; 4 * self.heads.len()];
@@ -178,8 +177,8 @@ fn throw_particles(
         );
         first += BATCH;
         out.rays += traced.rays;
-        // A particle's bounces are near one another; a shuffle makes the failures in a row mean
-        // what they should.
+        // Bounces of a particle are near one another. A shuffle makes consecutive failures
+        // independent.
         for i in (1..traced.candidates.len()).rev() {
             traced.candidates.swap(i, order.below(i + 1));
         }
@@ -211,7 +210,7 @@ fn throw_particles(
     (out, buckets)
 }
 
-/// Throws all of `candidates`, in order, and keeps those that are at least `radius` apart under
+/// Tries all of `candidates` in order, and keeps those that are at least `radius` apart under
 /// \[L08\] Eq. (11), `most` at most.
 #[must_use]
 pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<Candidate> {
@@ -229,9 +228,9 @@ pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<
     points
 }
 
-/// Those of `points`, places (meters) and unit normals, that are left when all of them are thrown
-/// in `order` and at least `radius` apart under \[L08\] Eq. (11): their numbers, in that order.
-/// Every other one is nearer than `radius` to one of them.
+/// Returns the indices of `points` that remain when all are tried in `order`, at least `radius`
+/// apart under \[L08\] Eq. (11). `points` are positions (meters) and unit normals. Every other
+/// point is nearer than `radius` to one of the result.
 #[must_use]
 pub fn thin_out(points: &[(Vec3, Vec3)], order: &[u32], radius: f32) -> Vec<u32> {
     let mut kept: Vec<u32> = Vec::new();
