@@ -29,7 +29,7 @@ pub struct PassKind<R: 'static> {
     pub stage: FrameStage,
     /// `true` if such a pass belongs to one view, `false` if all views share it.
     pub per_view: bool,
-    /// Stage of the passes that are timed as one with it; `None` if no clock times it.
+    /// Stage of the passes that are timed as one with it. `None` if no clock times it.
     pub timed_with: Option<FrameStage>,
     /// Amount of work of a pass, in the unit that its time is proportional to.
     pub work: fn(&FrameState, &Pass) -> Work,
@@ -38,7 +38,7 @@ pub struct PassKind<R: 'static> {
 }
 
 impl<R> Effect<R> {
-    /// Returns the kind of `pass`; `None` for a pass of another effect.
+    /// Returns the kind of `pass`. `None` for a pass of another effect.
     #[must_use]
     pub fn kind_of(&self, pass: &Pass) -> Option<&PassKind<R>> {
         let fits = |kind: &&PassKind<R>| {
@@ -50,7 +50,7 @@ impl<R> Effect<R> {
     }
 }
 
-/// Returns the kind of `pass` in a table of effects; `None` if no effect of the table adds it.
+/// Returns the kind of `pass` in a table of effects. `None` if no effect of the table adds it.
 #[must_use]
 pub fn kind_of<'a, R>(effects: &'a [Effect<R>], pass: &Pass) -> Option<&'a PassKind<R>> {
     effects.iter().find_map(|effect| effect.kind_of(pass))

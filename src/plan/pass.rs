@@ -146,7 +146,7 @@ pub struct Pass {
     pub slots: Vec<u32>,
     /// Reason why it runs.
     pub reason: RunReason,
-    /// Scope in which the device's clock times it; `None` if no clock does.
+    /// Scope in which the device's clock times it. `None` if no clock does.
     pub timing: Option<TimingScope>,
 }
 

@@ -298,7 +298,7 @@ impl FrameState {
         self.scenes.iter().find(|s| s.id == id)
     }
 
-    /// Number of pixels that a view draws; 0 for a view without display settings.
+    /// Number of pixels that a view draws, or 0 for a view without display settings.
     #[must_use]
     pub fn pixels(&self, view: Option<ViewId>) -> u64 {
         let found = self.views.iter().find(|v| Some(v.id) == view);

@@ -20,7 +20,7 @@ const LOCAL_RAYS: u64 = 64;
 /// Settings of a hierarchy.
 #[derive(Clone, Debug)]
 pub struct HierarchySettings {
-    /// Disk radius of the coarsest level, meters; halves from level to level.
+    /// Disk radius of the coarsest level, meters. It halves from level to level.
     pub coarse_radius: f32,
     /// Number of levels.
     pub levels: usize,
