@@ -45,12 +45,12 @@ mod lights;
 mod octree;
 mod pass;
 mod passes;
-mod picked;
 mod rsm_views;
 mod settings;
 mod stage;
 mod state;
 mod tier_controller;
+mod tier_selection;
 
 pub use bounce_count::{
     BounceSelection, BounceSelector, MAX_AUTO_BOUNCES, MAX_TRUNCATED_FRACTION,
@@ -72,7 +72,6 @@ pub use lights::{
 pub use octree::{FmmLimit, falls_back, octree_fits};
 pub use pass::{Pass, RunReason, SkipReason};
 pub use passes::Plan;
-pub use picked::TierSelection;
 pub use rsm_views::{Lens, MAX_RSM_HALF_ANGLE, MapView, RSM_NEAR_PLANE, RSM_SIZE_STEP, map_views};
 pub use settings::{GiBounceCount, GiColorMode, GiQuality};
 pub use stage::FrameStage;
@@ -81,3 +80,4 @@ pub use state::{
     SlotChange, SoftState, ViewId, ViewState, VolumeState,
 };
 pub use tier_controller::{TierCandidate, TierController};
+pub use tier_selection::TierSelection;

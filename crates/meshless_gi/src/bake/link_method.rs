@@ -10,11 +10,11 @@ const SENDER_OVERLAP: f32 = 1.25;
 /// Links of a bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum LinkMethod {
-    /// Links to averages of senders, see [`crate::transport::bounded`].
+    /// Links to averages of senders, see [`crate::transport::bounded_truncation`].
     Averages,
     /// Links to components of light bases, see [`crate::transport::pca`].
     Components(PcaRecipe),
-    /// Links to differences of senders, see [`crate::transport::l08`].
+    /// Links to differences of senders, see [`crate::transport::l08_refinement`].
     Differences,
     /// No links. The octree carries the light alone.
     Octree,

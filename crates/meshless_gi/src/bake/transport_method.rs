@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum TransportMethod {
     /// Links that keep the mass of each row, with a bound on the truncation error. See
-    /// [`crate::transport::bounded`].
+    /// [`crate::transport::bounded_truncation`].
     #[default]
     Bounded,
-    /// Links by \[L08\] Figure 5 as published. See [`crate::transport::l08`].
+    /// Links by \[L08\] Figure 5 as published. See [`crate::transport::l08_refinement`].
     L08,
     /// Bases of direct light for clusters of senders, after \[P14\] §4.3. See
     /// [`crate::transport::pca`]. Receivers are those of `Bounded`.

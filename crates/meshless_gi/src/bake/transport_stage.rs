@@ -12,8 +12,8 @@ use super::{
 use crate::basis::LevelBasis;
 use crate::transport::pca::{Compression, LightBasis};
 use crate::transport::{
-    BoundedSettings, GatherSettings, Receivers, RefinedOperator, SenderTree, Training, l08,
-    refine_bounded,
+    BoundedSettings, GatherSettings, Receivers, RefinedOperator, SenderTree, Training,
+    l08_refinement, refine_bounded,
 };
 use std::time::Instant;
 
@@ -190,8 +190,9 @@ impl TransportStage<'_> {
     /// Rows of differences, as published in \[L08\].
     fn differences(&self, points: &PointSet) -> Result<Rows, BakeError> {
         let settings = &self.survey.settings;
-        let neighbors = l08::neighbors(&points.hierarchy, settings.sender_levels as usize);
-        let refined = l08::refine_l08(
+        let neighbors =
+            l08_refinement::neighbors(&points.hierarchy, settings.sender_levels as usize);
+        let refined = l08_refinement::refine_l08(
             &self.gathering.scene(&points.hierarchy),
             &points.parents,
             &neighbors,

@@ -1,10 +1,10 @@
 //! Light transport: the gather, refinement and truncation of rows, and the sparse operator.
 
 mod added_level;
-pub mod bounded;
+pub mod bounded_truncation;
 pub mod fmm;
 mod gather;
-pub mod l08;
+pub mod l08_refinement;
 mod neumann;
 mod occluded_links;
 mod operator;
@@ -19,7 +19,7 @@ mod tiers;
 mod training;
 mod truncation_mass;
 
-pub use bounded::SenderTree;
+pub use bounded_truncation::SenderTree;
 pub use gather::{
     Deposit, GatherScene, GatherSettings, Gathered, gather, gather_sky_harmonics,
     gather_sky_visibility, trace_gather_rays,

@@ -1,6 +1,6 @@
 //! One receiver: its gathered row, truncated, and its residual.
 
-use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
+use super::bounded_truncation::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, gather};
 use super::occluded_links::{Part, cut_parts};
 use super::pca::{CompressScratch, LightBasis};

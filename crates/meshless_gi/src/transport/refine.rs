@@ -13,7 +13,7 @@
 //! over the surface.
 
 use super::added_level::add_level;
-use super::bounded::{CutMeasure, SenderTree};
+use super::bounded_truncation::{CutMeasure, SenderTree};
 use super::gather::{GatherScene, GatherSettings};
 use super::occluded_links::Part;
 use super::pca::LightBasis;
@@ -80,7 +80,7 @@ impl RefinedOperator {
 #[derive(Clone, Copy, Debug)]
 pub struct BoundedSettings {
     /// Bound on the blur of a row, relative to the light's root mean square. See
-    /// [`super::bounded`].
+    /// [`super::bounded_truncation`].
     pub epsilon: f32,
     /// Residual, relative to the light's root mean square, below which a receiver has no row and no
     /// finer receivers. Applies to levels that cover everything.

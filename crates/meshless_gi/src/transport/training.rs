@@ -7,7 +7,7 @@
 //! each sender were lit alone. All values are relative: each light is scaled so that its indirect
 //! irradiance over the coarsest points has a root mean square of one.
 
-use super::bounded::SenderTree;
+use super::bounded_truncation::SenderTree;
 use super::gather::{GatherScene, Gathered, gather};
 use glam::Vec3A;
 use rayon::prelude::*;
