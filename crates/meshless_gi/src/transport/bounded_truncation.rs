@@ -13,7 +13,8 @@
 //! A part of the change for senders that are lit alone, with their exposure, is added
 //! ([`Training::exposure`]). It covers lights that differ from the training lights.
 //!
-//! The rule of \[L08\] drops links below a fixed ε instead. It is the baseline, see [`super::l08_refinement`].
+//! The rule of \[L08\] drops links below a fixed ε instead. It is the baseline, see
+//! [`super::l08_refinement`].
 
 use super::gather::Gathered;
 use super::training::{TRAINING_LIGHTS, Training};

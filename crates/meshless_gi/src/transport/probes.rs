@@ -13,7 +13,8 @@
 //! like links of surfaces (design D1). Nine numbers are three vectors, so a probe has three
 //! ordinary rows: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel `apply` needs no change.
 //!
-//! Rows are truncated as in [`super::bounded_truncation`], by the effect on c, for the three rows together.
+//! Rows are truncated as in [`super::bounded_truncation`], by the effect on c, for the three rows
+//! together.
 
 use super::bounded_truncation::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};

@@ -16,8 +16,8 @@
 //! Small entries are dropped (§4.4), those with the smallest effect on the training set first,
 //! until the root of their sum of squares reaches ε of the light. The effect of an entry is the
 //! product of its values by the even and the odd rays, as in
-//! [`bounded`](crate::transport::bounded_truncation), so noise does not create links. Entries of constant
-//! vectors stay, so nothing darkens or brightens.
+//! [`bounded`](crate::transport::bounded_truncation), so noise does not create links. Entries of
+//! constant vectors stay, so nothing darkens or brightens.
 
 use super::{Clusters, decompose};
 use crate::basis::{WeightEntry, Weights};
