@@ -136,7 +136,7 @@ impl Plan {
     }
 
     /// Adds a pass of an effect, for all views.
-    pub(crate) fn push(
+    pub fn push(
         &mut self,
         effect: &'static str,
         stage: FrameStage,
