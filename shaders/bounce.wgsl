@@ -15,7 +15,7 @@
 @group(0) @binding(10) var<storage, read_write> further: array<vec4f>;
 @group(0) @binding(11) var<storage, read> parent_starts: array<u32>;
 @group(0) @binding(12) var<storage, read> parent_entries: array<WeightEntry>;
-// Eight numbers a sender, where the bake knows the sky's terms; not read otherwise.
+// Eight numbers a sender, if the bake has the sky's terms; not read otherwise.
 @group(0) @binding(13) var<storage, read> seen: array<f32>;
 
 @compute @workgroup_size(64)

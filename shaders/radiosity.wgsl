@@ -7,7 +7,7 @@
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read> surfaces: array<PointSurface>;
 @group(0) @binding(6) var<storage, read_write> senders: array<vec4f>;
-// Eight numbers a sender, where the bake knows the sky's terms; not read otherwise.
+// Eight numbers a sender, if the bake has the sky's terms; not read otherwise.
 @group(0) @binding(7) var<storage, read> seen: array<f32>;
 
 @compute @workgroup_size(64)

@@ -18,7 +18,7 @@ const TURN: f32 = 6.283185307179586;
 const MAX_COMPONENTS: u32 = 128u;
 // Vectors lean so far at most that their length is ten times their part along the normal.
 const MIN_ALONG: f32 = 0.1;
-// Depths that differ by no more are not told apart.
+// Depths that differ by no more count as equal.
 const ROUNDING: f32 = 1e-3;
 // Depths count up to so many times s.
 const MAX_RATIO: f32 = 1e9;

@@ -7,7 +7,7 @@
 //! --while-baking           after N frames, whatever bakes
 //! --at T                   of the time T on the example's clock, which stands still
 //! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D,
-//! F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example knows them; Ctrl+S presses
+//! F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example has them; Ctrl+S presses
 //! both
 //! ```
 //!

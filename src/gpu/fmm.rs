@@ -33,7 +33,7 @@ impl GpuFmm {
     /// follows theirs.
     ///
     /// # Errors
-    /// Where the device does not hold it, see [`octree_fits`]: [`GpuError::TooLarge`], or
+    /// If it exceeds a limit of the device, see [`octree_fits`]: [`GpuError::TooLarge`], or
     /// [`GpuError::Limit`] for the order.
     pub fn new(
         device: &wgpu::Device,

@@ -145,7 +145,7 @@ pub struct FogTextures<'a> {
 /// arguments of [`FogBuffers::write`].
 ///
 /// # Panics
-/// Where one of them was not written.
+/// Panics if one of them was not written.
 pub fn draw_fog(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,

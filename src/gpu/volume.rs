@@ -31,7 +31,7 @@ impl VolumeBuffers {
     /// they always do.
     ///
     /// # Panics
-    /// Where places are not found yet.
+    /// Panics if the weights of the voxels are incomplete.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,

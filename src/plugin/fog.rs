@@ -3,7 +3,7 @@
 //! light that the fog sends to the eye. It reads this light from the scene's
 //! [`GiIrradianceVolume`].
 //!
-//! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and
+//! Fog is lit only where Bevy draws it: it needs a [`VolumetricLight`] somewhere, and
 //! [`VolumetricFog`] on the camera.
 
 use super::camera::GiDebugView;

@@ -660,7 +660,7 @@ fn two_baked_scenes_add_up_in_one_camera() {
     let image = target(&mut app);
     let far = Transform::from_xyz(0.05, 1.1, 6.5).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
     app.world_mut().spawn((camera(&image, far), indirect()));
-    // A light in each; each bake knows its own walls only, and sees both lights.
+    // A light in each. Each bake has its own walls only, and both lights.
     let places = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
     for place in places {
         app.world_mut()

@@ -328,11 +328,11 @@ fn every_double_counting_is_reported() {
         found(&app)[2..],
         [GiWarning::IrradianceVolume, GiWarning::ForwardMaterials]
     );
-    // All of it is still there, and is not told again.
+    // All warnings are still there, and none is logged again.
     run(&mut app, 3);
     assert_eq!(found(&app).len(), 4);
 
-    // Who does not want to hear it is not told.
+    // With the check off, nothing is logged.
     let mut quiet = crate::support::app::app();
     quiet
         .world_mut()

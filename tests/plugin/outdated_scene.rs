@@ -44,7 +44,7 @@ fn write_level(root: &Path) -> PathBuf {
     assets
 }
 
-/// Tells an app that a file has changed.
+/// Notifies an app of a changed file.
 #[derive(Clone, Default)]
 struct Changes(Arc<Mutex<Option<Sink>>>);
 

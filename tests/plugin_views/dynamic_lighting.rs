@@ -80,7 +80,7 @@ fn directional_sky_follows_world_directions() {
     run(&mut app, 1);
     assert_eq!(work(&counters(&app)), [0; 4], "at rest");
 
-    // A bake that knows a uniform sky only takes the mean, and says so.
+    // A bake with a uniform sky only takes the mean, and logs it.
     let plain = room.bake(1);
     let scene = plain.clone();
     let asset = app

@@ -1,4 +1,4 @@
-//! Light in free space in the running plugin: a panel that the bake knows nothing of hangs in the
+//! Probes in the running plugin: a panel that is not part of the bake hangs in the
 //! room, at every pixel and by subsplats, beside the CPU's picture of it.
 
 use crate::support::app::{app, camera, picture, run, target};

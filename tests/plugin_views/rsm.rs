@@ -88,7 +88,7 @@ fn rsm_cameras_follow_reflectors() {
         "an asking light alone holds nothing"
     );
 
-    // The ball moves, and its meshes are told apart by a layer beside theirs.
+    // The ball moves, and its meshes have a render layer of their own.
     let own = RenderLayers::from_layers(&[0, 3]);
     app.world_mut().entity_mut(ball).insert(own.clone());
     let parent = app.world_mut().spawn(Transform::default()).id();

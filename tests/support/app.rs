@@ -21,7 +21,7 @@ use half::f16;
 use std::sync::{Arc, Mutex};
 
 /// Edges of the pictures, in pixels. 8 bytes a pixel make rows of a multiple of 256 bytes, as
-/// read-back wants them.
+/// read-back needs them.
 pub const WIDTH: u32 = 128;
 pub const HEIGHT: u32 = 96;
 
@@ -60,7 +60,7 @@ pub fn app() -> App {
 }
 
 /// Reflections that the tests' rooms ask for, as `settings` does: which pictures to expect then
-/// hangs on no bake. A test that wants as many as a scene calls for sets `Auto` later.
+/// hangs on no bake. A test of the automatic number sets `Auto` later.
 pub const BOUNCES: u32 = 4;
 
 /// Waits for the plugins (the renderer starts in the background) and finishes them.

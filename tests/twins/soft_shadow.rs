@@ -13,7 +13,7 @@ use meshless_gi::{
     mesh_of_quads,
 };
 
-/// The box, whose senders remember what they see.
+/// The box, whose senders have visibility data.
 pub fn baked() -> BakedScene {
     let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
     let recipe = Recipe {

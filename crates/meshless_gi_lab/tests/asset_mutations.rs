@@ -294,9 +294,9 @@ fn walk(scene: &BakedScene) -> Vec3 {
             f32::INFINITY,
         )],
     );
-    let lamp = SoftLight::sphere(Vec3::new(0.2, 0.9, 0.1), 0.1, Vec3::ONE, 5.0, 4);
+    let soft_light = SoftLight::sphere(Vec3::new(0.2, 0.9, 0.1), 0.1, Vec3::ONE, 5.0, 4);
     let mut sum = match scene.visibility {
-        Some(_) => soft_shadow::occluded_irradiances(scene, &[lamp])
+        Some(_) => soft_shadow::occluded_irradiances(scene, &[soft_light])
             .iter()
             .map(|d| d.dot(Vec3::Y))
             .sum(),

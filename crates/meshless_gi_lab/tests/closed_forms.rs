@@ -1,5 +1,5 @@
 //! The reference integrator against light that is known in closed form: every kind of light source,
-//! any number of reflections, reflectances up to 0.99. All comparisons are z-tests that know the
+//! any number of reflections, reflectances up to 0.99. All comparisons are z-tests that use the
 //! noise, and each is made a second time with a wrong input, where it must fail.
 
 use glam::{DVec3, Vec3};
@@ -26,8 +26,7 @@ fn settings(paths: u32, bounces: Option<u32>) -> ReferenceSettings {
     }
 }
 
-/// The estimates against exact values; `wrong` is what the values are multiplied by to be told
-/// apart from them.
+/// Tests estimates against exact values. Values times `wrong` must fail the test.
 fn check(what: &str, found: &[(Vec3, Vec3)], right: &[Vec3], wrong: f32) {
     let (values, errors): (Vec<Vec3>, Vec<Vec3>) = found.iter().copied().unzip();
     let none = vec![Vec3::ZERO; right.len()];

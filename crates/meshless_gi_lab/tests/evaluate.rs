@@ -75,7 +75,7 @@ fn emission_counts_as_direct_light() {
         reflected.nrmse < 0.15 && reflected.bias.abs() < 0.05,
         "{reflected:?}"
     );
-    // Told apart the wrong way it would be far off.
+    // The wrong assignment would be far off.
     let together: Vec<Vec3> = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
     assert!(compare(&together).nrmse > 0.5, "{:?}", compare(&together));
 }

@@ -55,14 +55,14 @@ fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Ligh
         .filter(PenumbraSample::in_penumbra)
         .collect();
     assert!(places.len() > 100, "{} places", places.len());
-    let lamp = SoftLight::from_light(light, 25).expect("a rectangle");
-    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[lamp]);
-    let by_rays = deficits_by_rays(scene, mesh, &lamp, visibility.points.len());
+    let soft_light = SoftLight::from_light(light, 25).expect("a rectangle");
+    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[soft_light]);
+    let by_rays = deficits_by_rays(scene, mesh, &soft_light, visibility.points.len());
     let error =
         |occluded_irradiances: &[_]| shadow_errors(scene, occluded_irradiances, &places).nrmse;
     // Must fail: no shadow at all.
     assert!(error(&vec![Default::default(); occluded_irradiances.len()]) > 2.0 * BOUND);
-    let by_few = soft_shadow::occluded_irradiances_from(scene, few, &[lamp]);
+    let by_few = soft_shadow::occluded_irradiances_from(scene, few, &[soft_light]);
     [
         error(&occluded_irradiances),
         error(&by_rays),

@@ -99,7 +99,7 @@ fn sponza_at_medium_matches_reference() {
     holds(&unpublished().join("sponza"), 0.10);
 }
 
-/// Wherever light can reach, the display knows a value; and functions that only reach half as far
+/// The display has a value wherever light can reach. Functions that reach half as far
 /// would leave holes.
 #[test]
 fn flat_basis_covers_every_reachable_point() {

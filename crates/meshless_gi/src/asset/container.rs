@@ -1,4 +1,5 @@
-//! The outer shell of a `.mgi` file: header, section table, checksums, compression. Knows no scene.
+//! The outer shell of a `.mgi` file: header, section table, checksums, compression. It is
+//! independent of scenes.
 //! `docs/FORMAT.md` has the layout.
 
 use super::error::{AssetError, Limits};

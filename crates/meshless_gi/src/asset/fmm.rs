@@ -70,7 +70,7 @@ pub(super) const KINDS: [Kind; 5] = [
     kind::<[u32; 4]>(31, "octree lists", LENGTHS),
     kind::<Entry>(32, "octree entries", ENTRY),
     Kind {
-        // Validating remembers which points have a value.
+        // Validation marks the points that have a value.
         memory: size_of::<FmmPlace>() as u64 + 1,
         ..kind::<FmmPlace>(33, "octree places", PLACE)
     },
@@ -138,7 +138,7 @@ pub(super) fn read(
     let mut places: Vec<FmmPlace> = items(file, &kinds[4], PLACE)?;
     let receive = nodes.iter().filter(|n| n.is_leaf());
     for range in receive.map(|n| n.receivers..n.end) {
-        // Ranges beyond the places are told by validation.
+        // Validation reports ranges beyond the points.
         for place in places
             .get_mut(range.start as usize..range.end as usize)
             .into_iter()

@@ -1,4 +1,4 @@
-//! Places in free space of a baked scene whose light the operator's senders know: in memory, in the
+//! Probes of a baked scene with their rows of the operator: in memory, in the
 //! file, and whether a frame can run on them. Five sections that are there together or not at all;
 //! where rows start and the grid follow from the rest, and are not stored.
 

@@ -26,7 +26,7 @@ use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderFo
 /// Most items of any array: what an index of 32 bits can reach.
 const MAX: u64 = u32::MAX as u64;
 
-/// A kind of section in its first version, of as many items as numbers of 32 bits tell apart.
+/// A kind of section in its first version, with at most 2³² − 1 items.
 pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
     Kind {
         code,
@@ -82,7 +82,7 @@ static KINDS: [Kind; 49] = [
     kind::<[f32; 4]>(14, "planes", PLANE),
     kind::<GridSlot>(15, "grid slots", SLOT),
     Kind {
-        // Validating remembers where the lists start.
+        // Validation stores the starts of the lists.
         memory: 8,
         ..kind::<u32>(16, "grid entries", INDEX)
     },

@@ -25,7 +25,7 @@ impl BakedScene {
     /// test.
     ///
     /// # Errors
-    /// What is wrong, at most 32 things.
+    /// Violations, at most 32.
     pub fn validate(&self) -> Result<BakedStats, Vec<Violation>> {
         let mut check = Check(Vec::new());
         self.check_shape(&mut check);

@@ -56,7 +56,7 @@ pub(super) const KINDS: [Kind; 6] = [
     Kind {
         // They are checked beside a copy.
         memory: 2 * size_of::<VisiblePoint>() as u64,
-        // The first did not know each point's error.
+        // The first version had no error per point.
         version: 2,
         ..kind::<VisiblePoint>(25, "visibility points", POINT)
     },

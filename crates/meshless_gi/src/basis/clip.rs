@@ -1,7 +1,7 @@
-//! Clip planes: what stops a basis function at a wall (design D7; [L08] §5.2 names the leak that
-//! this mends).
+//! Clip planes bound a basis function at walls (design D7). They prevent the light leak of [L08]
+//! §5.2.
 //!
-//! A function's support is a ball-like region that knows nothing of walls. Positions in it that the
+//! A function's support is a ball-like region that ignores walls. Positions in it that the
 //! function's center cannot see must not get light from it, nor give any. Exact visibility per
 //! place would cost a ray per weight; instead the bake looks, once, from each center at the surface
 //! places around it. Where the view is blocked, the plane of the blocker, turned toward the center,

@@ -121,8 +121,7 @@ fn planes_of(
     }
     for k in 0..WALLS {
         let way = uniform_sphere(lattice(k, WALLS, Vec2::ZERO)).normalize_or(Vec3::Y);
-        // Nor does a probe know what is inside of a wall, where no path of light tells of other
-        // places.
+        // A probe has no value inside of a wall, which no light reaches.
         if let Some(t) = look(way, radius, &mut candidates) {
             let length = 0.5 * (t + radius);
             places.push(Place {

@@ -1,6 +1,6 @@
 //! Direct irradiance of what glows without being a light: emissive surfaces and the sky. A frame
 //! has them inside of its indirect light, where links carry them; here they are integrated on their
-//! own, so that direct and indirect light can be told apart.
+//! own, which separates direct from indirect light.
 //!
 //! Two kinds of samples share the work by the balance heuristic: places on the emissive triangles,
 //! by area and strength, and cosine-weighted directions. Near an emitter the directions do well,

@@ -44,7 +44,7 @@ impl VolumePlacement {
     /// Reads the text of a file.
     ///
     /// # Errors
-    /// Where it is no such text, with the place, or of another version.
+    /// [`ron::Error`] with the position in the text, or if the version differs.
     pub fn from_ron(text: &str) -> Result<Self, ron::Error> {
         let found: Self =
             ron::from_str(text).map_err(|error| ron::Error::Message(error.to_string()))?;

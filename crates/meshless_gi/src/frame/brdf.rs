@@ -166,7 +166,7 @@ mod tests {
     }
 
     /// The wider lobe against the mean of the narrow one over the disk: the same energy, and the
-    /// same brightest place within a part that tells what the formula is worth.
+    /// same maximum within a tolerance that shows the error of the formula.
     #[test]
     fn widened_lobe_matches_disk_average() {
         for (roughness, sine) in [(0.15, 0.1f32), (0.3, 0.1), (0.3, 0.3), (0.5, 0.3)] {

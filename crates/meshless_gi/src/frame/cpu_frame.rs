@@ -54,7 +54,8 @@ pub struct CpuFrame {
     factors: Vec<MaterialFactors>,
     /// The senders' surfaces, where they are not those of the bake.
     surfaces: Vec<PointSurface>,
-    /// The scene as its occluders let it be; `None` where all are open, or the bake knows none.
+    /// Scene with the links of the occluders' present state. `None` if all are open or the bake has
+    /// none.
     occluded: Option<Occluded>,
     /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays
     /// were made for.
@@ -153,9 +154,9 @@ impl CpuFrame {
         true
     }
 
-    /// Sets what passes the occluders, one each in [0, 1]; those that are missing are open. Only a
-    /// bake that knows occluders has any. Returns whether that changed anything: the lights are
-    /// projected again then, and the next [`solve`](Self::solve) runs.
+    /// Sets the transmittance of each occluder, in [0, 1]. Missing ones are open. Bakes without
+    /// occluders ignore it. Returns `true` if a value changed: the lights are projected again then,
+    /// and the next [`solve`](Self::solve) runs.
     pub fn set_occluders(&mut self, scene: &BakedScene, gains: &[f32]) -> bool {
         self.check(scene);
         let Some(known) = &scene.occluders else {

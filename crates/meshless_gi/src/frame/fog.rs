@@ -12,7 +12,7 @@
 //! [`fog_inscatter`](super::fog_inscatter) has it for the middle of each voxel. Between eight of
 //! them as everything reads that volume, those behind a wall left out.
 //!
-//! What light loses on its way to the fog is taken as Bevy takes it of lights, e^(−σₜ r) with r the
+//! Loss on the way to the fog follows Bevy's rule for lights, e^(−σₜ r) with r the
 //! radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
 use super::volume_sample::read_voxels;

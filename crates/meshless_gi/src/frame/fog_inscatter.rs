@@ -4,14 +4,14 @@
 //!
 //! J is the integral of incident radiance times the phase function of Henyey and Greenstein
 //! \[HG41\], whose terms in Legendre polynomials are powers of its asymmetry g. The first two are
-//! taken, and of the third what six irradiances tell: J = φ / 4π + 3 g F · d / 4π + g² Σ Qᵢᵢ dᵢ².
-//! Where d is where the ray from the eye goes, F = ∫ L ω, ω where light comes from, φ = ∫ L the
-//! fluence and Q the light's part of order two as a matrix without trace. F along an axis is the
-//! difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π
-//! Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product with ω · Qω is π Qᵢᵢ / 2,
-//! and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between
-//! the axes, and all later terms, are left out: of light from all around they are little. Where the
-//! sum is below zero there is no light.
+//! taken, and of the third the part that six irradiances determine: J = φ / 4π + 3 g F · d / 4π +
+//! g² Σ Qᵢᵢ dᵢ². Here d is the direction of the ray from the eye, F = ∫ L ω, ω the direction to the
+//! light, φ = ∫ L the fluence and Q the light's part of order two as a matrix without trace. F
+//! along an axis is the difference of the irradiances that face along it and away from it. Their
+//! sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product
+//! with ω · Qω is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of
+//! all six. What lies between the axes, and all later terms, are left out: of light from all around
+//! they are little. Where the sum is below zero there is no light.
 //!
 //! A volume's sides have the light of the voxel one further along them. So a voxel's own is in the
 //! voxels behind it, where the way to them is free, and beside a wall in its own sides, which have

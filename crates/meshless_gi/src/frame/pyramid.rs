@@ -14,7 +14,7 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// Depth where nothing was drawn, meters.
 pub const NOTHING: f32 = 1e30;
 
-/// The steepest slope that is told apart.
+/// Steepest slope that is distinguished.
 pub const STEEPEST: f32 = 1e9;
 
 /// Ranges of depth and normal of a cell's pixels. 16 bytes.

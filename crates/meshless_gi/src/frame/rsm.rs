@@ -142,7 +142,7 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
 /// All texels of a map, in the order of the curve. `depth` and `gbuffer` row by row.
 ///
 /// # Panics
-/// Where there are fewer than `params.side`² of them.
+/// Panics if there are fewer than `params.side`² of them.
 #[must_use]
 pub fn texels(params: &RsmParams, depth: &[f32], gbuffer: &[[u32; 4]]) -> Vec<RsmTexel> {
     let side = params.side as usize;

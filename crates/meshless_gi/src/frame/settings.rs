@@ -157,7 +157,7 @@ impl SceneDimensions {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// The numbers that all kernels of a solve know.
+    /// Parameters of all kernels of a solve.
     #[must_use]
     pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
         let finite = |v: f32| match v.is_finite() {

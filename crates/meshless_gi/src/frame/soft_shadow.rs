@@ -118,7 +118,7 @@ pub const BIAS: f32 = 0.1;
 pub const DEPTH_BIAS_SIGMAS: f32 = 3.0;
 /// The usual [`SoftShadowParams::ramp`].
 pub const DEPTH_RAMP_SIGMAS: f32 = 3.0;
-/// Depths that differ by no more are not told apart: sixteen bits of a mean and of coefficients
+/// Depths that differ by no more count as equal: sixteen bits of a mean and of coefficients
 /// leave less than that, and what components are rounded by is in their error.
 pub const ROUNDING: f32 = 1e-3;
 

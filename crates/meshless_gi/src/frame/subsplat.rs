@@ -198,7 +198,7 @@ pub struct SubsplatNode {
 }
 
 impl SubsplatNode {
-    /// A node that knows nothing.
+    /// A node without a value.
     pub const UNKNOWN: Self = Self { words: [0; 6] };
 
     /// A node with light (already scaled), the luminance predicted, and state bits.
@@ -367,7 +367,7 @@ impl SubsplatParams {
             normal_test,
             depth_threshold,
             normal_threshold,
-            // Shaders know no infinity.
+            // WGSL has no literal for infinity.
             light: settings.light.min(1e30),
             alike: settings.alike,
             detail: settings.detail,

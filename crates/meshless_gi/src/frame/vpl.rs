@@ -43,7 +43,7 @@ pub const SHORTEST: f32 = 1e-7;
 /// The mean of max(0, V̂·N) over unit normals N whose mean is `normal`: for normals spread evenly
 /// over a disk about it.
 ///
-/// Where all of them face V̂ it is linear, V̂·`normal`, and exact; where none does, 0; between, the
+/// If all of them face V̂ it is linear, V̂·`normal`, and exact; where none does, 0; between, the
 /// mean over cosines spread evenly ±w. The width is √(3σ²) of the cosine's variance at the horizon,
 /// (1 − m²)/2 for a length m near 1, and 1 for m = 0, where all directions are alike.
 #[must_use]

@@ -181,7 +181,7 @@ pub trait Geometry: Sync {
     }
 
     /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and
-    /// [`cast`](Self::cast) knows nothing of them.
+    /// [`cast`](Self::cast) ignores them.
     fn crossed_occluders(&self, _ray: &Ray) -> u64 {
         0
     }

@@ -3,7 +3,7 @@
 //!
 //! A scene is a list of shapes, each the zero set of a function that never overstates the distance
 //! to it and is positive outside. Rays march by that distance, which can't step over a surface.
-//! Where the distance becomes small, or the ray starts next to a surface, steps of a fixed smallest
+//! If the distance becomes small, or the ray starts next to a surface, steps of a fixed smallest
 //! size look for a change of sign instead, and bisection finds the root: a ray that starts on a
 //! surface leaves it without being caught by it, and one that grazes is decided by a sign.
 //!
@@ -198,7 +198,7 @@ impl ImplicitScene {
         }
     }
 
-    /// Surfaces nearer than this (meters) to each other can't be told apart.
+    /// Distance in meters below which two surfaces are not distinguished.
     #[must_use]
     pub fn tolerance(&self) -> f32 {
         self.tolerance

@@ -1,4 +1,4 @@
-//! Light sources as the frame knows them: meters, W/sr, W/m², linear RGB.
+//! Light sources of the frame: meters, W/sr, W/m², linear RGB.
 
 use super::SkyRadiance;
 use glam::Vec3;

@@ -308,7 +308,7 @@ impl TriangleMesh {
         self.problems.bad_index += count;
     }
 
-    /// The hierarchy that the frame's shadow rays walk. It knows no textures: a triangle that alpha
+    /// The hierarchy that the frame's shadow rays walk. It ignores textures: a triangle that alpha
     /// cuts away whole is left out, one that alpha cuts in part is whole.
     #[must_use]
     pub fn bvh(&self) -> Bvh {

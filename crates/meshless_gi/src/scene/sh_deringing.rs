@@ -2,9 +2,9 @@
 //! as it was, for levels that see the sky through openings.
 //!
 //! Nine numbers that are fitted to a sky with something bright on one side fall below zero on the
-//! other. A surface in the open never knows, because the cosine takes what rings away \[RH01\]; one
-//! that sees only that part of the sky has negative light, in a channel or in all, and a strange
-//! color. \[Sl08\] multiplies the degrees by a window until nothing is negative, which also
+//! other. A surface in the open is not affected, because the cosine takes what rings away \[RH01\];
+//! one that sees only that part of the sky has negative light, in a channel or in all, and a
+//! strange color. \[Sl08\] multiplies the degrees by a window until nothing is negative, which also
 //! flattens what was right. Here the series moves to the nearest one, by the mean square over
 //! directions, that is nowhere negative and has the same mean. That is a convex problem of sixteen
 //! numbers: by the S-lemma c + d·ω + ω·Q ω ≥ 0 on the unit sphere exactly if

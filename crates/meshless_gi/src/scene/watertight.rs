@@ -8,8 +8,8 @@
 //! one of them is exactly zero in single precision it is computed again in double precision, whose
 //! products of single-precision numbers are exact, so that its sign is right ([WBW13] §3.3).
 //!
-//! Deviation from the paper: distances are compared after the division, so that ties can be told
-//! from near misses.
+//! Deviation from the paper: distances are compared after the division, so that ties and near
+//! misses differ.
 
 use super::Ray;
 use glam::Vec3;

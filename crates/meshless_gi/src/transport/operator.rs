@@ -22,7 +22,7 @@ pub struct Link {
 
 impl Link {
     /// Most senders an operator may have: a link has 16 bits for the index, and the last one is the
-    /// sky (the last nine, where the bake knows its terms).
+    /// sky (the last nine, if the bake has its terms).
     pub const MAX_SENDERS: usize = 65_535;
 
     /// Packs `vector / scale` and `sender`. `scale` must be positive and no component larger than

@@ -57,7 +57,8 @@ fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
 }
 
 /// Gathers and truncates the rows of the probes at `places`, with the terms of a sky that is not
-/// uniform if `sky_terms`. `told` gets the completed part and returns false to cancel. Returns
+/// uniform if `sky_terms`. `on_progress` receives the completed part and returns false to cancel.
+/// Returns
 /// `None` if canceled. The result does not depend on the number of threads.
 pub fn probe_rows(
     scene: &GatherScene<'_>,
@@ -66,7 +67,7 @@ pub fn probe_rows(
     training: &Training,
     epsilon: f32,
     sky_terms: bool,
-    told: &(dyn Fn(f32) -> bool + Sync),
+    on_progress: &(dyn Fn(f32) -> bool + Sync),
 ) -> Option<ProbeGather> {
     let senders = tree.parent.len();
     let measure = CutMeasure { training, epsilon };
@@ -96,7 +97,7 @@ pub fn probe_rows(
             lost += f64::from(probe.lost);
         }
         out.rays += some.len() as u64 * u64::from(scene.rays);
-        if !told((chunk * AT_ONCE + some.len()) as f32 / places.len() as f32) {
+        if !on_progress((chunk * AT_ONCE + some.len()) as f32 / places.len() as f32) {
             return None;
         }
     }

@@ -44,7 +44,7 @@ impl TruncationMass {
     }
 
     /// Pull weights: each sender is the mean of its descendants by the mass that they moved to it.
-    /// Where there was none, children are weighted by `shown`, the area that each sender shows to
+    /// Without any mass, children are weighted by `shown`, the area that each sender shows to
     /// receivers beyond the level's functions, for every level. Rows of senders without children
     /// are empty.
     #[must_use]

@@ -1,4 +1,4 @@
-//! The same through the tool: broken levels as `.glb` files, exit codes, and what it tells on
+//! Damaged scenes through the tool: broken `.glb` files, exit codes, and the messages on
 //! standard error.
 
 use glam::Vec3;

@@ -27,7 +27,7 @@ const PATHS: u64 = 4800;
 pub const SAMPLES: u32 = 64;
 
 /// The light of a scene: a panel below the ceiling.
-pub fn lamp(name: &str) -> Light {
+pub fn soft_light(name: &str) -> Light {
     let (center, u, v) = match name {
         "cornell" => (
             Vec3::new(2.78, 5.46, 2.795),
@@ -209,10 +209,10 @@ pub fn cuts(
     scene: &BakedScene,
     light: &Light,
 ) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
-    let lamp = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
+    let soft_light = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
     let shade = penumbra_of(&penumbra_samples(scene, mesh, light, PATHS));
     let points = remembering(scene);
-    let occluded_irradiances = deficits_by_rays(scene, mesh, &lamp, points.len());
+    let occluded_irradiances = deficits_by_rays(scene, mesh, &soft_light, points.len());
     let rays = shadow_errors(scene, &occluded_irradiances, &shade).nrmse;
     let (mut races, mut cuts) = (Vec::new(), Vec::new());
     let usual = VisibilitySettings::default();
@@ -228,7 +228,7 @@ pub fn cuts(
             bytes: visibility.bytes(),
             seconds,
             apart: run.last().ok_or("no race")?.apart,
-            penumbra: memory(scene, &visibility, &lamp, &shade).nrmse,
+            penumbra: memory(scene, &visibility, &soft_light, &shade).nrmse,
             rays,
             places: shade.len(),
         });
@@ -239,7 +239,7 @@ pub fn cuts(
     Ok((races, cuts))
 }
 
-/// The points that remember, as a bake with soft shadows has it.
+/// Points with visibility data, as in a bake with soft shadows.
 fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
     let levels = (scene.sender_levels as usize + 1).min(scene.levels());
     let known = scene.level_starts[levels] as usize;
@@ -248,8 +248,8 @@ fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Runs both at the points that remember and that the panel would light, with one sample, which is
-/// what `project` asks of a point light, and with [`SAMPLES`].
+/// Runs both at the points that have visibility data and that the panel lights, with one sample,
+/// which is what `project` asks of a point light, and with [`SAMPLES`].
 pub fn race(
     name: &str,
     mesh: &TriangleMesh,
@@ -261,11 +261,11 @@ pub fn race(
     let params = SoftShadowParams::new(visibility, extent, 1);
     let mut races = Vec::new();
     for samples in [1, SAMPLES] {
-        let lamp = SoftLight::from_light(light, samples).ok_or("no rectangle")?;
+        let soft_light = SoftLight::from_light(light, samples).ok_or("no rectangle")?;
         let places: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
             .enumerate()
             .map(|(i, p)| (i, p.x(), p.n()))
-            .filter(|&(_, x, n)| unshadowed(&lamp, x, n, extent) > 0.0)
+            .filter(|&(_, x, n)| unshadowed(&soft_light, x, n, extent) > 0.0)
             .collect();
         let time = |what: &dyn Fn(&(usize, Vec3, Vec3)) -> f32| {
             let began = Instant::now();
@@ -278,11 +278,11 @@ pub fn race(
                 geometry: mesh,
                 start: x + n * mesh.ray_offset(x),
             };
-            soft_shadow::visible_fraction(&lamp, x, n, &sight).0
+            soft_shadow::visible_fraction(&soft_light, x, n, &sight).0
         });
         let (memory, remembered) = time(&|&(i, x, n)| {
             soft_shadow::visible_fraction(
-                &lamp,
+                &soft_light,
                 x,
                 n,
                 &soft_shadow::DecodedVisibility::new(&params, visibility, i, n),
@@ -320,8 +320,8 @@ pub fn measure(
     scene: &BakedScene,
     folder: &Path,
 ) -> Result<Found, Box<dyn Error>> {
-    let light = lamp(name);
-    let lamp = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
+    let light = soft_light(name);
+    let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
     let lit = penumbra_samples(scene, mesh, &light, PATHS);
     let shade = penumbra_of(&lit);
     eprintln!(
@@ -359,7 +359,7 @@ pub fn measure(
         let counts = COUNTS.into_iter().filter(|&count| count <= most);
         let error = |count| {
             let few = bakes[k].0.truncated(count);
-            (count, memory(scene, &few, &lamp, &shade).nrmse)
+            (count, memory(scene, &few, &soft_light, &shade).nrmse)
         };
         counts.map(error).collect()
     });
@@ -371,10 +371,10 @@ pub fn measure(
     let fifty = theirs.truncated(50);
     let mut others = Vec::new();
     for (what, light) in other_lamps(name) {
-        let lamp = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
+        let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
         let shade = penumbra_of(&penumbra_samples(scene, mesh, &light, PATHS));
-        let error = |visibility: &Visibility| memory(scene, visibility, &lamp, &shade).nrmse;
-        let occluded_irradiances = deficits_by_rays(scene, mesh, &lamp, known);
+        let error = |visibility: &Visibility| memory(scene, visibility, &soft_light, &shade).nrmse;
+        let occluded_irradiances = deficits_by_rays(scene, mesh, &soft_light, known);
         others.push(Other {
             what,
             places: shade.len(),
@@ -390,7 +390,7 @@ pub fn measure(
         ("the first 50 of these, as [P14]", fifty, None),
         (BAKES[2], fine, Some(fine_seconds)),
     ] {
-        let error = |places: &[PenumbraSample]| compare(scene, &visibility, &lamp, places);
+        let error = |places: &[PenumbraSample]| compare(scene, &visibility, &soft_light, places);
         let (penumbra, all) = (error(&shade), error(&lit));
         let mut with = scene.clone();
         with.visibility = Some(visibility);
@@ -422,7 +422,12 @@ pub fn measure(
         name: name.into(),
         places: (lit.len(), shade.len()),
         by_count,
-        rays: shadow_errors(scene, &deficits_by_rays(scene, mesh, &lamp, known), &shade).nrmse,
+        rays: shadow_errors(
+            scene,
+            &deficits_by_rays(scene, mesh, &soft_light, known),
+            &shade,
+        )
+        .nrmse,
         penumbra,
         lit: all,
         variants,
@@ -454,11 +459,11 @@ fn picture(
             vertical_angle: 1.1,
         },
     };
-    let lamp = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
-    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[lamp]);
+    let soft_light = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
+    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[soft_light]);
     let extent = extent(scene);
     let memory = |_: &Ray, s: &Surface, _: &mut Random| {
-        let e = unshadowed(&lamp, s.position, s.normal, extent);
+        let e = unshadowed(&soft_light, s.position, s.normal, extent);
         let missing = subtract_shadow::missing(scene, &occluded_irradiances, s.position, s.normal);
         e * (Vec3::ONE - missing.unwrap_or_default())
     };

@@ -105,7 +105,7 @@ fn medians(sets: &[Vec<ComparisonRow>]) -> Vec<ComparisonRow> {
                 points: of(&|r| r.points as f64) as usize,
                 sphere: surface(|r| &r.sphere),
                 disk: surface(|r| &r.disk),
-                // The largest, not the median: one is enough to tell.
+                // The largest, not the median: one case is enough.
                 ridge: sets.iter().fold(0.0, |most, rows| most.max(rows[i].ridge)),
                 ..sets[0][i]
             }

@@ -4,7 +4,7 @@
 //! and `flat.rs`.
 //!
 //! The Gaussian functions neither sum to one nor are 1 at their own and 0 at the other points:
-//! whoever wants to pass through values has to solve for the coefficients. [V11] gives no method;
+//! interpolation of values requires a solve for the coefficients. [V11] gives no method;
 //! we solve the dense system by LU. "Site distance divided by the nominal radius" (§VI) makes
 //! functions so wide that the system is next to singular; §V says that functions are "nearly zero"
 //! at the nominal radius, which makes them four times as narrow. Both are there:
@@ -171,7 +171,7 @@ pub struct GaussianBasis {
 impl GaussianBasis {
     /// The basis of points (x, n), each function's standard deviation being `width` times its
     /// nominal radius: the site distance to the tenth nearest other point (to the farthest, where
-    /// fewer face the same way). Where the system is singular as far as rounding tells, something
+    /// fewer face the same way). If the system is singular within rounding, something
     /// is added to its diagonal, see [`PointBasis::ridge`].
     ///
     /// # Errors

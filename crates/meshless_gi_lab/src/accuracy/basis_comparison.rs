@@ -275,7 +275,7 @@ pub fn solve_in(
 }
 
 /// Compares bases over one set of points with `truth`, one row a basis and quantity. The samples
-/// are `known`'s, which is the truth itself but where somebody wants to see that another answer is
+/// are `known`'s, which is the truth itself, except in the check that another answer is
 /// noticed. `solved` asks for the iteration in the bases, too. There the plugin's basis iterates as
 /// the plugin does: with scalars (design D1), and vectors for the display.
 ///

@@ -20,8 +20,8 @@ pub(super) struct Lu {
 }
 
 impl Lu {
-    /// Factorises a square matrix, row by row. None where it is singular as far as rounding can
-    /// tell, or not finite.
+    /// Factorizes a square matrix, row by row. Returns `None` if it is singular within rounding or
+    /// not finite.
     pub fn new(mut rows: Vec<Vec<f64>>) -> Option<Self> {
         let n = rows.len();
         let mut order: Vec<usize> = (0..n).collect();

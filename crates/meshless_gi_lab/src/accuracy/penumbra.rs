@@ -90,14 +90,14 @@ pub fn penumbra_samples(
 ) -> Vec<PenumbraSample> {
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(mesh, &viewpoints, 0..paths, 0xfeed, false).candidates;
-    let lamp = SoftLight::from_light(light, 1).unwrap_or_default();
+    let soft_light = SoftLight::from_light(light, 1).unwrap_or_default();
     let extent = extent(scene);
     landed
         .par_iter()
         .enumerate()
         .filter_map(|(i, c)| {
             let (x, n) = (c.surface.position, c.surface.normal);
-            let unshadowed = unshadowed(&lamp, x, n, extent);
+            let unshadowed = unshadowed(&soft_light, x, n, extent);
             (unshadowed > MIN).then(|| PenumbraSample {
                 x,
                 n,

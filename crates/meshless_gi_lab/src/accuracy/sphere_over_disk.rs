@@ -418,7 +418,7 @@ impl Solution {
 
     /// The vector irradiance of the reflected light at `x`, W/m²: what arrives over the hemisphere
     /// of the place's own normal. On the disk, whose places all face up, only the part that faces
-    /// up is told.
+    /// up is returned.
     #[must_use]
     pub fn vector(&self, x: Vec3) -> DVec3 {
         match self.scene.site(x) {

@@ -1,4 +1,4 @@
-//! Do two estimates agree? A two-sided test that knows the noise of both, for irradiances at many
+//! Test if two estimates agree. It is two-sided and uses the noise of both, for irradiances at many
 //! places.
 //!
 //! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three
@@ -128,7 +128,7 @@ impl Pair {
         exact || !self.variances.iter().any(|v| v.sqrt() > most) && !self.lacks_light()
     }
 
-    /// One estimate found light, the other none and claims to know so.
+    /// One estimate is positive, and the other is zero without variance.
     fn lacks_light(&self) -> bool {
         (0..2).any(|k| self.values[k] == 0.0 && self.variances[k] == 0.0) && self.size() > 0.0
     }

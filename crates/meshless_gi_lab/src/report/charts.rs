@@ -130,7 +130,7 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
                 .map(|(i, r)| Mark {
                     x: cost(r),
                     y: r.nrmse,
-                    // The presets are what people know.
+                    // Users choose among the presets.
                     label: match front.contains(&i) || r.settings.factor == Factor::Preset {
                         true => r.settings.name.clone(),
                         false => String::new(),

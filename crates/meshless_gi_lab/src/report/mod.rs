@@ -4,7 +4,7 @@
 //! [`sweep`] computes the reference once, then bakes a baseline and its variants, one factor at a
 //! time, and measures each: seconds of the bake, milliseconds of a frame on the CPU, bytes, links,
 //! errors. [`figures`] draws errors against each cost with their Pareto fronts, `markdown` says
-//! what to choose. A row knows its settings and its measurements and nothing of other rows: what is
+//! what to choose. A row has its settings and its measurements and nothing of other rows: what is
 //! swept is the list in `variant.rs`.
 
 mod charts;

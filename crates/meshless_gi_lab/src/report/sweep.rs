@@ -172,7 +172,7 @@ impl Last {
     }
 }
 
-/// Sweeps `level`. `watch` hears of each step before it begins, and gets the progress of its bake.
+/// Sweeps `level`. `watch` is called before each step, with the progress of its bake.
 ///
 /// # Errors
 /// See [`ReportError`].

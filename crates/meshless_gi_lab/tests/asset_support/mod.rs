@@ -74,7 +74,7 @@ pub struct Make {
     pub live: bool,
     /// Doors.
     pub occluded: bool,
-    /// Points remember what they see.
+    /// Points have visibility data.
     pub remembers: bool,
 }
 

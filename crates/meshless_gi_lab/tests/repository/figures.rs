@@ -226,7 +226,8 @@ fn comments_fit_in_100_columns() {
     );
 }
 
-/// Figures of the last version that was a single package, counted by the same code.
+/// Figures of the last version that was a single package, counted by the same code. Its public
+/// items were counted by hand.
 const BEFORE: &str = "before: 67410 lines in src, 4632 in shaders, 8644 in examples; longest file \
     687 lines (src/bake/mod.rs); longest function 339 lines (composite); 2040 comments over 100 \
     columns; about 800 public items";

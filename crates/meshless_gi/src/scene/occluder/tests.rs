@@ -33,7 +33,7 @@ fn split_occluders_takes_node_with_descendants() {
     );
     assert!(held[0].triangles.is_empty());
     assert_eq!(held[1].triangles, [tile(1.0), tile(2.0)]);
-    // What is left still knows its nodes; joined with another, too.
+    // The remaining mesh keeps its nodes, also after it is joined with another.
     let (none, held) = rest.split_occluders(&["back"]);
     assert_eq!((none.len(), held[0].triangles.len()), (1, 1));
     let (rest, held) =

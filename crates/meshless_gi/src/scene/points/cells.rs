@@ -29,8 +29,8 @@ use rayon::prelude::*;
 
 /// Neighbors that may bound a cell.
 const NEIGHBORS: usize = 24;
-/// Neighbors that may bound a cell that those leave open: a hole in a random sample is told from a
-/// border by what lies behind it.
+/// Neighbors that may bound a cell that those leave open. Points behind it distinguish a hole in a
+/// random sample from a border.
 const MORE_NEIGHBORS: usize = 96;
 /// Size of such a cell, relative to the distance of the farthest of those neighbors (5.5 spacings):
 /// cells at a border close too, but farther away.

@@ -11,7 +11,7 @@
 //! planes across creases, which lie between both surfaces and would round every corner of a room,
 //! are replaced by that of a neighbor that fits its own surroundings, if the point lies in it.
 //!
-//! Which of its two sides a part (connected through neighbors) shows is not in the data. A part is
+//! The data does not contain the visible side of a part (connected through neighbors). A part is
 //! turned outwards: the sum of (x − center)·n over its points, times three its volume, is positive.
 //! A part that lies around the points of other parts faces them. Where viewpoints are given, a part
 //! that surrounds it faces it.

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// points that see each other.
 ///
 /// # Panics
-/// Where there is not one radiosity a point, or a receiver is no point.
+/// Error if there is not one radiosity per point, or a receiver is no point.
 #[must_use]
 pub fn direct(
     points: &[FmmPoint],

@@ -1,4 +1,4 @@
-//! Do all points of two nodes look at each other? \[G08\]'s expansions know no max(0, ·): a pair
+//! Test if all points of two nodes face each other. \[G08\]'s expansions have no max(0, ·): a pair
 //! that looks away from each other would count, negative where one of the two does and even
 //! positive where both do.
 //!
@@ -27,8 +27,8 @@ pub enum Facing {
     Mixed,
 }
 
-/// True where no light goes between the nodes, as far as their boxes tell: cheap, and may miss
-/// some.
+/// Returns `true` if the boxes show that no light passes between the nodes. It is cheap, and may
+/// miss some.
 #[must_use]
 pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
     let reach = a.center.distance(b.center) + a.radius + b.radius;
@@ -62,7 +62,7 @@ pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
 /// True where light goes from at least one point of leaf `b` to one of leaf `a`.
 #[must_use]
 pub fn any_light(tree: &Tree, a: usize, b: usize) -> bool {
-    // Most pairs of which none sees the other are told by a plane; the rest needs all pairs.
+    // A plane separates most pairs that do not face each other. The rest needs all pairs.
     if facing(tree, a, b, 0.0) == Facing::Away {
         return false;
     }

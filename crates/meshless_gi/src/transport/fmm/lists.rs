@@ -262,7 +262,7 @@ impl Search<'_> {
         }
     }
 
-    /// The cheapest list that may take the pair, as far as distances tell.
+    /// Cheapest list that may take the pair by its distances.
     fn cheapest(&self, nt: &TreeNode, ns: &TreeNode, distance: f64) -> Option<Kind> {
         let limit = f64::from(self.settings.separation);
         let (lt, ls) = (f64::from(nt.receivers), f64::from(ns.sources));

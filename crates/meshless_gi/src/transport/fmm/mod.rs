@@ -16,7 +16,7 @@
 //! | `operator` | the octree as a bake stores it |
 //! | [`direct()`] | the sum over all pairs that it stands in for |
 //!
-//! Where this leaves \[G08\]: Cartesian terms (the same space, tested degree by degree); one vector
+//! Deviations from \[G08\]: Cartesian terms (the same space, tested degree by degree); one vector
 //! a term for source and receiver matrices; nodes that face one way, so that the kernel's max(0, ·)
 //! is kept; lists by division of pairs; visibility as a part between nodes, by rays; colors
 //! together.

@@ -49,7 +49,7 @@ impl Fmm {
     /// Builds the tree and the lists; with a geometry what is hidden does not shine.
     ///
     /// # Errors
-    /// Where a setting is out of its range, or a value of a point is none that a surface has.
+    /// Error if a setting is out of its range, or a value of a point is not physical.
     pub fn new(
         points: &[FmmPoint],
         settings: &FmmSettings,
@@ -137,7 +137,7 @@ impl Fmm {
     /// points), and how long it took.
     ///
     /// # Errors
-    /// Where there is not one radiosity a point, or one is negative or not finite.
+    /// Error if there is not one radiosity per point, or one is negative or not finite.
     pub fn irradiance(&self, radiosity: &[Vec3]) -> Result<(Vec<Vec3>, PassTimes), FmmError> {
         self.check("radiosity", radiosity, f32::MAX)?;
         let field = Field::<f64>::new(
@@ -168,7 +168,7 @@ impl Fmm {
     /// 1\].
     ///
     /// # Errors
-    /// Where there is not one value of each a point, or one is out of its range.
+    /// Error if there is not one value of each per point, or one is out of its range.
     pub fn solve(
         &self,
         albedo: &[Vec3],

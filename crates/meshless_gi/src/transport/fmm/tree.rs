@@ -13,7 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Deepest division in space. A cell is then smaller than single precision tells apart over the
+/// Deepest division in space. Its cells are below the resolution of single precision over the
 /// scene.
 pub const DEEPEST: u32 = 21;
 /// Points nearer to each other than this count as one place, and exchange no light: six cells of
@@ -251,7 +251,7 @@ impl Tree {
             for &(at, stage) in &level {
                 self.divide_node(at as usize, stage, leaf, &mut below);
             }
-            // What a node knows of its points is the same whoever computes it.
+            // The sums of a node do not depend on the thread that computes them.
             let (points, first) = (&self.points, self.nodes.len());
             let made: Vec<_> = below
                 .par_iter()

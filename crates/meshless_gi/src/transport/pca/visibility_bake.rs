@@ -127,7 +127,7 @@ pub fn depths(
 }
 
 /// Bakes the visibility of `points`, positions in meters and unit normals. Returns it and the
-/// number of rays cast. `told` gets the completed part and returns false to cancel.
+/// number of rays cast. `on_progress` receives the completed part and returns false to cancel.
 ///
 /// The result does not depend on the number of threads.
 ///
@@ -138,7 +138,7 @@ pub fn bake_visibility(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],
     settings: &VisibilitySettings,
-    told: &(dyn Fn(f32) -> bool + Sync),
+    on_progress: &(dyn Fn(f32) -> bool + Sync),
 ) -> Result<(Visibility, u64), VisibilityError> {
     const LARGE: VisibilityError = VisibilityError::TooLarge {
         most: 4 * MAX_WORDS as u64,
@@ -160,7 +160,7 @@ pub fn bake_visibility(
         .into_par_iter()
         .map(|c| {
             let share = done.load(Ordering::Relaxed) as f32 / clusters.len() as f32;
-            if stop.load(Ordering::Relaxed) || !told(share) {
+            if stop.load(Ordering::Relaxed) || !on_progress(share) {
                 stop.store(true, Ordering::Relaxed);
                 return None;
             }
@@ -203,7 +203,7 @@ pub fn bake_visibility(
     }
     out.place().ok_or(LARGE)?;
     out.coefficients = pack(&coefficients).collect();
-    told(1.0);
+    on_progress(1.0);
     Ok((out, (points.len() * settings.grid.len()) as u64))
 }
 

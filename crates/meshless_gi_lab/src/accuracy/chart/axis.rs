@@ -62,7 +62,7 @@ impl Axis {
 /// measured reaches it, and differences stay finite.
 const MAX: f64 = 1e100;
 
-/// An axis that knows its data.
+/// An axis with the range of its data.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     scale: Scale,
@@ -222,7 +222,7 @@ fn power(k: f64, e: i32) -> f64 {
     format!("{k}e{e}").parse().unwrap_or(f64::NAN)
 }
 
-/// Decimals that tell the ticks of an axis apart.
+/// Number of decimals that distinguish the ticks of an axis.
 fn decimals(ticks: &[f64], format: Format) -> usize {
     let scale = if format == Format::Percent {
         100.0

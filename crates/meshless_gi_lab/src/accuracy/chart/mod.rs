@@ -3,7 +3,7 @@
 //!
 //! A chart is data; [`Chart::svg`] draws it. The same data gives the same text, with coordinates to
 //! a tenth of a pixel, so that charts in a repository differ by what was measured. Colors are those
-//! of Okabe and Ito, which people with any kind of color vision tell apart, and each series has its
+//! of Okabe and Ito, which are distinct with any kind of color vision, and each series has its
 //! own marker as well. What cannot be drawn (a number that is none, nothing or less on a
 //! logarithmic axis) is left out and counted below the chart.
 

@@ -11,7 +11,7 @@ const SIZE: (f64, f64) = (900.0, 560.0);
 const LEGEND: f64 = 190.0;
 /// The frame of the data: left, top, right, bottom.
 const FRAME: Area = Area(82.0, 72.0, SIZE.0 - LEGEND - 16.0, SIZE.1 - 74.0);
-/// Colors that people with any kind of color vision tell apart, after Okabe and Ito; their yellow
+/// Colors that are distinct with any kind of color vision, after Okabe and Ito; their yellow
 /// is too light on white.
 const COLORS: [&str; 7] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000",

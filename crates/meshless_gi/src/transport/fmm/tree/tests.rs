@@ -74,7 +74,7 @@ fn octree_coincident_points_share_leaf_and_zero_normals_are_skipped() {
     for p in &mut input[600..700] {
         p.normal = Vec3::ZERO;
     }
-    // A hair's breadth apart, at the origin where single precision could tell them apart.
+    // Points 1e-7 apart at the origin, where single precision distinguishes them.
     for (i, p) in input[700..800].iter_mut().enumerate() {
         (p.position, p.normal) = (Vec3::splat(i as f32 * 1e-12), Vec3::Z);
     }
