@@ -17,7 +17,7 @@ use meshless_gi::{
 
 const REFLECTIONS: u32 = 4;
 
-fn lamp() -> [Light; 1] {
+fn light_source() -> [Light; 1] {
     [Light::Rect {
         center: Vec3::new(0.1, 1.9, 0.0),
         u: Vec3::X * 0.2,
@@ -52,7 +52,7 @@ fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> ReferencePair {
             bounces: Some(REFLECTIONS),
             seed,
         };
-        irradiance_at_all(mesh, &lamp(), places, &settings)
+        irradiance_at_all(mesh, &light_source(), places, &settings)
     })
 }
 
@@ -72,7 +72,7 @@ fn baked(level: &TriangleMesh, recipe: &Recipe) -> BakedScene {
 
 fn indirect(scene: &BakedScene, level: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Vec<Vec3> {
     let level = std::slice::from_ref(level);
-    let evaluator = Evaluator::new(scene, level, &lamp(), Bounces::Count(REFLECTIONS));
+    let evaluator = Evaluator::new(scene, level, &light_source(), Bounces::Count(REFLECTIONS));
     let at = |(k, (x, n)): (usize, &(Vec3, Vec3))| {
         let e = evaluator.at(*x, *n, k as u64);
         e.indirect.unwrap_or_default()
@@ -215,7 +215,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
     assert_eq!(both.tiers(), tiers + 1);
     assert_eq!(both.info.tiers.len() as u32, tiers + 1);
     assert!(both.operator.links.len() > 1000);
-    let lights: Vec<FrameLight> = (lamp().iter())
+    let lights: Vec<FrameLight> = (light_source().iter())
         .flat_map(|l| FrameLight::expand(l, 4))
         .collect();
     let values = |scene: &BakedScene, tier: u32| {

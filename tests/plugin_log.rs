@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use support::app::{camera, headless_plugins, ready, run, target};
 use support::scenes::cornell;
-use support::stage::{indirect, spawn_baked, spawn_lamp, view};
+use support::stage::{indirect, spawn_baked, spawn_light_source, view};
 
 /// Lines of the crate, of all levels.
 #[derive(Clone, Default)]
@@ -95,8 +95,8 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
     let eye = (camera(&image, view()), indirect(), Name::new("Eye"));
     let eye = app.world_mut().spawn(eye).id();
     let place = Vec3::new(-0.3, 1.5, 0.3);
-    let first = spawn_lamp(&mut app, place);
-    let second = spawn_lamp(&mut app, place - 6.0 * Vec3::Z);
+    let first = spawn_light_source(&mut app, place);
+    let second = spawn_light_source(&mut app, place - 6.0 * Vec3::Z);
     move_lights(&mut app, [first, second], 40);
 
     let info = lines.at(Level::INFO);

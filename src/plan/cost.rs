@@ -141,7 +141,7 @@ impl fmt::Display for Work {
             Self::Rays(n) => write!(f, "{n} rays"),
             Self::Pixels(n) => write!(f, "{n} pixels"),
             Self::Passages(n) => write!(f, "{n} parts of links"),
-            Self::Sights(n) => write!(f, "{n} sights of lamps"),
+            Self::Sights(n) => write!(f, "{n} sights of lights"),
             Self::Voxels(n) => write!(f, "{n} voxels"),
         }
     }

@@ -115,7 +115,7 @@ pub struct Inventory {
     /// Number of roots of baked scenes that moved.
     pub bakes_moved: u32,
     /// Number of dynamic objects that reflect light.
-    pub bouncers: u32,
+    pub reflectors: u32,
     /// Number of lights that request a bounce off dynamic objects.
     pub bouncing_lights: u32,
     /// Numbers of cameras.
@@ -216,7 +216,7 @@ impl fmt::Display for Inventory {
                 "changed",
             ),
             (self.doors, "door", self.doors_moved, "moved"),
-            (self.bouncers, "thing to bounce light", 0, ""),
+            (self.reflectors, "thing to bounce light", 0, ""),
             (self.bouncing_lights, "light asks for that bounce", 0, ""),
             (self.normal_maps, "material with a normal map", 0, ""),
             (self.fogs, "fog volume", 0, ""),

@@ -44,7 +44,7 @@ pub struct WorldSnapshot<'a, K> {
     /// Numbers of cameras.
     pub cameras: Cameras,
     /// Number of dynamic objects that reflect light.
-    pub bouncers: u32,
+    pub reflectors: u32,
     /// Number of lights that request a bounce off dynamic objects.
     pub bouncing_lights: u32,
     /// Number of materials with a normal map.
@@ -278,7 +278,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     pub fn survey(&mut self, found: &WorldSnapshot<'_, K>) -> Inventory {
         let mut out = Inventory {
             bakes: found.scenes.len() as u32,
-            bouncers: found.bouncers,
+            reflectors: found.reflectors,
             bouncing_lights: found.bouncing_lights,
             cameras: found.cameras,
             normal_maps: found.normal_maps,

@@ -71,14 +71,14 @@ pub struct MapView {
 /// [`SkipReason::NothingMoves`], [`SkipReason::OutOfReach`], [`SkipReason::NoMaps`].
 pub fn map_views(
     light: &FrameLight,
-    bouncers: &[Bounds],
+    reflectors: &[Bounds],
     resolution: u32,
 ) -> Result<Vec<MapView>, SkipReason> {
     if light.kind == FrameLight::NONE || light.color.iter().all(|c| *c <= 0.0) {
         return Err(SkipReason::LightDark);
     }
     let real = |b: &&Bounds| b.min.is_finite() && b.max.is_finite() && b.min.cmple(b.max).all();
-    let moving: Vec<Bounds> = bouncers.iter().filter(real).copied().collect();
+    let moving: Vec<Bounds> = reflectors.iter().filter(real).copied().collect();
     if moving.is_empty() {
         return Err(SkipReason::NothingMoves);
     }

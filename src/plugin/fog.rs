@@ -171,7 +171,7 @@ pub(crate) fn extract_fogs(
     volumes: Extract<Query<&ChildOf, With<Voxels>>>,
     roots: Extract<Query<&GiVolumetricFog>>,
     fogs: Extract<Query<(&FogVolume, &GlobalTransform)>>,
-    lamps: Extract<Query<(), With<VolumetricLight>>>,
+    light_sources: Extract<Query<(), With<VolumetricLight>>>,
     cameras: Extract<FogCameras>,
 ) {
     let ExtractedFogs {
@@ -180,7 +180,7 @@ pub(crate) fn extract_fogs(
     } = &mut *out;
     levels.clear();
     views.clear();
-    if volumes.is_empty() || fogs.is_empty() || lamps.is_empty() {
+    if volumes.is_empty() || fogs.is_empty() || light_sources.is_empty() {
         return;
     }
     let mut at = Vec::new();
@@ -260,11 +260,11 @@ pub(crate) fn check_fog(
     lit: Query<&GiVolumetricFog>,
     volumes: Query<(), With<Voxels>>,
     fogs: Query<(), With<FogVolume>>,
-    lamps: Query<(), With<VolumetricLight>>,
+    light_sources: Query<(), With<VolumetricLight>>,
     cameras: Query<(&Camera, &VolumetricFog, DisplayParts), Without<GiRsmCamera>>,
     mut findings: ResMut<GiWarnings>,
 ) {
-    let there = !volumes.is_empty() && !fogs.is_empty() && !lamps.is_empty();
+    let there = !volumes.is_empty() && !fogs.is_empty() && !light_sources.is_empty();
     let shines = |(camera, fog, parts): (&Camera, &VolumetricFog, _)| {
         let ambient = fog.ambient_intensity > 0.0 && rgb(fog.ambient_color) != Vec3::ZERO;
         ambient && shown(camera, parts).is_some()

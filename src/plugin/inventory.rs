@@ -91,7 +91,7 @@ pub(crate) fn take_inventory(
     cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<GiRsmCamera>)>>,
     asking: Extract<Res<AskingLights>>,
     maps: Extract<Res<NormalMaps>>,
-    (bouncers, fogs): (
+    (reflectors, fogs): (
         Extract<Query<(), With<GiReflector>>>,
         Extract<Query<(), With<FogVolume>>>,
     ),
@@ -136,7 +136,7 @@ pub(crate) fn take_inventory(
             })
             .collect(),
         cameras: counted,
-        bouncers: bouncers.iter().count() as u32,
+        reflectors: reflectors.iter().count() as u32,
         bouncing_lights: asking.lights.len() as u32,
         normal_maps: maps.0.len() as u32,
         fogs: fogs.iter().count() as u32,

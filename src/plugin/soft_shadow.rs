@@ -139,7 +139,7 @@ fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
 )]
 pub(crate) fn check_soft(
     settings: Res<GiSettings>,
-    lamps: Query<
+    light_sources: Query<
         (
             Option<&PointLight>,
             Has<RectLight>,
@@ -153,11 +153,11 @@ pub(crate) fn check_soft(
     assets: Option<Res<Assets<GiBakedScene>>>,
     mut findings: ResMut<GiWarnings>,
 ) {
-    if !settings.warn_double_counting || lamps.is_empty() {
+    if !settings.warn_double_counting || light_sources.is_empty() {
         return;
     }
     let mut found = Vec::new();
-    for (point, rect, spot, directional) in &lamps {
+    for (point, rect, spot, directional) in &light_sources {
         if spot || directional || (point.is_none() && !rect) {
             found.push(GiWarning::SoftShadowKind);
         }
@@ -165,7 +165,7 @@ pub(crate) fn check_soft(
             found.push(GiWarning::SoftShadowTwice);
         }
     }
-    if lamps.iter().any(|(_, rect, ..)| rect)
+    if light_sources.iter().any(|(_, rect, ..)| rect)
         && rects.iter().filter(|v| v.get()).count() > MAX_RECT_LIGHTS
     {
         found.push(GiWarning::SoftShadowCount);

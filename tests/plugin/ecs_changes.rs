@@ -5,8 +5,8 @@ use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, ta
 use crate::support::flip::flip;
 use crate::support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
-    spawn_lamp, spawn_room, view, work,
+    CANDELA, MAX, assert_alike, bevy_light, counters, indirect, light_source, room_and_camera,
+    settings, spawn_light_source, spawn_room, view, work,
 };
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::RenderLayers;
@@ -36,12 +36,12 @@ fn initially_dark_lights_light_up_when_switched_on() {
         Vec3::new(0.5, 1.5, 0.3),
         Vec3::new(0.0, 1.0, 0.7),
     ];
-    let hidden = spawn_lamp(&mut app, places[0]);
+    let hidden = spawn_light_source(&mut app, places[0]);
     app.world_mut()
         .entity_mut(hidden)
         .insert(Visibility::Hidden);
-    let dim = spawn_lamp(&mut app, places[1]);
-    let lumens = bevy_lamp().intensity;
+    let dim = spawn_light_source(&mut app, places[1]);
+    let lumens = bevy_light().intensity;
     let set = |app: &mut App, lumens| {
         app.world_mut()
             .get_mut::<PointLight>(dim)
@@ -49,27 +49,29 @@ fn initially_dark_lights_light_up_when_switched_on() {
             .intensity = lumens;
     };
     set(&mut app, 0.0);
-    let far = spawn_lamp(&mut app, Vec3::new(0.0, 900.0, 0.0));
+    let far = spawn_light_source(&mut app, Vec3::new(0.0, 900.0, 0.0));
     run(&mut app, 3);
-    assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lamps are dark");
+    assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lights are dark");
 
-    for (i, lamp) in [hidden, dim, far].into_iter().enumerate() {
+    for (i, light_source) in [hidden, dim, far].into_iter().enumerate() {
         match i {
             0 => {
-                app.world_mut().entity_mut(lamp).insert(Visibility::Visible);
+                app.world_mut()
+                    .entity_mut(light_source)
+                    .insert(Visibility::Visible);
             }
             1 => set(&mut app, lumens),
             _ => {
-                let mut at = app.world_mut().get_mut::<Transform>(lamp).unwrap();
+                let mut at = app.world_mut().get_mut::<Transform>(light_source).unwrap();
                 at.translation = places[2];
             }
         }
         run(&mut app, 1);
         let c = counters(&app);
-        assert_eq!(c.projected_slots, 1, "lamp {i}: {}", c.plan);
+        assert_eq!(c.projected_slots, 1, "light {i}: {}", c.plan);
         let lit: Vec<Light> = places[..=i]
             .iter()
-            .map(|p| crate::support::stage::lamp(*p))
+            .map(|p| crate::support::stage::light_source(*p))
             .collect();
         assert_alike(
             &format!("switched_{i}"),
@@ -90,16 +92,16 @@ fn eighty_lights_plus_forty_grow_slots() {
     let some = |app: &mut App, range: std::ops::Range<usize>| {
         range
             .map(|i| {
-                let lamp = PointLight {
-                    intensity: bevy_lamp().intensity / 20.0,
-                    ..bevy_lamp()
+                let light_source = PointLight {
+                    intensity: bevy_light().intensity / 20.0,
+                    ..bevy_light()
                 };
                 let at = Transform::from_translation(place(i));
-                app.world_mut().spawn((lamp, at)).id()
+                app.world_mut().spawn((light_source, at)).id()
             })
             .collect::<Vec<_>>()
     };
-    let lamps = some(&mut app, 0..80);
+    let light_sources = some(&mut app, 0..80);
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
@@ -121,26 +123,30 @@ fn eighty_lights_plus_forty_grow_slots() {
         range: 20.0,
     };
     let all: Vec<Light> = (0..120).map(|i| dim(place(i))).collect();
-    assert_alike("many_lamps", &cpu(&all), &picture(&mut app, &image));
+    assert_alike("many_lights", &cpu(&all), &picture(&mut app, &image));
 
     // One moves, and then all but three go.
     let bytes = counters(&app).bytes;
     let to = Vec3::new(0.0, 0.4, 0.6);
     app.world_mut()
-        .get_mut::<Transform>(lamps[7])
+        .get_mut::<Transform>(light_sources[7])
         .unwrap()
         .translation = to;
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!(c.projected_slots, 1, "{}", c.plan);
-    for lamp in lamps[10..].iter().chain(&more).chain(&lamps[..7]) {
-        app.world_mut().despawn(*lamp);
+    for light_source in light_sources[10..]
+        .iter()
+        .chain(&more)
+        .chain(&light_sources[..7])
+    {
+        app.world_mut().despawn(*light_source);
     }
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!((c.projected_slots, c.bytes), (0, bytes), "{}", c.plan);
     let left = [dim(to), dim(place(8)), dim(place(9))];
-    assert_alike("three_lamps", &cpu(&left), &picture(&mut app, &image));
+    assert_alike("three_lights", &cpu(&left), &picture(&mut app, &image));
 }
 
 #[test]
@@ -148,8 +154,8 @@ fn render_layers_select_cameras_and_lights() {
     let mut app = app();
     let (root, eye, image) = room_and_camera(&mut app);
     let places = [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)];
-    spawn_lamp(&mut app, places[0]);
-    let elsewhere = spawn_lamp(&mut app, places[1]);
+    spawn_light_source(&mut app, places[0]);
+    let elsewhere = spawn_light_source(&mut app, places[1]);
     app.world_mut()
         .entity_mut(elsewhere)
         .insert(RenderLayers::layer(3));
@@ -158,7 +164,7 @@ fn render_layers_select_cameras_and_lights() {
     assert_eq!(c.projected_slots, 1, "{}", c.plan);
     assert_alike(
         "one_layer",
-        &cpu(&[lamp(places[0])]),
+        &cpu(&[light_source(places[0])]),
         &picture(&mut app, &image),
     );
 
@@ -168,7 +174,7 @@ fn render_layers_select_cameras_and_lights() {
     assert_eq!(counters(&app).projected_slots, 1);
     assert_alike(
         "both_layers",
-        &cpu(&places.map(lamp)),
+        &cpu(&places.map(light_source)),
         &picture(&mut app, &image),
     );
 
@@ -194,8 +200,10 @@ fn root_rotating_with_lights_costs_nothing() {
     let mut app = app();
     let (root, ..) = room_and_camera(&mut app);
     for place in [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)] {
-        let lamp = spawn_lamp(&mut app, place);
-        app.world_mut().entity_mut(lamp).insert(ChildOf(root));
+        let light_source = spawn_light_source(&mut app, place);
+        app.world_mut()
+            .entity_mut(light_source)
+            .insert(ChildOf(root));
     }
     run(&mut app, 2);
     for i in 1..20 {
@@ -212,7 +220,7 @@ fn root_rotating_with_lights_costs_nothing() {
 fn hidden_or_removed_scene_frees_memory() {
     let mut app = app();
     let (root, eye, _) = room_and_camera(&mut app);
-    let lamp = spawn_lamp(&mut app, Vec3::new(0.0, 1.6, 0.3));
+    let light_source = spawn_light_source(&mut app, Vec3::new(0.0, 1.6, 0.3));
     app.world_mut()
         .resource_mut::<GiSettings>()
         .unload_after_frames = 3;
@@ -265,7 +273,7 @@ fn hidden_or_removed_scene_frees_memory() {
     run(&mut app, 5);
     let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
     assert!(back(&app).is_some());
-    app.world_mut().despawn(lamp);
+    app.world_mut().despawn(light_source);
     run(&mut app, 1);
     app.world_mut().despawn(root);
     run(&mut app, 1);
@@ -279,9 +287,13 @@ fn resized_target_is_followed() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let place = Vec3::new(0.2, 1.5, 0.4);
-    spawn_lamp(&mut app, place);
+    spawn_light_source(&mut app, place);
     run(&mut app, 3);
-    assert_alike("before", &cpu(&[lamp(place)]), &picture(&mut app, &image));
+    assert_alike(
+        "before",
+        &cpu(&[light_source(place)]),
+        &picture(&mut app, &image),
+    );
     let bytes = counters(&app).bytes;
     let (room, bake) = cornell();
     for [w, h] in [[96, 128], [160, 64]] {
@@ -295,7 +307,7 @@ fn resized_target_is_followed() {
             &bake,
             Transform::IDENTITY,
             view(),
-            &[lamp(place)],
+            &[light_source(place)],
             &settings(),
             [w, h],
         );
@@ -334,7 +346,7 @@ fn normal_maps_and_base_color_textures_are_used() {
     let (room, bake) = cornell();
     let (_, _, image) = room_and_camera(&mut app);
     let place = Vec3::new(0.2, 1.5, 0.4);
-    spawn_lamp(&mut app, place);
+    spawn_light_source(&mut app, place);
 
     let (bump, tint) = ([204, 128, 229, 255], [255, 128, 200, 255]);
     let normal_map = texel(&mut app, bump, TextureFormat::Rgba8Unorm);
@@ -366,7 +378,7 @@ fn normal_maps_and_base_color_textures_are_used() {
             &room,
             &bake,
             [Transform::IDENTITY, view()],
-            &[lamp(place)],
+            &[light_source(place)],
             &settings(),
             [WIDTH, HEIGHT],
             |quad, mut surface| {
@@ -394,7 +406,7 @@ fn indirect_light_precedes_transparency_and_tonemapping() {
     let mut app = app();
     let (_, eye, image) = room_and_camera(&mut app);
     let place = Vec3::new(0.2, 1.5, 0.4);
-    spawn_lamp(&mut app, place);
+    spawn_light_source(&mut app, place);
     // A pane of tinted glass in front of the camera.
     let (alpha, tint) = (0.4, [0.05, 0.1, 0.3]);
     let mesh = app
@@ -414,7 +426,7 @@ fn indirect_light_precedes_transparency_and_tonemapping() {
     app.world_mut()
         .spawn((Mesh3d(mesh), MeshMaterial3d(glass), pane));
     run(&mut app, 4);
-    let bare = cpu(&[lamp(place)]);
+    let bare = cpu(&[light_source(place)]);
     let mut through = bare.clone();
     for pixel in &mut through.pixels {
         for (value, tint) in pixel.iter_mut().zip(tint) {
@@ -486,17 +498,17 @@ fn sky_emission_and_bounce_changes_skip_projection() {
         illuminance: 900.0,
         ..default()
     };
-    let both = app.world_mut().spawn((bevy_lamp(), sun, place)).id();
+    let both = app.world_mut().spawn((bevy_light(), sun, place)).id();
     run(&mut app, 1);
     assert_eq!(counters(&app).projected_slots, 2);
     let lights = [
-        lamp(place.translation),
+        light_source(place.translation),
         Light::Directional {
             direction: place.forward().as_vec3(),
             irradiance: Vec3::splat(900.0),
         },
     ];
-    assert_alike("two_lamps", &cpu(&lights), &picture(&mut app, &image));
+    assert_alike("two_lights", &cpu(&lights), &picture(&mut app, &image));
     app.world_mut()
         .entity_mut(both)
         .remove::<DirectionalLight>();

@@ -14,7 +14,9 @@ use crate::support::bakes::{
 use crate::support::glb::glb;
 use crate::support::log::warnings;
 use crate::support::scenes::{Room, cpu_indirect};
-use crate::support::stage::{assert_alike, bevy_lamp, indirect, keep, lamp, settings, view};
+use crate::support::stage::{
+    assert_alike, bevy_light, indirect, keep, light_source, settings, view,
+};
 use bevy::asset::{AssetPlugin, RenderAssetUsages};
 use bevy::image::Image;
 use bevy::mesh::skinning::SkinnedMesh;
@@ -103,9 +105,9 @@ fn entity_bake_picture_matches_cpu() {
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
     let place = Vec3::new(0.1, 1.5, 0.4);
     let at = Transform::from_translation(place);
-    app.world_mut().spawn((bevy_lamp(), at));
+    app.world_mut().spawn((bevy_light(), at));
     run(&mut app, 3);
-    let light = [lamp(place)];
+    let light = [light_source(place)];
     let still = Transform::IDENTITY;
     let cpu = cpu_indirect(&room, &scene, still, view(), &light, &settings());
     assert_alike("entity_bake", &cpu, &picture(&mut app, &image));

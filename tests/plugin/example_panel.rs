@@ -3,7 +3,7 @@
 
 use crate::common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
 use crate::support::app::{headless_plugins, ready, run};
-use crate::support::stage::{lit_room, spawn_lamp};
+use crate::support::stage::{lit_room, spawn_light_source};
 use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
@@ -32,9 +32,9 @@ fn app_with_panel() -> (App, Entity, Entity, Entity) {
     .add_observer(|event: On<BakeAgain>, mut asked: ResMut<Asked>| asked.0.push(event.0));
     assert!(app.is_plugin_added::<DiagnosticsPlugin>());
     ready(&mut app);
-    let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
+    let (root, eye, _, light_source) = lit_room(&mut app, PLACE);
     run(&mut app, 4);
-    (app, root, eye, lamp)
+    (app, root, eye, light_source)
 }
 
 fn find(app: &mut App, control: Control) -> Option<(Entity, bool)> {
@@ -61,14 +61,14 @@ fn press(app: &mut App, control: Control) {
 
 #[test]
 fn panel_pressed_controls_change_components() {
-    let (mut app, root, eye, lamp) = app_with_panel();
+    let (mut app, root, eye, light_source) = app_with_panel();
     let tier = GiQuality::Tier(1);
     for control in [
         Control::View(GiDebugView::Irradiance),
         Control::Bounces(GiBounceCount::Fixed(3)),
         Control::Quality(tier),
         Control::Full(false),
-        Control::Light(lamp),
+        Control::Light(light_source),
         Control::Preset(Preset::High),
         Control::BakeAgain,
     ] {
@@ -82,21 +82,21 @@ fn panel_pressed_controls_change_components() {
     assert_eq!(*world.get::<GiQuality>(root).unwrap(), tier);
     let display = *world.get::<GiSplatting>(eye).unwrap();
     assert_eq!(display, GiSplatting::default());
-    assert!(!world.get::<GiLight>(lamp).unwrap().enabled);
+    assert!(!world.get::<GiLight>(light_source).unwrap().enabled);
     assert_eq!(world.resource::<Asked>().0, [Preset::High]);
-    press(&mut app, Control::Light(lamp));
-    assert!(app.world().get::<GiLight>(lamp).unwrap().enabled);
+    press(&mut app, Control::Light(light_source));
+    assert!(app.world().get::<GiLight>(light_source).unwrap().enabled);
 }
 
 #[test]
 fn panel_marks_follow_component_changes() {
-    let (mut app, root, eye, lamp) = app_with_panel();
+    let (mut app, root, eye, light_source) = app_with_panel();
     let marked = |app: &mut App, control| find(app, control).expect("a control").1;
     // The tests' cameras show every pixel, and indirect light alone.
     assert!(marked(&mut app, Control::Full(true)));
     assert!(marked(&mut app, Control::View(GiDebugView::IndirectOnly)));
     assert!(!marked(&mut app, Control::View(GiDebugView::Final)));
-    assert!(marked(&mut app, Control::Light(lamp)));
+    assert!(marked(&mut app, Control::Light(light_source)));
     let world = app.world_mut();
     world.get_mut::<GiCamera>(eye).unwrap().debug_view = GiDebugView::Final;
     world.get_mut::<GiSolver>(root).unwrap().bounces = GiBounceCount::Auto;
@@ -104,12 +104,12 @@ fn panel_marks_follow_component_changes() {
         enabled: false,
         ..default()
     };
-    world.entity_mut(lamp).insert(off);
+    world.entity_mut(light_source).insert(off);
     run(&mut app, 2);
     assert!(marked(&mut app, Control::View(GiDebugView::Final)));
     assert!(!marked(&mut app, Control::View(GiDebugView::IndirectOnly)));
     assert!(marked(&mut app, Control::Bounces(GiBounceCount::Auto)));
-    assert!(!marked(&mut app, Control::Light(lamp)));
+    assert!(!marked(&mut app, Control::Light(light_source)));
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn panel_controls_follow_lights_and_key() {
     let tier = |n| Control::Quality(GiQuality::Tier(n));
     assert!(find(&mut app, tier(tiers)).is_some());
     assert!(find(&mut app, tier(tiers + 1)).is_none());
-    let second = spawn_lamp(&mut app, PLACE + Vec3::X);
+    let second = spawn_light_source(&mut app, PLACE + Vec3::X);
     assert!(find(&mut app, Control::Light(second)).is_none());
     run(&mut app, 2);
     assert!(find(&mut app, Control::Light(second)).is_some());

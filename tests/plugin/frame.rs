@@ -5,8 +5,8 @@ use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, keep, lamp, settings, spawn_room,
-    view, work,
+    CANDELA, MAX, assert_alike, bevy_light, counters, indirect, keep, light_source, settings,
+    spawn_room, view, work,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
@@ -26,7 +26,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
     let places = [Vec3::new(0.0, 1.7, 0.2), Vec3::new(-0.6, 0.5, 0.5)];
     let light = app
         .world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(places[0])))
+        .spawn((bevy_light(), Transform::from_translation(places[0])))
         .id();
     run(&mut app, 3);
 
@@ -35,7 +35,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[lamp(places[0])],
+        &[light_source(places[0])],
         &settings(),
     );
     assert_alike("still", &still, &picture(&mut app, &image));
@@ -60,10 +60,10 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[lamp(places[1])],
+        &[light_source(places[1])],
         &settings(),
     );
-    assert!(flip(&still, &moved) > MAX, "the lamp's move shows");
+    assert!(flip(&still, &moved) > MAX, "the light's move shows");
     assert_alike("moved", &moved, &picture(&mut app, &image));
 
     // The root moves, turns and grows.
@@ -79,7 +79,14 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         .unwrap()
         .translation = place;
     run(&mut app, 2);
-    let placed = cpu_indirect(&room, &bake, placed, view(), &[lamp(place)], &settings());
+    let placed = cpu_indirect(
+        &room,
+        &bake,
+        placed,
+        view(),
+        &[light_source(place)],
+        &settings(),
+    );
     assert!(flip(&moved, &placed) > MAX, "the root's move shows");
     assert_alike("placed", &placed, &picture(&mut app, &image));
 }
@@ -108,7 +115,7 @@ fn two_cameras_share_solve_and_show_equal_light() {
     }
     let place = Vec3::new(0.3, 1.5, 0.6);
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(place)));
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
@@ -121,7 +128,7 @@ fn two_cameras_share_solve_and_show_equal_light() {
     assert_eq!(counters(&app).dispatches_of(FrameStage::COMPOSITE), 2);
     let expected = views.map(|at| {
         let root = Transform::IDENTITY;
-        cpu_indirect(&room, &bake, root, at, &[lamp(place)], &settings())
+        cpu_indirect(&room, &bake, root, at, &[light_source(place)], &settings())
     });
     assert!(
         flip(&expected[0], &expected[1]) > MAX,
@@ -151,7 +158,7 @@ fn picture_is_sum_of_direct_and_indirect_light() {
     app.world_mut().spawn((
         PointLight {
             shadow_maps_enabled: true,
-            ..bevy_lamp()
+            ..bevy_light()
         },
         Transform::from_translation(place),
     ));
@@ -165,7 +172,7 @@ fn picture_is_sum_of_direct_and_indirect_light() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[lamp(place)],
+        &[light_source(place)],
         &settings(),
     );
     let sum = direct.plus(&indirect);
@@ -175,13 +182,13 @@ fn picture_is_sum_of_direct_and_indirect_light() {
 }
 
 /// Eight lights around the room.
-fn eight_lamps(app: &mut App) -> Vec<Entity> {
+fn eight_lights(app: &mut App) -> Vec<Entity> {
     (0..8)
         .map(|i| {
             let turn = Quat::from_rotation_y(i as f32 * PI / 4.0);
             let place = turn * Vec3::new(0.7, 0.0, 0.0) + Vec3::new(0.0, 1.6, 0.0);
             app.world_mut()
-                .spawn((bevy_lamp(), Transform::from_translation(place)))
+                .spawn((bevy_light(), Transform::from_translation(place)))
                 .id()
         })
         .collect()
@@ -194,7 +201,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     let image = target(&mut app);
     app.world_mut()
         .spawn((camera(&image, view()), GiCamera::default()));
-    let lamps = eight_lamps(&mut app);
+    let light_sources = eight_lights(&mut app);
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
@@ -234,7 +241,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     }
 
     app.world_mut()
-        .get_mut::<Transform>(lamps[3])
+        .get_mut::<Transform>(light_sources[3])
         .unwrap()
         .translation
         .y = 1.2;
@@ -254,7 +261,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     // A color projects nothing; a light that is hidden goes dark, and comes back without being
     // projected.
     app.world_mut()
-        .get_mut::<PointLight>(lamps[0])
+        .get_mut::<PointLight>(light_sources[0])
         .unwrap()
         .color = Color::srgb(1.0, 0.2, 0.2);
     run(&mut app, 1);
@@ -269,7 +276,9 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
         colored.plan
     );
     for visibility in [Visibility::Hidden, Visibility::Inherited] {
-        app.world_mut().entity_mut(lamps[1]).insert(visibility);
+        app.world_mut()
+            .entity_mut(light_sources[1])
+            .insert(visibility);
         run(&mut app, 1);
         let c = counters(&app);
         assert_eq!(
@@ -281,8 +290,10 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     }
 
     // A root that moves with all its lights changes nothing in the bake's space.
-    for lamp in &lamps {
-        app.world_mut().entity_mut(*lamp).insert(ChildOf(root));
+    for light_source in &light_sources {
+        app.world_mut()
+            .entity_mut(*light_source)
+            .insert(ChildOf(root));
     }
     run(&mut app, 2);
     app.world_mut()
@@ -310,7 +321,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     assert!(value("meshless_gi/buffers") > 10.0 && value("meshless_gi/pipelines") > 5.0);
 
     // A light goes: the transport runs once more.
-    app.world_mut().despawn(lamps[7]);
+    app.world_mut().despawn(light_sources[7]);
     run(&mut app, 1);
     assert!(counters(&app).dispatches_of(FrameStage::APPLY) > 0);
     run(&mut app, 1);
@@ -332,7 +343,7 @@ fn app_without_scenes_has_no_gpu_resources() {
         assert_eq!(found, (0, 0, 0, 0, 0), "{why}: {}", c.plan);
     };
     let mut app = app();
-    eight_lamps(&mut app);
+    eight_lights(&mut app);
     let image = target(&mut app);
     let plain = app.world_mut().spawn(camera(&image, view())).id();
     run(&mut app, 2);
@@ -400,7 +411,7 @@ fn new_bake_replaces_old_in_next_frame() {
     app.world_mut().spawn((camera(&image, view()), indirect()));
     let place = Vec3::new(0.0, 1.6, 0.2);
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(place)));
     run(&mut app, 3);
     let old = picture(&mut app, &image);
 
@@ -440,7 +451,7 @@ fn new_bake_replaces_old_in_next_frame() {
         &darker,
         Transform::IDENTITY,
         view(),
-        &[lamp(place)],
+        &[light_source(place)],
         &settings(),
     );
     assert_alike("baked_again", &cpu, &new);
@@ -449,7 +460,7 @@ fn new_bake_replaces_old_in_next_frame() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[lamp(place)],
+        &[light_source(place)],
         &settings(),
     );
     assert_alike("baked_before", &before, &old);
@@ -524,7 +535,7 @@ fn white_wall_under_sky_matches_bevy_light() {
     for c in 0..3 {
         assert!(
             (bevys[c] / predicted - 1.0).abs() < 0.01,
-            "Bevy's lamp: {bevys:?}, predicted {predicted}"
+            "Bevy's light: {bevys:?}, predicted {predicted}"
         );
         assert!(
             (ours[c] / bevys[c] - 1.0).abs() < 0.02,
@@ -551,15 +562,15 @@ fn bevy_light_units_match_for_every_light_type() {
     let facing = Transform::from_translation(at).looking_at(Vec3::new(0.25, 0.0, 0.0), Vec3::Y);
     let (inner, outer) = (0.1, 0.5);
     type Spawn = Box<dyn Fn(&mut App) -> Entity>;
-    let lamps: [(Spawn, Light); 3] = [
+    let light_sources: [(Spawn, Light); 3] = [
         (
             Box::new(move |app| {
-                let lamp = PointLight {
+                let light_source = PointLight {
                     range: 2.0,
-                    ..bevy_lamp()
+                    ..bevy_light()
                 };
                 app.world_mut()
-                    .spawn((lamp, Transform::from_translation(at)))
+                    .spawn((light_source, Transform::from_translation(at)))
                     .id()
             }),
             Light::Point {
@@ -570,14 +581,14 @@ fn bevy_light_units_match_for_every_light_type() {
         ),
         (
             Box::new(move |app| {
-                let lamp = SpotLight {
+                let light_source = SpotLight {
                     intensity: CANDELA * 4.0 * PI,
                     range: 20.0,
                     inner_angle: inner,
                     outer_angle: outer,
                     ..default()
                 };
-                app.world_mut().spawn((lamp, facing)).id()
+                app.world_mut().spawn((light_source, facing)).id()
             }),
             Light::Spot {
                 position: at,
@@ -590,12 +601,15 @@ fn bevy_light_units_match_for_every_light_type() {
         ),
         (
             Box::new(|app| {
-                let lamp = DirectionalLight {
+                let light_source = DirectionalLight {
                     illuminance: 900.0,
                     ..default()
                 };
                 app.world_mut()
-                    .spawn((lamp, Transform::default().looking_to(Vec3::NEG_Z, Vec3::Y)))
+                    .spawn((
+                        light_source,
+                        Transform::default().looking_to(Vec3::NEG_Z, Vec3::Y),
+                    ))
                     .id()
             }),
             Light::Directional {
@@ -604,7 +618,7 @@ fn bevy_light_units_match_for_every_light_type() {
             },
         ),
     ];
-    for (spawn, light) in &lamps {
+    for (spawn, light) in &light_sources {
         let entity = spawn(&mut app);
         run(&mut app, 3);
         let bevys = middle(&picture(&mut app, &image));
@@ -664,7 +678,7 @@ fn two_baked_scenes_add_up_in_one_camera() {
     let places = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
     for place in places {
         app.world_mut()
-            .spawn((bevy_lamp(), Transform::from_translation(place)));
+            .spawn((bevy_light(), Transform::from_translation(place)));
     }
     run(&mut app, 1);
     let first = counters(&app);
@@ -685,8 +699,16 @@ fn two_baked_scenes_add_up_in_one_camera() {
         "{}",
         rest.plan
     );
-    let [left, right] =
-        roots.map(|root| cpu_indirect(&room, &bake, root, far, &places.map(lamp), &settings()));
+    let [left, right] = roots.map(|root| {
+        cpu_indirect(
+            &room,
+            &bake,
+            root,
+            far,
+            &places.map(light_source),
+            &settings(),
+        )
+    });
     assert_alike("two_scenes", &left.plus(&right), &picture(&mut app, &image));
 }
 
@@ -717,7 +739,7 @@ fn side_by_side_views_on_one_target_are_separate() {
     }
     let place = Vec3::new(0.2, 1.5, 0.4);
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(place)));
     run(&mut app, 3);
     let both = picture(&mut app, &image);
     for (i, at) in views.into_iter().enumerate() {
@@ -726,7 +748,7 @@ fn side_by_side_views_on_one_target_are_separate() {
             &bake,
             Transform::IDENTITY,
             at,
-            &[lamp(place)],
+            &[light_source(place)],
             &settings(),
             [half, HEIGHT],
         );
@@ -778,10 +800,13 @@ fn every_light_type_is_extracted_and_can_opt_out() {
         enabled: false,
         ..default()
     };
-    app.world_mut()
-        .spawn((bevy_lamp(), only_direct, Transform::from_xyz(0.0, 1.0, 0.5)));
     app.world_mut().spawn((
-        bevy_lamp(),
+        bevy_light(),
+        only_direct,
+        Transform::from_xyz(0.0, 1.0, 0.5),
+    ));
+    app.world_mut().spawn((
+        bevy_light(),
         Visibility::Hidden,
         Transform::from_xyz(0.0, 1.0, 0.5),
     ));
@@ -858,7 +883,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
         .spawn((camera(&image, view()), GiCamera::default()));
     let place = Vec3::new(0.2, 1.5, 0.4);
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(place)));
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
     let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
@@ -875,7 +900,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
     run(&mut app, 5);
     let values = back(&app).expect("they have arrived");
     let mut frame = CpuFrame::new(&bake);
-    frame.set_lights(&bake, &FrameLight::expand(&lamp(place), 1));
+    frame.set_lights(&bake, &FrameLight::expand(&light_source(place), 1));
     frame.solve(&bake, &settings());
     assert_eq!(values.len(), bake.points.len());
     let largest = values.iter().copied().fold(0.0, f32::max);

@@ -6,7 +6,7 @@ use crate::support::app::{app, camera, picture, run};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{cornell, cpu_indirect};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, lit_room, settings,
+    CANDELA, MAX, assert_alike, bevy_light, counters, indirect, light_source, lit_room, settings,
     spawn_room, view,
 };
 use bevy::camera::Hdr;
@@ -42,13 +42,13 @@ fn finite(p: &Picture, what: &str) {
 #[test]
 fn invalid_values_leave_no_trace() {
     let mut app = app();
-    let (root, _, image, lamp_entity) = stage(&mut app);
+    let (root, _, image, light_entity) = stage(&mut app);
     run(&mut app, 2);
-    let right = cpu(&[lamp(PLACE)]);
+    let right = cpu(&[light_source(PLACE)]);
     assert_alike("before", &right, &picture(&mut app, &image));
 
     type Set = fn(&mut PointLight, &mut Transform);
-    let lamps: [(&str, Set); 7] = [
+    let light_sources: [(&str, Set); 7] = [
         ("no range", |l, _| l.range = 0.0),
         ("a negative range", |l, _| l.range = -3.0),
         ("an endless range", |l, _| l.range = f32::MAX),
@@ -57,17 +57,17 @@ fn invalid_values_leave_no_trace() {
         ("no place", |_, t| t.translation.x = f32::NAN),
         ("an endless place", |_, t| t.translation.y = f32::INFINITY),
     ];
-    for (what, set) in lamps {
-        let (mut light, mut at) = (bevy_lamp(), Transform::from_translation(PLACE));
+    for (what, set) in light_sources {
+        let (mut light, mut at) = (bevy_light(), Transform::from_translation(PLACE));
         set(&mut light, &mut at);
-        app.world_mut().entity_mut(lamp_entity).insert((light, at));
+        app.world_mut().entity_mut(light_entity).insert((light, at));
         run(&mut app, 2);
         finite(&picture(&mut app, &image), what);
     }
-    let whole = (bevy_lamp(), Transform::from_translation(PLACE));
-    app.world_mut().entity_mut(lamp_entity).insert(whole);
+    let whole = (bevy_light(), Transform::from_translation(PLACE));
+    app.world_mut().entity_mut(light_entity).insert(whole);
     run(&mut app, 1);
-    assert_alike("after_lamps", &right, &picture(&mut app, &image));
+    assert_alike("after_lights", &right, &picture(&mut app, &image));
 
     // Lights that point nowhere; hidden, for Bevy's own renderer does not bear them in view.
     let nowhere = (Transform::from_scale(Vec3::ZERO), Visibility::Hidden);
@@ -120,7 +120,7 @@ fn root_with_invalid_transform_is_hidden_and_frees_memory() {
     app.world_mut().get_mut::<Transform>(root).unwrap().scale = Vec3::ONE;
     run(&mut app, 2);
     let again = picture(&mut app, &image);
-    assert_alike("placed_again", &cpu(&[lamp(PLACE)]), &again);
+    assert_alike("placed_again", &cpu(&[light_source(PLACE)]), &again);
 }
 
 #[test]
@@ -177,7 +177,11 @@ fn respawned_roots_and_cameras_render_again() {
             c.plan
         );
     }
-    assert_alike("at_last", &cpu(&[lamp(PLACE)]), &picture(&mut app, &image));
+    assert_alike(
+        "at_last",
+        &cpu(&[light_source(PLACE)]),
+        &picture(&mut app, &image),
+    );
 }
 
 #[test]
@@ -190,10 +194,10 @@ fn thousand_lights_then_none_frees_slots() {
         Vec3::new(0.16 * (x - 4.5), 1.0 + 0.09 * y, 0.7 * (z - 4.5) / 4.5)
     };
     let dim = PointLight {
-        intensity: bevy_lamp().intensity / 300.0,
-        ..bevy_lamp()
+        intensity: bevy_light().intensity / 300.0,
+        ..bevy_light()
     };
-    let lamps: Vec<Entity> = (0..1000)
+    let light_sources: Vec<Entity> = (0..1000)
         .map(|i| {
             let at = Transform::from_translation(place(i));
             app.world_mut().spawn((dim, at)).id()
@@ -215,12 +219,12 @@ fn thousand_lights_then_none_frees_slots() {
         })
         .collect();
     assert_alike("thousand", &cpu(&lights), &picture(&mut app, &image));
-    for lamp in lamps {
-        app.world_mut().despawn(lamp);
+    for light_source in light_sources {
+        app.world_mut().despawn(light_source);
     }
     run(&mut app, 1);
     assert!(counters(&app).dispatches_of(FrameStage::APPLY) > 0);
-    assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lamps are gone");
+    assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lights are gone");
 }
 
 #[test]
@@ -238,7 +242,11 @@ fn failed_asset_leaves_nothing_and_can_be_replaced() {
     assert_eq!((c.pipelines, c.buffers), (0, 0), "{}", c.plan);
     app.world_mut().entity_mut(root).insert(good);
     run(&mut app, 2);
-    assert_alike("replaced", &cpu(&[lamp(PLACE)]), &picture(&mut app, &image));
+    assert_alike(
+        "replaced",
+        &cpu(&[light_source(PLACE)]),
+        &picture(&mut app, &image),
+    );
 }
 
 #[test]
@@ -252,14 +260,14 @@ fn camera_that_regains_prepasses_renders_again() {
     app.world_mut().entity_mut(eye).insert(Hdr);
     run(&mut app, 3);
     let again = picture(&mut app, &image);
-    assert_alike("regained", &cpu(&[lamp(PLACE)]), &again);
+    assert_alike("regained", &cpu(&[light_source(PLACE)]), &again);
 
     // Several samples a pixel, under way: Bevy takes them back from a deferred camera.
     app.world_mut().entity_mut(eye).insert(Msaa::Sample4);
     run(&mut app, 3);
     assert_eq!(app.world().get::<Msaa>(eye), Some(&Msaa::Off));
     let again = picture(&mut app, &image);
-    assert_alike("one_sample_again", &cpu(&[lamp(PLACE)]), &again);
+    assert_alike("one_sample_again", &cpu(&[light_source(PLACE)]), &again);
 }
 
 #[test]
@@ -274,7 +282,7 @@ fn jittered_camera_reconstructs_surface_positions() {
     });
     run(&mut app, 3);
     let jittered = picture(&mut app, &image);
-    let still = cpu(&[lamp(PLACE)]);
+    let still = cpu(&[light_source(PLACE)]);
     let width = still.width - shift;
     let (left, right) = (still.columns(0, width), still.columns(shift, width));
     let moved_right = jittered.columns(shift, width);

@@ -5,7 +5,7 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Quad, Room, cpu_indirect};
 use crate::support::stage::{
-    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
+    MAX, assert_alike, bevy_light, counters, indirect, light_source, settings, view, work,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
@@ -63,7 +63,14 @@ fn lit_from(place: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     let surfaces = frame.surfaces(bake);
     now.surfaces[..surfaces.len()].copy_from_slice(surfaces);
     let placed = Transform::IDENTITY;
-    cpu_indirect(room, &now, placed, view(), &[lamp(place)], &settings())
+    cpu_indirect(
+        room,
+        &now,
+        placed,
+        view(),
+        &[light_source(place)],
+        &settings(),
+    )
 }
 
 /// A room with its bake, a light and a camera, a few frames old.
@@ -86,7 +93,7 @@ fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Han
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(place)));
     run(&mut app, 3);
     (app, image)
 }

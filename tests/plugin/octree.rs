@@ -5,7 +5,9 @@
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::scenes::{Room, cpu_indirect};
-use crate::support::stage::{assert_alike, counters, indirect, lamp, settings, spawn_lamp, view};
+use crate::support::stage::{
+    assert_alike, counters, indirect, light_source, settings, spawn_light_source, view,
+};
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::{FrameStage, TierCandidate};
 use bevy_meshless_gi::internals::plugin::SolveCostSource;
@@ -40,7 +42,7 @@ fn baked(order: u32) -> (Room, Arc<BakedScene>) {
 struct Stand {
     app: App,
     root: Entity,
-    lamp: Entity,
+    light_source: Entity,
     image: Handle<Image>,
 }
 
@@ -56,11 +58,11 @@ fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
     room.spawn(&mut app, root);
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
-    let lamp = spawn_lamp(&mut app, FROM);
+    let light_source = spawn_light_source(&mut app, FROM);
     Stand {
         app,
         root,
-        lamp,
+        light_source,
         image,
     }
 }
@@ -71,7 +73,10 @@ impl Stand {
         for k in 1..=frames {
             let place = FROM.lerp(TO, k as f32 / frames as f32);
             let world = self.app.world_mut();
-            world.get_mut::<Transform>(self.lamp).unwrap().translation = place;
+            world
+                .get_mut::<Transform>(self.light_source)
+                .unwrap()
+                .translation = place;
             run(&mut self.app, 1);
         }
     }
@@ -80,7 +85,7 @@ impl Stand {
     /// dispatched in it.
     fn solved(&self) -> (String, u32) {
         let c = counters(&self.app);
-        assert_eq!(c.solved.len(), 1, "the lamp moved: {}", c.plan);
+        assert_eq!(c.solved.len(), 1, "the light moved: {}", c.plan);
         (c.plan.to_string(), c.dispatches_of(FrameStage::APPLY))
     }
 }
@@ -94,7 +99,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let mut stand = stand(&room, &bake);
     let cpu = |tier| {
         let settings = FrameSettings { tier, ..settings() };
-        let lights = [lamp(TO)];
+        let lights = [light_source(TO)];
         cpu_indirect(
             &room,
             &bake,
@@ -175,7 +180,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
         tier: links,
         ..settings()
     };
-    let lights = [lamp(TO)];
+    let lights = [light_source(TO)];
     let cpu = cpu_indirect(
         &room,
         &bake,

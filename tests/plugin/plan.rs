@@ -5,8 +5,8 @@ use crate::support::app::{app, camera, headless_plugins, picture, ready, run, ta
 use crate::support::flip::flip;
 use crate::support::scenes::{Room, cornell, cpu_indirect};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, counters, indirect, lamp, lit_room, settings, spawn_baked,
-    spawn_lamp, view,
+    CANDELA, MAX, assert_alike, counters, indirect, light_source, lit_room, settings, spawn_baked,
+    spawn_light_source, view,
 };
 use bevy::light::RectLight;
 use bevy::prelude::*;
@@ -47,8 +47,8 @@ fn move_to(app: &mut App, entity: Entity, place: Vec3) {
 #[test]
 fn inventory_follows_world() {
     let mut app = app();
-    let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
-    let second = spawn_lamp(&mut app, -PLACE + 2.0 * Vec3::Y);
+    let (root, eye, _, light_source) = lit_room(&mut app, PLACE);
+    let second = spawn_light_source(&mut app, -PLACE + 2.0 * Vec3::Y);
     run(&mut app, 2);
     let found = inventory(&app);
     let points = found.lights_of(LightKind::Point);
@@ -64,7 +64,7 @@ fn inventory_follows_world() {
     assert_eq!(found.colors, ColorUniformity::Surfaces);
 
     // One moves and one changes its color, each for one frame.
-    move_to(&mut app, lamp, PLACE + 0.1 * Vec3::X);
+    move_to(&mut app, light_source, PLACE + 0.1 * Vec3::X);
     let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
     light.color = Color::linear_rgb(1.0, 0.5, 0.5);
     run(&mut app, 1);
@@ -76,7 +76,7 @@ fn inventory_follows_world() {
     // More objects: a panel with bounce, a reflector, a sky, a forward camera.
     app.world_mut().spawn(RectLight::default());
     app.world_mut()
-        .entity_mut(lamp)
+        .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
     app.world_mut().spawn(GiReflector);
     app.world_mut().spawn(Camera3d::default());
@@ -85,7 +85,7 @@ fn inventory_follows_world() {
     run(&mut app, 1);
     let found = inventory(&app);
     assert_eq!(found.lights_of(LightKind::Rect).all, 1);
-    assert_eq!((found.bouncers, found.bouncing_lights), (1, 1));
+    assert_eq!((found.reflectors, found.bouncing_lights), (1, 1));
     assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
     assert_eq!((found.cameras.sampled, found.cameras.forward), (1, 0));
 
@@ -116,7 +116,7 @@ fn inventory_follows_world() {
 #[test]
 fn costs_are_measured_and_predict_other_tier() {
     let mut app = app();
-    let (root, _, _, lamp) = lit_room(&mut app, PLACE);
+    let (root, _, _, light_source) = lit_room(&mut app, PLACE);
     run(&mut app, 1);
     let first = plan(&app);
     for stage in [
@@ -141,7 +141,7 @@ fn costs_are_measured_and_predict_other_tier() {
         1e-4 * links as f32
     })));
     for k in 0..6 {
-        move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
+        move_to(&mut app, light_source, PLACE + 0.01 * k as f32 * Vec3::X);
         run(&mut app, 1);
     }
     let seen = cost(&plan(&app), FrameStage::APPLY);
@@ -172,7 +172,7 @@ fn costs_are_measured_and_predict_other_tier() {
 #[test]
 fn forced_tier_changes_only_tier_decision() {
     let mut app = app();
-    let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
+    let (root, eye, _, light_source) = lit_room(&mut app, PLACE);
     run(&mut app, 2);
     let standing = |app: &App| {
         let mut found = plan(app).decisions();
@@ -205,7 +205,7 @@ fn forced_tier_changes_only_tier_decision() {
     assert!(matches!(differ[..], [DecisionKind::Tier(_)]), "{differ:?}");
     for k in 0..20 {
         if k % 3 != 0 {
-            move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
+            move_to(&mut app, light_source, PLACE + 0.01 * k as f32 * Vec3::X);
         }
         run(&mut app, 1);
         assert_eq!(standing(&app), forced, "frame {k}");
@@ -235,9 +235,9 @@ fn gpu_timings_reach_plan() {
     ready(&mut app);
     let clocked = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
     let features = app.world().resource::<RenderDevice>().features();
-    let (_, _, _, lamp) = lit_room(&mut app, PLACE);
+    let (_, _, _, light_source) = lit_room(&mut app, PLACE);
     for k in 0..8 {
-        move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
+        move_to(&mut app, light_source, PLACE + 0.01 * k as f32 * Vec3::X);
         run(&mut app, 1);
     }
     let found = plan(&app);
@@ -272,7 +272,7 @@ fn bounce_count_follows_surface_albedo() {
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
-    spawn_lamp(&mut app, PLACE);
+    spawn_light_source(&mut app, PLACE);
     let ask = |app: &mut App, bounces: GiBounceCount| {
         let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
         solver.bounces = bounces;
@@ -288,7 +288,7 @@ fn bounce_count_follows_surface_albedo() {
             sweeps: picked.bounces - 1,
             ..settings()
         };
-        let lights = [lamp(PLACE)];
+        let lights = [light_source(PLACE)];
         let cpu = cpu_indirect(
             &room,
             &bake,
@@ -314,7 +314,7 @@ fn bounce_count_follows_surface_albedo() {
         sweeps: 4 * many.bounces,
         ..settings()
     };
-    let lights = [lamp(PLACE)];
+    let lights = [light_source(PLACE)];
     let all = cpu_indirect(
         &room,
         &bake,
@@ -340,9 +340,9 @@ fn gray_room_uses_monochrome_until_colored_light() {
     let root = spawn_baked(&mut app, &gray, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
-    let lamp = spawn_lamp(&mut app, PLACE);
+    let light_source = spawn_light_source(&mut app, PLACE);
     let paint = |app: &mut App, [r, g, b]: [f32; 3]| {
-        let mut light = app.world_mut().get_mut::<PointLight>(lamp).unwrap();
+        let mut light = app.world_mut().get_mut::<PointLight>(light_source).unwrap();
         light.color = Color::linear_rgb(r, g, b);
     };
     let right = |colors: &[(Vec3, [f32; 3])]| {
@@ -385,7 +385,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
 
     // A second light in another color: three channels at once.
     let place = PLACE + 0.6 * Vec3::X;
-    let second = spawn_lamp(&mut app, place);
+    let second = spawn_light_source(&mut app, place);
     run(&mut app, 1);
     assert_eq!(channels(&app).channels, Channels::Three);
     let work = |app: &App| counters(app).dispatches_of(FrameStage::APPLY);
@@ -418,7 +418,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     ask(&mut app, GiColorMode::Rgb);
     assert_eq!(channels(&app).channels, Channels::Three);
     assert!(channels(&app).forced && work(&app) > 0);
-    spawn_lamp(&mut app, place);
+    spawn_light_source(&mut app, place);
     ask(&mut app, GiColorMode::Monochrome);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert!(channels(&app).forced && work(&app) > 0);

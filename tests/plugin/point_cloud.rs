@@ -4,7 +4,7 @@
 use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::Room;
-use crate::support::stage::{keep, spawn_lamp, view};
+use crate::support::stage::{keep, spawn_light_source, view};
 use bevy::camera::visibility::RenderLayers;
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
@@ -18,7 +18,7 @@ use meshless_gi::{
 };
 use std::path::Path;
 
-const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.0, 1.7, 0.4);
 
 fn room_mesh() -> TriangleMesh {
     let quads: Vec<Quad> = (Room::cornell().0.iter())
@@ -82,7 +82,7 @@ fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -
     let image = target(&mut app);
     app.world_mut()
         .spawn((camera(&image, view()), GiCamera::default()));
-    spawn_lamp(&mut app, LAMP);
+    spawn_light_source(&mut app, LIGHT_SOURCE);
     run(&mut app, 8);
     picture(&mut app, &image)
 }

@@ -4,7 +4,7 @@
 
 use crate::support::app::{app, headless_plugins, picture, ready, run};
 use crate::support::scenes::{cornell, cpu_indirect};
-use crate::support::stage::{assert_alike, counters, lamp, lit_room, settings, view};
+use crate::support::stage::{assert_alike, counters, light_source, lit_room, settings, view};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_meshless_gi::GiActiveTier;
@@ -19,18 +19,18 @@ use std::time::Duration;
 struct Stage {
     root: Entity,
     eye: Entity,
-    lamp: Entity,
+    light_source: Entity,
     image: Handle<Image>,
 }
 
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 
 fn stage(app: &mut App) -> Stage {
-    let (root, eye, image, lamp) = lit_room(app, PLACE);
+    let (root, eye, image, light_source) = lit_room(app, PLACE);
     Stage {
         root,
         eye,
-        lamp,
+        light_source,
         image,
     }
 }
@@ -53,7 +53,7 @@ fn requested_tier_matches_cpu() {
     let (room, bake) = cornell();
     let tiers = bake.operator.tiers();
     assert_eq!(tiers, 4);
-    let lights: [Light; 1] = [lamp(PLACE)];
+    let lights: [Light; 1] = [light_source(PLACE)];
     let mut seen = Vec::new();
     for n in [4, 1, 2] {
         ask(&mut app, &stage, GiQuality::Tier(n));
@@ -146,7 +146,10 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
             .map(|_| {
                 frame += 1;
                 let t = frame as f32 * 0.02;
-                let mut place = app.world_mut().get_mut::<Transform>(stage.lamp).unwrap();
+                let mut place = app
+                    .world_mut()
+                    .get_mut::<Transform>(stage.light_source)
+                    .unwrap();
                 place.translation = PLACE + Vec3::new(0.2 * t.sin(), 0.0, 0.1 * t.cos());
                 let mut eye = app.world_mut().get_mut::<Transform>(stage.eye).unwrap();
                 *eye = view() * Transform::from_xyz(0.05 * t.sin(), 0.0, 0.0);
@@ -155,7 +158,7 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
                     .solved
                     .values()
                     .next()
-                    .expect("the lamp moved");
+                    .expect("the light moved");
                 let work = choices[used as usize - 1].work as f32;
                 over +=
                     u32::from(load.load(Ordering::Relaxed) as f32 / 1000.0 * work / all > BUDGET);
@@ -214,7 +217,10 @@ fn gpu_timings_reach_tier_controller() {
         GiQuality::GpuBudget(Duration::from_nanos(1)),
     );
     for k in 0..60 {
-        let mut place = app.world_mut().get_mut::<Transform>(stage.lamp).unwrap();
+        let mut place = app
+            .world_mut()
+            .get_mut::<Transform>(stage.light_source)
+            .unwrap();
         place.translation.x = PLACE.x + 0.005 * k as f32;
         run(&mut app, 1);
     }

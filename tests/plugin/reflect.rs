@@ -3,7 +3,7 @@
 
 use crate::support::app::{app, camera, run, target};
 use crate::support::scenes::cornell;
-use crate::support::stage::{spawn_baked, spawn_lamp, view};
+use crate::support::stage::{spawn_baked, spawn_light_source, view};
 use bevy::ecs::reflect::{AppTypeRegistry, ReflectComponent, ReflectResource};
 use bevy::prelude::*;
 use bevy::reflect::std_traits::ReflectDefault;
@@ -167,7 +167,7 @@ fn full_world() -> App {
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     let eye = (camera(&image, view()), GiCamera::default());
-    let lamp = spawn_lamp(&mut app, Vec3::new(-0.3, 1.5, 0.3));
+    let light_source = spawn_light_source(&mut app, Vec3::new(-0.3, 1.5, 0.3));
     let ball = Mesh::from(Sphere::new(0.2));
     let ball = app.world_mut().resource_mut::<Assets<Mesh>>().add(ball);
     let baked = Mesh3d(ball.clone());
@@ -185,7 +185,7 @@ fn full_world() -> App {
         GiVolumetricFog::default(),
     ));
     world.spawn((eye, GiSpecular::default()));
-    world.entity_mut(lamp).insert((
+    world.entity_mut(light_source).insert((
         GiLight::default(),
         GiReflectiveShadowMap::default(),
         GiSoftShadow::default(),

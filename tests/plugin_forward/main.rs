@@ -7,7 +7,7 @@ mod support;
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::Room;
-use crate::support::stage::{counters, keep, spawn_baked, spawn_lamp, view};
+use crate::support::stage::{counters, keep, spawn_baked, spawn_light_source, view};
 use bevy::camera::{Hdr, Viewport};
 use bevy::pbr::ViewTransmissionTexture;
 use bevy::prelude::*;
@@ -17,7 +17,7 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
 use std::sync::{Arc, OnceLock};
 
-const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 /// The largest NRMSE between the indirect light of a forward display and of the deferred one: ten
 /// bits of normals instead of twelve, and halves.
 const MAX_ERROR: f32 = 0.012;
@@ -58,7 +58,7 @@ impl Scene {
         app.world_mut()
             .entity_mut(root)
             .insert(GiIrradianceVolume::default());
-        spawn_lamp(&mut app, LAMP);
+        spawn_light_source(&mut app, LIGHT_SOURCE);
         let image = target(&mut app);
         let mut eye = app.world_mut().spawn(camera(&image, view()));
         eye.insert(kind);
@@ -214,8 +214,8 @@ fn forward_camera_follows_light_and_viewport() {
             ..default()
         });
         let world = stage.app.world_mut();
-        let mut lamps = world.query_filtered::<&mut Transform, With<PointLight>>();
-        lamps.single_mut(world).unwrap().translation = Vec3::new(-0.5, 1.2, 0.6);
+        let mut light_sources = world.query_filtered::<&mut Transform, With<PointLight>>();
+        light_sources.single_mut(world).unwrap().translation = Vec3::new(-0.5, 1.2, 0.6);
     }
     let (expected, shown) = (expected.indirect(), shown.indirect());
     keep("forward_viewport", &expected.beside(&shown));

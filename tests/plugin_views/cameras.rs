@@ -5,7 +5,7 @@
 use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::{Room, cornell};
-use crate::support::stage::{bevy_lamp, keep, spawn_baked, spawn_lamp, spawn_room, view};
+use crate::support::stage::{bevy_light, keep, spawn_baked, spawn_light_source, spawn_room, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::{
     Camera3dDepthLoadOp, ClearColorConfig, Hdr, RenderTarget, ScalingMode, Viewport,
@@ -23,7 +23,7 @@ use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{GiWarning, GiWarnings};
 use meshless_gi::{Preset, ProbeSettings, Recipe};
 
-const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 /// The layer of what the preview camera shows.
 const PREVIEW: usize = 5;
 /// The largest difference of a pixel's channel between the pictures of two apps. They are the same
@@ -59,12 +59,12 @@ impl Stage {
             let root = app.world_mut().spawn(root).id();
             cornell().0.spawn(&mut app, root);
         }
-        let lamp = PointLight {
+        let light_source = PointLight {
             shadow_maps_enabled: true,
-            ..bevy_lamp()
+            ..bevy_light()
         };
-        let place = Transform::from_translation(LAMP);
-        app.world_mut().spawn((lamp, place));
+        let place = Transform::from_translation(LIGHT_SOURCE);
+        app.world_mut().spawn((light_source, place));
         let (floor, floor_material) = floor(&mut app);
         let ball = material(&mut app, Color::linear_rgb(0.1, 0.3, 0.8));
         let mut stage = Self {
@@ -466,7 +466,7 @@ fn masked_materials_with_volume_are_lit_once() {
     app.world_mut()
         .entity_mut(root)
         .insert(GiIrradianceVolume::default());
-    spawn_lamp(&mut app, LAMP);
+    spawn_light_source(&mut app, LIGHT_SOURCE);
     let image = target(&mut app);
     let eye = (camera(&image, view()), GiCamera::default());
     let eye = app.world_mut().spawn(eye).id();
@@ -593,7 +593,7 @@ fn volume_at_draft_is_smooth_with_default_camera() {
         app.world_mut()
             .entity_mut(root)
             .insert(GiIrradianceVolume::default());
-        spawn_lamp(&mut app, LAMP);
+        spawn_light_source(&mut app, LIGHT_SOURCE);
         let image = target(&mut app);
         let mut eye = app.world_mut().spawn(camera(&image, view()));
         if deferred {

@@ -3,7 +3,9 @@
 
 use crate::support::app::{app, camera, drawable, picture, run};
 use crate::support::flip::{Picture, flip};
-use crate::support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, spawn_room, view};
+use crate::support::stage::{
+    assert_alike, counters, indirect, keep, spawn_light_source, spawn_room, view,
+};
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
@@ -11,12 +13,12 @@ use bevy_meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 
 /// Pixels of the pictures: enough for all levels.
 const SIZE: UVec2 = UVec2::new(256, 192);
-const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 
 /// The room with its light, and a camera at `at` that shows `display`.
 fn shown(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
     spawn_room(app, Transform::IDENTITY);
-    spawn_lamp(app, LAMP);
+    spawn_light_source(app, LIGHT_SOURCE);
     eye(app, at, display)
 }
 
@@ -177,11 +179,11 @@ fn reflector_with_subsplats_matches_per_pixel_display() {
     let place = Transform::from_xyz(-0.3, 0.3, 0.4);
     app.world_mut()
         .spawn((Mesh3d(mesh), MeshMaterial3d(material), place, GiReflector));
-    let mut lamps = app.world_mut().query_filtered::<Entity, With<PointLight>>();
-    let lamp = lamps.single(app.world()).unwrap();
+    let mut light_sources = app.world_mut().query_filtered::<Entity, With<PointLight>>();
+    let light_source = light_sources.single(app.world()).unwrap();
     let before = picture(&mut app, &image);
     app.world_mut()
-        .entity_mut(lamp)
+        .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
     run(&mut app, 3);
     let (by, full, share) = both(&mut app, eye, &image);
@@ -200,8 +202,8 @@ fn subsplats_of_two_bakes_share_picture() {
         &mut app,
         Transform::from_xyz(1.3, 0.0, -1.5).with_rotation(Quat::from_rotation_y(0.4)),
     );
-    spawn_lamp(&mut app, Vec3::new(-1.1, 1.6, -0.7));
-    spawn_lamp(&mut app, Vec3::new(1.2, 1.5, -1.3));
+    spawn_light_source(&mut app, Vec3::new(-1.1, 1.6, -0.7));
+    spawn_light_source(&mut app, Vec3::new(1.2, 1.5, -1.3));
     let at = Transform::from_xyz(0.0, 1.2, 4.5).looking_at(Vec3::new(0.0, 1.0, -1.0), Vec3::Y);
     let (eye, image) = eye(&mut app, at, GiSplatting::default());
     let (by, full, share) = both(&mut app, eye, &image);

@@ -5,7 +5,8 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::flip;
 use crate::support::scenes::{Room, cpu_indirect};
 use crate::support::stage::{
-    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
+    MAX, assert_alike, bevy_light, counters, indirect, light_source, settings, spawn_baked, view,
+    work,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::{FrameStage, bounces_for_spectral_radius};
@@ -106,7 +107,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let (root, image) = stage(&mut app, &bake, Transform::IDENTITY);
     let place = Vec3::new(0.0, 1.7, 0.2);
     let at = Transform::from_translation(place);
-    app.world_mut().spawn((bevy_lamp(), at));
+    app.world_mut().spawn((bevy_light(), at));
     // The quads' materials, in their order.
     let children: Vec<Entity> = app.world().get::<Children>(root).unwrap().to_vec();
     let handle = |app: &App, k: usize| {
@@ -120,7 +121,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let all = GiDynamicMaterials(named.to_vec());
     app.world_mut().entity_mut(root).insert(all);
     run(&mut app, 3);
-    let lights = [lamp(place)];
+    let lights = [light_source(place)];
     let before = cpu_indirect(
         &room,
         &bake,

@@ -5,7 +5,9 @@
 use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::{Room, exposure};
-use crate::support::stage::{counters, keep, lamp, settings, spawn_baked, spawn_lamp, view};
+use crate::support::stage::{
+    counters, keep, light_source, settings, spawn_baked, spawn_light_source, view,
+};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::Hdr;
 use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
@@ -25,7 +27,7 @@ use meshless_gi::{BakedScene, CpuFrame, FrameLight, Geometry, ProbeSettings, Ray
 use std::f32::consts::FRAC_PI_4;
 use std::sync::{Arc, OnceLock};
 
-const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 const STEPS: u32 = 48;
 /// Edge of the voxels, meters.
 const VOXEL: f32 = 0.15;
@@ -66,7 +68,7 @@ struct Shown {
     placed: Transform,
     root: Entity,
     eye: Entity,
-    lamp: Entity,
+    light_source: Entity,
     sun: Entity,
     fog: Entity,
     image: Handle<Image>,
@@ -124,13 +126,13 @@ fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     };
     let sun = world.spawn((sun, VolumetricLight)).id();
     let fog = world.spawn((volume, placed * fog_place())).id();
-    let lamp = spawn_lamp(&mut app, placed * LAMP);
+    let light_source = spawn_light_source(&mut app, placed * LIGHT_SOURCE);
     let mut shown = Shown {
         app,
         placed,
         root,
         eye,
-        lamp,
+        light_source,
         sun,
         fog,
         image,
@@ -178,7 +180,7 @@ impl Shown {
         let bake = bake();
         let local_from_world = self.placed.to_matrix().inverse();
         let mut frame = CpuFrame::new(&bake);
-        let lights: Vec<FrameLight> = FrameLight::expand(&lamp(self.placed * place), 16)
+        let lights: Vec<FrameLight> = FrameLight::expand(&light_source(self.placed * place), 16)
             .iter()
             .map(|l| l.to_local(&local_from_world))
             .collect();
@@ -288,7 +290,7 @@ fn fog_of_every_camera_matches_twin() {
         assert_eq!(findings, [], "{name}");
         let whole = s.picture();
         let added = s.added();
-        let twin = s.twin(LAMP, &even(), None);
+        let twin = s.twin(LIGHT_SOURCE, &even(), None);
         keep(&format!("fog_{name}"), &added.beside(&twin));
         keep(&format!("fog_{name}_whole"), &whole.beside(&whole));
         let (off, share) = (added.nrmse(&twin), twin.mean() / whole.mean());
@@ -301,14 +303,14 @@ fn fog_of_every_camera_matches_twin() {
         let place = Vec3::new(-0.6, 0.5, 0.9);
         let aside = added.nrmse(&s.twin(place, &even(), None));
         assert!(aside > 5.0 * most, "{name}: {aside}");
-        let mut lamp = s.app.world_mut().entity_mut(s.lamp);
-        lamp.get_mut::<Transform>().unwrap().translation = s.placed * place;
+        let mut light_source = s.app.world_mut().entity_mut(s.light_source);
+        light_source.get_mut::<Transform>().unwrap().translation = s.placed * place;
         run(&mut s.app, 1);
         let now = counters(&s.app);
         let ran = [FrameStage::VOLUME, FrameStage::FOG].map(|stage| now.dispatches_of(stage));
         assert_eq!(ran, [1, 2], "{name}: {}", now.plan);
         let off = s.added().nrmse(&s.twin(place, &even(), None));
-        println!("{name}, lamp moved: NRMSE {off:.4}");
+        println!("{name}, light moved: NRMSE {off:.4}");
         assert!(off <= most, "{name}: {off}");
     }
 }
@@ -360,13 +362,13 @@ fn fog_density_texture_scales_light() {
     world.entity_mut(s.fog).insert(textured.clone());
     run(&mut s.app, 3);
     let added = s.added();
-    let twin = s.twin(LAMP, &textured, Some(&trilinear));
+    let twin = s.twin(LIGHT_SOURCE, &textured, Some(&trilinear));
     keep("fog_textured", &added.beside(&twin));
     let aside = FogVolume {
         density_texture_offset: Vec3::ZERO,
         ..textured.clone()
     };
-    let aside = s.twin(LAMP, &aside, Some(&trilinear));
+    let aside = s.twin(LIGHT_SOURCE, &aside, Some(&trilinear));
     let [off, moved] = [&twin, &aside].map(|t| added.nrmse(t));
     println!("NRMSE {off:.4}, without the offset {moved:.4}");
     assert!(off <= MAX && moved > 3.0 * MAX, "{off} {moved}");

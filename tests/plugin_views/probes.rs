@@ -5,8 +5,8 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Quad, Room, cpu_indirect};
 use crate::support::stage::{
-    MAX, assert_alike, counters, indirect, keep, lamp, settings, spawn_baked, spawn_lamp, view,
-    work,
+    MAX, assert_alike, counters, indirect, keep, light_source, settings, spawn_baked,
+    spawn_light_source, view, work,
 };
 use bevy::camera::visibility::NoFrustumCulling;
 use bevy::mesh::VertexAttributeValues;
@@ -17,7 +17,7 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
 use std::sync::Arc;
 
-const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 
 fn bake(probes: bool) -> Arc<BakedScene> {
     Room::cornell().bake_as(&Recipe {
@@ -49,8 +49,8 @@ fn with_panel() -> Room {
 
 /// An app that shows the room with the panel in the light of `bake`.
 fn stage(bake: &Arc<BakedScene>, display: GiSplatting) -> (App, Handle<Image>, Entity) {
-    let (app, image, lamp, _) = stage_of(&with_panel(), bake, display);
-    (app, image, lamp)
+    let (app, image, light_source, _) = stage_of(&with_panel(), bake, display);
+    (app, image, light_source)
 }
 
 /// An app that shows a room in the light of `bake`: its picture, its light, its root.
@@ -65,8 +65,8 @@ fn stage_of(
     app.world_mut()
         .spawn((camera(&image, view()), indirect()))
         .insert(display);
-    let lamp = spawn_lamp(&mut app, LAMP);
-    (app, image, lamp, root)
+    let light_source = spawn_light_source(&mut app, LIGHT_SOURCE);
+    (app, image, light_source, root)
 }
 
 fn on_cpu(bake: &BakedScene, place: Vec3) -> Picture {
@@ -74,7 +74,7 @@ fn on_cpu(bake: &BakedScene, place: Vec3) -> Picture {
 }
 
 fn on_cpu_of(room: &Room, bake: &BakedScene, place: Vec3) -> Picture {
-    let lights = [lamp(place)];
+    let lights = [light_source(place)];
     cpu_indirect(
         room,
         bake,
@@ -89,9 +89,9 @@ fn on_cpu_of(room: &Room, bake: &BakedScene, place: Vec3) -> Picture {
 fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
     let bake = bake(true);
     let without = self::bake(false);
-    let expected = on_cpu(&bake, LAMP);
+    let expected = on_cpu(&bake, LIGHT_SOURCE);
     // The panel is a tenth of the picture; without probes it is black.
-    let dark = on_cpu(&without, LAMP);
+    let dark = on_cpu(&without, LIGHT_SOURCE);
     let panel = expected.pixels.iter().zip(&dark.pixels);
     let panel = panel.filter(|(a, b)| a != b).count();
     assert!(panel > 200, "{panel} pixels");
@@ -112,7 +112,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         ("probes_full", GiSplatting::PerPixel, full),
         ("probes_subsplats", GiSplatting::default(), &by_eye),
     ] {
-        let (mut app, image, lamp) = stage(&bake, display);
+        let (mut app, image, light_source) = stage(&bake, display);
         run(&mut app, 4);
         compare(name, &expected, &picture(&mut app, &image));
         // At rest nothing is carried on, and the display goes on.
@@ -122,7 +122,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         // The light moves: the next picture has its light on the panel.
         let moved = Vec3::new(-0.6, 1.2, 0.9);
         app.world_mut()
-            .get_mut::<Transform>(lamp)
+            .get_mut::<Transform>(light_source)
             .unwrap()
             .translation = moved;
         run(&mut app, 1);
@@ -209,7 +209,7 @@ fn skinned_mesh_is_lit_at_joint_positions() {
         NoFrustumCulling,
     ));
     run(&mut app, 4);
-    let first = on_cpu(&bake, LAMP);
+    let first = on_cpu(&bake, LIGHT_SOURCE);
     assert_alike("skinned", &first, &picture(&mut app, &image));
     // The joint walks: other light, in the same frame.
     let step = Vec3::new(0.05, -0.3, 0.35);
@@ -219,7 +219,7 @@ fn skinned_mesh_is_lit_at_joint_positions() {
     assert_eq!(work(&counters(&app)), [0; 4], "no light changed");
     let mut walked = with_panel();
     walked.0.last_mut().unwrap().corner += step;
-    let expected = on_cpu_of(&walked, &bake, LAMP);
+    let expected = on_cpu_of(&walked, &bake, LIGHT_SOURCE);
     assert!(first.nrmse(&expected) > 0.1, "another picture");
     assert_alike("skinned_walked", &expected, &picture(&mut app, &image));
 }
@@ -240,8 +240,8 @@ fn particles_are_lit_at_own_positions() {
     }
     let (mut app, image, ..) = stage_of(&room, &bake, GiSplatting::PerPixel);
     run(&mut app, 4);
-    let expected = on_cpu_of(&room, &bake, LAMP);
-    let dark = on_cpu_of(&room, &self::bake(false), LAMP);
+    let expected = on_cpu_of(&room, &bake, LIGHT_SOURCE);
+    let dark = on_cpu_of(&room, &self::bake(false), LIGHT_SOURCE);
     assert!(flip(&dark, &expected) > MAX, "they show");
     assert_alike("particles", &expected, &picture(&mut app, &image));
 }

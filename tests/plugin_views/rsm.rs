@@ -6,7 +6,8 @@ use crate::support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Room, cornell};
 use crate::support::stage::{
-    CANDELA, assert_alike, counters, indirect, keep, lamp, room_and_camera, spawn_lamp, view, work,
+    CANDELA, assert_alike, counters, indirect, keep, light_source, room_and_camera,
+    spawn_light_source, view, work,
 };
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
@@ -61,13 +62,13 @@ const RED: Ball = Ball {
     radius: 0.25,
     color: Vec3::new(0.8, 0.02, 0.02),
 };
-const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.0, 1.7, 0.4);
 
 #[test]
 fn rsm_cameras_follow_reflectors() {
     let mut app = app();
     room_and_camera(&mut app);
-    let lamp = spawn_lamp(&mut app, LAMP);
+    let light_source = spawn_light_source(&mut app, LIGHT_SOURCE);
     run(&mut app, 2);
     let bare = counters(&app);
     let ball = spawn_ball(&mut app, RED);
@@ -76,7 +77,7 @@ fn rsm_cameras_follow_reflectors() {
 
     // A light asks, and nothing moves.
     app.world_mut()
-        .entity_mut(lamp)
+        .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0], "nothing moves");
@@ -144,13 +145,13 @@ fn rsm_cameras_follow_reflectors() {
             let mut at = app.world_mut().get_mut::<Transform>(ball).unwrap();
             at.translation.x = if away { 1e4 } else { -0.4 };
         }),
-        ("the light is off", |app, _, lamp, off| {
+        ("the light is off", |app, _, light_source, off| {
             let shown = if off {
                 Visibility::Hidden
             } else {
                 Visibility::Visible
             };
-            app.world_mut().entity_mut(lamp).insert(shown);
+            app.world_mut().entity_mut(light_source).insert(shown);
         }),
         ("nothing moves", |app, ball, _, hidden| {
             let shown = if hidden {
@@ -168,13 +169,13 @@ fn rsm_cameras_follow_reflectors() {
         }),
     ];
     for (why, change) in changes {
-        change(&mut app, ball, lamp, true);
+        change(&mut app, ball, light_source, true);
         run(&mut app, 2);
         assert_eq!(captures(&mut app), [1, 0], "{why}");
         let c = counters(&app);
         assert_eq!(ran(&c), 0, "{}", c.plan);
         assert!(c.plan.to_string().contains(why), "{why}: {}", c.plan);
-        change(&mut app, ball, lamp, false);
+        change(&mut app, ball, light_source, false);
         run(&mut app, 2);
         assert_eq!(captures(&mut app), [1, 1], "{why}");
     }
@@ -195,7 +196,7 @@ fn rsm_cameras_follow_reflectors() {
     run(&mut app, 2);
     assert_eq!(layers(&app, ball), None, "it had none");
     app.world_mut()
-        .entity_mut(lamp)
+        .entity_mut(light_source)
         .remove::<GiReflectiveShadowMap>();
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0]);
@@ -209,11 +210,11 @@ fn rsm_cameras_follow_reflectors() {
     // And with the light itself.
     app.world_mut().entity_mut(ball).insert(GiReflector);
     app.world_mut()
-        .entity_mut(lamp)
+        .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [1, 1]);
-    app.world_mut().despawn(lamp);
+    app.world_mut().despawn(light_source);
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0]);
 }
@@ -265,7 +266,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     let spot_at = to_ball(Vec3::new(0.5, 1.5, 0.8));
     let sun_at = to_ball(Vec3::new(0.8, 2.3, 1.6));
     let lights = [
-        ("point", lamp(LAMP)),
+        ("point", light_source(LIGHT_SOURCE)),
         (
             "spot",
             Light::Spot {
@@ -291,7 +292,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     };
     for (name, light) in lights {
         let entity = match name {
-            "point" => spawn_lamp(&mut app, LAMP),
+            "point" => spawn_light_source(&mut app, LIGHT_SOURCE),
             "spot" => {
                 let spot = SpotLight {
                     intensity: CANDELA * 4.0 * PI,
@@ -331,10 +332,10 @@ fn every_light_type_reflects_off_ball_without_bake() {
         run(&mut app, 1);
     }
     // Two at once, whose maps take turns in the same textures.
-    let entity = spawn_lamp(&mut app, LAMP);
+    let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
     app.world_mut().entity_mut(entity).insert(asked.clone());
     let other = Vec3::new(-0.8, 0.9, 0.9);
-    let second = spawn_lamp(&mut app, other);
+    let second = spawn_light_source(&mut app, other);
     let few = GiReflectiveShadowMap {
         vpl_count: 32,
         ..asked.clone()
@@ -345,8 +346,8 @@ fn every_light_type_reflects_off_ball_without_bake() {
     let c = counters(&app);
     let ran = [FrameStage::RSM, FrameStage::VPL].map(|s| c.dispatches_of(s));
     assert_eq!(ran, [4, 1], "{}", c.plan);
-    let mut vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
-    vpls.extend(cpu_vpls(&balls, &lamp(other), &few, None));
+    let mut vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &asked, None);
+    vpls.extend(cpu_vpls(&balls, &light_source(other), &few, None));
     let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
     assert_bounce_alike("bounce_two", &expected, &picture(&mut app, &image));
     app.world_mut().despawn(second);
@@ -364,7 +365,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
         balls: vec![moved],
         ..Things::default()
     };
-    let vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
+    let vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &asked, None);
     let expected = cpu_bounce(&room_and_ball(moved), &vpls, None, view());
     assert_bounce_alike("bounce_moved", &expected, &drawn);
 }
@@ -380,7 +381,7 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
     let mut app = app();
     let (_, image, ball) = unbaked_room(&mut app);
     let asked = GiReflectiveShadowMap::default();
-    let entity = spawn_lamp(&mut app, LAMP);
+    let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
     app.world_mut().entity_mut(entity).insert(asked.clone());
     run(&mut app, 3);
     assert_eq!(ran(&app), [2, 1]);
@@ -413,19 +414,22 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
             run(app, 1);
             app.world_mut().entity_mut(ball).insert(Visibility::Visible);
         }),
-        ("the lamp moved", |app, _, lamp| {
+        ("the light moved", |app, _, light_source| {
             app.world_mut()
-                .get_mut::<Transform>(lamp)
+                .get_mut::<Transform>(light_source)
                 .unwrap()
                 .translation
                 .x += 0.01;
         }),
-        ("the lamp's color", |app, _, lamp| {
-            app.world_mut().get_mut::<PointLight>(lamp).unwrap().color = Color::WHITE.darker(0.1);
-        }),
-        ("more lights", |app, _, lamp| {
+        ("the light's color", |app, _, light_source| {
             app.world_mut()
-                .get_mut::<GiReflectiveShadowMap>(lamp)
+                .get_mut::<PointLight>(light_source)
+                .unwrap()
+                .color = Color::WHITE.darker(0.1);
+        }),
+        ("more lights", |app, _, light_source| {
+            app.world_mut()
+                .get_mut::<GiReflectiveShadowMap>(light_source)
                 .unwrap()
                 .vpl_count = 64;
         }),
@@ -478,7 +482,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         trace_shadows: false,
         ..default()
     };
-    let entity = spawn_lamp(&mut app, LAMP);
+    let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
     app.world_mut().entity_mut(entity).insert(asked.clone());
     let mut bright = app.world_mut().get_mut::<PointLight>(entity).unwrap();
     bright.intensity *= BRIGHT;
@@ -517,7 +521,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         ..Things::default()
     };
     let bright = Light::Point {
-        position: LAMP,
+        position: LIGHT_SOURCE,
         intensity: Vec3::splat(BRIGHT * CANDELA),
         range: 20.0,
     };
@@ -570,12 +574,12 @@ fn fully_dynamic_scene_has_one_bounce() {
     let mut app = app();
     let (root, image, _) = unbaked_room(&mut app);
     app.world_mut().entity_mut(root).insert(GiReflector);
-    let lamp_at = Vec3::new(0.3, 1.5, 0.5);
+    let light_source_at = Vec3::new(0.3, 1.5, 0.5);
     let asked = GiReflectiveShadowMap {
         vpl_count: 256,
         ..default()
     };
-    let entity = spawn_lamp(&mut app, lamp_at);
+    let entity = spawn_light_source(&mut app, light_source_at);
     app.world_mut().entity_mut(entity).insert(asked.clone());
     run(&mut app, 3);
     assert!(
@@ -584,7 +588,7 @@ fn fully_dynamic_scene_has_one_bounce() {
     );
     let drawn = picture(&mut app, &image);
     let all = room_and_ball(RED);
-    let vpls = cpu_vpls(&all, &lamp(lamp_at), &asked, None);
+    let vpls = cpu_vpls(&all, &light_source(light_source_at), &asked, None);
     let expected = cpu_bounce(&all, &vpls, None, view());
     assert_alike("bounce_dynamic", &expected, &drawn);
 }
@@ -594,14 +598,14 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let mut app = app();
     let (_, bake) = cornell();
     let (root, eye, image) = room_and_camera(&mut app);
-    let lamp_at = Vec3::new(-0.3, 1.2, 0.6);
-    let entity = spawn_lamp(&mut app, lamp_at);
+    let light_source_at = Vec3::new(-0.3, 1.2, 0.6);
+    let entity = spawn_light_source(&mut app, light_source_at);
     // So bright that the bounce of a small ball is to be seen, and with it what shadows it.
     let bright = 100.0;
-    let mut lamp = app.world_mut().get_mut::<PointLight>(entity).unwrap();
-    lamp.intensity *= bright;
+    let mut light_source = app.world_mut().get_mut::<PointLight>(entity).unwrap();
+    light_source.intensity *= bright;
     let light = Light::Point {
-        position: lamp_at,
+        position: light_source_at,
         intensity: Vec3::splat(bright * CANDELA),
         range: 20.0,
     };

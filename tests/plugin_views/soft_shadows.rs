@@ -265,11 +265,11 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
 }
 
 /// Inserts or removes the component.
-fn cast(app: &mut App, lamp: Entity, soft: Option<GiSoftShadow>) {
-    let mut lamp = app.world_mut().entity_mut(lamp);
+fn cast(app: &mut App, light_source: Entity, soft: Option<GiSoftShadow>) {
+    let mut light_source = app.world_mut().entity_mut(light_source);
     match soft {
-        Some(soft) => lamp.insert(soft),
-        None => lamp.remove::<GiSoftShadow>(),
+        Some(soft) => light_source.insert(soft),
+        None => light_source.remove::<GiSoftShadow>(),
     };
 }
 
@@ -278,14 +278,14 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     let bake = remembering();
     let mut app = app();
     let (_, image) = direct_room(&mut app, bake.clone(), Transform::IDENTITY, view());
-    let lamp = app.world_mut().spawn((panel(), hanging(PLACE))).id();
+    let light_source = app.world_mut().spawn((panel(), hanging(PLACE))).id();
     run(&mut app, 3);
     let before = counters(&app);
     assert_eq!(soft_work(&before), [0, 0], "{}", before.plan);
     let plain = picture(&mut app, &image);
 
     let soft = GiSoftShadow::default();
-    cast(&mut app, lamp, Some(soft));
+    cast(&mut app, light_source, Some(soft));
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!(soft_work(&c), [1, 1], "in the same frame: {}", c.plan);
@@ -317,20 +317,20 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     // The light moves: the shadowed irradiance is computed once, and the shadow moves.
     let place = hanging(Vec3::new(-0.6, 1.6, 0.3));
     let move_to = |app: &mut App, to| {
-        *app.world_mut().get_mut::<Transform>(lamp).unwrap() = to;
+        *app.world_mut().get_mut::<Transform>(light_source).unwrap() = to;
         run(app, 1);
     };
     move_to(&mut app, place);
     assert_eq!(soft_work(&counters(&app)), [1, 1]);
     let moved = picture(&mut app, &image);
-    cast(&mut app, lamp, None);
+    cast(&mut app, light_source, None);
     let bare = picture(&mut app, &image);
     assert_shadows("moved_panel", &bare, &moved, &at(place));
     assert!(
         moved.nrmse(&here.by_twins(&plain)) > 0.1,
         "it is where it was"
     );
-    cast(&mut app, lamp, Some(soft));
+    cast(&mut app, light_source, Some(soft));
     move_to(&mut app, hanging(PLACE));
 
     // A view of indirect light alone has no direct light to subtract from.
@@ -349,7 +349,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
 
     // Off, or without the component: Bevy's picture, to the bit, and no buffers.
     for off in [true, false] {
-        let mut entity = app.world_mut().entity_mut(lamp);
+        let mut entity = app.world_mut().entity_mut(light_source);
         if off {
             entity.insert(Visibility::Hidden);
         } else {
@@ -372,7 +372,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     }
     run(&mut app, 2);
     let plain = picture(&mut app, &image);
-    cast(&mut app, lamp, Some(soft));
+    cast(&mut app, light_source, Some(soft));
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
     assert!(plain.nrmse(&here.bright) > 0.2, "it shines");
@@ -405,13 +405,13 @@ fn soft_shadow_in_transformed_room_matches_rays() {
         range: 12.0,
         ..default()
     };
-    let lamp = app
+    let light_source = app
         .world_mut()
         .spawn((bulb, Transform::from_translation(place)))
         .id();
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
-    cast(&mut app, lamp, Some(GiSoftShadow { samples: 16 }));
+    cast(&mut app, light_source, Some(GiSoftShadow { samples: 16 }));
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
     let candela = Vec3::splat(bulb.intensity / (4.0 * PI));
@@ -431,7 +431,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     let mut app = app();
     let (_, forgetful) = cornell();
     let (_, image) = direct_room(&mut app, forgetful, Transform::IDENTITY, view());
-    let lamp = app.world_mut().spawn((panel(), hanging(PLACE))).id();
+    let light_source = app.world_mut().spawn((panel(), hanging(PLACE))).id();
     run(&mut app, 3);
     let before = counters(&app);
     let plain = picture(&mut app, &image);
@@ -439,7 +439,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     assert_eq!(found(&app), []);
 
     // A bake without visibility.
-    cast(&mut app, lamp, Some(GiSoftShadow::default()));
+    cast(&mut app, light_source, Some(GiSoftShadow::default()));
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(soft_work(&c), [0, 0]);

@@ -4,7 +4,7 @@
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Quad, Room};
-use crate::support::stage::{counters, keep, spawn_lamp, view, work};
+use crate::support::stage::{counters, keep, spawn_light_source, view, work};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::VisibleEntities;
 use bevy::light::IrradianceVolume;
@@ -21,7 +21,7 @@ use meshless_gi::{
 };
 use std::sync::{Arc, OnceLock};
 
-const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 /// Albedo of a panel in the air.
 const PANEL: [f32; 3] = [0.7, 0.65, 0.7];
 /// The largest mean FLIP between the pictures of both cameras.
@@ -63,7 +63,7 @@ fn with_panel() -> Room {
 struct Shown {
     app: App,
     root: Entity,
-    lamp: Entity,
+    light_source: Entity,
     image: Handle<Image>,
 }
 
@@ -88,11 +88,11 @@ fn stage(bake: &Arc<BakedScene>, placed: Transform, forward: Option<Msaa>) -> Sh
         None => eye.insert(GiCamera::default()),
         Some(samples) => eye.insert((bevy::camera::Hdr, samples)),
     };
-    let lamp = spawn_lamp(&mut app, placed * LAMP);
+    let light_source = spawn_light_source(&mut app, placed * LIGHT_SOURCE);
     Shown {
         app,
         root,
-        lamp,
+        light_source,
         image,
     }
 }
@@ -130,13 +130,13 @@ impl Shown {
         panic!("the camera never sees the volume");
     }
 
-    fn move_lamp(&mut self, place: Vec3) {
-        let mut lamp = self
+    fn move_light_source(&mut self, place: Vec3) {
+        let mut light_source = self
             .app
             .world_mut()
-            .get_mut::<Transform>(self.lamp)
+            .get_mut::<Transform>(self.light_source)
             .unwrap();
-        lamp.translation = place;
+        light_source.translation = place;
         run(&mut self.app, 1);
     }
 }
@@ -171,21 +171,21 @@ fn volume_light_matches_deferred_light() {
         assert_eq!(counters(&forward.app).dispatches_of(FrameStage::VOLUME), 0);
         // A light moves: both follow in that frame.
         let moved = placed * Vec3::new(-0.6, 1.2, 0.9);
-        deferred.move_lamp(moved);
-        forward.move_lamp(moved);
+        deferred.move_light_source(moved);
+        forward.move_light_source(moved);
         assert_eq!(counters(&forward.app).dispatches_of(FrameStage::VOLUME), 1);
         let expected = deferred.picture();
         let single = forward.picture();
         let d = flip(&expected, &single);
-        println!("{name}, lamp moved: FLIP {d:.4}");
-        assert!(d <= MAX, "{name}, lamp moved: {d}");
+        println!("{name}, light moved: FLIP {d:.4}");
+        assert!(d <= MAX, "{name}, light moved: {d}");
         // Four samples a pixel: softer edges, which differ without indirect light too, and the same
         // light.
         let mut sampled = stage(&bake(true), placed, Some(Msaa::Sample4));
         run(&mut sampled.app, 4);
         let edges = flip(&dark, &sampled.picture());
         sampled.ask(GiIrradianceVolume::default());
-        sampled.move_lamp(moved);
+        sampled.move_light_source(moved);
         let sampled = sampled.picture();
         keep(&format!("{name}_sampled"), &expected.beside(&sampled));
         let d = flip(&single, &sampled);
@@ -272,12 +272,12 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
             None => camera.insert(GiCamera::default()),
             Some(samples) => camera.insert((bevy::camera::Hdr, samples)),
         };
-        let lamp = PointLight {
+        let light_source = PointLight {
             intensity: 5000.0 * 4.0 * std::f32::consts::PI,
             range: 30.0,
             ..default()
         };
-        world.spawn((lamp, Transform::from_xyz(1.2, 2.2, 1.0)));
+        world.spawn((light_source, Transform::from_xyz(1.2, 2.2, 1.0)));
         let sphere = Sphere::new(0.3).mesh().uv(48, 32);
         let sphere = world.resource_mut::<Assets<Mesh>>().add(sphere);
         let material = rough(world, Vec3::splat(0.8));
@@ -340,7 +340,7 @@ fn volume_does_not_light_gbuffer() {
     // Parameters, starts and shares of the places; the same of the walls' faces, and the faces; the
     // ways.
     assert_eq!(counters(&s.app).buffers, buffers + 7);
-    s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
+    s.move_light_source(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
 }
 
@@ -415,7 +415,7 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
             "{name}: {with} {without}"
         );
         // In the frame in which a light moves.
-        s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
+        s.move_light_source(Vec3::new(-0.6, 1.2, 0.9));
         assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
     }
 }

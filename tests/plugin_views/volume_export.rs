@@ -4,7 +4,7 @@
 use crate::support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::Room;
-use crate::support::stage::{counters, keep, lamp, spawn_lamp, view};
+use crate::support::stage::{counters, keep, light_source, spawn_light_source, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::image::{CompressedImageFormats, ImageSampler, ImageType};
 use bevy::light::IrradianceVolume;
@@ -52,7 +52,7 @@ fn plugin_picture(bake: &Arc<BakedScene>) -> Picture {
     let image = target(&mut app);
     let eye = (camera(&image, view()), bevy::camera::Hdr, Msaa::Off);
     app.world_mut().spawn(eye);
-    spawn_lamp(&mut app, LIGHT);
+    spawn_light_source(&mut app, LIGHT);
     let written = |app: &App| counters(app).dispatches_of(FrameStage::VOLUME) > 0;
     for _ in 0..10_000 {
         run(&mut app, 1);
@@ -77,7 +77,7 @@ fn plain_picture(files: Option<(&[u8], &str)>) -> Picture {
     let image = target(&mut app);
     let eye = (camera(&image, view()), bevy::camera::Hdr, Msaa::Off);
     app.world_mut().spawn(eye);
-    spawn_lamp(&mut app, LIGHT);
+    spawn_light_source(&mut app, LIGHT);
     if let Some((texture, placement)) = files {
         let texture = load(texture);
         let placement = VolumePlacement::from_ron(placement).unwrap();
@@ -132,7 +132,7 @@ fn exported_volume_matches_plugin_volume() {
         bounces: Some(Bounces::Count(BOUNCES)),
         ..VolumeExport::default()
     };
-    let volume = ExportedVolume::new(&bake, &[lamp(LIGHT)], &export).unwrap();
+    let volume = ExportedVolume::new(&bake, &[light_source(LIGHT)], &export).unwrap();
     let placement = volume
         .placement("room.ktx2", "lights.json")
         .to_ron()

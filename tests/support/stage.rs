@@ -24,7 +24,7 @@ pub fn view() -> Transform {
     Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
 }
 
-pub fn bevy_lamp() -> PointLight {
+pub fn bevy_light() -> PointLight {
     PointLight {
         intensity: CANDELA * 4.0 * PI,
         range: 20.0,
@@ -32,7 +32,7 @@ pub fn bevy_lamp() -> PointLight {
     }
 }
 
-pub fn lamp(position: Vec3) -> Light {
+pub fn light_source(position: Vec3) -> Light {
     Light::Point {
         position,
         intensity: Vec3::splat(CANDELA),
@@ -68,17 +68,17 @@ pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
 }
 
 /// The room's light at `place`.
-pub fn spawn_lamp(app: &mut App, place: Vec3) -> Entity {
+pub fn spawn_light_source(app: &mut App, place: Vec3) -> Entity {
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)))
+        .spawn((bevy_light(), Transform::from_translation(place)))
         .id()
 }
 
 /// [`room_and_camera`] with a light at `place`.
 pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
     let (root, eye, image) = room_and_camera(app);
-    let lamp = spawn_lamp(app, place);
-    (root, eye, image, lamp)
+    let light_source = spawn_light_source(app, place);
+    (root, eye, image, light_source)
 }
 
 /// A room with its bake on one root.

@@ -50,7 +50,7 @@ pub fn bake_box(recipe: &Recipe) -> BakedScene {
 
 /// Returns the box's light, one next to it, and a bright window.
 pub fn lights() -> Vec<FrameLight> {
-    let lamp = Light::Spot {
+    let light_source = Light::Spot {
         position: Vec3::new(2.78, 5.4, 2.795),
         direction: Vec3::NEG_Y,
         intensity: Vec3::new(10.0, 9.0, 7.0),
@@ -69,7 +69,7 @@ pub fn lights() -> Vec<FrameLight> {
         v: Vec3::Y,
         radiance: Vec3::new(1.0, 1.5, 2.0),
     };
-    [lamp, bulb, window]
+    [light_source, bulb, window]
         .iter()
         .flat_map(|l| FrameLight::expand(l, 9))
         .collect()

@@ -86,7 +86,7 @@ impl Map {
 const EYE: Vec3 = Vec3::new(2.5, 1.5, 2.0);
 
 /// Returns a light of each kind, with its maps.
-fn lamps() -> Vec<(FrameLight, Vec<Map>)> {
+fn light_sources() -> Vec<(FrameLight, Vec<Map>)> {
     let target = Vec3::new(0.5, 0.6, 0.4);
     let color = Vec3::new(9.0, 7.0, 5.0);
     let toward = (target - EYE).normalize();
@@ -192,8 +192,8 @@ fn rsm_matches_twin() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
-    let lamps = lamps();
-    let all = VPLS * lamps.len() as u32;
+    let light_sources = light_sources();
+    let all = VPLS * light_sources.len() as u32;
     let room = 2 * SIDE * SIDE;
     let mut maps = RsmBuffers::new(&harness.device, 1, 1).unwrap();
     let local = local_from_space(&local_from_world(), ORIGIN);
@@ -201,7 +201,7 @@ fn rsm_matches_twin() {
     for shadows in [false, true] {
         maps.begin(&harness.device, room, all).unwrap();
         let mut expected = Vec::new();
-        for (light, own) in &lamps {
+        for (light, own) in &light_sources {
             let views: Vec<_> = own.iter().map(|m| m.views(&harness)).collect();
             let drawn: Vec<_> = own
                 .iter()
@@ -285,11 +285,11 @@ fn rsm_matches_twin() {
     // Without flux, there is no light and no NaN.
     maps.begin(&harness.device, room, all).unwrap();
     let dark = FrameLight::default();
-    let views = lamps[0].1[0].views(&harness);
+    let views = light_sources[0].1[0].views(&harness);
     let drawn = RsmCapture {
         depth: &views[0],
         gbuffer: &views[1],
-        params: lamps[0].1[0].params(&dark, 0),
+        params: light_sources[0].1[0].params(&dark, 0),
     };
     harness
         .run(|e| {
@@ -345,7 +345,7 @@ fn vpl_matches_twin() {
 
     // Lights from a map, and two that no map contains: one without a normal, and one without a
     // size.
-    let (light, own) = &lamps()[0];
+    let (light, own) = &light_sources()[0];
     let mut lights = chosen(&own[0].texels(light));
     lights[3].normal = [0.0; 3];
     lights[4].square = 0.0;

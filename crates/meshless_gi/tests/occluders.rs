@@ -110,13 +110,13 @@ fn baked(mesh: &TriangleMesh, recipe: &Recipe) -> BakedScene {
         .scene
 }
 
-fn lamp() -> Vec<FrameLight> {
-    let lamp = Light::Point {
+fn light_source() -> Vec<FrameLight> {
+    let light_source = Light::Point {
         position: Vec3::new(2.2, 2.1, 1.3),
         intensity: Vec3::splat(10.0),
         range: f32::INFINITY,
     };
-    FrameLight::expand(&lamp, 1)
+    FrameLight::expand(&light_source, 1)
 }
 
 /// Places on walls, floor and ceiling from x to x, with their normals, centimeters from the door
@@ -187,7 +187,7 @@ fn error(found: &[f32], right: &[f32]) -> f64 {
 /// The frame of a scene under the light, with these gains.
 fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
-    frame.set_lights(scene, &lamp());
+    frame.set_lights(scene, &light_source());
     frame.set_occluders(scene, gains);
     frame.solve(scene, &FrameSettings::bounces(4));
     frame

@@ -142,7 +142,7 @@ fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn
     };
     let (baked, seconds) = timed(|| bake_scene(level, &recipe, 0, &Progress::default()));
     let scene = baked?.scene;
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(0.1, 1.7, 0.6),
         intensity: Vec3::ONE,
         range: 20.0,
@@ -150,7 +150,7 @@ fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn
     let solves = (0..3).map(|_| {
         // A frame at rest solves nothing.
         let mut frame = CpuFrame::new(&scene);
-        frame.set_lights(&scene, &FrameLight::expand(&lamp, 1));
+        frame.set_lights(&scene, &FrameLight::expand(&light_source, 1));
         timed(|| frame.solve(&scene, &FrameSettings::bounces(4))).1
     });
     let solve = solves.min_by(f64::total_cmp).unwrap_or_default();
@@ -160,7 +160,7 @@ fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn
 /// Time for a file of points, from reading it to a frame, by number of points.
 fn by_number() -> Result<String, Box<dyn Error>> {
     let mut out = "\n## A `.ply` by its number of points\n\n\
-         A statue in the Cornell box, all of it points (`meshless_gi scatter`), preset `Draft`. Read: from the bytes of the file to the cells that rays meet. Solve: four reflections of one lamp on the \
+         A statue in the Cornell box, all of it points (`meshless_gi scatter`), preset `Draft`. Read: from the bytes of the file to the cells that rays meet. Solve: four reflections of one light on the \
          CPU, projection not counted. Errors are the bakes' own estimates.\n\n\
          | points | triangles of their cells | read, s | points/s | bake by `bounded`, s | solve, ms | error, % | bake by `fmm`, s | solve, ms | error, % |\n|---|---|---|---|---|---|---|---|---|---|\n"
         .to_string();
@@ -222,10 +222,10 @@ fn levels() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
 /// A level's part of the document.
 fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     let mut out = format!(
-        "\n## {name}\n\n{} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lamps, against the reference integrator; frame is the CPU's, \
-         one lamp moved, all reflections, on {} threads. Links of `fmm` are entries of its lists.\n\n\
+        "\n## {name}\n\n{} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lights, against the reference integrator; frame is the CPU's, \
+         one light moved, all reflections, on {} threads. Links of `fmm` are entries of its lists.\n\n\
          | rule | what | error, % | bias, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|---|\n",
-        report.triangles, report.bounces, report.places, report.lamps, report.threads
+        report.triangles, report.bounces, report.places, report.light_sources, report.threads
     );
     for rule in [
         TransportMethod::Bounded,

@@ -157,7 +157,7 @@ fn lights_in_sphere_give_uniform_irradiance() {
     let position = Vec3::new(0.4, -0.9, 0.3);
     let (u, v) = (Vec3::new(0.3, 0.0, 0.0), Vec3::new(0.0, 0.2, 0.1));
     let area = f64::from(4.0 * u.cross(v).length());
-    let lamps = [
+    let light_sources = [
         (
             "point",
             Light::Point {
@@ -190,10 +190,11 @@ fn lights_in_sphere_give_uniform_irradiance() {
             std::f64::consts::PI * area,
         ),
     ];
-    for (what, lamp, power) in lamps {
+    for (what, light_source, power) in light_sources {
         for (bounces, paths) in [(Some(1), 20_000), (Some(3), 20_000), (None, 10_000)] {
             let places = on_the_cavity(4);
-            let all = irradiance_at_all(&sphere, &[lamp], &places, &settings(paths, bounces));
+            let all =
+                irradiance_at_all(&sphere, &[light_source], &places, &settings(paths, bounces));
             let right = channels(|c| {
                 let power = power * f64::from(intensity[c]);
                 closed_form::integrating_sphere(power, 2.0, albedo[c].into(), bounces)
@@ -218,21 +219,21 @@ fn light_under_ceiling_matches_closed_form() {
         half_space(Vec3::Y, 0.0, Vec3::ZERO),
         half_space(Vec3::NEG_Y, -room, albedo),
     ]);
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(0.0, room - below, 0.0),
         intensity: Vec3::splat(3.0),
         range: f32::INFINITY,
     };
     let aside = [0.0f32, 0.5, 4.0];
     let places = aside.map(|s| (Vec3::new(s, 0.0, 0.0), Vec3::Y));
-    let all = irradiance_at_all(&scene, &[lamp], &places, &settings(20_000, Some(3)));
+    let all = irradiance_at_all(&scene, &[light_source], &places, &settings(20_000, Some(3)));
     let straight =
-        aside.map(|s| closed_form::lamp_over_plane(3.0, (room - below).into(), s.into()));
+        aside.map(|s| closed_form::light_over_plane(3.0, (room - below).into(), s.into()));
     let straight = straight.map(|e| Vec3::splat(e as f32));
-    check("lamp over a floor", &direct(&all), &straight, 1.01);
+    check("light over a floor", &direct(&all), &straight, 1.01);
     // The floor is black: one reflection is all there is.
     let returned = channels(|c| {
-        closed_form::lamp_below_ceiling(3.0, albedo[c].into(), below.into(), room.into())
+        closed_form::light_below_ceiling(3.0, albedo[c].into(), below.into(), room.into())
     });
     check("ceiling", &indirect(&all)[..1], &[returned], 1.1);
 }
@@ -263,7 +264,7 @@ fn rectangle_emitters_match_polygon_formula() {
         corners,
         material: Material::emissive(Vec3::ZERO, radiance),
     }]);
-    let lamp = [Light::Rect {
+    let light_source = [Light::Rect {
         center,
         u,
         v,
@@ -291,7 +292,12 @@ fn rectangle_emitters_match_polygon_formula() {
             &settings(20_000, Some(0)),
         ))
     };
-    check("rectangle as a lamp", &of(&nothing, &lamp), &right, 1.02);
+    check(
+        "rectangle as a light",
+        &of(&nothing, &light_source),
+        &right,
+        1.02,
+    );
     check("rectangle as a surface", &of(&glowing, &[]), &right, 1.04);
 }
 
@@ -360,7 +366,7 @@ fn rectangle_form_factors_match_closed_forms() {
             material: Material::emissive(Vec3::ZERO, Vec3::splat(1.0 / PI)),
         }]);
         let nothing = TriangleMesh::new(Vec::new(), Vec::new(), vec![black.clone()]);
-        let lamp = [Light::Rect {
+        let light_source = [Light::Rect {
             center: corner + 0.5 * (u + v),
             u: 0.5 * u,
             v: 0.5 * v,
@@ -381,8 +387,8 @@ fn rectangle_form_factors_match_closed_forms() {
         // trouble.
         if corner.y > 0.0 {
             check(
-                &format!("{what}, lamp"),
-                &[of(&nothing, &lamp)],
+                &format!("{what}, light"),
+                &[of(&nothing, &light_source)],
                 &[right],
                 1.03,
             );

@@ -268,7 +268,7 @@ fn frame_any_thread_count_has_equal_bits() {
 #[test]
 fn direct_light_matches_inverse_square_law() {
     let x = Vec3::new(0.0, 0.0, 0.0);
-    let lamp = Vec3::new(1.0, 2.0, 0.0);
+    let light_source = Vec3::new(1.0, 2.0, 0.0);
     let (square, cosine) = (5.0f32, 2.0 / 5.0f32.sqrt());
     let near = |light: &FrameLight, expected: f32| {
         let e = project::unshadowed(light, x, Vec3::Y);
@@ -278,29 +278,32 @@ fn direct_light_matches_inverse_square_law() {
         );
     };
     near(
-        &FrameLight::point(lamp, Vec3::ONE, f32::INFINITY),
+        &FrameLight::point(light_source, Vec3::ONE, f32::INFINITY),
         cosine / square,
     );
     let window = 1.0 - (square / 9.0) * (square / 9.0);
     near(
-        &FrameLight::point(lamp, Vec3::ONE, 3.0),
+        &FrameLight::point(light_source, Vec3::ONE, 3.0),
         cosine / square * window * window,
     );
-    near(&FrameLight::point(lamp, Vec3::ONE, 2.0), 0.0);
-    near(&FrameLight::point(-lamp, Vec3::ONE, f32::INFINITY), 0.0);
+    near(&FrameLight::point(light_source, Vec3::ONE, 2.0), 0.0);
+    near(
+        &FrameLight::point(-light_source, Vec3::ONE, f32::INFINITY),
+        0.0,
+    );
     near(
         &FrameLight::directional(Vec3::new(0.0, -1.0, 1.0), Vec3::ONE),
         0.5f32.sqrt(),
     );
     near(
-        &FrameLight::patch(lamp, Vec3::NEG_Y, Vec3::ONE),
+        &FrameLight::patch(light_source, Vec3::NEG_Y, Vec3::ONE),
         cosine * cosine / square,
     );
-    near(&FrameLight::patch(lamp, Vec3::Y, Vec3::ONE), 0.0);
+    near(&FrameLight::patch(light_source, Vec3::Y, Vec3::ONE), 0.0);
     // Straight down: the place is 26.6° off the axis of the cone.
     let spot = |inner: f32, outer: f32| {
         FrameLight::spot(
-            lamp,
+            light_source,
             Vec3::NEG_Y,
             Vec3::ONE,
             inner.to_radians(),
@@ -360,8 +363,8 @@ fn direct_light_is_blocked_by_geometry() {
     assert_eq!(frame.direct(&scene, Vec3::Y, Vec3::NEG_Y), Vec3::ZERO);
     // The light below the plate is not in its shadow, the one on it is.
     for (height, lit) in [(0.9, true), (1.0, true), (1.1, false)] {
-        let lamp = FrameLight::point(Vec3::new(0.0, height, 0.0), Vec3::ONE, f32::INFINITY);
-        frame.set_lights(&scene, &[lamp]);
+        let light_source = FrameLight::point(Vec3::new(0.0, height, 0.0), Vec3::ONE, f32::INFINITY);
+        frame.set_lights(&scene, &[light_source]);
         assert_eq!(
             frame.direct(&scene, Vec3::ZERO, Vec3::Y).x > 0.0,
             lit,

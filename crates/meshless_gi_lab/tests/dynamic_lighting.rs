@@ -270,7 +270,7 @@ fn painted(scene: &BakedScene, change: impl Fn(&mut MaterialFactors)) -> BakedSc
     let mut out = scene.clone();
     out.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
     // The same through a frame, which notices what changes and nothing else.
-    let lamp = [FrameLight::point(
+    let light_source = [FrameLight::point(
         scene.points[0].x() + scene.points[0].n(),
         Vec3::ONE,
         f32::INFINITY,
@@ -278,7 +278,7 @@ fn painted(scene: &BakedScene, change: impl Fn(&mut MaterialFactors)) -> BakedSc
     let settings = FrameSettings::bounces(3);
     let solve = |scene: &BakedScene, factors: &[MaterialFactors]| {
         let mut frame = CpuFrame::new(scene);
-        frame.set_lights(scene, &lamp);
+        frame.set_lights(scene, &light_source);
         frame.solve(scene, &settings);
         let changed = frame.set_materials(scene, factors);
         assert_eq!(frame.solve(scene, &settings), changed);
@@ -339,13 +339,13 @@ fn all_kinds(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
     }];
     case.holds("sky that varies", &mesh, [&scene, &scene], [&varied, &mean]);
 
-    let lamp = |aside: f32| Light::Rect {
+    let light_source = |aside: f32| Light::Rect {
         center: rect[0] + aside * rect[1],
         u: rect[1],
         v: rect[2],
         radiance: Vec3::new(9.0, 8.0, 6.0),
     };
-    let moved = [&[lamp(0.0)][..], &[lamp(2.0)]];
+    let moved = [&[light_source(0.0)][..], &[light_source(2.0)]];
     case.holds("rectangular light", &mesh, [&scene, &scene], moved);
 
     let [before, after] = colors;
@@ -363,7 +363,7 @@ fn all_kinds(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
             f.base_color = after.to_array();
         }
     });
-    let lights = [lamp(0.0)];
+    let lights = [light_source(0.0)];
     case.holds(
         "changed albedo",
         &repainted,

@@ -77,7 +77,12 @@ fn is_honest(name: &'static str) {
         .collect();
     assert_eq!(own, estimated(&level, &scene, 0));
     holds(&level, &scene, &own, "as baked");
-    holds(&level, &scene, &estimated(&level, &scene, 1), "other lamps");
+    holds(
+        &level,
+        &scene,
+        &estimated(&level, &scene, 1),
+        "other lights",
+    );
     let whole = own.last().unwrap();
     assert!(
         whole.interval < 1.5 * whole.nrmse,

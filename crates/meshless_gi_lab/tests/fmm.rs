@@ -184,12 +184,12 @@ fn fmm_any_thread_count_has_equal_bits() {
 fn fmm_cornell_box_matches_reference() {
     let room = cornell(8000);
     let mesh = mesh_of_quads(&cornell_box());
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(0.0, 1.8, 0.2),
         intensity: Vec3::splat(10.0),
         range: f32::INFINITY,
     };
-    let emission = lit(&room, &mesh, &lamp);
+    let emission = lit(&room, &mesh, &light_source);
     let start = Instant::now();
     let fmm = Fmm::new(&room.points, &FmmSettings::default(), Some(&mesh)).unwrap();
     let built = start.elapsed();
@@ -204,7 +204,14 @@ fn fmm_cornell_box_matches_reference() {
         .iter()
         .map(|&i| {
             let p = &room.points[i];
-            irradiance(&mesh, &[lamp], p.position, p.normal, i as u64, &settings)
+            irradiance(
+                &mesh,
+                &[light_source],
+                p.position,
+                p.normal,
+                i as u64,
+                &settings,
+            )
         })
         .collect();
     let reference: Vec<_> = right.iter().map(|r| r.indirect).collect();

@@ -312,12 +312,12 @@ fn fog_in_unlit_room_is_dark() {
     let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(1.5, 2.0, 1.5),
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    let air = Air::new(&scene, &[lamp], None);
+    let air = Air::new(&scene, &[light_source], None);
     let (mut lit, mut dark) = (0.0f32, 0.0f32);
     let count = 3000;
     for k in 0..count {

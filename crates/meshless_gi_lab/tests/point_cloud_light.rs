@@ -202,7 +202,7 @@ fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2
 /// triangles is as far off.
 #[test]
 fn point_statue_and_triangle_room_exchange_light() {
-    let lamp = [Light::Rect {
+    let light_source = [Light::Rect {
         center: Vec3::new(0.3, 1.9, 0.5),
         u: Vec3::X * 0.2,
         v: Vec3::Z * 0.2,
@@ -218,8 +218,14 @@ fn point_statue_and_triangle_room_exchange_light() {
         let places = seen(&level, count, 900);
         let scene = baked(&level, Preset::Draft);
         let all: Vec<(Vec3, Vec3)> = places.concat();
-        let truth = reference(&level, &lamp, &all, 64);
-        let (_, found) = shown(&scene, level, &lamp, &all, Bounces::Count(REFLECTIONS));
+        let truth = reference(&level, &light_source, &all, 64);
+        let (_, found) = shown(
+            &scene,
+            level,
+            &light_source,
+            &all,
+            Bounces::Count(REFLECTIONS),
+        );
         let cut = places[0].len();
         for (name, from, to, bound) in [
             ("walls", 0, cut, bounds[0]),

@@ -237,12 +237,12 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
         quads.extend(room(low, low + Vec3::new(3.0, 2.5, 3.0), 0.7, |_| false));
         let mesh = mesh_of_quads(&quads);
         let scene = baked(&mesh, draft());
-        let lamp = Light::Point {
+        let light_source = Light::Point {
             position: Vec3::new(1.5, 2.0, 1.5),
             intensity: Vec3::ONE,
             range: f32::INFINITY,
         };
-        let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
+        let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
         let mut random = Random::new(1, 0, 0);
         let (mut lit, mut dark) = (0.0f32, 0.0f32);
         for _ in 0..2000 {
@@ -275,12 +275,12 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
     let mut quads = room(Vec3::ZERO, size, 0.7, |_| false);
     quads.extend(room(low, low + size, 0.7, |_| false));
     let scene = baked(&mesh_of_quads(&quads), draft());
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(1.5, 2.0, 1.5),
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
+    let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
     let [from, to] = scene.info.bounds.map(Vec3::from);
     let values = VolumeValues {
         points: frame.values(),
@@ -617,14 +617,14 @@ fn probe_data_round_trips_and_damage_is_detected() {
 fn surface_and_probe_light_join_continuously() {
     let mesh = mesh_of_quads(&cornell_box());
     let scene = baked(&mesh, draft());
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(0.0, 1.8, 0.0),
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
+    let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
     let meshes = std::slice::from_ref(&mesh);
-    let lights = [lamp];
+    let lights = [light_source];
     let lit = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
     // Nearly all places of the level itself have cover enough to be left alone.
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();

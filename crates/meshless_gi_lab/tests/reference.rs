@@ -224,7 +224,7 @@ fn agrees(folder: &Path) {
         }
         // The same test finds lights that are a tenth too bright.
         let wrong = compare(&run(&brighter(&scene.lights), Some(4)), &truth.indirect[2]);
-        assert!(wrong.p < 1e-6, "{name}: too bright lamps: {wrong:?}");
+        assert!(wrong.p < 1e-6, "{name}: too bright lights: {wrong:?}");
     }
 }
 

@@ -20,7 +20,7 @@ const PATHS: u32 = 16_384;
 /// Places nearer to the object are compared by themselves, meters.
 const NEAR: f32 = 0.5;
 
-fn lamp(position: Vec3) -> Light {
+fn light_source(position: Vec3) -> Light {
     Light::Point {
         position,
         intensity: Vec3::new(30.0, 28.0, 25.0),
@@ -35,8 +35,8 @@ fn ball_room() -> Room {
     Room::new(
         cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true),
         ball(center, 0.5),
-        lamp(eye),
-        Aim::lamp(eye, center, 0.6),
+        light_source(eye),
+        Aim::light_source(eye, center, 0.6),
     )
 }
 
@@ -56,7 +56,7 @@ fn crate_room() -> Room {
         cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true),
         cuboid(Vec3::new(2.8, 0.0, 1.6), Vec3::new(3.6, 0.8, 2.4), false),
         light,
-        Aim::lamp(eye, center, 0.9),
+        Aim::light_source(eye, center, 0.9),
     )
 }
 
@@ -85,8 +85,8 @@ fn door_room() -> Room {
     Room::new(
         walls,
         ball(center, 0.5),
-        lamp(eye),
-        Aim::lamp(eye, center, 0.6),
+        light_source(eye),
+        Aim::light_source(eye, center, 0.6),
     )
 }
 
@@ -234,8 +234,8 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
         Room::new(
             cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true),
             ball(center, 0.5),
-            lamp(eye),
-            Aim::lamp(eye, middle, 0.7),
+            light_source(eye),
+            Aim::light_source(eye, middle, 0.7),
         )
     };
     let rms = |all: &mut dyn Iterator<Item = f32>| {
@@ -432,7 +432,7 @@ fn rsm_degenerate_input_stays_finite() {
         assert!(all_finite(&lights), "{light:?}");
         lights
     };
-    let aim = Aim::lamp(eye, center, 0.6);
+    let aim = Aim::light_source(eye, center, 0.6);
     let point = |color: Vec3| FrameLight::point(eye, color, f32::INFINITY);
     let usual = flux_of(&lights_of(&aim, &point(Vec3::ONE), &object, 32));
     assert!(usual.x > 0.0);
@@ -450,7 +450,12 @@ fn rsm_degenerate_input_stays_finite() {
         Vec3::ZERO
     );
     // One texel holds the whole map: it lies in the ball's middle.
-    let one = lights_of(&Aim::lamp(eye, center, 0.1), &point(Vec3::ONE), &object, 1);
+    let one = lights_of(
+        &Aim::light_source(eye, center, 0.1),
+        &point(Vec3::ONE),
+        &object,
+        1,
+    );
     let near = Vec3::from_array(one[0].position).distance(center);
     assert!((near - 0.5).abs() < 0.01 && one[0].square > 0.0, "{near}");
     // The brightest light there is: finite, and halves stay below infinity.
@@ -495,7 +500,7 @@ fn rsm_degenerate_input_stays_finite() {
         let light = FrameLight::point(position, Vec3::ONE, f32::INFINITY);
         let close = Aim {
             clip_from_view: Mat4::perspective_infinite_reverse_rh(1.5, 1.0, 1e-4),
-            ..Aim::lamp(position, center - Vec3::Y, 1.5)
+            ..Aim::light_source(position, center - Vec3::Y, 1.5)
         };
         let flux = flux_of(&lights_of(&close, &light, &object, 32)).x;
         assert!(
@@ -512,7 +517,7 @@ fn rsm_far_from_origin_is_unchanged() {
     let far = Vec3::new(131_072.0, 0.0, -131_072.0);
     let (eye, center) = (Vec3::new(0.5, 2.5, 0.75), Vec3::new(2.25, 1.0, 2.0));
     let object = mesh(ball(center, 0.5), ORANGE);
-    let aim = Aim::lamp(eye, center, 0.6);
+    let aim = Aim::light_source(eye, center, 0.6);
     let drawn = aim.draw(&object, 64);
     let light = FrameLight::point(eye, Vec3::ONE, 20.0);
     let of = |m: Mat4, light: &FrameLight| {
@@ -525,9 +530,12 @@ fn rsm_far_from_origin_is_unchanged() {
     };
     let near_by = space_from_clip(&aim.world_from_view, &aim.clip_from_view, Vec3::ZERO);
     let moved = Mat4::from_translation(far) * aim.world_from_view;
-    let lamp = FrameLight::point(eye + far, Vec3::ONE, 20.0);
+    let light_source = FrameLight::point(eye + far, Vec3::ONE, 20.0);
     let there = space_from_clip(&moved, &aim.clip_from_view, far);
-    let (a, b) = (of(near_by, &light), of(there, &light_in_space(&lamp, far)));
+    let (a, b) = (
+        of(near_by, &light),
+        of(there, &light_in_space(&light_source, far)),
+    );
     for (a, b) in a.iter().zip(&b) {
         let distance = Vec3::from_array(a.position).distance(b.position.into());
         // The camera's place is rounded to 1/128 m there.
@@ -537,7 +545,7 @@ fn rsm_far_from_origin_is_unchanged() {
     // Without a space of its own the map's pixels would fall on a grid of that size.
     let lost = of(
         space_from_clip(&moved, &aim.clip_from_view, Vec3::ZERO),
-        &lamp,
+        &light_source,
     );
     let worst = a
         .iter()

@@ -236,7 +236,7 @@ fn seen(visibility: &Visibility, points: &[(Vec3, Vec3)], i: usize, light: &Soft
     f
 }
 
-fn lamp(at: Vec3) -> SoftLight {
+fn light_source(at: Vec3) -> SoftLight {
     SoftLight::sphere(at, 0.1, Vec3::ONE, f32::INFINITY, 16)
 }
 
@@ -261,7 +261,10 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
             "{count}"
         );
         for i in [0, count - 1] {
-            let (inside, above) = (lamp(place + Vec3::Y), lamp(place + Vec3::Y * 6.0));
+            let (inside, above) = (
+                light_source(place + Vec3::Y),
+                light_source(place + Vec3::Y * 6.0),
+            );
             assert!(by_rays(&inside) == 1.0 && seen(&visibility, &points, i, &inside) > 0.99);
             assert!(by_rays(&above) == 0.0 && seen(&visibility, &points, i, &above) < 0.01);
         }
@@ -277,7 +280,7 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     for (i, p) in points.iter().enumerate() {
         for distance in [1e-3, 1.0, 1e4] {
             assert!(
-                seen(&visibility, &points, i, &lamp(p.0 + p.1 * distance)) > 0.95,
+                seen(&visibility, &points, i, &light_source(p.0 + p.1 * distance)) > 0.95,
                 "{i} {distance}"
             );
         }
@@ -339,10 +342,10 @@ fn points_in_dome_receive_only_inner_lights() {
         ] {
             let d = direction.normalize();
             for inside in [0.1, 0.9, 1.6] {
-                assert!(seen(&visibility, &points, i, &lamp(p.0 + d * inside)) > 0.95);
+                assert!(seen(&visibility, &points, i, &light_source(p.0 + d * inside)) > 0.95);
             }
             for outside in [2.5, 4.0, 1e3] {
-                assert!(seen(&visibility, &points, i, &lamp(p.0 + d * outside)) < 0.05);
+                assert!(seen(&visibility, &points, i, &light_source(p.0 + d * outside)) < 0.05);
             }
         }
     }
@@ -366,8 +369,8 @@ fn points_in_dome_receive_only_inner_lights() {
         sum / points.len() as f32
     };
     let (block, near) = (
-        lamp(Vec3::new(-0.35, 0.5, -0.35)),
-        lamp(Vec3::new(-0.4, 0.15, 0.95)),
+        light_source(Vec3::new(-0.35, 0.5, -0.35)),
+        light_source(Vec3::new(-0.4, 0.15, 0.95)),
     );
     println!(
         "in a block {}, near the floor {}",
@@ -486,12 +489,12 @@ fn soft_shadow_of_degenerate_lights_stays_finite() {
                 &visibility,
                 &points[..],
                 1,
-                &lamp(points[1].0 + Vec3::Y * 0.05)
+                &light_source(points[1].0 + Vec3::Y * 0.05)
             ) > 0.95
         );
     }
     let none = SoftLight::default();
-    assert_eq!(lamp(Vec3::NAN), none);
+    assert_eq!(light_source(Vec3::NAN), none);
     assert_eq!(
         SoftLight::sphere(Vec3::ZERO, f32::INFINITY, Vec3::ONE, 1.0, 4),
         none

@@ -5,7 +5,7 @@ use crate::plan::ChangeCounts;
 use meshless_gi::internals::asset::MaterialCoverage;
 use meshless_gi::{Material, Progress, Recipe, bake_scene, cornell_box, mesh_of_quads};
 
-fn lamp(at: Vec3, intensity: Vec3) -> Light {
+fn light_source(at: Vec3, intensity: Vec3) -> Light {
     Light::Point {
         position: at,
         intensity,
@@ -56,15 +56,15 @@ fn scene<'a>(bake: &'a Arc<BakedScene>) -> SceneSnapshot<'a> {
 fn inventory_counts_moved_recolored_added_and_removed_lights() {
     let mut surveyor = InventoryTracker::new();
     let mut lights: Vec<(u32, Light)> = (0..8)
-        .map(|k| (k, lamp(Vec3::X * k as f32, Vec3::ONE)))
+        .map(|k| (k, light_source(Vec3::X * k as f32, Vec3::ONE)))
         .collect();
     let first = look(&mut surveyor, &lights).lights_of(LightKind::Point);
     assert_eq!((first.all, first.on, first.moved), (8, 8, 8));
     assert!(look(&mut surveyor, &lights).at_rest());
     // One moves, one changes its color, one is turned off, one is removed. A sun is added.
-    lights[2].1 = lamp(Vec3::Y, Vec3::ONE);
-    lights[3].1 = lamp(Vec3::X * 3.0, Vec3::new(1.0, 0.5, 0.5));
-    lights[4].1 = lamp(Vec3::X * 4.0, Vec3::ZERO);
+    lights[2].1 = light_source(Vec3::Y, Vec3::ONE);
+    lights[3].1 = light_source(Vec3::X * 3.0, Vec3::new(1.0, 0.5, 0.5));
+    lights[4].1 = light_source(Vec3::X * 4.0, Vec3::ZERO);
     lights.remove(7);
     let sun = Light::Directional {
         direction: Vec3::NEG_Y,
@@ -97,9 +97,12 @@ fn inventory_counts_moved_recolored_added_and_removed_lights() {
 fn scene_is_gray_if_surfaces_and_lights_are() {
     let (gray, colored) = (bake(true), bake(false));
     let colors = |bake, lights: &[Vec3], sky: Vec3| {
-        let lamps: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
+        let light_sources: Vec<Light> = lights
+            .iter()
+            .map(|c| light_source(Vec3::ZERO, *c))
+            .collect();
         let found = WorldSnapshot {
-            lights: (0u32..).zip(&lamps).collect(),
+            lights: (0u32..).zip(&light_sources).collect(),
             scenes: vec![SceneSnapshot {
                 sky: sky.into(),
                 ..scene(bake)
@@ -170,7 +173,7 @@ fn dynamic_material_textures_count_with_factors() {
         .starts
         .truncate(senders as usize + 1);
     let baked = Arc::new(baked);
-    let white = [lamp(Vec3::ZERO, Vec3::ONE)];
+    let white = [light_source(Vec3::ZERO, Vec3::ONE)];
     let colors = |wall: f32, sign: Vec3| {
         let factors = |base_color: f32, emissive: Vec3| MaterialFactors {
             base_color: [base_color; 3],

@@ -7,7 +7,7 @@ const BOX: Bounds = Bounds {
     max: Vec3::splat(10.0),
 };
 
-fn lamp(x: f32, color: f32) -> Vec<FrameLight> {
+fn light_source(x: f32, color: f32) -> Vec<FrameLight> {
     vec![FrameLight::point(
         Vec3::new(x, 1.0, 1.0),
         Vec3::splat(color),
@@ -28,27 +28,36 @@ fn settle(table: &mut SlotTable, changes: &[SlotChange]) {
 fn light_keeps_slot_while_others_change() {
     use SlotChange::{Color, Geometry, None};
     let mut table = SlotTable::new();
-    let first = table.update(&[(9, lamp(1.0, 1.0)), (4, lamp(2.0, 1.0))], BOX);
+    let first = table.update(
+        &[(9, light_source(1.0, 1.0)), (4, light_source(2.0, 1.0))],
+        BOX,
+    );
     assert_eq!(first.changes, [Geometry, Geometry]);
     settle(&mut table, &first.changes);
     // Light 9 is removed: its slot is free, and the transport still includes its light.
-    let second = table.update(&[(4, lamp(2.0, 1.0))], BOX);
+    let second = table.update(&[(4, light_source(2.0, 1.0))], BOX);
     assert_eq!((second.changes, second.stale), (vec![None, None], true));
-    assert_eq!(table.lights(), [FrameLight::default(), lamp(2.0, 1.0)[0]]);
+    assert_eq!(
+        table.lights(),
+        [FrameLight::default(), light_source(2.0, 1.0)[0]]
+    );
     table.mark_applied();
     // Light 5 takes the free slot. Light 4 changes color in its own.
-    let third = table.update(&[(4, lamp(2.0, 3.0)), (5, lamp(3.0, 1.0))], BOX);
+    let third = table.update(
+        &[(4, light_source(2.0, 3.0)), (5, light_source(3.0, 1.0))],
+        BOX,
+    );
     assert_eq!((third.changes, third.stale), (vec![Geometry, Color], false));
 }
 
 #[test]
 fn accumulated_light_drift_triggers_projection() {
     let mut table = SlotTable::new();
-    let start = table.update(&[(1, lamp(1.0, 1.0))], BOX);
+    let start = table.update(&[(1, light_source(1.0, 1.0))], BOX);
     settle(&mut table, &start.changes);
     let mut moved = 0;
     for i in 1..=100 {
-        let slots = table.update(&[(1, lamp(1.0 + 2e-5 * i as f32, 1.0))], BOX);
+        let slots = table.update(&[(1, light_source(1.0 + 2e-5 * i as f32, 1.0))], BOX);
         if slots.changes == [SlotChange::Geometry] {
             moved += 1;
             settle(&mut table, &slots.changes);
@@ -61,32 +70,32 @@ fn accumulated_light_drift_triggers_projection() {
 #[test]
 fn moving_dark_light_is_not_projected() {
     let mut table = SlotTable::new();
-    let on = table.update(&[(1, lamp(1.0, 1.0))], BOX);
+    let on = table.update(&[(1, light_source(1.0, 1.0))], BOX);
     settle(&mut table, &on.changes);
-    let off = table.update(&[(1, lamp(1.0, 0.0))], BOX);
+    let off = table.update(&[(1, light_source(1.0, 0.0))], BOX);
     assert_eq!(off.changes, [SlotChange::Color]);
     settle(&mut table, &off.changes);
     assert_eq!(
-        table.update(&[(1, lamp(4.0, 0.0))], BOX).changes,
+        table.update(&[(1, light_source(4.0, 0.0))], BOX).changes,
         [SlotChange::None]
     );
     assert_eq!(
         table.lights(),
-        [lamp(1.0, 0.0)[0]],
+        [light_source(1.0, 0.0)[0]],
         "the geometry of its projection"
     );
     // At the old position the projection is valid, elsewhere it is not.
     assert_eq!(
-        table.update(&[(1, lamp(1.0, 1.0))], BOX).changes,
+        table.update(&[(1, light_source(1.0, 1.0))], BOX).changes,
         [SlotChange::Color]
     );
     assert_eq!(
-        table.update(&[(1, lamp(4.0, 1.0))], BOX).changes,
+        table.update(&[(1, light_source(4.0, 1.0))], BOX).changes,
         [SlotChange::Geometry]
     );
     // A light out of reach is dark, and so is one without a kind.
     assert_eq!(
-        table.update(&[(1, lamp(400.0, 1.0))], BOX).changes,
+        table.update(&[(1, light_source(400.0, 1.0))], BOX).changes,
         [SlotChange::None]
     );
     assert_eq!(
@@ -100,19 +109,25 @@ fn moving_dark_light_is_not_projected() {
 #[test]
 fn initially_dark_light_is_projected_when_lit() {
     let mut table = SlotTable::new();
-    let dark = table.update(&[(1, lamp(1.0, 0.0)), (2, lamp(2.0, 1.0))], BOX);
+    let dark = table.update(
+        &[(1, light_source(1.0, 0.0)), (2, light_source(2.0, 1.0))],
+        BOX,
+    );
     assert_eq!(dark.changes, [SlotChange::None, SlotChange::Geometry]);
     // A dark slot is not projected, even if all slots are marked as projected.
     assert_eq!(table.lights()[0], FrameLight::default());
     table.mark_projected(&[0, 1]);
     table.mark_applied();
-    let lit = table.update(&[(1, lamp(1.0, 1.0)), (2, lamp(2.0, 1.0))], BOX);
+    let lit = table.update(
+        &[(1, light_source(1.0, 1.0)), (2, light_source(2.0, 1.0))],
+        BOX,
+    );
     assert_eq!(lit.changes, [SlotChange::Geometry, SlotChange::None]);
 }
 
 #[test]
 fn trailing_slots_are_removed_with_lights() {
-    let all: Vec<(u64, Vec<FrameLight>)> = (0..100).map(|k| (k, lamp(1.0, 1.0))).collect();
+    let all: Vec<(u64, Vec<FrameLight>)> = (0..100).map(|k| (k, light_source(1.0, 1.0))).collect();
     let mut table = SlotTable::new();
     let first = table.update(&all, BOX);
     settle(&mut table, &first.changes);
@@ -130,9 +145,9 @@ fn trailing_slots_are_removed_with_lights() {
 #[test]
 fn color_rounding_is_ignored_until_accumulated() {
     let mut table = SlotTable::new();
-    let first = table.update(&[(1, lamp(1.0, 1.0))], BOX);
+    let first = table.update(&[(1, light_source(1.0, 1.0))], BOX);
     settle(&mut table, &first.changes);
-    let then = |table: &mut SlotTable, c| table.update(&[(1, lamp(1.0, c))], BOX).changes;
+    let then = |table: &mut SlotTable, c| table.update(&[(1, light_source(1.0, c))], BOX).changes;
     assert_eq!(then(&mut table, 1.000_005), [SlotChange::None]);
     assert_eq!(then(&mut table, 1.000_02), [SlotChange::Color]);
     assert_eq!(then(&mut table, 0.0), [SlotChange::Color]);
@@ -203,12 +218,18 @@ fn changed_soft_shadow_lights_are_detected() {
 #[test]
 fn reset_projects_all_lights() {
     let mut table = SlotTable::new();
-    let start = table.update(&[(1, lamp(1.0, 1.0)), (2, lamp(2.0, 1.0))], BOX);
+    let start = table.update(
+        &[(1, light_source(1.0, 1.0)), (2, light_source(2.0, 1.0))],
+        BOX,
+    );
     settle(&mut table, &start.changes);
     table.forget();
     assert_eq!(
         table
-            .update(&[(1, lamp(1.0, 1.0)), (2, lamp(2.0, 1.0))], BOX)
+            .update(
+                &[(1, light_source(1.0, 1.0)), (2, light_source(2.0, 1.0))],
+                BOX
+            )
             .changes,
         start.changes
     );

@@ -453,7 +453,7 @@ fn extracted() -> ExtractedScene {
 fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (Plan, f32) {
     let bake = scene.bake.clone().expect("a bake");
     let mut runtime = SceneRuntime::new(bake.clone());
-    let lamp = FrameLight::expand(
+    let light_source = FrameLight::expand(
         &Light::Point {
             position: bounds(&bake).center(),
             intensity: Vec3::ONE,
@@ -461,7 +461,7 @@ fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (
         },
         1,
     );
-    let lights = [((1, LightKind::Point), lamp)];
+    let lights = [((1, LightKind::Point), light_source)];
     let slots = runtime.changes.slots.update(&lights, bounds(&bake));
     let state = FrameState {
         scenes: vec![SceneState {

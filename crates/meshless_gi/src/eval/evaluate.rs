@@ -67,7 +67,7 @@ pub struct Evaluator<'a> {
     scene: &'a BakedScene,
     /// Reflected light only.
     solved: Solved,
-    lamps: Vec<FrameLight>,
+    light_sources: Vec<FrameLight>,
     glow: EmissionIntegrator<'a>,
     /// Reflections that were simulated one by one; none where the bake's own were used, or all at
     /// once.
@@ -135,7 +135,7 @@ impl<'a> Evaluator<'a> {
         Self {
             scene,
             solved,
-            lamps: expand(FINE_PATCHES),
+            light_sources: expand(FINE_PATCHES),
             glow: EmissionIntegrator::new(meshes, sky),
             bounces: used,
         }
@@ -148,8 +148,8 @@ impl<'a> Evaluator<'a> {
         let scene = self.scene;
         let extent = project::extent(scene);
         let above = x + n * self.glow.surface_relief(x);
-        let lamps: Vec3 = self
-            .lamps
+        let light_sources: Vec3 = self
+            .light_sources
             .iter()
             .map(|light| {
                 Vec3::from_array(light.color)
@@ -167,7 +167,7 @@ impl<'a> Evaluator<'a> {
             None => self.probe_irradiance(x, n),
         };
         Evaluated {
-            direct: finite(lamps + self.glow.irradiance(x, n, stream)),
+            direct: finite(light_sources + self.glow.irradiance(x, n, stream)),
             indirect: indirect.map(finite),
         }
     }
@@ -205,12 +205,12 @@ fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
 /// all at once.
 pub(crate) fn solve(
     scene: &BakedScene,
-    lamps: &[FrameLight],
+    light_sources: &[FrameLight],
     settings: &FrameSettings,
     bounces: Bounces,
 ) -> (CpuFrame, Option<u32>) {
     let mut frame = CpuFrame::new(scene);
-    frame.set_lights(scene, lamps);
+    frame.set_lights(scene, light_sources);
     if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
         let baked = FrameSettings {
             sweeps: scene.info.bounces.max(1) - 1,

@@ -65,7 +65,7 @@ pub fn direct_irradiance(
     n: Vec3,
     random: &mut Random,
 ) -> Vec3 {
-    let lamp = |position: Vec3, intensity: Vec3, range: f32| {
+    let light_source = |position: Vec3, intensity: Vec3, range: f32| {
         let to = position - start;
         let square = to.length_squared();
         let cosine = to.dot(n);
@@ -85,7 +85,7 @@ pub fn direct_irradiance(
             position,
             intensity,
             range,
-        } => shadowed(lamp(position, intensity, range)),
+        } => shadowed(light_source(position, intensity, range)),
         Light::Spot {
             position,
             direction,
@@ -94,7 +94,7 @@ pub fn direct_irradiance(
             outer,
             range,
         } => shadowed(
-            lamp(position, intensity, range).map(|(e, toward, position)| {
+            light_source(position, intensity, range).map(|(e, toward, position)| {
                 let span = (inner.cos() - outer.cos()).max(1e-4);
                 let f = ((toward.dot(direction) - outer.cos()) / span).clamp(0.0, 1.0);
                 (e * f * f, toward, position)
@@ -123,11 +123,9 @@ pub fn direct_irradiance(
             // The light's own model may lie in its plane: the shadow ray ends a little before it.
             let position = position + facing.normalize_or_zero() * geometry.ray_offset(position);
             // Area 4 |u × v| and the emitter's cosine together: 4 (u × v) · direction.
-            shadowed(
-                lamp(position, radiance, f32::INFINITY).map(|(e, toward, position)| {
-                    (e * (4.0 * facing.dot(toward)).max(0.0), toward, position)
-                }),
-            )
+            shadowed(light_source(position, radiance, f32::INFINITY).map(
+                |(e, toward, position)| (e * (4.0 * facing.dot(toward)).max(0.0), toward, position),
+            ))
         }
         Light::Sky { .. } => Vec3::ZERO,
     }
@@ -151,7 +149,7 @@ pub fn irradiance(
             _ => None,
         })
         .sum();
-    let lamps = |start: Vec3, n: Vec3, random: &mut Random| -> Vec3 {
+    let light_sources = |start: Vec3, n: Vec3, random: &mut Random| -> Vec3 {
         lights
             .iter()
             .map(|light| direct_irradiance(geometry, light, start, n, random))
@@ -164,7 +162,7 @@ pub fn irradiance(
         let mut position = x + n * geometry.ray_offset(x);
         let mut normal = n;
         let mut throughput = Vec3::ONE;
-        let mut direct = lamps(position, normal, &mut random);
+        let mut direct = light_sources(position, normal, &mut random);
         let mut indirect = Vec3::ZERO;
         // The light that comes along the next direction has `depth` reflections behind it once it
         // is emitted there, and one more once reflected.
@@ -207,7 +205,7 @@ pub fn irradiance(
             }
             position = seen.position + seen.normal * geometry.ray_offset(seen.position);
             normal = seen.normal;
-            indirect += throughput * lamps(position, normal, &mut random);
+            indirect += throughput * light_sources(position, normal, &mut random);
         }
         // Squares in double precision: their difference to the squared mean is small.
         let (direct, indirect) = (direct.as_dvec3(), indirect.as_dvec3());

@@ -321,7 +321,7 @@ mod tests {
         assert!(text(both).contains("a sky has `radiance`"));
         let below = r#"{"type":"sky","zenith":[1,1,1],"horizon":[1,1,1],"ground":[0,-1,0]}"#;
         assert!(text(below).contains("ground is negative"));
-        assert!(text(r#"{"type":"lamp"}"#).contains("lights[0]: unknown variant `lamp`"));
+        assert!(text(r#"{"type":"light"}"#).contains("lights[0]: unknown variant `light`"));
         assert!(
             text(r#"{"type":"point","position":[0,0,0]}"#).contains("missing field `intensity`")
         );

@@ -20,7 +20,7 @@ use std::process::Command;
 /// Points are at least this far apart, meters, in a room of two.
 const SPACING: f32 = 0.035;
 
-fn lamp() -> [Light; 1] {
+fn light_source() -> [Light; 1] {
     [Light::Rect {
         center: Vec3::new(0.1, 1.9, 0.0),
         u: Vec3::X * 0.2,
@@ -53,7 +53,7 @@ fn point_box_matches_triangle_box() {
     let solid = mesh_of_quads(&cornell_box());
     let points = scatter(&solid, SPACING, 1).expect("points");
     let places = places(&solid, 400);
-    let truth = reference(&solid, &lamp(), &places, 64);
+    let truth = reference(&solid, &light_source(), &places, 64);
     let bare = PlyPoints {
         normals: None,
         ..points.clone()
@@ -64,12 +64,18 @@ fn point_box_matches_triangle_box() {
     ] {
         let cloud = PointCloud::new(points, &[]).expect("a cloud");
         let (cells, _) = cloud.mesh();
-        let own = reference(&cells, &lamp(), &places, 64);
+        let own = reference(&cells, &light_source(), &places, 64);
         let scene = baked(&cells, Preset::Draft);
         let bytes = std::mem::size_of_val(&scene.bvh.nodes[..])
             + std::mem::size_of_val(&scene.bvh.triangles[..]);
         let (points, triangles) = (cloud.len(), cells.len());
-        let (d, i) = shown(&scene, cells, &lamp(), &places, Bounces::Count(REFLECTIONS));
+        let (d, i) = shown(
+            &scene,
+            cells,
+            &light_source(),
+            &places,
+            Bounces::Count(REFLECTIONS),
+        );
         let found = [
             nrmse(&i, &own, indirect),
             nrmse(&i, &truth, indirect),
@@ -326,10 +332,10 @@ fn scan_without_normals_faces_viewpoint() {
     let told = tool(&[&all[..], &named].concat(), 0);
     assert!(told.contains("no normals"), "{told}");
     tool(&["validate", &bake, "--level", &scan], 0);
-    let lamp = r#"{"type":"point","position":[0,0.5,0],"intensity":[1,1,1]}"#;
+    let light_source = r#"{"type":"point","position":[0,0.5,0],"intensity":[1,1,1]}"#;
     fs::write(
         at("s.json"),
-        format!(r#"{{"geometry":[{{"file":"scan.ply"}}],"lights":[{lamp}]}}"#),
+        format!(r#"{{"geometry":[{{"file":"scan.ply"}}],"lights":[{light_source}]}}"#),
     )
     .unwrap();
     let (scene, out) = (at("s.json"), at("lit.ply"));

@@ -246,7 +246,7 @@ fn tiny_variants(base: &BakeSettings) -> Vec<Variant> {
 fn tiny_sweep() -> Sweep {
     Sweep {
         exam: TestSetSize {
-            lamps: 2,
+            light_sources: 2,
             places: 100,
             paths: 2048,
         },
@@ -336,7 +336,7 @@ fn report_of_dark_or_empty_scene_fails() {
 fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
         exam: TestSetSize {
-            lamps: 1,
+            light_sources: 1,
             places: 20,
             paths: 64,
         },

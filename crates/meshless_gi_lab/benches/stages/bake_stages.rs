@@ -4,7 +4,7 @@ use crate::fixture::Fixture;
 use criterion::{BatchSize, Criterion, Throughput};
 use glam::{Vec2, Vec3, Vec3A};
 use meshless_gi::internals::samples::{gather_direction, tangents};
-use meshless_gi::internals::transport::bounded::{CutScratch, cut_row};
+use meshless_gi::internals::transport::bounded_truncation::{CutScratch, cut_row};
 use meshless_gi::internals::transport::{Gathered, SenderForm, assign_tiers, gather, pack};
 use meshless_gi::{BakedScene, Geometry, Limits, Ray};
 use std::hint::black_box;

@@ -5,7 +5,7 @@ use meshless_gi::internals::bake::{BakeSettings, reached_area};
 use meshless_gi::internals::basis::{Hierarchy, HierarchySettings, Weights};
 use meshless_gi::internals::frame::project;
 use meshless_gi::internals::samples::find_viewpoints;
-use meshless_gi::internals::transport::bounded::{CutMeasure, CutScratch, cut_row};
+use meshless_gi::internals::transport::bounded_truncation::{CutMeasure, CutScratch, cut_row};
 use meshless_gi::internals::transport::{
     Deposit, GatherScene, GatherSettings, Gathered, RawRow, SenderTree, TRAINING_LIGHTS, Training,
     gather,

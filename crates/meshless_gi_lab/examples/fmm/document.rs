@@ -232,7 +232,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     writeln!(
         w,
         "\n## Visibility\n\n\
-         The Cornell box as points, a lamp below its ceiling, all bounces; rays between nodes decide at the bake what they see of each other. Against the reference integrator at some 400 places, reflected light alone. Its rays, and those between nodes, meet the box's walls;\n\
+         The Cornell box as points, a light below its ceiling, all bounces; rays between nodes decide at the bake what they see of each other. Against the reference integrator at some 400 places, reflected light alone. Its rays, and those between nodes, meet the box's walls;\n\
          docs/reports/FMM_RULE.md has the room whose geometry is the points' own cells.\n\n\
          | points | what | NRMSE | bias | bounces | lists and rays, s | all bounces, s | rays | parts |\n|---|---|---|---|---|---|---|---|---|"
     )?;

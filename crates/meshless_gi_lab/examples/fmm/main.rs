@@ -278,7 +278,7 @@ fn sizes(most: usize) -> Result<Vec<Size>, Box<dyn Error>> {
 
 fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
     let mesh = mesh_of_quads(&cornell_box());
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::new(0.0, 1.8, 0.2),
         intensity: Vec3::splat(10.0),
         range: f32::INFINITY,
@@ -292,7 +292,7 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
     let mut out = Vec::new();
     for points in [2000, 8000, 32_000] {
         let room = cornell(points);
-        let emission = lit(&room, &mesh, &lamp);
+        let emission = lit(&room, &mesh, &light_source);
         let receivers: Vec<u32> = (0..room.points.len() as u32)
             .step_by(room.points.len() / 400)
             .collect();
@@ -301,7 +301,12 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
             .map(|&i| &room.points[i as usize])
             .map(|p| (p.position, p.normal))
             .collect();
-        let right = irradiance_at_all(&mesh, std::slice::from_ref(&lamp), &places, &reference);
+        let right = irradiance_at_all(
+            &mesh,
+            std::slice::from_ref(&light_source),
+            &places,
+            &reference,
+        );
         let (values, noise): (Vec<_>, Vec<_>) =
             right.iter().map(|r| (r.indirect, r.indirect_error)).unzip();
         let leaves = |leaf| FmmSettings { leaf, ..default };

@@ -66,10 +66,10 @@ pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
 pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!(
         "{LEVEL}{name}\n\n\
-        {} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lamps, against the reference integrator; frame is the CPU's, \
-        one lamp moved, all reflections, on {} threads.\n\n\
+        {} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lights, against the reference integrator; frame is the CPU's, \
+        one light moved, all reflections, on {} threads.\n\n\
         | rule | recipe | error, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|\n",
-        report.triangles, report.bounces, report.places, report.lamps, report.threads
+        report.triangles, report.bounces, report.places, report.light_sources, report.threads
     );
     for rule in [TransportMethod::Bounded, TransportMethod::pca()] {
         for r in report

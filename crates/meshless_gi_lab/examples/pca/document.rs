@@ -153,7 +153,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
     out += "\nSeconds are those of the machine that printed this, on all its processors.\n";
     out += &cut(level, cuts);
     out += "\n## In place of rays\n\n\
-        `project` asks whether a lamp reaches a place by a ray. It could ask the memory. The visible fraction of a panel at the points that remember and that it would light, the same samples, on one thread of \
+        `project` asks whether a light reaches a place by a ray. It could ask the memory. The visible fraction of a panel at the points that remember and that it would light, the same samples, on one thread of \
         the CPU; one sample is what `project` asks of a point light; \"apart\" is the root mean square of the difference of the two fractions:\n\n\
         | level | triangles | points | samples | by rays, µs a point | from memory, µs a point | apart |\n|---|---|---|---|---|---|---|\n";
     for r in races {
@@ -225,8 +225,8 @@ fn cut(level: &str, cuts: &[Cut]) -> String {
 pub fn transfer(all: &[Transfer]) -> String {
     let mut out = format!(
         "{TRANSFER}\n\
-        TransportMethod `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lamps that no bake has seen, with the \
-        half width of its 95 % interval for other places. The share missed is the root mean square of the example lamps' direct light that the bases cannot write down. The operator is links \
+        TransportMethod `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lights that no bake has seen, with the \
+        half width of its 95 % interval for other places. The share missed is the root mean square of the example lights' direct light that the bases cannot write down. The operator is links \
         of eight bytes, rows, and columns of sixteen bits a value.\n"
     );
     for t in all {

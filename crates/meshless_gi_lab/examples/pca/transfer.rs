@@ -15,7 +15,7 @@ const COEFFICIENTS: [u32; 7] = [1, 3, 10, 20, 30, 50, 100];
 const CLUSTERS: [u32; 3] = [50, 120, 400];
 /// The reference: lights that no bake has seen, and places that they light.
 const EXAM: TestSetSize = TestSetSize {
-    lamps: 4,
+    light_sources: 4,
     places: 150,
     paths: 4096,
 };

@@ -46,7 +46,7 @@ pub fn soft_light(name: &str) -> Light {
 
 /// Panels that the constants of [`soft_shadow`] were not chosen with: elsewhere, of other sizes and
 /// other shapes.
-pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
+pub fn other_lights(name: &str) -> [(&'static str, Light); 2] {
     let panel = |center: [f32; 3], u: f32, v: f32| Light::Rect {
         center: center.into(),
         u: Vec3::X * u,
@@ -370,7 +370,7 @@ pub fn measure(
     ] = bakes;
     let fifty = theirs.truncated(50);
     let mut others = Vec::new();
-    for (what, light) in other_lamps(name) {
+    for (what, light) in other_lights(name) {
         let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
         let shade = penumbra_of(&penumbra_samples(scene, mesh, &light, PATHS));
         let error = |visibility: &Visibility| memory(scene, visibility, &soft_light, &shade).nrmse;

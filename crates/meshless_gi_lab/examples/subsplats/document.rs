@@ -213,7 +213,7 @@ fn light(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "## The threshold of light\n\n\
-         A cell is refined too where a node's light is not what its surroundings foretold. Without (\"none\") only shapes refine, as in [N09] §4.2. First view of each level.\n\n\
+         A cell is refined too where a node's light is not what its surroundings predicted. Without (\"none\") only shapes refine, as in [N09] §4.2. First view of each level.\n\n\
          ![FLIP against share of the pixels](subsplats/light.svg)\n\n\
          | level |{}\n|---|{}",
         LIGHTS.map(|l| format!(" {} |", threshold(l))).concat(),

@@ -263,10 +263,10 @@ pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "\n## Gloss: a list for each light ([N09] Table 1)\n\n\
-         A room with a glossy floor (perceptual roughness {ROUGHNESS}), a metal ball and a crate, {} × {} pixels, virtual lights from a lamp's map of all of it. Each cell: the subsplats of [N09] §3.3.1 to the letter \
+         A room with a glossy floor (perceptual roughness {ROUGHNESS}), a metal ball and a crate, {} × {} pixels, virtual lights from a light's map of all of it. Each cell: the subsplats of [N09] §3.3.1 to the letter \
          (a list for each light, from 16² cells; a cell is divided whose quadrants differ by more than our threshold at the mean gloss over the number of lights, so that all together stay below it), the CPU's time to refine them (threads added up), and, after the stroke, how\n\
          often *ours* evaluates a light in all, to the same resolution. [N09]'s subsplats are evaluated four times each to refine them and once to show them. Ours holds no list: one bit says which lights surprised a\n\
-         node, and only those are evaluated around it, again at the nodes that foretold them; its threshold is of each light, so the two are not pictures of one quality: the table below has that. \"–\": not measured, as in [N09] where the lists are too long; ours takes up to 1024 lights of a lamp.\n\n\
+         node, and only those are evaluated around it, again at the nodes that predicted them; its threshold is of each light, so the two are not pictures of one quality: the table below has that. \"–\": not measured, as in [N09] where the lists are too long; ours takes up to 1024 lights of a light.\n\n\
          | resolution |{}\n|---|{}",
         SQUARE[0],
         SQUARE[1],
@@ -300,7 +300,7 @@ pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "\nThe same room at {} × {} pixels with the default settings: evaluations of a light over those of every glossy pixel, FLIP of diffuse light and gloss against that, and the time over\n\
-         that of every pixel, in one run. \"One list\": cells are divided where the sum of the lights is not as foretold, for all lights at once.\n\n\
+         that of every pixel, in one run. \"One list\": cells are divided where the sum of the lights is not as predicted, for all lights at once.\n\n\
          | lights | every pixel | one list: share | FLIP | time | each light: share | FLIP | time |\n|---|---|---|---|---|---|---|---|",
         SMALL[0], SMALL[1]
     )?;

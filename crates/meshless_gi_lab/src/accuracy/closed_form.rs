@@ -12,7 +12,7 @@ use glam::DVec3;
 /// `aside` from the light's foot: E = I h / (h² + s²)^(3/2), the inverse square law times Lambert's
 /// cosine.
 #[must_use]
-pub fn lamp_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
+pub fn light_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
     intensity * height / (height * height + aside * aside).powf(1.5)
 }
 
@@ -24,7 +24,7 @@ pub fn lamp_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
 /// H²)² ds: with w² = s² + h² and c = H² − h² the integrand is rational, 2 ρ I h H² ∫_h^∞ dw / (w²
 /// (w² + c)²).
 #[must_use]
-pub fn lamp_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) -> f64 {
+pub fn light_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) -> f64 {
     let c = room * room - below * below;
     let angle = (c.sqrt() / below).atan();
     let integral = 1.0 / (c * c * below) - 1.5 * angle / (c * c * c.sqrt())
@@ -207,11 +207,11 @@ mod tests {
         for k in 0..steps {
             let t = (f64::from(k) + 0.5) / f64::from(steps) * (PI / 2.0);
             let s = room * t.tan();
-            let b = albedo * lamp_over_plane(2.0, below, s);
+            let b = albedo * light_over_plane(2.0, below, s);
             let ring = 2.0 * s * room * room / (s * s + room * room).powi(2);
             sum += b * ring * room / t.cos().powi(2) * (PI / 2.0) / f64::from(steps);
         }
-        let right = lamp_below_ceiling(2.0, albedo, below, room);
+        let right = light_below_ceiling(2.0, albedo, below, room);
         assert!(close(right, sum, 1e-7), "{right} {sum}");
     }
 

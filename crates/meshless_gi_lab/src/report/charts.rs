@@ -68,7 +68,7 @@ pub fn figures(name: &str, report: &Report) -> Vec<Figure> {
             "error_frame_time",
             format!("{name}: error against frame time"),
             Axis::log(
-                format!("CPU time of a frame in which one lamp moves, ms ({threads} threads)"),
+                format!("CPU time of a frame in which one light moves, ms ({threads} threads)"),
                 Format::Number,
             ),
             rows,
@@ -258,7 +258,7 @@ fn reflections(name: &str, report: &Report) -> Chart {
         title: format!("{name}: what reflections cost, and what leaving them out does"),
         caption: "One bake, the baseline. Errors are against the light of all reflections, not of four as on the other charts.".into(),
         x: Axis::linear(
-            format!("CPU time of a frame in which one lamp moves, ms ({} threads)", report.threads),
+            format!("CPU time of a frame in which one light moves, ms ({} threads)", report.threads),
             Format::Number,
         ),
         y: Axis::log("error against all reflections (NRMSE)", Format::Percent),

@@ -406,13 +406,13 @@ pub fn beside_bases(rows: &[Row]) -> String {
     let advice = match wins {
         0 => "Use `bounded` here.",
         _ => {
-            "Use `bounded` where an error has to be met; `pca` at the errors where it needs fewer links, if lamps keep away from walls."
+            "Use `bounded` where an error has to be met; `pca` at the errors where it needs fewer links, if lights keep away from walls."
         }
     };
     let _ = writeln!(
         out,
-        "\nWhich to use: on this level `pca` {found}; the least error tried is {} by `pca` and {} by `bounded`. {advice} Bases are made for lamps like their examples, in the free space of the \
-         level, and for clusters that one handful of pictures describes: a lamp close to a wall, or a light that no example resembles, is blurred over \
+        "\nWhich to use: on this level `pca` {found}; the least error tried is {} by `pca` and {} by `bounded`. {advice} Bases are made for lights like their examples, in the free space of the \
+         level, and for clusters that one handful of pictures describes: a light close to a wall, or a light that no example resembles, is blurred over \
          its cluster (its energy is kept), and the rule has no bound on that.",
         percent(theirs),
         percent(ours)
@@ -432,18 +432,18 @@ fn method(report: &Report) -> String {
         .count();
     let rounding = rows.iter().map(|r| r.link_error).fold(0.0, f64::max);
     let mut out = format!(
-        "- Error: indirect irradiance through the frame's own path against the reference integrator at {} random surface places under {} white point lamps in turn, none \
+        "- Error: indirect irradiance through the frame's own path against the reference integrator at {} random surface places under {} white point lights in turn, none \
          of which a bake has seen. NRMSE, the reference's own variance subtracted; ± is the half width of the 95 % confidence interval over places. All bakes sit the same \
          exam, so that differences between them are surer than that.\n\
          - The reference was computed once, in {} s; its standard error is {} of its values with {} reflections, {} with all.\n\
-         - Bake time is the whole bake with its own estimate, without reading the level and writing the file. Frame time is the CPU twins' for one lamp that has moved: \
+         - Bake time is the whole bake with its own estimate, without reading the level and writing the file. Frame time is the CPU twins' for one light that has moved: \
          projection with shadow rays, reflections, operator; the display comes on top, by the place, on one thread. All on {} threads of the machine that made this report; \
          a GPU's frame is another figure.\n\
          - The bake's own estimate agrees with the error measured here, within both intervals, for {honest} of {} bakes.\n\
          - Not swept: the precision of links, which are kept in halves (rounding changes none by more than {:.3} % of the largest of its row), and the resolution of the display, \
          which evaluates every place by itself.\n",
         report.places,
-        report.lamps,
+        report.light_sources,
         short(report.reference_seconds),
         percent(report.noise.0),
         report.bounces,

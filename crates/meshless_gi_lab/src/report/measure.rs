@@ -238,7 +238,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64
         position,
         intensity,
         range,
-    }) = exam.lamps().first()
+    }) = exam.light_sources().first()
     else {
         return 0.0;
     };
@@ -253,9 +253,9 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64
             break;
         }
         let position = position + Vec3::splat(step * k as f32);
-        let lamp = FrameLight::point(position, intensity, range);
+        let light_source = FrameLight::point(position, intensity, range);
         let start = Instant::now();
-        frame.set_lights(scene, &[lamp]);
+        frame.set_lights(scene, &[light_source]);
         frame.solve(scene, settings);
         if k > 0 {
             times.push(start.elapsed().as_secs_f64() * 1e3);

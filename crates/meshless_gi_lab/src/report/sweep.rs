@@ -38,7 +38,7 @@ impl Sweep {
     pub fn quick() -> Self {
         Self {
             exam: TestSetSize {
-                lamps: 4,
+                light_sources: 4,
                 places: 150,
                 paths: 4096,
             },
@@ -56,7 +56,7 @@ impl Sweep {
     pub fn full() -> Self {
         Self {
             exam: TestSetSize {
-                lamps: 6,
+                light_sources: 6,
                 places: 250,
                 paths: 16_384,
             },
@@ -147,7 +147,7 @@ pub struct Report {
     /// Places and lights of the reference.
     pub places: usize,
     /// See `places`.
-    pub lamps: usize,
+    pub light_sources: usize,
     /// Threads that baked and ran the frames.
     pub threads: usize,
     /// Triangles of the level.
@@ -207,7 +207,7 @@ fn run(
         bounces: exam.bounces(),
         noise: exam.noise(),
         places: exam.places().count(),
-        lamps: exam.lamps().len(),
+        light_sources: exam.light_sources().len(),
         threads: rayon::current_num_threads(),
         triangles: level.len(),
         reference_seconds: began.elapsed().as_secs_f64(),

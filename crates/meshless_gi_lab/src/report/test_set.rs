@@ -23,7 +23,7 @@ const PILOT: u32 = 256;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TestSetSize {
     /// Lights, one shining at a time.
-    pub lamps: usize,
+    pub light_sources: usize,
     /// Surface places for each light.
     pub places: usize,
     /// Paths of the reference for each place, in the mean: noisy places get more of them.
@@ -32,7 +32,7 @@ pub struct TestSetSize {
 
 /// One light, and what is true under it.
 struct Question {
-    lamp: Light,
+    light_source: Light,
     places: Vec<(Vec3, Vec3)>,
     /// After as many reflections as [`TestSet::bounces`].
     truth: ReferenceValues,
@@ -103,38 +103,44 @@ impl TestSet {
             [] => find_viewpoints(geometry, SEED).0,
             named => named.iter().map(|&v| v.into()).collect(),
         };
-        let particles = (size.lamps * size.places / 4).max(256) as u64;
+        let particles = (size.light_sources * size.places / 4).max(256) as u64;
         let candidates =
             trace_particles(geometry, &viewpoints, 0..particles, SEED, false).candidates;
         if candidates.is_empty() {
             return None;
         }
         let mut random = Random::new(SEED, 0, 0);
-        let lamps = sample_open_positions(geometry, &candidates, size.lamps, TRIED, &mut random);
+        let light_sources = sample_open_positions(
+            geometry,
+            &candidates,
+            size.light_sources,
+            TRIED,
+            &mut random,
+        );
         let lit = NonEmissive { geometry };
         let questions: Vec<Question> = (0..)
-            .zip(lamps)
+            .zip(light_sources)
             .filter_map(|(k, position)| {
                 let places: Vec<(Vec3, Vec3)> = (0..size.places)
                     .map(|_| candidates[random.below(candidates.len())].surface)
                     .map(|s| (s.position, s.normal))
                     .collect();
-                let lamp = |intensity| Light::Point {
+                let light_source = |intensity| Light::Point {
                     position,
                     intensity: Vec3::splat(intensity),
                     range: f32::INFINITY,
                 };
-                let paths = allot(&lit, lamp(1.0), &places, size.paths, SEED ^ k);
+                let paths = allot(&lit, light_source(1.0), &places, size.paths, SEED ^ k);
                 let few: Vec<u32> = paths.iter().map(|p| p / 4).collect();
                 let truth = |bounces, paths: &[u32]| {
-                    reference(&lit, lamp(1.0), &places, paths, bounces, SEED + k)
+                    reference(&lit, light_source(1.0), &places, paths, bounces, SEED + k)
                 };
                 // All reflections are for one chart of large errors.
                 let (some, all) = (truth(Some(bounces), &paths), truth(None, &few));
                 let direct: f32 = some.iter().map(|e| e.direct.length_squared() / 3.0).sum();
                 let strength = (places.len() as f32 / direct).sqrt();
                 strength.is_finite().then(|| Question {
-                    lamp: lamp(strength),
+                    light_source: light_source(strength),
                     places,
                     truth: ReferenceValues::new(&some, strength),
                     all: ReferenceValues::new(&all, strength),
@@ -152,8 +158,8 @@ impl TestSet {
 
     /// Lights that light anything.
     #[must_use]
-    pub fn lamps(&self) -> Vec<Light> {
-        self.questions.iter().map(|q| q.lamp).collect()
+    pub fn light_sources(&self) -> Vec<Light> {
+        self.questions.iter().map(|q| q.light_source).collect()
     }
 
     /// All places, those of one light after the other's: position in meters and unit normal.
@@ -183,7 +189,7 @@ impl TestSet {
         let mut frame = CpuFrame::new(scene);
         let (mut values, mut dark) = (Vec::new(), 0usize);
         for q in &self.questions {
-            frame.set_lights(scene, &FrameLight::expand(&q.lamp, 1));
+            frame.set_lights(scene, &FrameLight::expand(&q.light_source, 1));
             frame.solve(scene, &settings);
             for &(x, n) in &q.places {
                 let found = frame.irradiance(scene, x, n);
@@ -216,7 +222,7 @@ impl TestSet {
 /// so that the reference stays unbiased.
 fn allot(
     geometry: &dyn Geometry,
-    lamp: Light,
+    light_source: Light,
     places: &[(Vec3, Vec3)],
     paths: u32,
     seed: u64,
@@ -226,7 +232,7 @@ fn allot(
         bounces: Some(2),
         seed,
     };
-    let noise: Vec<f32> = irradiance_at_all(geometry, &[lamp], places, &settings)
+    let noise: Vec<f32> = irradiance_at_all(geometry, &[light_source], places, &settings)
         .iter()
         .map(|e| e.indirect_error.length())
         .collect();
@@ -244,7 +250,7 @@ fn allot(
 /// The reference at all places, with so many paths at each.
 fn reference(
     geometry: &dyn Geometry,
-    lamp: Light,
+    light_source: Light,
     places: &[(Vec3, Vec3)],
     paths: &[u32],
     bounces: Option<u32>,
@@ -256,7 +262,7 @@ fn reference(
             bounces,
             seed,
         };
-        irradiance(geometry, &[lamp], x, n, k as u64, &settings)
+        irradiance(geometry, &[light_source], x, n, k as u64, &settings)
     };
     places.par_iter().zip(paths).enumerate().map(one).collect()
 }

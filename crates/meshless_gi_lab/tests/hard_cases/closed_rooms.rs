@@ -212,12 +212,12 @@ fn open_room_with_lossless_walls_keeps_albedo() {
     assert!(bake.stats.warnings.is_empty());
     let scene = bake.scene;
     let mut frame = CpuFrame::new(&scene);
-    let lamp = Light::Point {
+    let light_source = Light::Point {
         position: Vec3::ONE,
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    frame.set_lights(&scene, &FrameLight::expand(&lamp, 1));
+    frame.set_lights(&scene, &FrameLight::expand(&light_source, 1));
     frame.solve(&scene, &FrameSettings::bounces(256));
     let swept = mean(&irradiances(&frame, &scene), &scene).x;
     frame.converge(&scene, &FrameSettings::default(), 1e-5);

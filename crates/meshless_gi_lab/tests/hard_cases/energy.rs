@@ -48,8 +48,8 @@ fn transport_rows_sum_to_hemisphere() {
 /// light between two numbers of sweeps.
 fn growth(scene: &BakedScene) -> f64 {
     let mut frame = CpuFrame::new(scene);
-    let lamp = FrameLight::point(Vec3::new(0.1, 1.2, 0.3), Vec3::ONE, f32::INFINITY);
-    frame.set_lights(scene, &[lamp]);
+    let light_source = FrameLight::point(Vec3::new(0.1, 1.2, 0.3), Vec3::ONE, f32::INFINITY);
+    frame.set_lights(scene, &[light_source]);
     let mut after = |sweeps: u32| -> Vec<f64> {
         let settings = FrameSettings {
             sweeps,

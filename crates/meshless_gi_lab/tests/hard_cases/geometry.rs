@@ -123,7 +123,12 @@ fn materials_out_of_range_are_clamped() {
 }
 
 /// Errors of the indirect light at places that rays find, three bounces, against the reference.
-fn compared(level: TriangleMesh, recipe: &Recipe, from: Vec3, lamp: Vec3) -> (Errors, usize) {
+fn compared(
+    level: TriangleMesh,
+    recipe: &Recipe,
+    from: Vec3,
+    light_source: Vec3,
+) -> (Errors, usize) {
     let scene = baked(&level, recipe).scene;
     let traced = meshless_gi::internals::samples::trace_particles(&level, &[from], 0..60, 9, false);
     let places: Vec<(Vec3, Vec3)> = traced
@@ -134,7 +139,7 @@ fn compared(level: TriangleMesh, recipe: &Recipe, from: Vec3, lamp: Vec3) -> (Er
         .take(200)
         .collect();
     let lights = [Light::Point {
-        position: lamp,
+        position: light_source,
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     }];
@@ -259,12 +264,12 @@ fn tiny_and_empty_scenes_return_error_or_dark() {
 #[test]
 fn uncovered_points_are_reported() {
     let scene = baked(&cornell(1.0, Vec3::ZERO), &small()).scene;
-    let lamp = [Light::Point {
+    let light_source = [Light::Point {
         position: Vec3::new(0.0, 1.7, 0.0),
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     }];
-    let evaluator = Evaluator::new(&scene, &[], &lamp, Bounces::Count(4));
+    let evaluator = Evaluator::new(&scene, &[], &light_source, Bounces::Count(4));
     for (x, n, covered) in [
         (Vec3::new(0.0, 0.0, 0.9), Vec3::Y, true),
         (Vec3::new(0.0, 0.0, 0.9), Vec3::NEG_Y, false),

@@ -9,14 +9,14 @@ use meshless_gi::{
 };
 use std::f32::consts::PI;
 
-fn lamp(x: Vec3, intensity: f32) -> FrameLight {
+fn light_source(x: Vec3, intensity: f32) -> FrameLight {
     FrameLight::point(x, Vec3::splat(intensity), f32::INFINITY)
 }
 
 /// Mean of the light that was reflected once, over that of a light of 1 W/sr in a closed room of 2
 /// m that reflects half of it: ρ Φ / A, wherever the light is.
 fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
-    frame.set_lights(scene, &[lamp(x, 1.0)]);
+    frame.set_lights(scene, &[light_source(x, 1.0)]);
     frame.solve(scene, &FrameSettings::bounces(1));
     let right = 0.5 * 4.0 * PI / 24.0;
     mean(&irradiances(frame, scene), scene).x / right
@@ -83,7 +83,7 @@ fn light_behind_wall_gives_zero_in_front() {
     let scene = baked(&level, &recipe).scene;
     let mut frame = CpuFrame::new(&scene);
     for x in [2.001, 2.005, 2.009, 2.01, 2.011] {
-        frame.set_lights(&scene, &[lamp(Vec3::new(x, 1.0, 1.0), 1.0)]);
+        frame.set_lights(&scene, &[light_source(Vec3::new(x, 1.0, 1.0), 1.0)]);
         let most = |left: bool| -> f32 {
             let senders = frame.projected(0).iter().zip(&scene.points);
             let side = senders.filter(|(_, p)| (p.x().x < 2.005) == left);
@@ -98,15 +98,21 @@ fn light_behind_wall_gives_zero_in_front() {
 fn light_contrast_of_million_fits_f16() {
     let scene = baked(&cornell(1.0, Vec3::ZERO), &small()).scene;
     let mut frame = CpuFrame::new(&scene);
-    let mut solved = |lamps: &[FrameLight]| {
-        frame.set_lights(&scene, lamps);
+    let mut solved = |light_sources: &[FrameLight]| {
+        frame.set_lights(&scene, light_sources);
         frame.solve(&scene, &FrameSettings::bounces(4));
         irradiances(&frame, &scene)
     };
     let x = Vec3::new(-0.3, 1.7, 0.5);
-    let (dim, bright) = (solved(&[lamp(x, 1.0)]), solved(&[lamp(x, 1e6)]));
-    let far = solved(&[lamp(Vec3::new(0.5, 0.2, 0.9), 1e6)]);
-    let both = solved(&[lamp(x, 1.0), lamp(Vec3::new(0.5, 0.2, 0.9), 1e6)]);
+    let (dim, bright) = (
+        solved(&[light_source(x, 1.0)]),
+        solved(&[light_source(x, 1e6)]),
+    );
+    let far = solved(&[light_source(Vec3::new(0.5, 0.2, 0.9), 1e6)]);
+    let both = solved(&[
+        light_source(x, 1.0),
+        light_source(Vec3::new(0.5, 0.2, 0.9), 1e6),
+    ]);
     // What the screen gets at an exposure that just holds the bright one.
     let most = bright.iter().map(|e| e.max_element()).fold(0.0, f32::max);
     let exposure = 60_000.0 / most;
@@ -135,8 +141,8 @@ fn bright_lights_stay_finite_in_f16() {
     let lights = |intensity: f32| {
         let at = |x: f32| Vec3::new(x, 1e-3, 1.0);
         [
-            lamp(at(0.5), intensity),
-            lamp(at(1.5), intensity),
+            light_source(at(0.5), intensity),
+            light_source(at(1.5), intensity),
             FrameLight::directional(Vec3::NEG_Y, Vec3::splat(intensity)),
             FrameLight::patch(at(1.0), Vec3::Y, Vec3::splat(intensity)),
         ]
@@ -198,7 +204,7 @@ fn bright_lights_stay_finite_in_f16() {
 
 #[test]
 fn many_lights_equal_their_sum() {
-    const LAMPS: usize = 2000;
+    const LIGHT_SOURCES: usize = 2000;
     let recipe = Recipe {
         coarse_radius: Some(0.5),
         ..small()
@@ -206,29 +212,40 @@ fn many_lights_equal_their_sum() {
     let scene = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &recipe).scene;
     let mut random = Random::new(7, 0, 0);
     let mut unit = || 0.2 + 1.6 * random.unit();
-    let lamps: Vec<FrameLight> = (0..LAMPS)
-        .map(|_| lamp(Vec3::new(unit(), unit(), unit()), 1.0 / LAMPS as f32))
+    let light_sources: Vec<FrameLight> = (0..LIGHT_SOURCES)
+        .map(|_| {
+            light_source(
+                Vec3::new(unit(), unit(), unit()),
+                1.0 / LIGHT_SOURCES as f32,
+            )
+        })
         .collect();
     let mut frame = CpuFrame::new(&scene);
-    let mut solved = |lamps: &[FrameLight]| {
-        frame.set_lights(&scene, lamps);
+    let mut solved = |light_sources: &[FrameLight]| {
+        frame.set_lights(&scene, light_sources);
         frame.solve(&scene, &FrameSettings::bounces(1));
         irradiances(&frame, &scene)
     };
-    let whole = solved(&lamps);
-    let halves = [solved(&lamps[..LAMPS / 2]), solved(&lamps[LAMPS / 2..])];
+    let whole = solved(&light_sources);
+    let halves = [
+        solved(&light_sources[..LIGHT_SOURCES / 2]),
+        solved(&light_sources[LIGHT_SOURCES / 2..]),
+    ];
     for (k, e) in whole.iter().enumerate() {
         let sum = halves[0][k] + halves[1][k];
         assert!((*e - sum).abs().max_element() <= 1e-5 * sum.max_element());
     }
     let share = mean(&whole, &scene).x / (0.5 * 4.0 * PI / 24.0);
-    eprintln!("{LAMPS} lamps: {share:.4} of their light");
+    eprintln!("{LIGHT_SOURCES} lights: {share:.4} of their light");
     // With senders a quarter of a meter apart.
     assert!((share - 1.0).abs() < 0.03, "{share}");
     // All in one place, they are one light.
     let place = Vec3::new(0.7, 1.1, 1.3);
-    let together = solved(&vec![lamp(place, 1.0 / LAMPS as f32); LAMPS]);
-    for (e, one) in together.iter().zip(solved(&[lamp(place, 1.0)])) {
+    let together = solved(&vec![
+        light_source(place, 1.0 / LIGHT_SOURCES as f32);
+        LIGHT_SOURCES
+    ]);
+    for (e, one) in together.iter().zip(solved(&[light_source(place, 1.0)])) {
         assert!((*e - one).abs().max_element() <= 2e-5 * one.max_element());
     }
 }

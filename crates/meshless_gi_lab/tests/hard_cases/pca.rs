@@ -27,13 +27,13 @@ fn pca() -> Recipe {
 /// Irradiance at all points, under three lights of one color each.
 fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
     let mut frame = CpuFrame::new(scene);
-    let lamp = |x: Vec3, color| FrameLight::point(x, color, f32::INFINITY);
+    let light_source = |x: Vec3, color| FrameLight::point(x, color, f32::INFINITY);
     frame.set_lights(
         scene,
         &[
-            lamp(Vec3::new(0.0, 1.7, 0.0), Vec3::X),
-            lamp(Vec3::new(0.6, 0.9, 0.3), Vec3::Y),
-            lamp(Vec3::new(-0.5, 0.4, 0.7), Vec3::Z),
+            light_source(Vec3::new(0.0, 1.7, 0.0), Vec3::X),
+            light_source(Vec3::new(0.6, 0.9, 0.3), Vec3::Y),
+            light_source(Vec3::new(-0.5, 0.4, 0.7), Vec3::Z),
         ],
     );
     frame.solve(scene, &FrameSettings::bounces(bounces));
@@ -161,9 +161,9 @@ fn pca_white_room_is_bounded_and_barely_darkened() {
     assert!(energy.clamped_senders > 0 && energy.albedo_scale > 0.97);
     assert!((energy.spectral_radius_estimate - 0.999).abs() < 1e-3);
     assert_eq!(bake.stats.warnings.len(), 1);
-    let lamp = FrameLight::point(Vec3::ONE, Vec3::ONE, f32::INFINITY);
+    let light_source = FrameLight::point(Vec3::ONE, Vec3::ONE, f32::INFINITY);
     let mut frame = CpuFrame::new(&bake.scene);
-    frame.set_lights(&bake.scene, &[lamp]);
+    frame.set_lights(&bake.scene, &[light_source]);
     frame.solve(&bake.scene, &FrameSettings::bounces(256));
     let values = irradiances(&frame, &bake.scene);
     assert!(values.iter().all(|e| e.x < 256.0));

@@ -125,8 +125,8 @@ fn coplanar_points_exchange_no_light() {
     for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
         let scene = baked(&level, &by(rule)).scene;
         let mut frame = CpuFrame::new(&scene);
-        let lamp = FrameLight::point(Vec3::new(0.9, 1.1, 1.2), Vec3::ONE, f32::INFINITY);
-        frame.set_lights(&scene, &[lamp]);
+        let light_source = FrameLight::point(Vec3::new(0.9, 1.1, 1.2), Vec3::ONE, f32::INFINITY);
+        frame.set_lights(&scene, &[light_source]);
         frame.solve(&scene, &FrameSettings::bounces(8));
         let dark = irradiances(&frame, &scene);
         let most = dark

@@ -35,8 +35,8 @@ fn stage(name: &str, found: &[f64], right: &[f64], most: f64) {
 }
 
 /// Red irradiance of the light at a place, shadows left out.
-fn unshadowed(lamp: DVec3, x: DVec3, n: DVec3) -> f64 {
-    let to = lamp - x;
+fn unshadowed(light_source: DVec3, x: DVec3, n: DVec3) -> f64 {
+    let to = light_source - x;
     n.dot(to).max(0.0) / to.length().powi(3)
 }
 
@@ -55,7 +55,7 @@ impl Exact<'_> {
     }
 
     /// Light at the senders' places; what `visible` says is dark in single precision is dark here.
-    fn project(&self, lamp: DVec3, single: &[f32]) -> Vec<f64> {
+    fn project(&self, light_source: DVec3, single: &[f32]) -> Vec<f64> {
         let scene = self.scene;
         let count = scene.places.per_sender as usize;
         let finest = scene.finest_senders().start;
@@ -65,12 +65,16 @@ impl Exact<'_> {
                     return 0.0;
                 }
                 if j < finest || count == 0 {
-                    return unshadowed(lamp, scene.points[j].x().as_dvec3(), self.normal(j));
+                    return unshadowed(
+                        light_source,
+                        scene.points[j].x().as_dvec3(),
+                        self.normal(j),
+                    );
                 }
                 let own = &scene.places.list[(j - finest) * count..][..count];
                 let all = own
                     .iter()
-                    .map(|p| unshadowed(lamp, p.x().as_dvec3(), p.n().as_dvec3()));
+                    .map(|p| unshadowed(light_source, p.x().as_dvec3(), p.n().as_dvec3()));
                 all.sum::<f64>() / count as f64
             })
             .collect()
@@ -161,9 +165,12 @@ fn single_precision_error_is_bounded() {
     let inactive = scene.operator.rows.iter().filter(|r| r.tier == 0);
     assert!(inactive.count() > 100, "flatten has work");
     let exact = Exact { scene: &scene };
-    let lamp = Vec3::new(0.1, 1.6, 0.3);
+    let light_source = Vec3::new(0.1, 1.6, 0.3);
     let mut frame = CpuFrame::new(&scene);
-    frame.set_lights(&scene, &[FrameLight::point(lamp, Vec3::ONE, f32::INFINITY)]);
+    frame.set_lights(
+        &scene,
+        &[FrameLight::point(light_source, Vec3::ONE, f32::INFINITY)],
+    );
     frame.solve(&scene, &FrameSettings::bounces(1));
     let red = |senders: &[[f32; 4]]| -> Vec<f64> {
         let real = senders[..scene.senders()].iter();
@@ -178,7 +185,7 @@ fn single_precision_error_is_bounded() {
 
     // Project: senders that lie whole in the light, for a shadow's edge is no matter of digits.
     let single = frame.projected(0).to_vec();
-    let light = exact.project(lamp.as_dvec3(), &single);
+    let light = exact.project(light_source.as_dvec3(), &single);
     let whole: Vec<usize> = (0..light.len())
         .filter(|&j| (f64::from(single[j]) / light[j] - 1.0).abs() < 1e-3)
         .collect();

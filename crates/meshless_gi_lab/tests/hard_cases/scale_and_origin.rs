@@ -10,7 +10,7 @@ use meshless_gi::{
 use meshless_gi_lab::accuracy::{Errors, errors};
 
 /// A light in the Cornell box, scaled and moved with it: its irradiance stays what it was.
-fn lamp(scale: f32, by: Vec3) -> [Light; 1] {
+fn light_source(scale: f32, by: Vec3) -> [Light; 1] {
     [Light::Point {
         position: scale * Vec3::new(0.1, 1.7, 0.2) + by,
         intensity: Vec3::splat(scale * scale),
@@ -26,7 +26,7 @@ fn truth(places: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
         seed: 1,
     };
     let level = cornell(1.0, Vec3::ZERO);
-    irradiance_at_all(&level, &lamp(1.0, Vec3::ZERO), places, &settings)
+    irradiance_at_all(&level, &light_source(1.0, Vec3::ZERO), places, &settings)
 }
 
 /// Errors of a bake's direct and indirect light at the places, scaled and moved with the level.
@@ -34,8 +34,8 @@ fn measured(bake: &Baked, scale: f32, by: Vec3) -> [Errors; 2] {
     let places = cornell_places();
     assert!(places.len() > 150, "{}", places.len());
     let truth = truth(&places);
-    let lamps = lamp(scale, by);
-    let evaluator = Evaluator::new(&bake.scene, &[], &lamps, Bounces::Count(4));
+    let light_sources = light_source(scale, by);
+    let evaluator = Evaluator::new(&bake.scene, &[], &light_sources, Bounces::Count(4));
     let found: Vec<_> = places
         .iter()
         .map(|&(x, n)| evaluator.at(scale * x + by, n, 0))

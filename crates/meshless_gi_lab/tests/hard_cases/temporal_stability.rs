@@ -28,8 +28,8 @@ fn roughness(scene: &BakedScene) -> f32 {
             // Low between the blocks, so that their shadows sweep over walls and floor; 4 mm a
             // step.
             let x = Vec3::new(-0.1 + 0.004 * k as f32, 0.9, 0.75);
-            let lamp = FrameLight::point(x, Vec3::ONE, f32::INFINITY);
-            frame.set_lights(scene, &[lamp]);
+            let light_source = FrameLight::point(x, Vec3::ONE, f32::INFINITY);
+            frame.set_lights(scene, &[light_source]);
             frame.solve(scene, &FrameSettings::default());
             let pairs = frame.values().iter().zip(&scene.points);
             pairs.map(|(e, p)| e.dot(p.n()).y).collect()

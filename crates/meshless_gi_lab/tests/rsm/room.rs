@@ -80,7 +80,7 @@ pub struct Aim {
 
 impl Aim {
     /// From a light, `angle` wide.
-    pub fn lamp(eye: Vec3, target: Vec3, angle: f32) -> Self {
+    pub fn light_source(eye: Vec3, target: Vec3, angle: f32) -> Self {
         let up = (target - eye).normalize().any_orthonormal_vector();
         Self {
             world_from_view: Mat4::look_at_rh(eye, target, up).inverse(),
