@@ -92,13 +92,14 @@ fn manifest(root: &Path) -> String {
     let engine = section(own, "\n[dev-dependencies.bevy]");
     let profiles = own.find("\n[profile.").map_or("", |at| &own[at..]);
     let dev = section(own, "\n[profile.dev]");
-    let members = ["bevy_meshless_gi", "meshless_gi", "meshless_gi_lab"];
+    let members = ["meshless_gi", "meshless_gi_lab"];
     let members = members.map(|name| format!("[profile.dev.package.{name}]{dev}\n"));
+    let plugin = section(own, "\n[profile.dev.package.bevy_meshless_gi]");
     format!(
         "[package]\nname = \"meshless_gi_first_game\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\
          publish = false\n\n[workspace]\n\n[dependencies]\n\
          bevy_meshless_gi = {{ path = {root:?} }}\n{shared}\n[dependencies.bevy]{engine}\n\
-         {profiles}\n{}",
+         {profiles}\n{}[profile.dev.package.meshless_gi_first_game]{plugin}\n",
         members.concat()
     )
 }
