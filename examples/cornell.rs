@@ -183,7 +183,7 @@ fn switch_bounce(
         for mut display in &mut displays {
             *display = match *display {
                 GiSplatting::PerPixel => GiSplatting::default(),
-                GiSplatting::Multiresolution(_) => GiSplatting::PerPixel,
+                _ => GiSplatting::PerPixel,
             };
         }
     }

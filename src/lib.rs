@@ -98,8 +98,8 @@ pub use plugin::{
 pub mod loader {
     #[cfg(feature = "gltf")]
     pub use crate::plugin::{
-        GiBakeProcessor, GiBakeSettings, GiRecipeProgress, ProcessAssetsError,
-        ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport, RecipeLoadError,
+        GiBakeProcessor, GiBakeProcessorSettings, GiProcessAssetsError, GiProcessAssetsFailure,
+        GiProcessAssetsOptions, GiProcessAssetsReport, GiRecipeLoadError, GiRecipeProgress,
         process_assets,
     };
     pub use crate::plugin::{GiBakedSceneLoaderSettings, GiLoadError};

@@ -63,7 +63,7 @@ pub fn overall(stage: BakeStage, done: f32) -> f32 {
         BakeStage::Probes => [0.7, 0.75],
         BakeStage::Bounces => [0.75, 0.8],
         BakeStage::Visibility => [0.8, 0.85],
-        BakeStage::ErrorEstimate => [0.85, 1.0],
+        _ => [0.85, 1.0],
     };
     from + (to - from) * done.clamp(0.0, 1.0)
 }

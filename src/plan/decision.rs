@@ -19,6 +19,7 @@ pub type NameOf<'a> = &'a dyn Fn(u64) -> Option<String>;
 
 /// Subject of a decision.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum DecisionKind {
     /// Operator tier of a scene.
     Tier(SceneId),
@@ -72,6 +73,7 @@ impl fmt::Display for DecisionKind {
 
 /// A choice, its reason and its cost.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Decision {
     /// Subject of the choice.
     pub kind: DecisionKind,

@@ -90,6 +90,7 @@ pub enum ColorUniformity {
 
 /// Inventory of the world in one frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Inventory {
     /// Lights of each kind, as [`LightKind::ALL`] orders them.
     pub lights: [ChangeCounts; 4],

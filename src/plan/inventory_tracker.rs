@@ -262,7 +262,7 @@ fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
             put(6, v);
             (LightKind::Rect, radiance)
         }
-        Light::Sky { .. } => return None,
+        _ => return None,
     };
     Some((sort, color, place))
 }

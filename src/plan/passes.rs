@@ -10,6 +10,7 @@ use std::fmt;
 
 /// Passes of one frame in order, and the reasons why others do not run.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Plan {
     /// Passes that run, in order.
     pub passes: Vec<Pass>,

@@ -42,6 +42,7 @@ pub(super) fn milliseconds(budget: Duration) -> f32 {
     derive(bevy::reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq, Hash)
 )]
+#[non_exhaustive]
 pub enum GiBounceCount {
     /// Smallest number whose truncation error is below 3 % by the bake's bound, at most 16.
     #[default]
@@ -58,6 +59,7 @@ pub enum GiBounceCount {
     derive(bevy::reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq, Hash)
 )]
+#[non_exhaustive]
 pub enum GiColorMode {
     /// One channel where it is exact, three elsewhere. A light of another color switches to three
     /// channels in the frame in which it is turned on. The plan logs the choice and the reason.

@@ -22,6 +22,7 @@ use bevy::ecs::prelude::*;
 /// # app.add_observer(report);
 /// ```
 #[derive(EntityEvent, Clone, Debug)]
+#[non_exhaustive]
 pub struct GiBakeFinished {
     /// The entity that was baked for.
     pub entity: Entity,

@@ -2,7 +2,7 @@
 
 use super::asset_folders::AssetFolders;
 use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
-use super::recipe_loader::{GiBakeSettings, RecipeInputLoader, RecipeInputs};
+use super::recipe_loader::{GiBakeProcessorSettings, RecipeInputLoader, RecipeInputs};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::io::Writer;
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
@@ -19,7 +19,7 @@ pub struct GiBakeProcessor {
 }
 
 impl Process for GiBakeProcessor {
-    type Settings = GiBakeSettings;
+    type Settings = GiBakeProcessorSettings;
     type OutputLoader = GiBakedSceneLoader;
 
     async fn process(

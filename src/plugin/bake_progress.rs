@@ -9,6 +9,7 @@ use std::fmt;
 /// [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes), removed when the bake ends.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct GiBakeProgress {
     /// Current stage.
     pub stage: GiBakeStage,
@@ -19,6 +20,7 @@ pub struct GiBakeProgress {
 /// Stages of a bake in a running app, in their order.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
+#[non_exhaustive]
 pub enum GiBakeStage {
     /// Waiting for scenes, meshes, materials and images below the root.
     #[default]

@@ -5,7 +5,7 @@
 //! put beside the source is copied where it names a loader. The output of an app's own asset
 //! processor stays as it is while it is not older than its source.
 
-use super::process_assets::ProcessAssetsError;
+use super::process_assets::GiProcessAssetsError;
 use bevy::asset::meta::{AssetActionMinimal, AssetMetaMinimal, ProcessedInfoMinimal};
 use bevy::log::warn;
 use std::collections::BTreeSet;
@@ -40,16 +40,16 @@ pub(crate) struct Meta {
 
 impl Meta {
     /// Reads the `.meta` next to `file`. Returns `None` if there is none.
-    pub fn read(file: &Path) -> Result<Option<Self>, ProcessAssetsError> {
+    pub fn read(file: &Path) -> Result<Option<Self>, GiProcessAssetsError> {
         let path = meta_path(file);
         let bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(ProcessAssetsError::file(&path, "read", error)),
+            Err(error) => return Err(GiProcessAssetsError::file(&path, "read", error)),
         };
         let invalid = |error: ron::error::SpannedError| {
             let error = io::Error::new(ErrorKind::InvalidData, error.to_string());
-            ProcessAssetsError::file(&path, "read", error)
+            GiProcessAssetsError::file(&path, "read", error)
         };
         let meta: AssetMetaMinimal = ron::de::from_bytes(&bytes).map_err(invalid)?;
         let info: ProcessedInfoMinimal = ron::de::from_bytes(&bytes).map_err(invalid)?;
@@ -80,7 +80,7 @@ pub(crate) fn copy_asset(
     source: &Path,
     output: &Path,
     meta: Option<&Meta>,
-) -> Result<bool, ProcessAssetsError> {
+) -> Result<bool, GiProcessAssetsError> {
     let load = match meta.map(|meta| &meta.action) {
         Some(Action::Ignore) => {
             remove_asset(output)?;
@@ -99,16 +99,16 @@ pub(crate) fn copy_asset(
         );
     }
     if !same_file(source, output) {
-        let from =
-            File::open(source).map_err(|error| ProcessAssetsError::file(source, "read", error))?;
+        let from = File::open(source)
+            .map_err(|error| GiProcessAssetsError::file(source, "read", error))?;
         copy_file(from, output)
-            .map_err(|error| ProcessAssetsError::file(output, "write", error))?;
+            .map_err(|error| GiProcessAssetsError::file(output, "write", error))?;
     }
     let path = meta_path(output);
     match load {
         Some(load) if fs::read(&path).ok().as_ref() == Some(&load.bytes) => {}
         Some(load) => fs::write(&path, &load.bytes)
-            .map_err(|error| ProcessAssetsError::file(&path, "write", error))?,
+            .map_err(|error| GiProcessAssetsError::file(&path, "write", error))?,
         None => remove_file(&path)?,
     }
     Ok(true)
@@ -129,15 +129,15 @@ fn is_processed(source: &Path, output: &Path, meta: Option<&Meta>) -> bool {
 }
 
 /// Removes an asset's output and its `.meta`, where they are there.
-pub(crate) fn remove_asset(output: &Path) -> Result<(), ProcessAssetsError> {
+pub(crate) fn remove_asset(output: &Path) -> Result<(), GiProcessAssetsError> {
     remove_file(output)?;
     remove_file(&meta_path(output))
 }
 
-fn remove_file(path: &Path) -> Result<(), ProcessAssetsError> {
+fn remove_file(path: &Path) -> Result<(), GiProcessAssetsError> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(ProcessAssetsError::file(path, "remove", error))
+            Err(GiProcessAssetsError::file(path, "remove", error))
         }
         _ => Ok(()),
     }
@@ -184,7 +184,7 @@ pub(crate) fn remove_orphans(
     list: &Path,
     processed: &Path,
     made: &BTreeSet<String>,
-) -> Result<(), ProcessAssetsError> {
+) -> Result<(), GiProcessAssetsError> {
     let list = list.join(LIST);
     let before = fs::read_to_string(&list).unwrap_or_default();
     let inside = |name: &&str| {

@@ -26,6 +26,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Statistics of one rendered frame.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct FrameStats {
     /// Rendered frames since the start, this one included.
     pub frame: u64,

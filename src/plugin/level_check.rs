@@ -21,6 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// bake is always compared.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum GiSceneCheck {
     /// Builds with debug assertions.
     #[default]

@@ -1,7 +1,7 @@
 //! File of a scene and the files that it names. An asset loader, the build step, or a reader of the
 //! source folder loads them.
 
-use super::recipe_loader::RecipeLoadError;
+use super::recipe_loader::GiRecipeLoadError;
 use bevy::asset::AssetPath;
 use bevy::log::warn;
 use bevy::math::Vec3;
@@ -10,6 +10,7 @@ use meshless_gi::internals::asset::fingerprint;
 use meshless_gi::internals::scene::{external_files, load_gltf_bytes, load_ply_bytes};
 use meshless_gi::{SceneError, TriangleMesh};
 use std::collections::BTreeMap;
+use std::io;
 
 /// Source of the files that a recipe and a scene name.
 pub(crate) trait ReadFile: Send {
@@ -17,7 +18,7 @@ pub(crate) trait ReadFile: Send {
     fn read(
         &mut self,
         path: &AssetPath<'static>,
-    ) -> impl ConditionalSendFuture<Output = Result<Vec<u8>, RecipeLoadError>>;
+    ) -> impl ConditionalSendFuture<Output = Result<Vec<u8>, GiRecipeLoadError>>;
 }
 
 /// Bytes of a scene: its file, and every file that it names.
@@ -37,7 +38,7 @@ impl LevelFiles {
         base: &AssetPath<'static>,
         name: &str,
         reader: &mut impl ReadFile,
-    ) -> Result<Self, RecipeLoadError> {
+    ) -> Result<Self, GiRecipeLoadError> {
         let path = resolve(base, name)?;
         let bytes = reader.read(&path).await?;
         let mut files = BTreeMap::new();
@@ -73,7 +74,7 @@ impl LevelFiles {
     }
 
     /// Reads the scene as triangles. Points without normals face `viewpoints`, in meters.
-    pub fn mesh(&self, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, RecipeLoadError> {
+    pub fn mesh(&self, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, GiRecipeLoadError> {
         let note = |notes: &[String]| notes.iter().for_each(|n| warn!("`{}`: {n}", self.name));
         if is_ply(&self.name) {
             let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
@@ -85,10 +86,10 @@ impl LevelFiles {
             Some(Ok(content)) => Ok(content.clone()),
             other => Err(SceneError::Io {
                 path: name.into(),
-                reason: other.map_or_else(
+                source: io::Error::other(other.map_or_else(
                     || "the level does not name it".into(),
                     |error| format!("{error:?}"),
-                ),
+                )),
             }),
         };
         let loaded = load_gltf_bytes(&self.bytes, &self.name, &mut resolve)?;
@@ -102,9 +103,9 @@ fn is_ply(name: &str) -> bool {
 }
 
 /// Asset that a recipe or a scene names by `name`, relative to itself.
-fn resolve(base: &AssetPath<'_>, name: &str) -> Result<AssetPath<'static>, RecipeLoadError> {
+fn resolve(base: &AssetPath<'_>, name: &str) -> Result<AssetPath<'static>, GiRecipeLoadError> {
     base.resolve_embed_str(name)
-        .map_err(|source| RecipeLoadError::Path {
+        .map_err(|source| GiRecipeLoadError::Path {
             path: name.into(),
             source,
         })

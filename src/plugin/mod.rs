@@ -134,13 +134,13 @@ pub use point_cloud::{
 };
 #[cfg(feature = "gltf")]
 pub use process_assets::{
-    ProcessAssetsError, ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport,
+    GiProcessAssetsError, GiProcessAssetsFailure, GiProcessAssetsOptions, GiProcessAssetsReport,
     process_assets,
 };
 pub use quality::{GiActiveTier, SolveCostFn, SolveCostSource};
 pub use readback::SharedCoefficients;
 #[cfg(feature = "gltf")]
-pub use recipe_loader::{GiBakeSettings, GiRecipeLoader, RecipeLoadError};
+pub use recipe_loader::{GiBakeProcessorSettings, GiRecipeLoadError, GiRecipeLoader};
 #[cfg(feature = "gltf")]
 pub use recipe_progress::GiRecipeProgress;
 pub use reflective_shadow_map::GiReflectiveShadowMap;

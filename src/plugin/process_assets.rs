@@ -1,10 +1,10 @@
 //! Processing of assets as a build step: no window, no renderer, no game, no Bevy app.
 //!
 //! ```no_run
-//! use bevy_meshless_gi::loader::{ProcessAssetsOptions, process_assets};
+//! use bevy_meshless_gi::loader::{GiProcessAssetsOptions, process_assets};
 //!
 //! fn main() -> Result<(), Box<dyn std::error::Error>> {
-//!     let report = process_assets(&ProcessAssetsOptions::default())?;
+//!     let report = process_assets(&GiProcessAssetsOptions::default())?;
 //!     println!("{} recipes baked, {} up to date", report.baked.len(), report.kept.len());
 //!     Ok(())
 //! }
@@ -23,7 +23,9 @@ use super::bake_store::BakeStore;
 use super::build_copy::{Action, Meta, copy_asset, meta_path, remove_asset, remove_orphans};
 use super::level_files::ReadFile;
 use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
-use super::recipe_loader::{GiBakeSettings, RECIPE_EXTENSION, RecipeInputs, RecipeLoadError};
+use super::recipe_loader::{
+    GiBakeProcessorSettings, GiRecipeLoadError, RECIPE_EXTENSION, RecipeInputs,
+};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::AssetPath;
 use bevy::asset::meta::{
@@ -42,7 +44,7 @@ use std::time::{Duration, Instant};
 /// Folders to process, and a time limit. Relative folders are those of Bevy: below
 /// `BEVY_ASSET_ROOT`, else below the package that `cargo run` runs, else next to the executable.
 #[derive(Clone, Debug)]
-pub struct ProcessAssetsOptions {
+pub struct GiProcessAssetsOptions {
     /// Folder of the source assets, absolute or relative to the project's root.
     pub source: PathBuf,
     /// Folder for the processed ones.
@@ -51,7 +53,7 @@ pub struct ProcessAssetsOptions {
     pub time_limit: Duration,
 }
 
-impl Default for ProcessAssetsOptions {
+impl Default for GiProcessAssetsOptions {
     /// Bevy's folders, and an hour.
     fn default() -> Self {
         Self {
@@ -65,7 +67,7 @@ impl Default for ProcessAssetsOptions {
 /// Recipes of a build step, relative to the source folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct ProcessAssetsReport {
+pub struct GiProcessAssetsReport {
     /// Recipes that this run has baked.
     pub baked: Vec<PathBuf>,
     /// Recipes whose bake was kept from an earlier run.
@@ -75,20 +77,21 @@ pub struct ProcessAssetsReport {
 /// A recipe that did not become a bake.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {source}", recipe.display())]
-pub struct ProcessAssetsFailure {
+#[non_exhaustive]
+pub struct GiProcessAssetsFailure {
     /// Path of the recipe, relative to the source folder.
     pub recipe: PathBuf,
     /// Reason.
-    pub source: RecipeLoadError,
+    pub source: GiRecipeLoadError,
 }
 
 /// Error of a build step. `Debug` has the text of `Display`, for a `main` that returns the error.
 #[derive(thiserror::Error)]
 #[non_exhaustive]
-pub enum ProcessAssetsError {
+pub enum GiProcessAssetsError {
     /// Recipes that did not become bakes. All other files are processed.
     #[error("{} recipe(s) could not be baked: {}", .0.len(), list(.0))]
-    Failed(Vec<ProcessAssetsFailure>),
+    Failed(Vec<GiProcessAssetsFailure>),
     /// The folder of the assets cannot be listed.
     #[error(
         "{}: {source}. Relative folders lie below BEVY_ASSET_ROOT, else below the package that \
@@ -116,13 +119,13 @@ pub enum ProcessAssetsError {
     TimeLimit(Duration),
 }
 
-impl fmt::Debug for ProcessAssetsError {
+impl fmt::Debug for GiProcessAssetsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)
     }
 }
 
-impl ProcessAssetsError {
+impl GiProcessAssetsError {
     pub(crate) fn file(path: &Path, action: &'static str, source: io::Error) -> Self {
         Self::File {
             path: path.to_owned(),
@@ -132,7 +135,7 @@ impl ProcessAssetsError {
     }
 }
 
-fn list(failures: &[ProcessAssetsFailure]) -> String {
+fn list(failures: &[GiProcessAssetsFailure]) -> String {
     failures
         .iter()
         .map(ToString::to_string)
@@ -144,10 +147,10 @@ fn list(failures: &[ProcessAssetsFailure]) -> String {
 /// output. Progress of bakes goes to standard error.
 ///
 /// # Errors
-/// See [`ProcessAssetsError`].
+/// See [`GiProcessAssetsError`].
 pub fn process_assets(
-    build: &ProcessAssetsOptions,
-) -> Result<ProcessAssetsReport, ProcessAssetsError> {
+    build: &GiProcessAssetsOptions,
+) -> Result<GiProcessAssetsReport, GiProcessAssetsError> {
     let root = base_folder().unwrap_or_default();
     let processed = root.join(&build.processed);
     let step = Step {
@@ -170,7 +173,7 @@ pub fn process_assets(
             keep(&file);
         }
     }
-    let (mut report, mut failures) = (ProcessAssetsReport::default(), Vec::new());
+    let (mut report, mut failures) = (GiProcessAssetsReport::default(), Vec::new());
     for (recipe, meta) in recipes {
         match step.bake(&recipe, meta.as_ref())? {
             Ok(source) => {
@@ -183,7 +186,7 @@ pub fn process_assets(
             Err(source) => {
                 error!("{}: {source}", recipe.display());
                 remove_asset(&step.processed.join(&recipe))?;
-                failures.push(ProcessAssetsFailure { recipe, source });
+                failures.push(GiProcessAssetsFailure { recipe, source });
             }
         }
     }
@@ -192,7 +195,7 @@ pub fn process_assets(
     }
     match failures.is_empty() {
         true => Ok(report),
-        false => Err(ProcessAssetsError::Failed(failures)),
+        false => Err(GiProcessAssetsError::Failed(failures)),
     }
 }
 
@@ -240,9 +243,9 @@ impl Step {
         folder: &Path,
         above: &mut Vec<PathBuf>,
         found: &mut Vec<PathBuf>,
-    ) -> Result<(), ProcessAssetsError> {
+    ) -> Result<(), GiProcessAssetsError> {
         let at = self.source.join(folder);
-        let failed = |source| ProcessAssetsError::Folder {
+        let failed = |source| GiProcessAssetsError::Folder {
             path: at.clone(),
             source,
         };
@@ -283,14 +286,14 @@ impl Step {
         &self,
         recipe: &Path,
         meta: Option<&Meta>,
-    ) -> Result<Result<BakeSource, RecipeLoadError>, ProcessAssetsError> {
+    ) -> Result<Result<BakeSource, GiRecipeLoadError>, GiProcessAssetsError> {
         let source = self.source.join(recipe);
         let text = std::fs::read(&source)
-            .map_err(|error| ProcessAssetsError::file(&source, "read", error))?;
+            .map_err(|error| GiProcessAssetsError::file(&source, "read", error))?;
         let path = AssetPath::from_path_buf(recipe.to_owned());
         if recipe.to_str().is_none() {
             // Bevy's paths are text.
-            return Ok(Err(RecipeLoadError::NotText));
+            return Ok(Err(GiRecipeLoadError::NotText));
         }
         let hash = processor_hash(meta, &text);
         let mut reader = FolderReader {
@@ -330,7 +333,7 @@ impl Step {
         &self,
         inputs: &RecipeInputs,
         path: &AssetPath<'static>,
-    ) -> Result<Result<Vec<u8>, RecipeLoadError>, ProcessAssetsError> {
+    ) -> Result<Result<Vec<u8>, GiRecipeLoadError>, GiProcessAssetsError> {
         let running = RecipeBakes::default().start_with(path.clone(), |line| eprintln!("{line}"));
         let mut work = match inputs.bake_in_background(0, running.progress.clone()) {
             Ok(work) => work,
@@ -340,11 +343,11 @@ impl Step {
             if let Some(baked) = work.take() {
                 return Ok(baked.and_then(|scene| {
                     let bytes = scene.to_bytes();
-                    bytes.map_err(|error| RecipeLoadError::Baked(error.into()))
+                    bytes.map_err(|error| GiRecipeLoadError::Baked(error.into()))
                 }));
             }
             if self.until.is_some_and(|until| Instant::now() > until) {
-                return Err(ProcessAssetsError::TimeLimit(self.time_limit));
+                return Err(GiProcessAssetsError::TimeLimit(self.time_limit));
             }
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -357,7 +360,7 @@ impl Step {
         container: &[u8],
         hash: [u8; 32],
         dependencies: Vec<AssetPath<'static>>,
-    ) -> Result<(), ProcessAssetsError> {
+    ) -> Result<(), GiProcessAssetsError> {
         let output = self.processed.join(recipe);
         let loads = Action::Load(GiBakedSceneLoader::type_path().into());
         let described = Meta::read(&output)
@@ -370,11 +373,12 @@ impl Step {
         let meta = output_meta(hash, dependencies);
         let path = meta_path(&output);
         let write = |path: &Path, bytes: &[u8]| {
-            write_file(path, bytes).map_err(|error| ProcessAssetsError::file(path, "write", error))
+            write_file(path, bytes)
+                .map_err(|error| GiProcessAssetsError::file(path, "write", error))
         };
         if let Some(folder) = output.parent() {
             std::fs::create_dir_all(folder)
-                .map_err(|error| ProcessAssetsError::file(folder, "write", error))?;
+                .map_err(|error| GiProcessAssetsError::file(folder, "write", error))?;
         }
         // A container of that name without a `.meta` is loaded too, so it goes first.
         write(&output, container)?;
@@ -387,7 +391,7 @@ impl Step {
 fn processor_hash(meta: Option<&Meta>, text: &[u8]) -> [u8; 32] {
     let usual = AssetMeta::<(), GiBakeProcessor>::new(AssetAction::Process {
         processor: GiBakeProcessor::type_path().into(),
-        settings: GiBakeSettings::default(),
+        settings: GiBakeProcessorSettings::default(),
     });
     let meta = meta.map_or_else(|| usual.serialize(), |meta| meta.bytes.clone());
     let mut hasher = blake3::Hasher::new();
@@ -424,8 +428,8 @@ struct FolderReader<'a> {
 }
 
 impl ReadFile for FolderReader<'_> {
-    async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, RecipeLoadError> {
-        let failed = |error: io::Error| RecipeLoadError::File {
+    async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, GiRecipeLoadError> {
+        let failed = |error: io::Error| GiRecipeLoadError::File {
             path: path.to_string(),
             source: Box::new(error),
         };

@@ -32,6 +32,7 @@ use std::time::Instant;
 /// Tier that [`GiQuality`] selects, with the reason. Output of the plugin, required by [`GiScene`].
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct GiActiveTier {
     /// Tier of the next frames, from 1. The value is 0 while the bake is not loaded.
     pub tier: u32,

@@ -40,12 +40,12 @@ use std::sync::Arc;
 /// [`GiRecipeLoader`], for `.meta` files.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub struct GiBakeSettings {
+pub struct GiBakeProcessorSettings {
     /// [`BAKE_VERSION`], a part of Bevy's hash of the input of an asset.
     pub bake_version: u32,
 }
 
-impl Default for GiBakeSettings {
+impl Default for GiBakeProcessorSettings {
     fn default() -> Self {
         Self {
             bake_version: BAKE_VERSION,
@@ -56,7 +56,7 @@ impl Default for GiBakeSettings {
 /// Error of a recipe that gives no asset.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum RecipeLoadError {
+pub enum GiRecipeLoadError {
     /// The recipe could not be read.
     #[error("the recipe could not be read: {0}")]
     Io(#[from] std::io::Error),
@@ -120,10 +120,10 @@ impl RecipeInputs {
         path: &AssetPath<'static>,
         text: Vec<u8>,
         reader: &mut impl ReadFile,
-    ) -> Result<Self, RecipeLoadError> {
-        let text = String::from_utf8(text).map_err(|_| RecipeLoadError::NotText)?;
+    ) -> Result<Self, GiRecipeLoadError> {
+        let text = String::from_utf8(text).map_err(|_| GiRecipeLoadError::NotText)?;
         let recipe = Recipe::from_ron(&text)?;
-        let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
+        let scene = recipe.scene.clone().ok_or(GiRecipeLoadError::NoScene)?;
         let level = LevelFiles::read(path, &scene, reader).await?;
         Ok(Self {
             names_preset: recipe.target_nrmse.is_some() || names_preset(&text),
@@ -147,10 +147,16 @@ impl RecipeInputs {
     }
 
     /// Bakes on `threads` threads (0: one for each processor), and logs the result.
-    pub fn bake(&self, threads: usize, progress: &Progress) -> Result<BakedScene, RecipeLoadError> {
+    pub fn bake(
+        &self,
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<BakedScene, GiRecipeLoadError> {
         let level = self.level.mesh(&self.recipe.viewpoints)?;
         let baked = bake_scene(&level, &self.recipe, threads, progress);
-        let Baked { mut scene, stats } = baked.map_err(|error| self.failed(error))?;
+        let Baked {
+            mut scene, stats, ..
+        } = baked.map_err(|error| self.failed(error))?;
         scene.info.level_digest = self.level.digest();
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
         Ok(scene)
@@ -162,7 +168,7 @@ impl RecipeInputs {
         &self,
         threads: usize,
         progress: Arc<Progress>,
-    ) -> Result<Background<Result<BakedScene, RecipeLoadError>>, RecipeLoadError> {
+    ) -> Result<Background<Result<BakedScene, GiRecipeLoadError>>, GiRecipeLoadError> {
         debug!("baking `{}`, preset {:?}", self.path, self.recipe.preset);
         let (inputs, panicked) = (self.clone(), self.clone());
         Background::spawn(
@@ -177,14 +183,14 @@ impl RecipeInputs {
     pub async fn bake_beside_app(
         &self,
         bakes: &RecipeBakes,
-    ) -> Result<BakedScene, RecipeLoadError> {
+    ) -> Result<BakedScene, GiRecipeLoadError> {
         let running = bakes.start(self.path.clone());
         let work = self.bake_in_background(bake_threads(), running.progress.clone())?;
         work.await
     }
 
-    fn failed(&self, source: BakeSceneError) -> RecipeLoadError {
-        RecipeLoadError::Bake {
+    fn failed(&self, source: BakeSceneError) -> GiRecipeLoadError {
+        GiRecipeLoadError::Bake {
             path: self.scene.clone(),
             source,
         }
@@ -214,12 +220,12 @@ pub(crate) struct ContextReader<'a, 'b> {
 }
 
 impl ReadFile for ContextReader<'_, '_> {
-    async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, RecipeLoadError> {
+    async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, GiRecipeLoadError> {
         let read = self.context.read_asset_bytes(path.clone()).await;
         if let Some(bytes) = self.folders.read_source(path) {
             return Ok(bytes);
         }
-        read.map_err(|error| RecipeLoadError::File {
+        read.map_err(|error| GiRecipeLoadError::File {
             path: path.to_string(),
             source: Box::new(error),
         })
@@ -237,15 +243,15 @@ pub struct GiRecipeLoader {
 
 impl AssetLoader for GiRecipeLoader {
     type Asset = GiBakedScene;
-    type Settings = GiBakeSettings;
-    type Error = RecipeLoadError;
+    type Settings = GiBakeProcessorSettings;
+    type Error = GiRecipeLoadError;
 
     async fn load(
         &self,
         reader: &mut dyn Reader,
         _settings: &Self::Settings,
         context: &mut LoadContext<'_>,
-    ) -> Result<GiBakedScene, RecipeLoadError> {
+    ) -> Result<GiBakedScene, GiRecipeLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         if is_container(&bytes) {
@@ -291,14 +297,14 @@ pub(crate) struct RecipeInputLoader {
 impl AssetLoader for RecipeInputLoader {
     type Asset = RecipeInputs;
     type Settings = ();
-    type Error = RecipeLoadError;
+    type Error = GiRecipeLoadError;
 
     async fn load(
         &self,
         reader: &mut dyn Reader,
         _settings: &(),
         context: &mut LoadContext<'_>,
-    ) -> Result<RecipeInputs, RecipeLoadError> {
+    ) -> Result<RecipeInputs, GiRecipeLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         let path = context.path().clone();

@@ -18,6 +18,7 @@ const LOG_INTERVAL: Duration = Duration::from_secs(1);
 /// when the stage or its fraction has changed, at most once per frame for each recipe. The end of
 /// the bake is an [`AssetEvent`](bevy::asset::AssetEvent) of the asset.
 #[derive(Message, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct GiRecipeProgress {
     /// Path of the recipe.
     pub path: AssetPath<'static>,

@@ -40,7 +40,7 @@ pub(super) fn register_types(app: &mut App) {
         .register_type::<GiIrradianceVolume>()
         .register_type::<GiVolumetricFog>();
     #[cfg(feature = "gltf")]
-    app.register_type::<GiBakeSettings>();
+    app.register_type::<GiBakeProcessorSettings>();
 }
 
 /// Adds the plugin's resources, assets and loaders.

@@ -19,6 +19,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// which adds the default.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum GiSplatting {
     /// Evaluates a fraction of the pixels and interpolates within surfaces (\[N09\],
     /// multiresolution splatting). The default.

@@ -13,7 +13,7 @@ mod readme;
 mod screen;
 
 use bevy::math::Vec3;
-use bevy_meshless_gi::loader::{ProcessAssetsOptions, process_assets};
+use bevy_meshless_gi::loader::{GiProcessAssetsOptions, process_assets};
 use package::Package;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -142,10 +142,10 @@ fn first_game_from_processed_assets_is_lit_and_bakes_once() {
 #[test]
 fn first_game_from_shipped_assets_is_lit() {
     let root = level_folder();
-    let build = ProcessAssetsOptions {
+    let build = GiProcessAssetsOptions {
         source: root.path().join("assets"),
         processed: root.path().join("imported_assets/Default"),
-        ..ProcessAssetsOptions::default()
+        ..GiProcessAssetsOptions::default()
     };
     let recipes = process_assets(&build).expect("the recipe bakes");
     assert_eq!(recipes.baked, [PathBuf::from("level.gi.ron")]);

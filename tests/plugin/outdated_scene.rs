@@ -9,7 +9,7 @@ use bevy::asset::AssetPath;
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, AssetWatcher};
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
-use bevy_meshless_gi::loader::{ProcessAssetsOptions, process_assets};
+use bevy_meshless_gi::loader::{GiProcessAssetsOptions, process_assets};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{GiStaleBakes, GiWarning, GiWarnings};
 use meshless_gi::internals::bake::Staleness;
@@ -34,10 +34,10 @@ fn write_level(root: &Path) -> PathBuf {
     std::fs::write(assets.join("room.glb"), glb(&Room::cornell())).unwrap();
     std::fs::write(assets.join("room.gi.ron"), RECIPE).unwrap();
     let processed = root.join("imported_assets/Default");
-    process_assets(&ProcessAssetsOptions {
+    process_assets(&GiProcessAssetsOptions {
         source: assets.clone(),
         processed: processed.clone(),
-        ..ProcessAssetsOptions::default()
+        ..GiProcessAssetsOptions::default()
     })
     .unwrap();
     std::fs::copy(processed.join("room.gi.ron"), assets.join("room.mgi")).unwrap();

@@ -16,7 +16,7 @@ use bevy::prelude::*;
 use bevy::text::{Font, FontLoader};
 use bevy::world_serialization::WorldSerializationPlugin;
 use bevy_meshless_gi::loader::{
-    GiRecipeProgress, ProcessAssetsError, ProcessAssetsOptions, process_assets,
+    GiProcessAssetsError, GiProcessAssetsOptions, GiRecipeProgress, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, Limits};
@@ -94,11 +94,11 @@ fn write_game(root: &Path) {
 }
 
 /// Folders of the project below `root`, by absolute paths.
-fn build(root: &Path) -> ProcessAssetsOptions {
-    ProcessAssetsOptions {
+fn build(root: &Path) -> GiProcessAssetsOptions {
+    GiProcessAssetsOptions {
         source: root.join("assets"),
         processed: root.join("imported_assets/Default"),
-        ..ProcessAssetsOptions::default()
+        ..GiProcessAssetsOptions::default()
     }
 }
 
@@ -165,9 +165,9 @@ fn process_assets_in_child_process() {
     };
     bevy::log::tracing::subscriber::set_global_default(Log).expect("the process is fresh");
     match kind.to_str() {
-        Some("step") => match process_assets(&ProcessAssetsOptions::default()) {
+        Some("step") => match process_assets(&GiProcessAssetsOptions::default()) {
             Ok(report) => println!("BAKED {:?} KEPT {:?}", report.baked, report.kept),
-            Err(ProcessAssetsError::Failed(failed)) => println!("FAILED {failed:?}"),
+            Err(GiProcessAssetsError::Failed(failed)) => println!("FAILED {failed:?}"),
             Err(why) => panic!("{why}"),
         },
         Some("game") => run_game(),
@@ -343,12 +343,15 @@ fn process_assets_time_limit_leaves_no_output() {
     assert!(output.exists());
     let long = r#"(scene: "room.glb", preset: High, rays: 60000)"#;
     std::fs::write(&recipe, long).unwrap();
-    let limited = ProcessAssetsOptions {
+    let limited = GiProcessAssetsOptions {
         time_limit: Duration::ZERO,
         ..build(root.path())
     };
     let error = process_assets(&limited).unwrap_err();
-    assert!(matches!(error, ProcessAssetsError::TimeLimit(_)), "{error}");
+    assert!(
+        matches!(error, GiProcessAssetsError::TimeLimit(_)),
+        "{error}"
+    );
     assert!(!output.exists() && !output.with_extension("ron.meta").exists());
     // Without a bake there is nothing to wait for.
     std::fs::write(&recipe, RECIPE).unwrap();

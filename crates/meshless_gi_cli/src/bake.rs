@@ -56,9 +56,10 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let loaded = began.elapsed().as_secs_f64();
     let bvh = mesh.bvh_time().as_secs_f64();
     let threads = args.threads as usize;
-    let Baked { scene, mut stats } =
-        progress::watch(|progress| bake_scene(&mesh, &recipe, threads, progress))
-            .map_err(|error| bake_error(args, &scene_file, &error))?;
+    let Baked {
+        scene, mut stats, ..
+    } = progress::watch(|progress| bake_scene(&mesh, &recipe, threads, progress))
+        .map_err(|error| bake_error(args, &scene_file, &error))?;
     stats.seconds.load = loaded - bvh;
     stats.seconds.bvh += bvh;
     let writing = Instant::now();

@@ -227,7 +227,6 @@ impl Options {
             *transport = method;
         }
         match transport {
-            TransportMethod::Bounded | TransportMethod::L08 => {}
             TransportMethod::Pca(pca) => {
                 pca.coefficients = self.pca_coefficients.unwrap_or(pca.coefficients);
                 set(&mut pca.cluster_size, self.pca_cluster_size);
@@ -241,6 +240,7 @@ impl Options {
                 fmm.visibility_rays = self.fmm_visibility_rays.unwrap_or(fmm.visibility_rays);
                 fmm.fallback_links |= self.fmm_fallback_links;
             }
+            _ => {}
         }
     }
 }

@@ -80,9 +80,10 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         false => ("cornell", TRIANGLES, mesh_of_quads(&cornell_box())),
     };
     let recipe = recipe(counts.rays);
-    let Baked { scene, mut stats } =
-        progress::watch(|progress| bake_scene(&mesh, &recipe, 0, progress))
-            .map_err(|error| ToolError::Input(format!("the Cornell box: {error}")))?;
+    let Baked {
+        scene, mut stats, ..
+    } = progress::watch(|progress| bake_scene(&mesh, &recipe, 0, progress))
+        .map_err(|error| ToolError::Input(format!("the Cornell box: {error}")))?;
     let bake = folder.join(format!("{name}.mgi"));
     stats.bytes = scene
         .write(&bake)

@@ -104,7 +104,7 @@ fn report_error(scene: &Path, error: &ReportError) -> ToolError {
     match error {
         ReportError::Threads(_)
         | ReportError::Bake {
-            why: BakeSceneError::Threads(_),
+            source: BakeSceneError::Threads(_),
             ..
         } => ToolError::Usage(error.to_string()),
         _ => ToolError::input(scene, error),

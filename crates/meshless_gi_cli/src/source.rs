@@ -79,6 +79,7 @@ pub fn load(path: &Path, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, ToolEr
         points,
         problems,
         notes,
+        ..
     } = load_geometry_within(path, &viewpoints, &mut input::budget())?;
     drop(step);
     if points > 0 {

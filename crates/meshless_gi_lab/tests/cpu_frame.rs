@@ -36,7 +36,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         let sender = if to_sky { SENDERS } else { (i + 1) % SENDERS };
         Link::pack(normal(i), 1.0, sender as u16)
     };
-    BakedScene::from(SceneData {
+    let mut scene = BakedScene::from(SceneData {
         surfaces: vec![
             PointSurface {
                 albedo: [ALBEDO; 3],
@@ -78,15 +78,10 @@ fn furnace(to_sky: bool) -> BakedScene {
         },
         points,
         bvh: Bvh::default(),
-        info: BakeInfo {
-            tiers: vec![TierInfo {
-                rows: POINTS as u64,
-                links: POINTS as u64,
-                ..TierInfo::default()
-            }],
-            ..BakeInfo::default()
-        },
-    })
+        info: BakeInfo::default(),
+    });
+    scene.info.tiers = TierInfo::of(&scene);
+    scene
 }
 
 /// A sender's light is the mean over its places: with one of four in the shadow it is three

@@ -189,6 +189,7 @@ fn brighter(lights: &[Light]) -> Vec<Light> {
             Light::Directional { irradiance, .. } => *irradiance *= 1.1,
             Light::Rect { radiance, .. } => *radiance *= 1.1,
             Light::Sky { radiance } => *radiance = *radiance * 1.1,
+            other => panic!("{other:?}"),
         }
     }
     lights

@@ -34,7 +34,7 @@ pub enum AssetError {
     },
     /// The file was refused before its content was looked at.
     #[error("it {0}")]
-    Refused(ReadError),
+    Refused(#[source] ReadError),
     /// The bytes do not start as a `.mgi` file does.
     #[error("not a .mgi file: it does not start with the format's eight bytes")]
     NotMgi,

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// Size and error of a tier. They include the rows of all lower tiers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct TierInfo {
     /// Rows.
     pub rows: u64,
@@ -41,6 +42,7 @@ impl TierInfo {
 /// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal
 /// bytes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct BakeInfo {
     /// Version of this crate that baked it.
     pub version: String,
@@ -104,6 +106,7 @@ pub struct BakeInfo {
 /// reciprocity. Measured on the packed operator that a frame uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
+#[non_exhaustive]
 pub struct EnergyInfo {
     /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the
     /// senders) in a frame of any tier: below 1, so that light dies away. No bound but what was

@@ -7,6 +7,7 @@ const MAX_VIOLATIONS: usize = 32;
 
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Violation {
     /// Name of the array or field.
     pub place: &'static str,

@@ -45,7 +45,7 @@ pub enum BakeError {
     },
     /// Visibility data for soft shadows exceeds its limit.
     #[error("soft shadows: {0}")]
-    Visibility(crate::transport::pca::VisibilityError),
+    Visibility(#[source] crate::transport::pca::VisibilityError),
     /// Points without an octree.
     #[error("the octree: {0}")]
     Octree(#[from] crate::transport::fmm::FmmError),

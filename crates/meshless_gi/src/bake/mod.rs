@@ -76,6 +76,7 @@ pub struct BakeSource<'a> {
 
 /// Result of a bake.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Baked {
     /// Data that a frame reads.
     pub scene: BakedScene,

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
     derive(bevy_reflect::Reflect),
     reflect(Clone, Debug, PartialEq, Hash)
 )]
+#[non_exhaustive]
 pub enum BakeStage {
     /// Building the BVH.
     Bvh,

@@ -14,6 +14,7 @@ use std::ops::RangeInclusive;
 
 /// Quality level of a bake. It sets every value that the recipe leaves out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Preset {
     /// Fast bake for work in progress.
     Draft,
@@ -26,6 +27,7 @@ pub enum Preset {
 
 /// Stage that computes the second and later bounces (design D2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum BounceMode {
     /// The frame, by sweeps over the senders. Materials can change at run time.
     #[default]

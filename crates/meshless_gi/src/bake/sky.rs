@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 /// Model of the sky that lights a baked scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum SkyModel {
     /// Same radiance from all directions. One link per row.
     #[default]

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Wall-clock time of each stage, in seconds. Gather and refinement run together on all threads.
 /// Their time is split by processor time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct StageSeconds {
     /// Reading the scene.
     pub load: f64,
@@ -38,6 +39,7 @@ pub struct StageSeconds {
 
 /// Statistics of a bake.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct BakeStats {
     /// Wall-clock times.
     pub seconds: StageSeconds,

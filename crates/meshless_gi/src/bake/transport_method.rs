@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Representation of the transport operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum TransportMethod {
     /// Links that keep the mass of each row, with a bound on the truncation error. See
     /// [`crate::transport::bounded_truncation`].

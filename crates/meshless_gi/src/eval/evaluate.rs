@@ -32,6 +32,7 @@ pub enum Bounces {
 
 /// Light at a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Evaluated {
     /// Irradiance that comes straight from lights, sky and emissive surfaces, W/m².
     pub direct: Vec3,

@@ -37,6 +37,7 @@ pub struct ReferenceSettings {
 
 /// Irradiance at a place, W/m², with standard errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Irradiance {
     /// Without reflection.
     pub direct: Vec3,

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Bevy shows it with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a
 /// `Transform` of `translation`, `rotation` and `scale`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct VolumePlacement {
     /// Version of this format: [`VolumePlacement::VERSION`].
     pub version: u32,

@@ -64,6 +64,7 @@ pub enum ExportError {
 
 /// An irradiance volume as Bevy reads it.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ExportedVolume {
     /// Box and voxels, in the space of the bake.
     pub shape: VoxelGrid,

@@ -8,20 +8,20 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum SceneError {
     /// A file could not be read: not a fault of its content.
-    #[error("{}: cannot be read: {reason}", path.display())]
+    #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// Message of the operating system.
-        reason: String,
+        /// Error of the operating system.
+        source: std::io::Error,
     },
     /// A file was refused before its content was looked at.
-    #[error("{}: {error}", path.display())]
+    #[error("{}: {source}", path.display())]
     Refused {
         /// The file.
         path: PathBuf,
         /// Reason.
-        error: ReadError,
+        source: ReadError,
     },
     /// The file is not the format that it should be.
     #[error("{file}: {reason}")]
@@ -32,20 +32,20 @@ pub enum SceneError {
         reason: String,
     },
     /// A point cloud's file is not valid.
-    #[error("{file}: {why}")]
+    #[error("{file}: {source}")]
     Ply {
         /// The file.
         file: String,
         /// Problem, with its line or byte.
-        why: PlyError,
+        source: PlyError,
     },
     /// The points of a file make no surface.
-    #[error("{file}: {why}")]
+    #[error("{file}: {source}")]
     Points {
         /// The file.
         file: String,
         /// Problem of the points.
-        why: PointsError,
+        source: PointsError,
     },
     /// A mesh of the file is not valid.
     #[error("{file}: mesh {mesh}, primitive {primitive}: {reason}")]
@@ -107,11 +107,8 @@ impl SceneError {
     pub fn reading(path: &Path, error: ReadError) -> Self {
         let path = path.into();
         match error {
-            ReadError::Io(error) => Self::Io {
-                path,
-                reason: error.to_string(),
-            },
-            error => Self::Refused { path, error },
+            ReadError::Io(source) => Self::Io { path, source },
+            source => Self::Refused { path, source },
         }
     }
 

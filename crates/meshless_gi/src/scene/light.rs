@@ -5,6 +5,7 @@ use glam::Vec3;
 
 /// A light source. Units follow glTF and Bevy: E = I cos θ / d² at a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Light {
     /// Shines alike in all directions.
     Point {

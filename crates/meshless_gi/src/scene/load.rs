@@ -9,6 +9,7 @@ use std::path::Path;
 
 /// A level's geometry as one mesh.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct LoadedGeometry {
     /// Triangles, and the cells of points, in meters.
     pub mesh: TriangleMesh,

@@ -6,7 +6,8 @@ use super::variant::{self, BOUNCES, Factor, Variant};
 use crate::accuracy::GroundTruth;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{
-    AssetError, BakeSceneError, BakeStats, Baked, Light, Progress, Recipe, TriangleMesh, bake_scene,
+    AssetError, BakeSceneError, BakeStats, Baked, Light, Progress, Recipe, RecipeError,
+    TriangleMesh, bake_scene,
 };
 use std::time::{Duration, Instant};
 
@@ -88,28 +89,28 @@ pub enum ReportError {
     )]
     Dark,
     /// A bake failed.
-    #[error("{name}: {why}")]
+    #[error("{name}: {source}")]
     Bake {
         /// Name of the variant.
         name: String,
         /// Reason.
-        why: BakeSceneError,
+        source: BakeSceneError,
     },
     /// A bake could not be written.
-    #[error("{name}: {why}")]
+    #[error("{name}: {source}")]
     Write {
         /// Name of the variant.
         name: String,
         /// Reason.
-        why: AssetError,
+        source: AssetError,
     },
     /// A bake holds other settings than this version writes: a defect of this crate.
-    #[error("{name}: the bake's own settings: {why}")]
+    #[error("{name}: the bake's own settings: {source}")]
     Settings {
         /// Name of the variant.
         name: String,
         /// Reason.
-        why: String,
+        source: RecipeError,
     },
     /// A measurement is no number: a defect of this crate. Please report it with the level.
     #[error("{name}: an error was measured that is no number")]
@@ -242,7 +243,10 @@ fn bake(
     progress: &Progress,
 ) -> Result<Last, ReportError> {
     let name = || variant.name.clone();
-    let failed = |why| ReportError::Bake { name: name(), why };
+    let failed = |source| ReportError::Bake {
+        name: name(),
+        source,
+    };
     let recipe = Recipe {
         viewpoints: sweep.viewpoints.clone(),
         ..variant.recipe.clone()
@@ -251,13 +255,17 @@ fn bake(
     let bytes = baked
         .scene
         .to_bytes()
-        .map_err(|why| ReportError::Write { name: name(), why })?
-        .len() as u64;
-    let settings =
-        BakeSettings::from_ron(&baked.scene.info.recipe).map_err(|why| ReportError::Settings {
+        .map_err(|source| ReportError::Write {
             name: name(),
-            why: why.to_string(),
-        })?;
+            source,
+        })?
+        .len() as u64;
+    let settings = BakeSettings::from_ron(&baked.scene.info.recipe).map_err(|source| {
+        ReportError::Settings {
+            name: name(),
+            source,
+        }
+    })?;
     Ok(Last {
         recipe: variant.recipe.clone(),
         baked,

@@ -170,7 +170,6 @@ impl Variant {
 fn transport_text(transport: &TransportMethod) -> Option<String> {
     let mut out: Vec<String> = Vec::new();
     match transport {
-        TransportMethod::Bounded => return None,
         TransportMethod::L08 => return Some("transport: L08".into()),
         TransportMethod::Pca(pca) => {
             let usual = PcaRecipe::default();
@@ -201,6 +200,7 @@ fn transport_text(transport: &TransportMethod) -> Option<String> {
             let changed = fields.iter().filter(|(_, value, usual)| value != usual);
             out.extend(changed.map(|(name, value, _)| format!("{name}: {value}")));
         }
+        _ => return None,
     }
     Some(format!(
         "transport: {}({})",

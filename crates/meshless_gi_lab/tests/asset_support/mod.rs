@@ -164,6 +164,19 @@ pub fn makes() -> Vec<Make> {
     ]
 }
 
+/// Facts about a bake of so many triangles.
+fn info(triangles: u64) -> BakeInfo {
+    let mut info = BakeInfo::default();
+    info.version = "0.0.0".into();
+    info.fingerprint = "00".repeat(32);
+    info.recipe = "()".into();
+    info.triangles = triangles;
+    info.bounds = [[-1.0; 3], [1.0; 3]];
+    info.viewpoints = vec![[0.1, 0.2, 0.3]];
+    info.bounces = 3;
+    info
+}
+
 /// Three materials, and none to two shares of them a sender.
 fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
     let mut live = DynamicMaterials {
@@ -362,16 +375,7 @@ pub fn build(make: &Make) -> BakedScene {
         pull: Weights::from_rows(pull),
         parents: Weights::from_rows(parents),
         bounces,
-        info: BakeInfo {
-            version: "0.0.0".into(),
-            fingerprint: "00".repeat(32),
-            recipe: "()".into(),
-            triangles: make.triangles as u64,
-            bounds: [[-1.0; 3], [1.0; 3]],
-            viewpoints: vec![[0.1, 0.2, 0.3]],
-            bounces: 3,
-            ..BakeInfo::default()
-        },
+        info: info(make.triangles as u64),
         operator,
         display: FlatBasis {
             radius,

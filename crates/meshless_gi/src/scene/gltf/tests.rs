@@ -83,7 +83,7 @@ fn load(bytes: &[u8]) -> Result<LoadedScene, SceneError> {
     load_gltf_bytes(bytes, "test.glb", &mut |name| {
         Err(SceneError::Io {
             path: name.into(),
-            reason: "there are no other files".into(),
+            source: std::io::Error::other("there are no other files"),
         })
     })
 }

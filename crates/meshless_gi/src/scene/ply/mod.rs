@@ -103,9 +103,9 @@ pub fn read_ply_within(
 ) -> Result<PlyPoints, SceneError> {
     let path = path.as_ref();
     let bytes = (budget.read(path)).map_err(|error| SceneError::reading(path, error))?;
-    parse_ply(&bytes).map_err(|why| SceneError::Ply {
+    parse_ply(&bytes).map_err(|source| SceneError::Ply {
         file: path.display().to_string(),
-        why,
+        source,
     })
 }
 

@@ -451,9 +451,9 @@ pub fn load_ply_bytes(
     name: &str,
     viewpoints: &[Vec3],
 ) -> Result<LoadedPoints, SceneError> {
-    let points = parse_ply(bytes).map_err(|why| SceneError::Ply {
+    let points = parse_ply(bytes).map_err(|source| SceneError::Ply {
         file: name.into(),
-        why,
+        source,
     })?;
     cloud_of(points, name, viewpoints)
 }
@@ -464,9 +464,9 @@ fn cloud_of(
     viewpoints: &[Vec3],
 ) -> Result<LoadedPoints, SceneError> {
     let faces = points.faces;
-    let cloud = PointCloud::new(points, viewpoints).map_err(|why| SceneError::Points {
+    let cloud = PointCloud::new(points, viewpoints).map_err(|source| SceneError::Points {
         file: name.into(),
-        why,
+        source,
     })?;
     let p = &cloud.problems;
     let notes = [

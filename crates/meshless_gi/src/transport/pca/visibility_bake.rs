@@ -51,6 +51,7 @@ const MAX_WORDS: usize = 1 << 29;
 
 /// Error of a visibility bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum VisibilityError {
     /// Cancelled by the progress callback.
     #[error("stopped")]
