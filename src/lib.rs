@@ -89,7 +89,7 @@ pub use plugin::{
 // The plugin, its settings and its output.
 #[cfg(feature = "bevy")]
 pub use plugin::{
-    FrameStats, GiFrameStats, GiGizmos, GiRenderSystems, GiSettings, GiSystems, GiWarning,
+    FramePass, FrameSkip, FrameStats, GiFrameStats, GiGizmos, GiRenderSystems, GiSettings, GiSystems, GiWarning,
     GiWarnings, MeshlessGiDebugPlugin, MeshlessGiPlugin,
 };
 

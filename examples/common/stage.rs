@@ -241,8 +241,7 @@ fn tell(
     } else {
         let counters = status.get();
         let on = cameras.iter().any(|c| c.enabled);
-        let views = counters.subsplats.values();
-        let (by, of) = views.fold((0, 0), |(by, of), c| (by + c.total(), of + c.pixels));
+        let (by, of) = (counters.subsplats, counters.subsplat_pixels);
         let share = match of {
             _ if !on => String::new(),
             0 => ", at every pixel".to_string(),

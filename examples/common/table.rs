@@ -93,16 +93,10 @@ pub fn words(
 ) -> String {
     let seen = status.get();
     // The font has no such sign.
-    let mut out = named(&seen.plan.to_string(), names).replace('×', "x");
-    for decision in seen.plan.decisions() {
-        if let Some(setting) = decision.forced {
-            let subject = named(&decision.kind.to_string(), names);
-            let _ = writeln!(out, "{subject}: set by {setting}");
-        }
-    }
+    let mut out = named(&status.plan_text(), names).replace('×', "x");
     let dispatches = seen.dispatches.iter();
     let dispatches: Vec<String> = dispatches
-        .map(|(stage, n)| format!("{} {n}", stage.name()))
+        .map(|(stage, n)| format!("{stage} {n}"))
         .collect();
     let _ = writeln!(
         out,

@@ -1,7 +1,8 @@
 //! Counters of a rendered frame, from the buffers and passes of the render world.
 
-use super::diagnostics::{FrameStats, GiFrameStats};
+use super::GiFrameStats;
 use super::effects::count_stages;
+use super::frame_record::FrameRecord;
 use super::readback::SharedCoefficients;
 use super::render_state::GiRender;
 use crate::gpu::{GpuCounters, KernelPipelines};
@@ -12,15 +13,15 @@ use std::sync::Arc;
 
 impl GiRender {
     /// Counts the buffers on the device, and the work since the last call.
-    fn count(&mut self) -> FrameStats {
+    fn count(&mut self) -> FrameRecord {
         let mut total = self.retired;
-        let mut counters = FrameStats {
+        let mut counters = FrameRecord {
             frame: self.frame,
             pipelines: self.kernels.as_ref().map_or(0, KernelPipelines::created),
             active_scenes: self.plan.active_scenes().len() as u32,
             plan: self.plan.clone(),
             solved: self.solved_tiers(),
-            ..FrameStats::default()
+            ..FrameRecord::default()
         };
         self.count_scenes(&mut total, &mut counters);
         if let Some(reflections) = &self.reflections {
@@ -48,7 +49,7 @@ impl GiRender {
     }
 
     /// Adds the buffers of the scenes.
-    fn count_scenes(&self, total: &mut GpuCounters, counters: &mut FrameStats) {
+    fn count_scenes(&self, total: &mut GpuCounters, counters: &mut FrameRecord) {
         for (id, runtime) in &self.scenes {
             let mut of_scene = 0;
             if let Some(frame) = &runtime.frame {

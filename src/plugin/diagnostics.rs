@@ -14,86 +14,12 @@
 //! Pipelines, buffers and bytes are current totals. The other counters refer to the last rendered
 //! frame. With pipelined rendering that frame is one behind the main world's.
 
+use super::GiFrameStats;
 use super::effects::{EFFECTS, stages};
-use crate::plan::{FrameStage, Plan};
+use crate::plan::FrameStage;
 use bevy::app::{App, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::prelude::*;
-use meshless_gi::BakedScene;
-use meshless_gi::internals::frame::SubsplatCounts;
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
-
-/// Statistics of one rendered frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub struct FrameStats {
-    /// Rendered frames since the start, this one included.
-    pub frame: u64,
-    /// Pipelines that exist.
-    pub pipelines: u32,
-    /// Buffers that exist.
-    pub buffers: u32,
-    /// Their bytes.
-    pub bytes: u64,
-    /// Bytes of each scene whose bake is on the device, by the bits of its root.
-    pub scene_bytes: BTreeMap<u64, u64>,
-    /// Addresses of the bakes that these bytes hold.
-    pub(crate) scene_bakes: BTreeMap<u64, usize>,
-    /// Baked scenes that any pass touched.
-    pub active_scenes: u32,
-    /// Light slots projected.
-    pub projected_slots: u32,
-    /// Dispatches (draws, for the composite) of each stage. A stage that did not run is missing.
-    pub dispatches: BTreeMap<FrameStage, u32>,
-    /// The scenes that were solved, by the bits of their roots, and with which tier of the
-    /// operator.
-    pub solved: BTreeMap<u64, u32>,
-    /// Counts of subsplats of each view that uses them, by the bits of its camera. The counts are a
-    /// few frames old.
-    pub subsplats: BTreeMap<u64, SubsplatCounts>,
-    /// Plan of the frame: passes and reasons, skipped passes, expected and measured costs,
-    /// decisions ([`Plan::decisions`]) and inventory ([`Plan::inventory`]). Its `Display` writes it
-    /// as text.
-    pub plan: Plan,
-}
-
-impl FrameStats {
-    /// Dispatches of a stage.
-    #[must_use]
-    pub fn dispatches_of(&self, stage: FrameStage) -> u32 {
-        self.dispatches.get(&stage).copied().unwrap_or(0)
-    }
-}
-
-/// The counters of the last rendered frame, in both worlds. Read them with [`get`](Self::get), or
-/// from Bevy's diagnostics.
-#[derive(Resource, Clone, Default)]
-pub struct GiFrameStats(Arc<Mutex<FrameStats>>);
-
-impl GiFrameStats {
-    /// A copy of the counters.
-    #[must_use]
-    pub fn get(&self) -> FrameStats {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
-    }
-
-    /// Returns the bytes on the device of the scene on the root with these bits. `None` if the
-    /// device does not hold `bake`.
-    pub(crate) fn bytes_of(&self, root: u64, bake: &Arc<BakedScene>) -> Option<u64> {
-        let counters = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let held = counters.scene_bakes.get(&root)?;
-        let bytes = counters.scene_bytes.get(&root).copied();
-        bytes.filter(|_| *held == Arc::as_ptr(bake) as usize)
-    }
-
-    pub(crate) fn set(&self, counters: FrameStats) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = counters;
-    }
-}
 
 /// The path `meshless_gi/<name>`.
 fn path(name: &str) -> DiagnosticPath {
@@ -126,7 +52,7 @@ pub(crate) fn register(app: &mut App) {
 }
 
 fn publish(status: Res<GiFrameStats>, mut diagnostics: Diagnostics, mut last: Local<u64>) {
-    let counters = status.get();
+    let counters = status.record();
     if counters.frame == *last {
         return;
     }
@@ -137,8 +63,7 @@ fn publish(status: Res<GiFrameStats>, mut diagnostics: Diagnostics, mut last: Lo
     add(path("bytes"), counters.bytes as f64);
     add(path("scenes/active"), f64::from(counters.active_scenes));
     add(path("slots/projected"), f64::from(counters.projected_slots));
-    let views = counters.subsplats.values();
-    let (evaluated, pixels) = views.fold((0, 0), |(e, p), c| (e + c.total(), p + c.pixels));
+    let (evaluated, pixels) = counters.subsplat_totals();
     add(path("subsplats"), f64::from(evaluated));
     add(
         path("subsplats/saved"),

@@ -5,7 +5,7 @@
 //! The app has to add that plugin. Without it, the costs stay unknown, and the plan reports this.
 //! The same holds without timestamps inside command encoders, which Bevy lacks on Metal and WebGPU.
 
-use super::diagnostics::GiFrameStats;
+use super::GiFrameStats;
 use super::quality::{SolveCostSource, span_name};
 use crate::plan::{CostModel, FrameStage, Plan, TimingScope, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
@@ -65,7 +65,7 @@ pub(crate) fn learn(
     mut seen: Local<BTreeMap<TimingScope, (Instant, u64)>>,
     mut last: Local<u64>,
 ) {
-    let counters = status.get();
+    let counters = status.record();
     if counters.frame == *last {
         return;
     }

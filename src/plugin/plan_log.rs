@@ -1,6 +1,6 @@
 //! Logs the plan's decisions at level DEBUG, each when it changes ([`DecisionLog`]).
 
-use super::diagnostics::GiFrameStats;
+use super::GiFrameStats;
 use super::scene_log::entity_label;
 use crate::plan::DecisionLog;
 use bevy::ecs::name::Name;
@@ -14,7 +14,7 @@ pub(crate) fn log_decisions(
     mut log: Local<DecisionLog>,
     mut last: Local<u64>,
 ) {
-    let counters = status.get();
+    let counters = status.record();
     if counters.frame == *last {
         return;
     }

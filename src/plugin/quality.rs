@@ -11,7 +11,8 @@
 
 use super::asset::GiBakedScene;
 use super::compute::largest_binding;
-use super::diagnostics::{FrameStats, GiFrameStats};
+use super::GiFrameStats;
+use super::frame_record::FrameRecord;
 use super::scene::GiScene;
 use super::solver::GiSolver;
 use crate::plan::{
@@ -184,7 +185,7 @@ impl SolveCosts<'_> {
     fn sample(
         &self,
         root: Entity,
-        solved: Option<&FrameStats>,
+        solved: Option<&FrameRecord>,
         selection: &mut Selection,
     ) -> Option<f32> {
         match &*self.source {
@@ -236,7 +237,7 @@ pub(crate) fn select_tiers(
     let solved = roots
         .iter()
         .any(|(_, _, quality, ..)| has_budget(quality))
-        .then(|| costs.stats.get())
+        .then(|| costs.stats.record())
         .filter(|stats| stats.frame != *last_frame);
     let max_binding = device.as_ref().map_or(u64::MAX, |d| largest_binding(d));
     for (root, gi, quality, solver, mut tier) in &mut roots {
@@ -254,7 +255,7 @@ pub(crate) fn select_tiers(
         let Some(selection) = of_roots.get_mut(&root).filter(|_| has_budget(quality)) else {
             continue;
         };
-        if let Some(sample) = costs.sample(root, solved.as_ref(), selection) {
+        if let Some(sample) = costs.sample(root, solved.as_deref(), selection) {
             selection.controller.measured(sample);
             tier.set_if_neq((&selection.controller).into());
         }

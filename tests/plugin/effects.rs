@@ -8,7 +8,7 @@ mod scenes;
 use crate::support::app::{app, run};
 use crate::support::stage::counters;
 use bevy::prelude::*;
-use bevy_meshless_gi::FrameStats;
+use bevy_meshless_gi::internals::plugin::FrameRecord;
 use bevy_meshless_gi::internals::plan::{ColorModeSelection, FrameStage};
 use meshless_gi::{Channels, ProbeSettings, Recipe, VisibilityRecipe};
 use scenes::{SCENES, bakes, spawn, step};
@@ -35,7 +35,7 @@ fn scene_runs_only_required_effects() {
         ..Recipe::default()
     };
     let bakes = bakes(&recipe).expect("bakes");
-    let mut seen: Vec<FrameStats> = Vec::new();
+    let mut seen: Vec<FrameRecord> = Vec::new();
     for scene in &SCENES {
         let mut app = app();
         spawn(&mut app, scene, &bakes, SIZE);

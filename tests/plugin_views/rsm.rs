@@ -12,9 +12,10 @@ use crate::support::stage::{
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
+use bevy_meshless_gi::internals::plugin::FrameRecord;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{
-    FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER, SpecularSettings,
+    GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER, SpecularSettings,
 };
 use meshless_gi::Light;
 use std::f32::consts::PI;
@@ -104,7 +105,7 @@ fn rsm_cameras_follow_reflectors() {
     assert_eq!(layers(&app, ball), Some(own.clone().with(RSM_RENDER_LAYER)));
     assert_eq!(layers(&app, parent), None, "it has no mesh");
     let c = counters(&app);
-    let ran = |c: &FrameStats| c.plan.to_string().matches("run  rsm").count();
+    let ran = |c: &FrameRecord| c.plan.to_string().matches("run  rsm").count();
     assert_eq!(ran(&c), 1, "{}", c.plan);
     assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
 

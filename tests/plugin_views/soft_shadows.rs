@@ -9,7 +9,8 @@ use crate::support::stage::{counters, keep, view};
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{FrameStats, GiDebugView, GiWarning, GiWarnings};
+use bevy_meshless_gi::internals::plugin::FrameRecord;
+use bevy_meshless_gi::{GiDebugView, GiWarning, GiWarnings};
 use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::soft_shadow::{self, RayVisibility};
 use meshless_gi::internals::frame::subtract_shadow::{self, LitSurface, SubtractShadowParams};
@@ -220,7 +221,7 @@ fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
     (0..w * h).map(at).collect()
 }
 
-fn soft_work(c: &FrameStats) -> [u32; 2] {
+fn soft_work(c: &FrameRecord) -> [u32; 2] {
     [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 

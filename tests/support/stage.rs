@@ -6,8 +6,9 @@ use super::flip::{Picture, flip};
 use super::scenes::{Room, cornell};
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
+use bevy_meshless_gi::internals::plugin::FrameRecord;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{FrameStats, GiDebugView, GiFrameStats};
+use bevy_meshless_gi::{GiDebugView, GiFrameStats};
 use meshless_gi::{BakedScene, FrameSettings, Light};
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -99,8 +100,9 @@ pub fn spawn_baked(app: &mut App, room: &Room, bake: &Arc<BakedScene>, root: Tra
     root
 }
 
-pub fn counters(app: &App) -> FrameStats {
-    app.world().resource::<GiFrameStats>().get()
+pub fn counters(app: &App) -> FrameRecord {
+    let status = app.world().resource::<GiFrameStats>();
+    FrameRecord::clone(&status.record())
 }
 
 /// Writes a picture where `MGI_TEST_PICTURES` names a folder.
@@ -144,7 +146,7 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
 }
 
 /// Frame counters of the stages that static lights must not run.
-pub fn work(c: &FrameStats) -> [u32; 4] {
+pub fn work(c: &FrameRecord) -> [u32; 4] {
     [
         FrameStage::PROJECT,
         FrameStage::PULL_PUSH,
