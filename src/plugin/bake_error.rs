@@ -1,11 +1,14 @@
 //! Errors of a bake in a running app.
 
 use super::entity_bake::GiBakeWarning;
+use bevy::reflect::prelude::*;
 use meshless_gi::BakeSceneError;
 use std::sync::Arc;
 
 /// Reason why a bake in a running app has no result.
-#[derive(Clone, Debug, thiserror::Error)]
+#[derive(Reflect, Clone, Debug, thiserror::Error)]
+#[reflect(opaque)]
+#[reflect(Clone, Debug)]
 #[non_exhaustive]
 pub enum GiBakeError {
     /// No usable triangle below the root.

@@ -3,6 +3,8 @@
 use super::bake_error::GiBakeError;
 use super::bake_summary::GiBakeSummary;
 use bevy::ecs::prelude::*;
+use bevy::ecs::reflect::ReflectEvent;
+use bevy::reflect::prelude::*;
 
 /// Triggered on an entity when its bake has ended. After success its [`GiScene`](super::GiScene) is
 /// present. After an error the entity keeps its previous one. A bake that was replaced triggers
@@ -21,7 +23,8 @@ use bevy::ecs::prelude::*;
 /// # let mut app = App::new();
 /// # app.add_observer(report);
 /// ```
-#[derive(EntityEvent, Clone, Debug)]
+#[derive(EntityEvent, Reflect, Clone, Debug)]
+#[reflect(Event, Clone, Debug)]
 #[non_exhaustive]
 pub struct GiBakeFinished {
     /// The entity that was baked for.

@@ -1,9 +1,11 @@
 //! Result of a bake in a running app.
 
 use super::entity_bake::GiBakeWarning;
+use bevy::reflect::prelude::*;
 
 /// Figures of a bake that has ended well.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct GiBakeSummary {
     /// Duration of the bake, or of loading it, in seconds.

@@ -36,6 +36,7 @@ use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
+use bevy::reflect::prelude::*;
 use meshless_gi::{
     BakeSceneError, BakeStage, Baked, BakedScene, Progress, Recipe, TriangleMesh, bake_scene,
 };
@@ -44,15 +45,20 @@ use std::sync::Arc;
 /// A bake under way. When it ends, the entity gets the event [`GiBakeFinished`], and after
 /// success a [`GiScene`]. [`GiBakeProgress`] on the entity has its progress. Removing
 /// the component cancels the bake.
-#[derive(Component)]
+#[derive(Component, Reflect)]
+#[reflect(Component, from_reflect = false)]
 #[component(on_remove = remove_progress)]
 #[require(GiBakeProgress)]
 pub struct GiBakeTask {
+    #[reflect(ignore)]
     progress: Arc<Progress>,
+    #[reflect(ignore)]
     work: Result<Background<Outcome>, String>,
     /// Materials that are inserted as [`GiDynamicMaterials`] with the light.
+    #[reflect(ignore)]
     materials: NamedMaterials,
     /// Warnings that are in the log already.
+    #[reflect(ignore)]
     warnings: Vec<GiBakeWarning>,
 }
 

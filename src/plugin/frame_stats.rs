@@ -249,7 +249,10 @@ mod tests {
             panic!("{:?}", stats.passes);
         };
         assert_eq!((apply.effect, apply.stage), ("transport", "apply"));
-        assert_eq!((apply.scene, apply.camera, apply.light), (scene, None, None));
+        assert_eq!(
+            (apply.scene, apply.camera, apply.light),
+            (scene, None, None)
+        );
         assert_eq!((rsm.scene, rsm.camera, rsm.light), (None, view, lit));
         assert_eq!(apply.reason, RunReason::NewBake.to_string());
         let skipped = stats.skipped.iter();
@@ -264,6 +267,9 @@ mod tests {
         status.set(record());
         let text = status.plan_text();
         assert!(text.contains("run  apply of scene"), "{text}");
-        assert!(text.contains("set by the visibility of the scene"), "{text}");
+        assert!(
+            text.contains("set by the visibility of the scene"),
+            "{text}"
+        );
     }
 }

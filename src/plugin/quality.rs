@@ -9,9 +9,9 @@
 //! contains projection and solve of one root. Without timestamps (Bevy has none on Metal and
 //! WebGPU) the controller keeps all links.
 
+use super::GiFrameStats;
 use super::asset::GiBakedScene;
 use super::compute::largest_binding;
-use super::GiFrameStats;
 use super::frame_record::FrameRecord;
 use super::scene::GiScene;
 use super::solver::GiSolver;

@@ -3,7 +3,9 @@
 use super::asset::GiBakedScene;
 use bevy::asset::{AssetId, AssetPath, AssetServer};
 use bevy::ecs::prelude::*;
+use bevy::ecs::reflect::ReflectMessage;
 use bevy::log::info;
+use bevy::reflect::prelude::*;
 use meshless_gi::{BakeStage, Progress};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,7 +19,8 @@ const LOG_INTERVAL: Duration = Duration::from_secs(1);
 /// Progress message of a recipe, sent by its loader or by the app's asset processor. It is sent
 /// when the stage or its fraction has changed, at most once per frame for each recipe. The end of
 /// the bake is an [`AssetEvent`](bevy::asset::AssetEvent) of the asset.
-#[derive(Message, Clone, Debug, PartialEq)]
+#[derive(Message, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Message, Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct GiRecipeProgress {
     /// Path of the recipe.
@@ -25,7 +28,7 @@ pub struct GiRecipeProgress {
     /// Asset of the recipe. `None` if the app has not loaded it yet, as for recipes that the asset
     /// processor bakes in advance.
     pub id: Option<AssetId<GiBakedScene>>,
-    /// BakeStage of the bake.
+    /// Stage of the bake.
     pub stage: BakeStage,
     /// Fraction of the stage that is done, 0 to 1.
     pub fraction: f32,

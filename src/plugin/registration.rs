@@ -11,6 +11,9 @@ pub(super) fn register_types(app: &mut App) {
         .register_type::<GiBakeRequest>()
         .register_type::<GiStaleBakes>()
         .register_type::<GiBakeProgress>()
+        .register_type::<GiBakeFinished>()
+        .register_type::<GiBakeTask>()
+        .register_type::<GiFrameStats>()
         .register_type::<GiReflector>()
         .register_type::<GiCamera>()
         .register_type::<GiRsmCamera>()
@@ -40,7 +43,8 @@ pub(super) fn register_types(app: &mut App) {
         .register_type::<GiIrradianceVolume>()
         .register_type::<GiVolumetricFog>();
     #[cfg(feature = "gltf")]
-    app.register_type::<GiBakeProcessorSettings>();
+    app.register_type::<GiBakeProcessorSettings>()
+        .register_type::<GiRecipeProgress>();
 }
 
 /// Adds the plugin's resources, assets and loaders.

@@ -1,7 +1,7 @@
 //! Logs one line per baked scene: when its light starts, and again when its bake changes.
 
-use super::asset::GiBakedScene;
 use super::GiFrameStats;
+use super::asset::GiBakedScene;
 use super::scene::GiScene;
 use bevy::asset::Assets;
 use bevy::ecs::name::Name;

@@ -8,8 +8,8 @@ mod scenes;
 use crate::support::app::{app, run};
 use crate::support::stage::counters;
 use bevy::prelude::*;
-use bevy_meshless_gi::internals::plugin::FrameRecord;
 use bevy_meshless_gi::internals::plan::{ColorModeSelection, FrameStage};
+use bevy_meshless_gi::internals::plugin::FrameRecord;
 use meshless_gi::{Channels, ProbeSettings, Recipe, VisibilityRecipe};
 use scenes::{SCENES, bakes, spawn, step};
 

@@ -1,13 +1,18 @@
-//! Inspectors: every component, settings resource and loader setting of the plugin is in the type
-//! registry, with all its fields.
+//! Inspectors: every component, resource, event and setting of the plugin is in the type registry,
+//! with all its fields. The lists are those of the plugin: of its sources and of the world that it
+//! builds.
 
 use crate::support::app::{app, camera, run, target};
 use crate::support::scenes::cornell;
 use crate::support::stage::{spawn_baked, spawn_light_source, view};
-use bevy::ecs::reflect::{AppTypeRegistry, ReflectComponent, ReflectResource};
+use bevy::ecs::reflect::{
+    AppTypeRegistry, ReflectComponent, ReflectEvent, ReflectMessage, ReflectResource,
+};
 use bevy::prelude::*;
 use bevy::reflect::std_traits::ReflectDefault;
-use bevy::reflect::{PartialReflect, ReflectMut, ReflectRef, TypeRegistration, TypeRegistry};
+use bevy::reflect::{
+    PartialReflect, ReflectMut, ReflectRef, TypePath, TypeRegistration, TypeRegistry,
+};
 use bevy_meshless_gi::internals::plugin::GiPointCloudPart;
 use bevy_meshless_gi::point_cloud::GiPointCloud;
 use bevy_meshless_gi::prelude::*;
@@ -15,15 +20,20 @@ use meshless_gi::{Preset, Recipe, cornell_box, mesh_of_quads};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Public types that hold no settings, and what they hold.
-const STATE: [(&str, &str); 3] = [
-    ("GiBakeTask", "a thread"),
-    ("SharedCoefficients", "a channel between the worlds"),
-    ("GiFrameStats", "a channel between the worlds"),
+/// Types without a default: only the plugin makes them, or a function starts them.
+const MADE: [&str; 4] = [
+    "GiRsmCamera",
+    "GiBakeTask",
+    "GiBakeFinished",
+    "GiRecipeProgress",
 ];
 
-/// Types without a default: only the plugin makes them.
-const MADE: [&str; 1] = ["GiRsmCamera"];
+/// Returns `true` if the root of the library exports this type.
+fn is_public(name: &str) -> bool {
+    let root = include_str!("../../src/lib.rs");
+    let mut words = root.split(|c: char| !c.is_alphanumeric() && c != '_');
+    words.any(|word| word == name)
+}
 
 fn files_below(folder: &Path, out: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -45,30 +55,59 @@ fn sources() -> Vec<String> {
     texts.collect()
 }
 
-/// Names of the public types whose source derives `of`.
-fn deriving(of: &str) -> BTreeSet<String> {
+/// Names of the public types of a source file that derive `of`.
+fn deriving_in(text: &str, of: &str, out: &mut BTreeSet<String>) {
+    let mut derived = false;
+    for line in text.lines().map(str::trim) {
+        let item = ["pub", "struct", "enum", "impl", "fn"];
+        if let Some(list) = line.trim_start_matches("#[").strip_prefix("derive(") {
+            let mut names = list.split([',', ')', ' ', '(', ':']);
+            derived |= names.any(|name| name == of);
+        } else if item.iter().any(|word| line.starts_with(word)) {
+            let public = line.strip_prefix("pub struct ");
+            let public = public.or(line.strip_prefix("pub enum "));
+            if let Some(name) = public.filter(|_| derived) {
+                let end = name.find(|c: char| !c.is_alphanumeric());
+                out.insert(name[..end.unwrap_or(name.len())].to_string());
+            }
+            derived = false;
+        }
+    }
+}
+
+/// Names of the exported types whose source derives one of `traits`.
+fn deriving(traits: &[&str]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for text in sources() {
-        let mut derived = false;
-        for line in text.lines().map(str::trim) {
-            let item = ["pub", "struct", "enum", "impl", "fn"];
-            if let Some(list) = line.trim_start_matches("#[").strip_prefix("derive(") {
-                let mut names = list.split([',', ')', ' ', '(', ':']);
-                derived |= names.any(|name| name == of);
-            } else if item.iter().any(|word| line.starts_with(word)) {
-                let public = line.strip_prefix("pub struct ");
-                let public = public.or(line.strip_prefix("pub enum "));
-                if let Some(name) = public.filter(|_| derived) {
-                    let end = name.find(|c: char| !c.is_alphanumeric());
-                    found.insert(name[..end.unwrap_or(name.len())].to_string());
-                }
-                derived = false;
+        for of in traits {
+            deriving_in(&text, of, &mut found);
+        }
+    }
+    found.retain(|name| is_public(name));
+    found
+}
+
+/// Components and resources of this crate in the world that its registry lacks. `of` starts the
+/// paths of the crate's types. The compiler collects the types that derive `Reflect`. Types that
+/// do not derive it have no name without Bevy's feature `debug`.
+fn unregistered(world: &World, of: &str, is_public: impl Fn(&str) -> bool) -> (usize, Vec<String>) {
+    let mut reflected = TypeRegistry::new();
+    reflected.register_derived_types();
+    let registry = world.resource::<AppTypeRegistry>().read();
+    let (mut count, mut missing) = (0, Vec::new());
+    for info in world.components().iter_registered() {
+        let Some(found) = info.type_id().and_then(|id| reflected.get(id)) else {
+            continue;
+        };
+        let table = found.type_info().type_path_table();
+        if table.path().starts_with(of) && is_public(table.short_path()) {
+            count += 1;
+            if !registry.contains(found.type_id()) {
+                missing.push(table.short_path().to_string());
             }
         }
     }
-    let state = STATE.map(|(name, _)| name.to_string());
-    found.retain(|name| !state.contains(name));
-    found
+    (count, missing)
 }
 
 /// An app without renderer. Its registry holds what plugins registered by name, and nothing that
@@ -94,40 +133,82 @@ fn registration<'a>(registry: &'a TypeRegistry, name: &str) -> &'a TypeRegistrat
 }
 
 #[test]
-fn component_resource_and_setting_types_are_registered() {
+fn component_resource_event_and_setting_types_are_registered() {
     let app = app_of_registrations();
     let registry = app.world().resource::<AppTypeRegistry>().read();
-    let components = deriving("Component");
-    let resources = deriving("Resource");
-    let mut settings = deriving("Deserialize");
-    settings.extend(deriving("GizmoConfigGroup"));
-    println!("{components:?}\n{resources:?}\n{settings:?}");
-    assert!(components.len() >= 17 && resources.len() >= 3 && settings.len() >= 4);
-    for name in &components {
-        let found = registration(&registry, name).data::<ReflectComponent>();
-        assert!(
-            found.is_some(),
-            "{name} is registered without ReflectComponent"
-        );
-    }
-    for name in &resources {
-        let found = registration(&registry, name).data::<ReflectResource>();
-        assert!(
-            found.is_some(),
-            "{name} is registered without ReflectResource"
-        );
-    }
-    for name in components.iter().chain(&resources).chain(&settings) {
+    let components = deriving(&["Component"]);
+    let resources = deriving(&["Resource"]);
+    let events = deriving(&["Event", "EntityEvent"]);
+    let messages = deriving(&["Message"]);
+    let settings = deriving(&["Deserialize", "GizmoConfigGroup"]);
+    println!("{components:?}\n{resources:?}\n{events:?}\n{messages:?}\n{settings:?}");
+    assert!(components.len() >= 19 && resources.len() >= 4 && settings.len() >= 5);
+    assert!(!events.is_empty() && !messages.is_empty());
+    let with = |names: &BTreeSet<String>, has: fn(&TypeRegistration) -> bool, data: &str| {
+        for name in names {
+            let found = has(registration(&registry, name));
+            assert!(found, "{name} is registered without {data}");
+        }
+    };
+    with(
+        &components,
+        |r| r.contains::<ReflectComponent>(),
+        "ReflectComponent",
+    );
+    with(
+        &resources,
+        |r| r.contains::<ReflectResource>(),
+        "ReflectResource",
+    );
+    with(&events, |r| r.contains::<ReflectEvent>(), "ReflectEvent");
+    with(
+        &messages,
+        |r| r.contains::<ReflectMessage>(),
+        "ReflectMessage",
+    );
+    let lists = [components, resources, events, messages, settings];
+    for name in lists.iter().flatten() {
         let default = registration(&registry, name).data::<ReflectDefault>();
         let made = MADE.contains(&name.as_str());
         assert_eq!(default.is_none(), made, "default of {name}");
     }
-    // No field is hidden.
-    let hidden = sources()
-        .iter()
-        .filter(|t| t.contains("reflect(ignore"))
-        .count();
-    assert_eq!(hidden, 0);
+    // No field is hidden, except those of a running bake.
+    let hidden = sources().into_iter();
+    let hidden: Vec<String> = hidden.filter(|t| t.contains("reflect(ignore")).collect();
+    assert!(hidden.len() == 1 && hidden[0].contains("pub struct GiBakeTask"));
+}
+
+/// Component that nothing registers.
+#[derive(Component, Reflect)]
+#[reflect(Component)]
+struct GiUnregistered;
+
+#[test]
+fn components_and_resources_of_the_world_are_registered() {
+    let mut app = app_of_registrations();
+    app.finish();
+    app.update();
+    let ours = |world: &World| unregistered(world, "bevy_meshless_gi::", is_public);
+    let (count, missing) = ours(app.world());
+    println!("{count} components and resources");
+    assert!(count >= 15 && missing.is_empty(), "{count}: {missing:?}");
+    // Must fail: a component of another crate that nothing registers.
+    app.world_mut().spawn(GiUnregistered);
+    let path = GiUnregistered::type_path();
+    let (_, missing) = unregistered(app.world(), path, |_| true);
+    assert_eq!(missing, ["GiUnregistered"]);
+    // Must fail: a registry without the plugin's types.
+    app.insert_resource(AppTypeRegistry::default());
+    assert_eq!(ours(app.world()).1.len(), count);
+    // A source with a component that derives no `Reflect` is found by its name.
+    let mut found = BTreeSet::new();
+    deriving_in(
+        "#[derive(Component, Clone)]\npub struct GiNew;",
+        "Component",
+        &mut found,
+    );
+    let registry = app.world().resource::<AppTypeRegistry>().read();
+    assert!(found.contains("GiNew") && registry.get_with_short_type_path("GiNew").is_none());
 }
 
 /// Adds every value below `value` with its path.
@@ -244,7 +325,7 @@ fn reflected_components_expose_every_field() {
         }
     }
     let names: BTreeSet<String> = seen.keys().cloned().collect();
-    let wanted = deriving("Component");
+    let wanted = deriving(&["Component"]);
     let missing: Vec<_> = wanted.difference(&names).collect();
     assert!(missing.is_empty(), "not in the world: {missing:?}");
     // Values of all depths: settings, an element of a list, an output.

@@ -14,9 +14,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::internals::plugin::FrameRecord;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{
-    GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER, SpecularSettings,
-};
+use bevy_meshless_gi::{GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER, SpecularSettings};
 use meshless_gi::Light;
 use std::f32::consts::PI;
 

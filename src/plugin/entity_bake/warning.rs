@@ -1,11 +1,14 @@
 //! Warnings of a bake: parts of a scene that it can't use as they are.
 
 use bevy::mesh::PrimitiveTopology;
+use bevy::reflect::prelude::*;
 use std::path::PathBuf;
 
 /// Part of a scene that a bake left out or replaced, or a result that it could not save. `Display`
 /// has the cause and the remedy. Entities are given with their names, assets with their paths.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Reflect, Clone, Debug, PartialEq, thiserror::Error)]
+#[reflect(opaque)]
+#[reflect(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum GiBakeWarning {
     /// The mesh has no data in the main world.
