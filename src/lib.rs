@@ -105,8 +105,8 @@ pub mod loader {
     pub use crate::plugin::{GiBakedSceneLoaderSettings, GiLoadError};
 }
 
-/// Point clouds as Bevy assets.
-#[cfg(feature = "bevy")]
+/// Point clouds as Bevy assets (feature `point_clouds`).
+#[cfg(all(feature = "bevy", feature = "point_clouds"))]
 pub mod point_cloud {
     pub use crate::plugin::{
         GiPointCloud, GiPointCloudAsset, GiPointCloudLoadError, GiPointCloudLoaderSettings,
@@ -156,6 +156,7 @@ mod book {
     struct Materials;
     #[doc = include_str!("../docs/book/src/lighting/occluders.md")]
     struct Occluders;
+    #[cfg(feature = "point_clouds")]
     #[doc = include_str!("../docs/book/src/lighting/point_clouds.md")]
     struct PointClouds;
     #[doc = include_str!("../docs/book/src/lighting/sky.md")]

@@ -4,10 +4,11 @@
 use super::recipe_loader::GiRecipeLoadError;
 use bevy::asset::AssetPath;
 use bevy::log::warn;
+#[cfg(feature = "point_clouds")]
 use bevy::math::Vec3;
 use bevy::tasks::ConditionalSendFuture;
 use meshless_gi::internals::asset::fingerprint;
-use meshless_gi::internals::scene::{external_files, load_gltf_bytes, load_ply_bytes};
+use meshless_gi::internals::scene::{external_files, load_gltf_bytes};
 use meshless_gi::{SceneError, TriangleMesh};
 use std::collections::BTreeMap;
 use std::io;
@@ -76,9 +77,22 @@ impl LevelFiles {
     /// Reads the scene as triangles. Points without normals face `viewpoints`, in meters.
     pub fn mesh(&self, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, GiRecipeLoadError> {
         let note = |notes: &[String]| notes.iter().for_each(|n| warn!("`{}`: {n}", self.name));
+        #[cfg(not(feature = "point_clouds"))]
+        if is_ply(&self.name) {
+            let _ = viewpoints;
+            return Err(GiRecipeLoadError::Level(SceneError::Format {
+                file: self.name.clone(),
+                reason: "a point cloud; build with the feature `point_clouds`".into(),
+            }));
+        }
+        #[cfg(feature = "point_clouds")]
         if is_ply(&self.name) {
             let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
-            let loaded = load_ply_bytes(&self.bytes, &self.name, &viewpoints)?;
+            let loaded = meshless_gi::internals::scene::load_ply_bytes(
+                &self.bytes,
+                &self.name,
+                &viewpoints,
+            )?;
             note(&loaded.notes);
             return Ok(loaded.cloud.mesh().0);
         }

@@ -1,7 +1,7 @@
 //! Systems of the main world and their order.
 
 use super::*;
-use bevy::app::{App, Last, PostUpdate, PreUpdate, Update};
+use bevy::app::{App, Last, PostUpdate, PreUpdate};
 use bevy::asset::{AssetEventSystems, Assets};
 use bevy::camera::CameraUpdateSystems;
 use bevy::camera::visibility::VisibilitySystems;
@@ -32,16 +32,6 @@ fn add_update_systems(app: &mut App) {
     .add_systems(
         PostUpdate,
         quality::select_tiers.in_set(GiSystems::SelectTiers),
-    )
-    // After assets have come, and before transforms and bounds of new meshes are made.
-    .add_systems(
-        Update,
-        (
-            point_cloud::spawn_point_cloud_meshes,
-            point_cloud::sync_point_cloud_parts,
-        )
-            .chain()
-            .in_set(GiSystems::UpdatePointClouds),
     );
 }
 

@@ -76,6 +76,7 @@ mod materials;
 mod observe;
 mod occluders;
 mod plan_log;
+#[cfg(feature = "point_clouds")]
 mod point_cloud;
 #[cfg(feature = "gltf")]
 mod process_assets;
@@ -132,6 +133,7 @@ pub use light::GiLight;
 pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
 pub use materials::GiDynamicMaterials;
 pub use occluders::GiOccluder;
+#[cfg(feature = "point_clouds")]
 pub use point_cloud::{
     GiPointCloud, GiPointCloudAsset, GiPointCloudLoadError, GiPointCloudLoader,
     GiPointCloudLoaderSettings, GiPointCloudPart,

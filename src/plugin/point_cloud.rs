@@ -10,9 +10,11 @@
 //! the edge of a bent surface, the backs of cells that stick out are visible. They would be dark if
 //! no light reached them.
 
+use super::GiSystems;
+use bevy::app::{App, Update};
 use bevy::asset::RenderAssetUsages;
 use bevy::asset::io::Reader;
-use bevy::asset::{Asset, AssetEvent, AssetId, AssetLoader, Assets, Handle, LoadContext};
+use bevy::asset::{Asset, AssetApp, AssetEvent, AssetId, AssetLoader, Assets, Handle, LoadContext};
 use bevy::camera::visibility::{RenderLayers, Visibility};
 use bevy::color::Color;
 use bevy::ecs::prelude::*;
@@ -132,6 +134,22 @@ impl GiPointCloudAsset {
     }
 }
 
+/// Registers the types, the asset, its loader and the systems of point clouds.
+pub(super) fn build(app: &mut App) {
+    app.register_type::<GiPointCloud>()
+        .register_type::<GiPointCloudPart>()
+        .register_type::<GiPointCloudLoaderSettings>()
+        .init_asset::<GiPointCloudAsset>()
+        .register_asset_loader(GiPointCloudLoader)
+        // After assets have come, and before transforms and bounds of new meshes are made.
+        .add_systems(
+            Update,
+            (spawn_point_cloud_meshes, sync_point_cloud_parts)
+                .chain()
+                .in_set(GiSystems::UpdatePointClouds),
+        );
+}
+
 /// Material of points: a rough dielectric, because a point has only a color.
 fn material() -> StandardMaterial {
     StandardMaterial {
@@ -201,7 +219,7 @@ pub struct GiPointCloudPart;
 
 /// Inserts the meshes of point clouds, and removes them from entities without a cloud.
 #[allow(clippy::type_complexity, reason = "what a query reads")]
-pub(crate) fn spawn_point_cloud_meshes(
+fn spawn_point_cloud_meshes(
     mut commands: Commands,
     assets: Res<Assets<GiPointCloudAsset>>,
     mut events: MessageReader<AssetEvent<GiPointCloudAsset>>,
@@ -263,7 +281,7 @@ type Drawn = (
 );
 
 /// Copies the render components of clouds to their parts. Runs after [`spawn_point_cloud_meshes`].
-pub(crate) fn sync_point_cloud_parts(
+fn sync_point_cloud_parts(
     mut commands: Commands,
     parts: Query<(Entity, &ChildOf, Drawn), With<GiPointCloudPart>>,
     clouds: Query<Drawn, Without<GiPointCloudPart>>,

@@ -2,7 +2,6 @@
 
 use super::*;
 use bevy::app::App;
-use bevy::asset::AssetApp;
 
 /// Registers the plugin's types for reflection.
 pub(super) fn register_types(app: &mut App) {
@@ -30,9 +29,6 @@ pub(super) fn register_types(app: &mut App) {
         .register_type::<GiDynamicMaterials>()
         .register_type::<GiOccluder>()
         .register_type::<GiColorMode>()
-        .register_type::<GiPointCloud>()
-        .register_type::<GiPointCloudPart>()
-        .register_type::<GiPointCloudLoaderSettings>()
         .register_type::<GiQuality>()
         .register_type::<GiReflectiveShadowMap>()
         .register_type::<GiSettings>()
@@ -58,7 +54,7 @@ pub(super) fn add_resources(app: &mut App) {
         .init_resource::<rsm::AskingLights>()
         .init_resource::<inventory::NormalMaps>()
         .init_resource::<gpu_timings::DeviceCosts>()
-        .init_asset::<GiPointCloudAsset>()
-        .register_asset_loader(GiPointCloudLoader)
         .add_plugins(asset::BakedAssetPlugin);
+    #[cfg(feature = "point_clouds")]
+    point_cloud::build(app);
 }

@@ -11,6 +11,7 @@ pub enum GiSystems {
     /// same frame.
     CollectBakes,
     /// `Update`: spawns the meshes of loaded point clouds ([`GiPointCloud`](super::GiPointCloud)).
+    #[cfg(feature = "point_clouds")]
     UpdatePointClouds,
     /// `PostUpdate`: selects the tier of each root ([`GiQuality`](super::GiQuality)). Settings that
     /// change before it apply to the same frame.

@@ -36,10 +36,12 @@ mod scene;
 mod transport;
 
 // Scenes.
+#[cfg(feature = "point_clouds")]
+pub use scene::PointCloud;
 pub use scene::{
-    Bounds, Bvh, Geometry, Hit, HitPoint, Light, Material, MaterialFactors, Occluder, PointCloud,
-    Quad, Ray, SceneError, SkyRadiance, Surface, Texture, TriangleMesh, TriangleUvs, Wrap,
-    cornell_box, mesh_of_quads,
+    Bounds, Bvh, Geometry, Hit, HitPoint, Light, Material, MaterialFactors, Occluder, Quad, Ray,
+    SceneError, SkyRadiance, Surface, Texture, TriangleMesh, TriangleUvs, Wrap, cornell_box,
+    mesh_of_quads,
 };
 #[cfg(feature = "gltf")]
 pub use scene::{LoadedGeometry, load_geometry, load_gltf};

@@ -78,6 +78,7 @@ pub(super) fn collect(world: &World, walk: Walk, with_names: bool) -> Collected 
             collector.warn(Warning::SceneMissing { entity, reason });
         }
     }
+    #[cfg(feature = "point_clouds")]
     for &entity in &walk.point_clouds {
         let entity = label(world, entity);
         collector.warn(Warning::PointCloud { entity });

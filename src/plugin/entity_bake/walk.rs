@@ -2,7 +2,9 @@
 
 use super::exclude::GiBakeExclude;
 use super::request::GiBakeRequest;
-use crate::plugin::{GiOccluder, GiPointCloud, GiPointCloudPart, GiReflector, GiScene};
+use crate::plugin::{GiOccluder, GiReflector, GiScene};
+#[cfg(feature = "point_clouds")]
+use crate::plugin::{GiPointCloud, GiPointCloudPart};
 use bevy::asset::Handle;
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::prelude::*;
@@ -19,6 +21,7 @@ pub(super) struct Walk {
     pub(super) meshes: Vec<StaticMesh>,
     /// Entities with a scene that is, or will be, spawned below them.
     pub(super) scenes: Vec<Entity>,
+    #[cfg(feature = "point_clouds")]
     pub(super) point_clouds: Vec<Entity>,
     /// Names and parents of the visited entities, parents first.
     pub(super) nodes: Vec<MeshNode>,
@@ -40,6 +43,7 @@ pub(super) fn walk(world: &World, root: Entity) -> Walk {
         root,
         meshes: Vec::new(),
         scenes: Vec::new(),
+        #[cfg(feature = "point_clouds")]
         point_clouds: Vec::new(),
         nodes: Vec::new(),
     };
@@ -77,12 +81,14 @@ impl Walk {
         if entity.contains::<WorldAssetRoot>() || entity.contains::<DynamicWorldRoot>() {
             self.scenes.push(entity.id());
         }
-        let part = entity.contains::<GiPointCloudPart>();
+        let is_cloud = is_point_cloud(entity);
+        #[cfg(feature = "point_clouds")]
         if entity.contains::<GiPointCloud>() {
             self.point_clouds.push(entity.id());
-        } else if let Some(mesh) = entity.get::<Mesh3d>()
+        }
+        if let Some(mesh) = entity.get::<Mesh3d>()
             && visible
-            && !part
+            && !is_cloud
             && !entity.contains::<SkinnedMesh>()
         {
             self.meshes.push(StaticMesh {
@@ -93,6 +99,17 @@ impl Walk {
             });
         }
     }
+}
+
+/// Returns `true` for point clouds and their parts, which are drawn as meshes.
+#[cfg(feature = "point_clouds")]
+fn is_point_cloud(entity: EntityRef) -> bool {
+    entity.contains::<GiPointCloud>() || entity.contains::<GiPointCloudPart>()
+}
+
+#[cfg(not(feature = "point_clouds"))]
+fn is_point_cloud(_: EntityRef) -> bool {
+    false
 }
 
 /// Returns `true` if an entity below the root, with all below it, is no part of the bake.

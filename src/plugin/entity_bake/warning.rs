@@ -135,6 +135,7 @@ pub enum GiBakeWarning {
         reason: String,
     },
     /// Point clouds are not collected.
+    #[cfg(feature = "point_clouds")]
     #[error(
         "{entity}: point clouds are not collected; \
          join their meshes (`PointCloud::mesh`) with the others and use `GiBakeTask::spawn`"

@@ -137,7 +137,9 @@ fn quantile(u: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::samples::{Point, uniform_sphere};
-    use crate::scene::{Material, PlyPoints, PointCloud, TriangleMesh};
+    use crate::scene::{Material, TriangleMesh};
+    #[cfg(feature = "point_clouds")]
+    use crate::scene::{PlyPoints, PointCloud};
 
     fn square(corners: [Vec3; 4]) -> [[Vec3; 3]; 2] {
         let [a, b, c, d] = corners;
@@ -231,11 +233,13 @@ mod tests {
         assert_eq!(surfaces[0].albedo, Vec3::ONE);
     }
 
+    #[cfg(feature = "point_clouds")]
     fn on_the_sphere(seed: u64, i: u64) -> Vec3 {
         let mut r = Random::new(5, seed, i);
         uniform_sphere(Vec2::new(r.unit(), r.unit()))
     }
 
+    #[cfg(feature = "point_clouds")]
     /// A ball of points of radius 1, and functions of radius 0.2 on it.
     fn ball() -> (TriangleMesh, LevelBasis, Vec<Surface>) {
         let ball: Vec<Vec3> = (0..1500).map(|i| on_the_sphere(1, i)).collect();
@@ -256,6 +260,7 @@ mod tests {
         (mesh, level, surfaces)
     }
 
+    #[cfg(feature = "point_clouds")]
     #[test]
     fn light_samples_on_point_sphere_follow_curvature() {
         let (mesh, level, mut surfaces) = ball();
@@ -272,6 +277,7 @@ mod tests {
         assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
     }
 
+    #[cfg(feature = "point_clouds")]
     #[test]
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();

@@ -12,6 +12,7 @@ mod point;
 mod poisson;
 mod probe_placement;
 mod random;
+#[cfg(feature = "point_clouds")]
 mod scatter;
 mod viewpoints;
 
@@ -26,5 +27,6 @@ pub use point::Point;
 pub use poisson::{DiskSettings, PoissonSamples, fill_level, thin_out, throw_darts};
 pub use probe_placement::{ProbePlacement, ProbePlacementSettings, place_probes};
 pub use random::{Random, mix};
+#[cfg(feature = "point_clouds")]
 pub use scatter::scatter;
 pub use viewpoints::find_viewpoints;

@@ -1,6 +1,8 @@
 //! Errors of reading a scene, with file and position.
 
-use super::{PlyError, PointsError, ReadError};
+use super::ReadError;
+#[cfg(feature = "point_clouds")]
+use super::{PlyError, PointsError};
 use std::path::{Path, PathBuf};
 
 /// Error of loading a scene. Every variant names the file.
@@ -32,6 +34,7 @@ pub enum SceneError {
         reason: String,
     },
     /// A point cloud's file is not valid.
+    #[cfg(feature = "point_clouds")]
     #[error("{file}: {source}")]
     Ply {
         /// The file.
@@ -40,6 +43,7 @@ pub enum SceneError {
         source: PlyError,
     },
     /// The points of a file make no surface.
+    #[cfg(feature = "point_clouds")]
     #[error("{file}: {source}")]
     Points {
         /// The file.

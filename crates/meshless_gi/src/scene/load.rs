@@ -1,9 +1,9 @@
 //! A level's geometry from a file of any kind that can be read: triangles, points, or a description
 //! that names several of them.
 
-use super::{
-    InputBudget, MeshProblems, SceneError, TriangleMesh, load_gltf_within, load_ply_within,
-};
+#[cfg(feature = "point_clouds")]
+use super::load_ply_within;
+use super::{InputBudget, MeshProblems, SceneError, TriangleMesh, load_gltf_within};
 use glam::Vec3;
 use std::path::Path;
 
@@ -21,9 +21,10 @@ pub struct LoadedGeometry {
     pub notes: Vec<String>,
 }
 
-/// Reads `.ply` as points and anything else as glTF. With the feature `cli` a `.json` is a scene
+/// Reads `.ply` as points and anything else as glTF. With the feature `json` a `.json` is a scene
 /// description whose geometry is joined. Points without normals face the `viewpoints` (meters, in
-/// free space) that their surface lies around: see [`PointCloud::new`](super::PointCloud::new).
+/// free space) that their surface lies around: see `PointCloud::new`. Without the feature
+/// `point_clouds` a `.ply` is an error.
 ///
 /// # Errors
 /// See [`SceneError`].
@@ -52,6 +53,15 @@ pub fn load_geometry_within(
     if ends("json") {
         return described(path, viewpoints, budget);
     }
+    #[cfg(not(feature = "point_clouds"))]
+    if ends("ply") {
+        let _ = viewpoints;
+        return Err(SceneError::Format {
+            file: path.display().to_string(),
+            reason: "a point cloud; build with the feature `point_clouds`".into(),
+        });
+    }
+    #[cfg(feature = "point_clouds")]
     if ends("ply") {
         let read = load_ply_within(path, viewpoints, budget)?;
         let (mesh, _) = read.cloud.mesh();

@@ -21,7 +21,9 @@ mod material;
 mod mesh;
 mod mesh_problems;
 mod occluder;
+#[cfg(feature = "point_clouds")]
 mod ply;
+#[cfg(feature = "point_clouds")]
 mod points;
 mod read;
 mod sh_deringing;
@@ -47,7 +49,9 @@ pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;
 pub use occluder::{MeshNode, Occluder, OccluderGeometry, Shutter};
+#[cfg(feature = "point_clouds")]
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, read_ply_within, write_ply};
+#[cfg(feature = "point_clouds")]
 pub use points::{
     LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes, load_ply_within,
 };
