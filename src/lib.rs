@@ -89,8 +89,8 @@ pub use plugin::{
 // The plugin, its settings and its output.
 #[cfg(feature = "bevy")]
 pub use plugin::{
-    FramePass, FrameSkip, FrameStats, GiFrameStats, GiGizmos, GiRenderSystems, GiSettings,
-    GiSystems, GiWarning, GiWarnings, MeshlessGiDebugPlugin, MeshlessGiPlugin,
+    FramePass, FrameStats, GiFrameStats, GiGizmos, GiRenderSystems, GiSettings, GiSystems,
+    GiWarning, GiWarnings, MeshlessGiDebugPlugin, MeshlessGiPlugin,
 };
 
 /// Settings, errors and progress of loaders and of the asset processor.

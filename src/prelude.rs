@@ -3,10 +3,10 @@
 pub use crate::{
     GiActiveTier, GiBakeCommands, GiBakeError, GiBakeExclude, GiBakeFinished, GiBakeProgress,
     GiBakeRequest, GiBakeStage, GiBakeSummary, GiBakeTask, GiBakeWarning, GiBakedScene,
-    GiBounceCount, GiCamera, GiColorMode, GiDebugView, GiDynamicMaterials, GiEnvironment,
-    GiForwardCamera, GiFrameStats, GiIrradianceVolume, GiLight, GiOccluder, GiQuality,
-    GiReflectiveShadowMap, GiReflector, GiRenderSystems, GiRsmCamera, GiScene, GiSettings, GiSky,
-    GiSoftShadow, GiSolver, GiSpecular, GiSplatting, GiSystems, GiVolumetricFog, GiWarning,
-    GiWarnings, MeshlessGiDebugPlugin, MeshlessGiPlugin,
+    GiBounceCount, GiCamera, GiDebugView, GiDynamicMaterials, GiEnvironment, GiForwardCamera,
+    GiFrameStats, GiIrradianceVolume, GiLight, GiOccluder, GiQuality, GiReflectiveShadowMap,
+    GiReflector, GiRenderSystems, GiRsmCamera, GiScene, GiSettings, GiSky, GiSoftShadow, GiSolver,
+    GiSpecular, GiSplatting, GiSystems, GiVolumetricFog, GiWarning, GiWarnings,
+    MeshlessGiDebugPlugin, MeshlessGiPlugin,
 };
 pub use meshless_gi::{OccluderDesc, Preset, ProbeSettings, Recipe};

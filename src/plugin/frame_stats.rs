@@ -38,8 +38,8 @@ pub struct FrameStats {
     pub dispatches: Vec<(&'static str, u32)>,
     /// Passes that ran, in their order.
     pub passes: Vec<FramePass>,
-    /// Scenes and lights without a pass, with the reason.
-    pub skipped: Vec<FrameSkip>,
+    /// Scenes and lights without a pass, with the reason, one line each.
+    pub skipped: Vec<String>,
 }
 
 /// Pass of a frame.
@@ -57,20 +57,6 @@ pub struct FramePass {
     /// Light whose reflective shadow maps the pass draws. `None` for all other passes.
     pub light: Option<Entity>,
     /// Reason why it ran.
-    pub reason: String,
-}
-
-/// Scene or light without a pass.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct FrameSkip {
-    /// Root of the scene. `None` for a light.
-    pub scene: Option<Entity>,
-    /// Camera that is the cause. `None` if it is not a camera.
-    pub camera: Option<Entity>,
-    /// Light that gets no bounce off dynamic objects. `None` for a scene.
-    pub light: Option<Entity>,
-    /// Reason why it did not run.
     pub reason: String,
 }
 
@@ -119,17 +105,19 @@ impl From<&FrameRecord> for FrameStats {
         let (subsplats, subsplat_pixels) = record.subsplat_totals();
         let plan = &record.plan;
         let dispatches = record.dispatches.iter();
-        let scenes = plan.skipped.iter().map(|(scene, view, reason)| FrameSkip {
-            scene: root(*scene),
-            camera: view.and_then(camera),
-            light: None,
-            reason: reason.to_string(),
+        let entity = |bits: u64| match Entity::try_from_bits(bits) {
+            Some(entity) => entity.to_string(),
+            None => "none".into(),
+        };
+        let scenes = (plan.skipped.iter()).map(|(scene, view, reason)| match view {
+            Some(view) => {
+                let (scene, camera) = (entity(scene.0), entity(view.0));
+                format!("scene {scene}, camera {camera}: {reason}")
+            }
+            None => format!("scene {}: {reason}", entity(scene.0)),
         });
-        let dark = |(id, reason): &(LightId, SkipReason)| FrameSkip {
-            scene: None,
-            camera: None,
-            light: light(*id),
-            reason: reason.to_string(),
+        let dark = |(id, reason): &(LightId, SkipReason)| {
+            format!("bounce of light {}: {reason}", entity(id.0))
         };
         Self {
             frame: record.frame,
@@ -255,10 +243,15 @@ mod tests {
         );
         assert_eq!((rsm.scene, rsm.camera, rsm.light), (None, view, lit));
         assert_eq!(apply.reason, RunReason::NewBake.to_string());
-        let skipped = stats.skipped.iter();
-        let skipped: Vec<_> = skipped.map(|s| (s.scene, s.camera, s.light)).collect();
-        assert_eq!(skipped, [(scene, view, None), (None, None, lit)]);
-        assert_eq!(stats.skipped[0].reason, SkipReason::Hidden.to_string());
+        let [scene, view, lit] = [1, 2, 3].map(entity);
+        let (hidden, dark) = (SkipReason::Hidden, SkipReason::LightDark);
+        assert_eq!(
+            stats.skipped,
+            [
+                format!("scene {scene}, camera {view}: {hidden}"),
+                format!("bounce of light {lit}: {dark}"),
+            ]
+        );
     }
 
     #[test]

@@ -48,7 +48,16 @@ impl GiSceneCheck {
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Clone, Debug)]
-pub struct GiStaleBakes(pub HashMap<AssetPath<'static>, Staleness>);
+pub struct GiStaleBakes(HashMap<AssetPath<'static>, Staleness>);
+
+impl GiStaleBakes {
+    /// Returns the path of each stale bake, and the inputs that differ: `content`, `settings` and
+    /// `bake version`, with commas between them. The order is arbitrary.
+    pub fn iter(&self) -> impl Iterator<Item = (&AssetPath<'static>, String)> {
+        let bakes = self.0.iter();
+        bakes.map(|(path, differs)| (path, differs.to_string()))
+    }
+}
 
 /// Comparisons on their way from loaders to the main world.
 #[derive(Resource, Clone, Debug, Default)]

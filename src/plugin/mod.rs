@@ -126,7 +126,7 @@ pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarnin
 pub use environment::GiEnvironment;
 pub use forward_camera::GiForwardCamera;
 pub use frame_record::FrameRecord;
-pub use frame_stats::{FramePass, FrameSkip, FrameStats, GiFrameStats};
+pub use frame_stats::{FramePass, FrameStats, GiFrameStats};
 pub use gizmos::GiGizmos;
 pub use level_check::{GiSceneCheck, GiStaleBakes};
 pub use light::GiLight;

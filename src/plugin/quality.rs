@@ -53,6 +53,7 @@ pub struct GiActiveTier {
 
 impl GiActiveTier {
     /// Returns the tier of the next frames and the reason. `None` while the bake is not loaded.
+    #[doc(hidden)]
     #[must_use]
     pub fn picked(&self) -> Option<TierSelection> {
         (self.tier > 0).then(|| TierSelection {

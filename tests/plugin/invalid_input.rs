@@ -17,7 +17,7 @@ use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{GiGizmos, GiSettings, GiWarning, GiWarnings};
+use bevy_meshless_gi::{GiColorMode, GiGizmos, GiSettings, GiWarning, GiWarnings};
 use meshless_gi::Light;
 
 const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);

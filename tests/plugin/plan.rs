@@ -19,7 +19,7 @@ use bevy_meshless_gi::internals::plan::{
 };
 use bevy_meshless_gi::internals::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{GiReflectiveShadowMap, GiReflector};
+use bevy_meshless_gi::{GiColorMode, GiReflectiveShadowMap, GiReflector};
 use meshless_gi::{Channels, FrameSettings, Light};
 use std::sync::Arc;
 
