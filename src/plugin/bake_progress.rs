@@ -74,7 +74,7 @@ impl From<BakeStage> for GiBakeStage {
             BakeStage::Probes => Self::Probes,
             BakeStage::Bounces => Self::Bounces,
             BakeStage::Visibility => Self::Visibility,
-            BakeStage::ErrorEstimate => Self::ErrorEstimate,
+            _ => Self::ErrorEstimate,
         }
     }
 }

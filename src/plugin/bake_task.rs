@@ -80,7 +80,7 @@ pub(super) struct BakeOutput {
 }
 
 impl From<Baked> for BakeOutput {
-    fn from(Baked { scene, stats }: Baked) -> Self {
+    fn from(Baked { scene, stats, .. }: Baked) -> Self {
         let warnings = stats.warnings.into_iter();
         Self {
             scene,
