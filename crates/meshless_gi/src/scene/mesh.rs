@@ -10,10 +10,10 @@ mod rays;
 
 use rays::{interpolate, normal, power_of_two};
 
+use super::Lifts;
 use super::bvh_build::build_wide;
 use super::geometry::mesh_ray_offset;
 use super::occluder::MeshNode;
-use super::points::Lifts;
 use super::watertight::{TriangleHit, WatertightRay};
 use super::{
     Bounds, Bvh, Geometry, Hit, HitPoint, Material, MaterialFactors, MaterialTerms, MeshProblems,

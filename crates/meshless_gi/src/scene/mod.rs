@@ -20,6 +20,8 @@ mod load;
 mod material;
 mod mesh;
 mod mesh_problems;
+#[cfg(not(feature = "point_clouds"))]
+mod no_points;
 mod occluder;
 #[cfg(feature = "point_clouds")]
 mod ply;
@@ -30,6 +32,11 @@ mod sh_deringing;
 mod sky;
 mod statue;
 mod watertight;
+
+#[cfg(not(feature = "point_clouds"))]
+use no_points::Lifts;
+#[cfg(feature = "point_clouds")]
+use points::Lifts;
 
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
 pub use cornell::{Quad, cornell_box, mesh_of_quads};
