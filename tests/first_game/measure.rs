@@ -46,8 +46,8 @@ impl Plugin for MeasurePlugin {
     }
 }
 
-/// Reduces the window to a quarter of its width and height: software devices take most of the time for its
-/// pixels. Pictures that are kept have the game's own size.
+/// Reduces the window to a quarter of its width and height: software devices take most of the time
+/// for its pixels. Pictures that are kept have the game's own size.
 fn shrink_window(mut windows: Query<&mut Window>) {
     if std::env::var_os("MGI_TEST_PICTURES").is_none() {
         for mut window in &mut windows {
