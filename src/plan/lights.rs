@@ -12,6 +12,11 @@ use meshless_gi::internals::frame::SoftLight;
 use meshless_gi::{Bounds, FrameLight};
 use std::collections::BTreeMap;
 
+/// Length below which moves in a scene with these bounds are ignored, meters.
+pub(super) fn tolerance(bounds: Bounds) -> f32 {
+    1e-5 * bounds.size().length()
+}
+
 /// Returns `true` if a projection made for `a` is valid for `b`. Lengths may differ by `tolerance`
 /// meters, directions by 1e-5, and cone parameters by 1e-5 of their value. Colors are ignored.
 #[must_use]
@@ -158,7 +163,7 @@ impl<K: Copy + Ord> SlotTable<K> {
     /// `bounds` keeps its slots and its projection. Moves by less than 1e-5 of the box's diagonal
     /// are ignored: a scene root that moves with its lights causes such rounding.
     pub fn update(&mut self, lights: &[(K, Vec<FrameLight>)], bounds: Bounds) -> Slots {
-        let tolerance = 1e-5 * bounds.size().length();
+        let tolerance = tolerance(bounds);
         let here: BTreeMap<K, usize> = lights.iter().map(|(k, s)| (*k, s.len())).collect();
         let gone: Vec<K> = self
             .owners

@@ -56,7 +56,7 @@ pub use bounce_count::{
     BounceSelection, BounceSelector, MAX_AUTO_BOUNCES, MAX_TRUNCATED_FRACTION,
     bounces_for_spectral_radius,
 };
-pub use change_detector::ChangeDetector;
+pub use change_detector::{ChangeDetector, MapChangeDetector};
 pub use channels::{
     ColorModeSelection, ColorModeSelector, MONOCHROME_HYSTERESIS_FRAMES, SceneChromaticity,
 };

@@ -61,14 +61,6 @@ impl Plan {
         self.passes.is_empty()
     }
 
-    /// Finds the pass of this stage for this scene.
-    #[must_use]
-    pub fn find(&self, stage: FrameStage, scene: SceneId) -> Option<&Pass> {
-        self.passes
-            .iter()
-            .find(|p| p.stage == stage && p.scene == scene)
-    }
-
     /// Returns the cost of this pass and of all passes in its timing scope. `None` if it is not
     /// timed.
     #[must_use]
@@ -77,18 +69,15 @@ impl Plan {
         self.costs.iter().find(|(t, _)| *t == timed).map(|(_, c)| c)
     }
 
-    /// Finds the pass that draws the reflective shadow maps of this light.
-    #[must_use]
-    pub fn find_light(&self, light: LightId) -> Option<&Pass> {
-        self.passes
-            .iter()
-            .find(|p| p.stage == FrameStage::RSM && p.light == Some(light))
+    /// Returns the passes of a light, in order.
+    pub fn of_light(&self, light: LightId) -> impl Iterator<Item = &Pass> {
+        self.passes.iter().filter(move |p| p.light == Some(light))
     }
 
     /// Returns `true` if the bounce of this light off dynamic objects is drawn now or still valid.
     #[must_use]
     pub fn bounces(&self, light: LightId) -> bool {
-        self.find_light(light).is_some() || self.resting.contains(&light)
+        self.of_light(light).next().is_some() || self.resting.contains(&light)
     }
 
     /// Returns the passes of a scene that all views share, in order.
@@ -102,16 +91,11 @@ impl Plan {
         self.passes.iter().filter(move |p| p.view == Some(view))
     }
 
-    /// Returns `true` if the view shows indirect light over its surfaces.
+    /// Returns the pixels at which a view evaluates indirect light. `None` if it shows none.
     #[must_use]
-    pub fn shows(&self, view: ViewId) -> bool {
-        self.displays.iter().any(|(id, _)| *id == view)
-    }
-
-    /// Returns `true` if a pass of this stage runs in the view.
-    #[must_use]
-    pub fn runs_in_view(&self, stage: FrameStage, view: ViewId) -> bool {
-        self.of_view(view).any(|p| p.stage == stage)
+    pub fn display_of(&self, view: ViewId) -> Option<DisplayUse> {
+        let found = self.displays.iter().find(|(id, _)| *id == view);
+        found.map(|(_, display)| *display)
     }
 
     /// Returns the number of passes of this stage.

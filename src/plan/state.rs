@@ -243,6 +243,20 @@ pub struct ViewState {
     pub sees: Vec<SceneId>,
 }
 
+impl ViewState {
+    /// Returns `true` if it shows indirect light over its surfaces.
+    #[must_use]
+    pub fn displays(&self) -> bool {
+        self.enabled && self.has_gbuffer
+    }
+
+    /// Returns `true` if it shows the light of this scene over its surfaces.
+    #[must_use]
+    pub fn shows(&self, scene: SceneId) -> bool {
+        self.displays() && self.sees.contains(&scene)
+    }
+}
+
 /// State of a light that requests a bounce off dynamic objects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BounceState {
@@ -338,8 +352,13 @@ impl FrameState {
     /// Returns `true` if a view shows the scene over its G-buffer, or a camera without a G-buffer
     /// or with fog shows its volume.
     fn is_displayed(&self, scene: &SceneState) -> bool {
-        let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
-        scene.volume.asked && scene.volume.seen || self.views.iter().any(shows)
+        scene.volume.asked && scene.volume.seen || self.is_shown(scene.id)
+    }
+
+    /// Returns `true` if a view shows the scene over its G-buffer.
+    #[must_use]
+    pub fn is_shown(&self, scene: SceneId) -> bool {
+        self.views.iter().any(|view| view.shows(scene))
     }
 
     /// Returns the number of maps that a light's bounce takes.
@@ -347,8 +366,7 @@ impl FrameState {
     /// # Errors
     /// Returns the reason why there is none.
     pub fn maps_of(&self, light: &BounceState) -> Result<u32, SkipReason> {
-        let shown =
-            |id: &ViewId| (self.views.iter()).any(|v| v.id == *id && v.enabled && v.has_gbuffer);
+        let shown = |id: &ViewId| self.views.iter().any(|v| v.id == *id && v.displays());
         match light.maps {
             _ if !self.device_able => Err(SkipReason::DeviceUnable),
             Ok(_) if !light.views.iter().any(shown) => Err(SkipReason::NotInView),

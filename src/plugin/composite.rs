@@ -1,7 +1,7 @@
 //! Recording of the passes of a deferred camera, over its picture.
 
 use super::extract::ExtractedGi;
-use super::record::{Picture, Surfaces, ViewInput, record_view};
+use super::record::{FramePoint, Picture, Surfaces, ViewInput, passes_of_view, record_view};
 use super::render_state::GiRender;
 use super::soft_shadow::ExtractedSoft;
 use crate::plan::ViewId;
@@ -9,7 +9,6 @@ use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
 use bevy::log::warn_once;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
-use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewTarget};
 
@@ -35,7 +34,9 @@ pub(crate) fn composite(
     let Some(settings) = world.views.iter().find(|v| v.id == id && !v.forward) else {
         return;
     };
-    if render.kernels.is_none() || !render.plan.shows(id) {
+    let point = FramePoint::MainPass;
+    let mut planned = passes_of_view(render.effects, &render.plan, id, point);
+    if planned.next().is_none() {
         return;
     }
     let (Some(depth), Some(gbuffer), Some(passes)) = (
@@ -66,9 +67,5 @@ pub(crate) fn composite(
         }),
         world: &world,
     };
-    let recorder = ctx.diagnostic_recorder();
-    let recorder = recorder.as_deref();
-    let span = recorder.time_span(ctx.command_encoder(), "meshless_gi_composite");
     record_view(&mut render, &input, &queue, &mut ctx);
-    span.end(ctx.command_encoder());
 }

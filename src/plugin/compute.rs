@@ -5,7 +5,7 @@ use super::extract::ExtractedScene;
 use super::gpu_timings::DeviceCosts;
 use super::observe::ExtractedWorld;
 use super::readback::SharedCoefficients;
-use super::record::{Recorder, SceneContext, record_scene};
+use super::record::{FramePoint, Recorder, SceneContext, record_scene};
 use super::render_state::GiRender;
 use crate::gpu::{GpuError, KernelPipelines};
 use crate::plan::Plan;
@@ -71,7 +71,7 @@ pub(crate) fn compute(
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let encoder = ctx.command_encoder();
-    let whole = recorder.time_span(encoder, "meshless_gi_compute");
+    let whole = recorder.time_span(encoder, FramePoint::Scenes.span());
     for scene in &world.gi.scenes {
         render.record_scene(scene, &world, &queue, encoder, recorder, &coefficients);
     }

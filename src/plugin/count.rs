@@ -6,7 +6,6 @@ use super::frame_record::FrameRecord;
 use super::readback::SharedCoefficients;
 use super::render_state::GiRender;
 use crate::gpu::{GpuCounters, KernelPipelines};
-use crate::plan::FrameStage;
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -80,13 +79,11 @@ impl GiRender {
 
     /// Tiers of the scenes that the frame solved, by the bits of their roots.
     fn solved_tiers(&self) -> BTreeMap<u64, u32> {
-        let solved = (self.scenes.iter()).filter(|(id, _)| {
-            self.plan
-                .of_scene(**id)
-                .any(|p| p.stage == FrameStage::APPLY)
-        });
-        let tiers = solved.filter_map(|(id, s)| Some((id.0, s.changes.solved?.0.tier)));
-        tiers.collect()
+        let tiers = self
+            .scenes
+            .iter()
+            .map(|(id, scene)| (id.0, scene.solved_tier));
+        tiers.filter_map(|(id, tier)| Some((id, tier?))).collect()
     }
 }
 

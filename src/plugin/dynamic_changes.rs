@@ -64,10 +64,9 @@ impl Motion<'_, '_> {
     }
 }
 
-/// Resets the count of unchanged frames if the content of the maps may have changed. Runs after
+/// Stores whether objects may look different in the maps, for the plan's
+/// [`MapChangeDetector`](crate::plan::MapChangeDetector). Runs after
 /// [`update_rsm_cameras`](super::rsm::update_rsm_cameras) and after the frame's asset events.
 pub(crate) fn detect_dynamic_changes(mut asking: ResMut<AskingLights>, mut motion: Motion) {
-    if motion.any() && asking.still > 0 {
-        asking.still = 0;
-    }
+    asking.objects_changed = motion.any();
 }

@@ -6,6 +6,7 @@
 //! The same holds without timestamps inside command encoders, which Bevy lacks on Metal and WebGPU.
 
 use super::GiFrameStats;
+use super::effects::EFFECTS;
 use super::quality::{SolveCostSource, span_name};
 use crate::plan::{CostModel, FrameStage, Plan, TimingScope, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
@@ -34,7 +35,7 @@ impl DeviceCosts {
     }
 }
 
-/// Names of the spans that time a scope, outermost first, below the span of its system. Projection
+/// Names of the spans that time a scope, outermost first, below the span of its point of the frame. Projection
 /// and transport of a scene share the span of its solve.
 pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
     let solve =
@@ -43,17 +44,17 @@ pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
     solve.into_iter().chain([scope.span()]).collect()
 }
 
-/// Diagnostic path of the milliseconds of a scope.
-fn path(scope: &TimingScope) -> DiagnosticPath {
-    let system = match (scope.view, scope.stage) {
-        (Some(_), FrameStage::FOG) => "meshless_gi_fog",
-        (Some(_), _) => "meshless_gi_composite",
-        (None, _) => "meshless_gi_compute",
-    };
+/// Diagnostic path of the milliseconds of a scope. `None` if no effect has it.
+fn path(scope: &TimingScope) -> Option<DiagnosticPath> {
+    let kinds = EFFECTS.iter().flat_map(|effect| effect.passes);
+    let kind = kinds
+        .filter(|kind| kind.per_view == scope.view.is_some())
+        .find(|kind| kind.timed_with == Some(scope.stage))?;
     let spans = spans(scope);
     let names = spans.iter().map(String::as_str);
-    let parts = ["render", system].into_iter().chain(names);
-    DiagnosticPath::from_components(parts.chain(["elapsed_gpu"]))
+    let parts = ["render", kind.record.how.point().span()].into_iter();
+    let parts = parts.chain(names).chain(["elapsed_gpu"]);
+    Some(DiagnosticPath::from_components(parts))
 }
 
 /// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
@@ -82,7 +83,7 @@ pub(crate) fn learn(
             model.measured(*timed, of(links));
             continue;
         }
-        let measurement = (store.as_ref()).and_then(|s| s.get(&path(timed))?.measurement());
+        let measurement = (store.as_ref()).and_then(|s| s.get(&path(timed)?)?.measurement());
         if let Some(found) = measurement
             && seen
                 .insert(*timed, (found.time, counters.frame))

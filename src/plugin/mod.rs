@@ -78,6 +78,7 @@ mod occluders;
 mod plan_log;
 #[cfg(feature = "point_clouds")]
 mod point_cloud;
+mod post_process;
 #[cfg(feature = "gltf")]
 mod process_assets;
 mod quality;

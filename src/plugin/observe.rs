@@ -1,12 +1,13 @@
 //! Description of a frame for the plan: the extracted world, compared with the device's state.
 
 use super::camera::GiDebugView;
-use super::effects::fog::ExtractedFogs;
-use super::effects::volume::SceneVolume;
+use super::effects::rsm::shadowers;
+use super::effects::volume::{SceneVolume, VolumeRequest};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedGiView, ExtractedScene, LightKey};
+use super::fog::ExtractedFogs;
 use super::readback::SharedCoefficients;
 use super::render_state::{GiRender, SceneRuntime, bounds};
-use super::rsm_render::{LightMaps, Reflections};
+use super::rsm_render::LightMaps;
 use super::soft_shadow::ExtractedSoft;
 use super::splatting::GiSplatting;
 use super::transform::SimilarityTransform;
@@ -17,7 +18,6 @@ use crate::plan::{
 use bevy::ecs::prelude::*;
 use bevy::ecs::system::SystemParam;
 use meshless_gi::{BakedScene, FrameLight};
-use std::sync::Arc;
 
 /// The world as extracted for this frame.
 #[derive(SystemParam)]
@@ -104,11 +104,16 @@ impl GiRender {
             inventory: world.gi.inventory.clone(),
         };
         for scene in &world.gi.scenes {
-            let described = self.observe_scene(scene, world, largest_binding);
+            let shown = state.is_shown(scene.id);
+            let described = self.observe_scene(scene, world, shown, largest_binding);
             state.scenes.push(described);
         }
-        let holds = |r: &Reflections| r.hold(&state, &world.maps, &world.gi, &self.scenes);
-        state.bounces_held = self.reflections.as_ref().is_some_and(holds);
+        let maps = &world.maps.0;
+        self.map_changes.observe(&maps.lights, maps.objects_changed);
+        let bouncing = (state.bounces.iter()).filter(|light| state.maps_of(light).is_ok());
+        let shadowers = || shadowers(&world.gi, &self.scenes);
+        let changed = (self.map_changes).changed(bouncing.map(|light| light.id), shadowers);
+        state.bounces_held = !changed;
         state
     }
 
@@ -123,25 +128,28 @@ impl GiRender {
         }
     }
 
-    /// Describes a scene, with its changes since the device last computed it.
+    /// Describes a scene, with its changes since the device last computed it. `shown` is `true` if
+    /// a view shows it.
     fn observe_scene(
         &mut self,
         scene: &ExtractedScene,
         world: &ExtractedWorld,
+        shown: bool,
         largest_binding: u64,
     ) -> SceneState {
         let mut state = describe_scene(scene, largest_binding, world.gi.read_back);
         let Some(bake) = &scene.bake else {
             return state;
         };
-        let rebaked = |r: &SceneRuntime| !Arc::ptr_eq(&r.bake, bake);
+        let rebaked = |r: &SceneRuntime| r.changes.bake_changed(bake);
         if self.scenes.get(&scene.id).is_some_and(rebaked) {
             self.release(scene.id);
             self.scenes.remove(&scene.id);
         }
         let runtime =
             (self.scenes.entry(scene.id)).or_insert_with(|| SceneRuntime::new(bake.clone()));
-        let seen = state.shown && is_seen(scene, world);
+        runtime.solved_tier = None;
+        let seen = state.shown && (shown || SceneVolume::seen(&world.volumes, scene.id));
         runtime.idle_frames = match seen {
             true => 0,
             false => runtime.idle_frames.saturating_add(1),
@@ -151,6 +159,7 @@ impl GiRender {
             if !runtime.soft.is_requested()
                 && let Some(counted) = runtime.soft.release()
             {
+                runtime.changes.soft_lights = None;
                 self.retired.add(&counted);
             }
         }
@@ -166,13 +175,6 @@ impl GiRender {
         state.largest_buffer = runtime.too_large.map_or(0, |(bytes, _)| bytes);
         state
     }
-}
-
-/// Returns `true` if a view or the scene's volume shows it.
-fn is_seen(scene: &ExtractedScene, world: &ExtractedWorld) -> bool {
-    let sees =
-        |v: &ExtractedGiView| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
-    world.gi.views.iter().any(sees) || SceneVolume::seen(&world.volumes, scene.id)
 }
 
 /// Describes the lights, occluders and volume of a scene in view.
@@ -201,7 +203,20 @@ fn observe_lights(
     let bounds = bounds(&runtime.bake);
     let Slots { changes, stale } = runtime.changes.slots.update(&lights, bounds);
     (state.slots, state.stale) = (changes, stale);
-    let (soft, layers) = (&*world.soft, &scene.layers);
-    state.soft = (runtime.soft).observe(soft, &runtime.bake, bounds, layers, placement);
-    state.volume = (runtime.volume).observe(&world.volumes, scene.id, &local_from_world);
+    runtime
+        .soft
+        .select_lights(&world.soft, bounds, &scene.layers, &local_from_world);
+    state.soft = runtime.soft.describe(&runtime.bake);
+    state.soft.held = !(runtime.changes).soft_lights_changed(&runtime.soft.local_lights(), bounds);
+    let requested = VolumeRequest::new(&world.volumes, scene.id, &local_from_world);
+    match requested {
+        Some(requested) => {
+            state.volume = runtime.volume.describe(&requested);
+            state.volume.held = !runtime.changes.volume_changed(&requested.target);
+        }
+        None => {
+            runtime.volume = SceneVolume::default();
+            runtime.changes.volume = None;
+        }
+    }
 }

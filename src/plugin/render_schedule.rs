@@ -104,7 +104,7 @@ fn add_camera_passes(render_app: &mut SubApp) {
         })
         .add_systems(
             Core3d,
-            effects::fog::draw
+            post_process::post_process
                 .in_set(GiRenderSystems::CompositeFog)
                 .in_set(Core3dSystems::EarlyPostProcess),
         );

@@ -3,15 +3,18 @@
 //! Buffers exist because a pass of a plan needs them: pipelines are created when a pass first
 //! records, buffers when a scene comes into view. Pipelines go with the last scene's buffers.
 
+use super::effects::rsm::{MapChanges, Reflections};
 use super::effects::soft_shadows::SceneSoft;
-use super::effects::volume::SceneVolume;
+use super::effects::volume::{SceneVolume, VolumeTarget};
 use super::effects::{EFFECTS, Effect};
 use super::extract::{ExtractedScene, LightKey};
 use super::readback::{CoefficientReadback, SharedCoefficients};
-use super::rsm_render::{LightMaps, Reflections};
+use super::record::{FramePoint, passes_of_view};
+use super::rsm_render::LightMaps;
 use super::view_state::ViewRuntime;
+use super::volume::ExtractedVolume;
 use crate::gpu::{FogBuffers, GpuCounters, GpuFrame, KernelPipelines};
-use crate::plan::{ChangeDetector, FrameStage, Plan, SceneId, ViewId};
+use crate::plan::{ChangeDetector, Plan, SceneId, ViewId};
 use bevy::ecs::prelude::*;
 use bevy::log::warn_once;
 use bevy::math::Vec3;
@@ -23,12 +26,14 @@ use std::sync::Arc;
 pub(crate) struct SceneRuntime {
     pub bake: Arc<BakedScene>,
     /// Values that the results on the device were computed from.
-    pub changes: ChangeDetector<LightKey>,
+    pub changes: ChangeDetector<LightKey, VolumeTarget>,
     /// Buffers of the bake. `None` before the upload.
     pub frame: Option<GpuFrame>,
     pub soft: SceneSoft,
     pub volume: SceneVolume,
     pub read_back: Option<CoefficientReadback>,
+    /// Tier of the solve that was recorded in this frame.
+    pub solved_tier: Option<u32>,
     /// Frames since the scene was last in a view.
     pub idle_frames: u32,
     /// After a failed upload: bytes of the buffer that did not fit the device, and the number of
@@ -40,15 +45,22 @@ impl SceneRuntime {
     /// Creates an instance without buffers.
     pub fn new(bake: Arc<BakedScene>) -> Self {
         Self {
+            changes: ChangeDetector::new(&bake),
             bake,
-            changes: ChangeDetector::default(),
             frame: None,
             soft: SceneSoft::default(),
             volume: SceneVolume::default(),
             read_back: None,
+            solved_tier: None,
             idle_frames: 0,
             too_large: None,
         }
+    }
+
+    /// The texture of this volume, if it holds light.
+    pub fn volume_texture(&self, of: &ExtractedVolume) -> Option<&wgpu::TextureView> {
+        let (_, texture) = self.changes.volume.as_ref()?;
+        (*texture == of.texture).then_some(texture)
     }
 }
 
@@ -61,6 +73,8 @@ pub(crate) struct GiRender {
     pub scenes: BTreeMap<SceneId, SceneRuntime>,
     pub views: BTreeMap<ViewId, ViewRuntime>,
     pub reflections: Option<Reflections>,
+    /// Values that the virtual lights were computed from.
+    pub map_changes: MapChanges,
     /// Parameters of the fog in each view.
     pub fogs: BTreeMap<ViewId, FogBuffers>,
     pub plan: Plan,
@@ -82,6 +96,7 @@ impl Default for GiRender {
             scenes: BTreeMap::new(),
             views: BTreeMap::new(),
             reflections: None,
+            map_changes: MapChanges::default(),
             fogs: BTreeMap::new(),
             plan: Plan::default(),
             frame: 0,
@@ -126,6 +141,7 @@ impl GiRender {
         runtime.volume = SceneVolume::default();
         runtime.changes.forget();
         runtime.read_back = None;
+        runtime.solved_tier = None;
     }
 
     /// Releases the buffers that the plan does not use, and makes room for the maps that it draws.
@@ -139,17 +155,22 @@ impl GiRender {
             self.release(id);
             coefficients.forget(id.0);
         }
-        let plan = &self.plan;
-        (self.views).retain(|id, _| plan.shows(*id));
-        (self.fogs).retain(|id, _| plan.runs_in_view(FrameStage::FOG, *id));
+        let (effects, plan) = (self.effects, &self.plan);
+        let used =
+            |view: &ViewId, point| passes_of_view(effects, plan, *view, point).next().is_some();
+        (self.views).retain(|view, _| used(view, FramePoint::MainPass));
+        (self.fogs).retain(|view, _| used(view, FramePoint::PostProcess));
         let before = self.reflections.take();
         let counted = before.as_ref().map(Reflections::counters);
-        match Reflections::begin(before, lights, &self.plan, device) {
+        match Reflections::begin(before, lights, plan, &mut self.map_changes, device) {
             Ok(reflections) => self.reflections = reflections,
             Err(error) => warn_once!("dynamic objects reflect no light: {error}"),
         }
-        if let (None, Some(counted)) = (&self.reflections, counted) {
-            self.retired.add(&counted);
+        if self.reflections.is_none() {
+            self.map_changes.forget();
+            if let Some(counted) = counted {
+                self.retired.add(&counted);
+            }
         }
     }
 }

@@ -136,7 +136,7 @@ pub(crate) fn update_rsm_layers(
 }
 
 /// A light with a reflective shadow map, and the cameras of its maps in this frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct AskingLight {
     pub key: LightKey,
     /// Light in world space.
@@ -148,24 +148,12 @@ pub(crate) struct AskingLight {
     pub maps: Result<Vec<Entity>, SkipReason>,
 }
 
-impl AskingLight {
-    /// Returns `true` if both have the same maps, apart from motion of objects.
-    fn like(&self, other: &Self) -> bool {
-        self.key == other.key
-            && self.light == other.light
-            && self.layers == other.layers
-            && self.settings == other.settings
-            && self.views == other.views
-            && self.maps == other.maps
-    }
-}
-
 /// All lights with reflective shadow maps in this frame.
 #[derive(Resource, Clone, Debug, Default)]
 pub(crate) struct AskingLights {
     pub lights: Vec<AskingLight>,
-    /// Number of frames without a change of the maps.
-    pub still: u32,
+    /// `true` if an object may look different from the last frame in the maps.
+    pub objects_changed: bool,
 }
 
 type Captures<'w, 's> = Query<
@@ -300,11 +288,7 @@ pub(crate) fn update_rsm_cameras(
     dynamic: DynamicBounds,
     mut captures: Captures,
 ) {
-    let lights = lights.collect();
-    let before = match asking.lights.is_empty() && lights.is_empty() {
-        true => Vec::new(),
-        false => std::mem::replace(&mut asking.lights, lights),
-    };
+    asking.lights = lights.collect();
     if asking.lights.is_empty() && captures.is_empty() {
         return;
     }
@@ -336,13 +320,6 @@ pub(crate) fn update_rsm_cameras(
             drawn
         });
     }
-    let same = before.len() == asking.lights.len()
-        && before.iter().zip(&asking.lights).all(|(a, b)| a.like(b));
-    asking.still = if same {
-        asking.still.saturating_add(1)
-    } else {
-        0
-    };
     for (entity, capture, mut camera, ..) in &mut captures {
         let key = (capture.light.to_bits(), capture.kind);
         let light = asking.lights.iter().find(|light| light.key == key);

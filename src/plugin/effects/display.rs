@@ -9,7 +9,9 @@
 use super::{Effect, PassKind, Record, Recording, probes, rsm};
 use crate::gpu;
 use crate::gpu::{Draw, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_over};
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, SkipReason, Work};
+use crate::plan::{
+    DisplayUse, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, SkipReason, Work,
+};
 use crate::plugin::camera::GiDebugView;
 use crate::plugin::record::{Layer, ViewContext};
 use crate::plugin::splatting::{GiSplatting, SubsplatView, ViewSubsplats};
@@ -77,10 +79,11 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
         for scene in &shown {
             probes::schedule_in_view(scene, view.id, plan);
         }
-        let lit = view.enabled && view.has_gbuffer && rsm::schedule_in_view(state, view.id, plan);
+        rsm::schedule_in_view(state, view, plan);
         let first = shown.first().map(|scene| scene.id);
         // All layers of a view make one picture, which is added once.
-        if let Some(scene) = first.or(lit.then_some(SceneId::WORLD)) {
+        let world = rsm::lights_view(state, view).then_some(SceneId::WORLD);
+        if let Some(scene) = first.or(world) {
             plan.displays.push((view.id, view.display));
             let (stage, reason) = (FrameStage::COMPOSITE, RunReason::InView);
             plan.push(EFFECT.name, stage, scene, reason).view = Some(view.id);
@@ -159,12 +162,11 @@ pub(crate) fn evaluate_layers(ctx: &mut ViewContext<'_>) {
 fn subsplats(ctx: &mut ViewContext<'_>) -> Option<(ViewSubsplats, SubsplatParams)> {
     let before = ctx.runtime.subsplats.take();
     let surfaces = ctx.input.surfaces;
-    let GiSplatting::Multiresolution(settings) = &ctx.input.camera.display else {
+    let (Some(DisplayUse::Subsplats), GiSplatting::Multiresolution(settings)) =
+        (ctx.display, &ctx.input.camera.display)
+    else {
         return None;
     };
-    if ctx.runtime.too_large {
-        return None;
-    }
     let params = SubsplatParams::new(
         settings,
         surfaces.clip_from_view().inverse(),

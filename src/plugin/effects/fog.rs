@@ -2,29 +2,19 @@
 //! view.
 //!
 //! Reads: the fog volumes of each view that lie in a scene with an irradiance volume. Runs in every
-//! frame with such fog in view. Kernel: `fog_inscatter`; the draw `fog`. A system records it in
-//! Bevy's post-processing, behind Bevy's own fog.
+//! frame with such fog in view, in Bevy's post-processing behind Bevy's own fog. Kernel:
+//! `fog_inscatter`; the draw `fog`.
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{FogBuffers, FogTextures, KernelPipelines, draw_fog};
-use crate::plan::{FogState, FrameStage, FrameState, Plan, RunReason, SceneId, ViewId, Work};
-use crate::plugin::extract::ExtractedGi;
-pub(crate) use crate::plugin::fog::ExtractedFogs;
+use crate::plan::{FogState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
 use crate::plugin::fog::{ExtractedFogView, FogScene, LitFog, meet};
-use crate::plugin::record::Spans;
-use crate::plugin::render_state::GiRender;
-use crate::plugin::volume::{ExtractedVolume, ExtractedVolumes};
-use bevy::ecs::prelude::*;
-use bevy::ecs::system::SystemParam;
+use crate::plugin::record::{PostProcessContext, PostProcessView, PostProcessWorld};
+use crate::plugin::volume::ExtractedVolume;
 use bevy::math::{Affine3A, Mat4};
-use bevy::render::camera::{ExtractedCamera, TemporalJitter};
-use bevy::render::diagnostic::RecordDiagnostics;
-use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::RenderPassDescriptor;
-use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
-use bevy::render::texture::{FallbackImage, GpuImage};
-use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
+use bevy::render::texture::GpuImage;
 use meshless_gi::internals::frame::{Fog, FogInscatterParams, FogParams, FogView};
 
 pub(super) const EFFECT: Effect = Effect {
@@ -43,7 +33,7 @@ pub(super) const EFFECT: Effect = Effect {
         record: Recording {
             kernels: &[gpu::Pass::FogInscatter],
             draws: Some(|counters| counters.fogs),
-            how: Record::System,
+            how: Record::PostProcess(record),
         },
     }],
 };
@@ -58,25 +48,6 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
         }
     }
 }
-
-/// World and textures that fog reads.
-#[derive(SystemParam)]
-pub(crate) struct FogInput<'w> {
-    fogs: Res<'w, ExtractedFogs>,
-    volumes: Res<'w, ExtractedVolumes>,
-    world: Res<'w, ExtractedGi>,
-    images: Res<'w, RenderAssets<GpuImage>>,
-    fallback: Res<'w, FallbackImage>,
-}
-
-type View = (
-    &'static ExtractedView,
-    &'static ExtractedCamera,
-    &'static ViewTarget,
-    &'static ViewDepthTexture,
-    &'static Msaa,
-    Option<&'static TemporalJitter>,
-);
 
 /// A draw of fog: a fog volume in a scene.
 struct FogDraw<'a> {
@@ -108,7 +79,7 @@ impl<'a> FogDraws<'a> {
     fn new(
         view: &ExtractedFogView,
         seen: &FogView,
-        input: &'a FogInput<'_>,
+        input: &'a PostProcessWorld<'_>,
         ready: &ReadyVolumes<'a>,
     ) -> Self {
         let mut out = Self::default();
@@ -123,12 +94,12 @@ impl<'a> FogDraws<'a> {
         &mut self,
         lit: &LitFog,
         seen: &FogView,
-        input: &'a FogInput<'_>,
+        input: &'a PostProcessWorld<'_>,
         ready: &ReadyVolumes<'a>,
     ) {
         let find = |id: SceneId| ready.iter().find(|(scene, ..)| *scene == id);
         let own: &FogScene = &input.fogs.scenes[lit.scene];
-        let extracted = input.world.scenes.iter().find(|s| s.id == own.scene);
+        let extracted = input.gi.scenes.iter().find(|s| s.id == own.scene);
         let placement = extracted.and_then(|s| s.placement);
         let (Some(placement), Some(&(_, volume, written))) = (placement, find(own.scene)) else {
             return;
@@ -182,14 +153,13 @@ impl<'a> FogDraws<'a> {
         kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         buffers: &FogBuffers,
-        (view, target, depth): (&ExtractedView, &ViewTarget, &wgpu::TextureView),
-        sampled: bool,
+        of: &PostProcessView<'_>,
     ) {
         let mut pass = encoder.begin_render_pass(&RenderPassDescriptor {
             label: Some("meshless_gi fog"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                 // Multisampled pictures are resolved by now.
-                view: target.main_texture_view(),
+                view: of.target.main_texture_view(),
                 depth_slice: None,
                 resolve_target: None,
                 ops: wgpu::Operations {
@@ -202,14 +172,14 @@ impl<'a> FogDraws<'a> {
             occlusion_query_set: None,
             multiview_mask: None,
         });
-        let [x, y, width, height] = view.viewport.to_array();
+        let [x, y, width, height] = of.view.viewport.to_array();
         pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(x, y, width, height);
-        let format = view.target_format;
+        let format = of.view.target_format;
         for (index, draw) in self.draws.iter().enumerate() {
             let textures = FogTextures {
-                depth,
-                sampled,
+                depth: of.depth.view(),
+                sampled: of.sampled,
                 voxels: draw.volume,
                 between: draw.sampler,
                 density: (&draw.density.texture_view, &draw.density.sampler),
@@ -221,74 +191,38 @@ impl<'a> FogDraws<'a> {
     }
 }
 
-/// Records the fog passes of a view. Runs in
-/// [`GiRenderSystems::CompositeFog`](crate::plugin::GiRenderSystems::CompositeFog).
-pub(crate) fn draw(
-    view: ViewQuery<View>,
-    input: FogInput,
-    mut render: ResMut<GiRender>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
-    mut ctx: RenderContext,
-) {
-    let (view, camera, target, depth, msaa, jitter) = view.into_inner();
-    let id = ViewId(view.retained_view_entity.main_entity.to_bits());
-    let GiRender {
-        plan,
-        scenes,
-        fogs,
-        kernels,
-        retired,
-        ..
-    } = &mut *render;
-    let (Some(fogged), Some(kernels)) = (input.fogs.view(id), kernels) else {
+/// Records the fog of a view, from the volumes of the scenes whose passes are planned.
+fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) {
+    let (of, world) = (ctx.view, ctx.world);
+    let Some(fogged) = world.fogs.view(of.id) else {
         return;
     };
-    let passes = plan.of_view(id).filter(|p| p.stage == FrameStage::FOG);
-    let ready = passes.filter_map(|pass| {
-        let volume = input.volumes.find(pass.scene)?;
-        let written = scenes.get(&pass.scene)?.volume.texture(volume)?;
+    let ready = passes.iter().filter_map(|pass| {
+        let volume = world.volumes.find(pass.scene)?;
+        let written = ctx.scenes.get(&pass.scene)?.volume_texture(volume)?;
         Some((pass.scene, volume, written))
     });
     let ready: ReadyVolumes = ready.collect();
-    let mut clip_from_view = view.clip_from_view;
-    if let (Some(jitter), Some(size)) = (jitter, camera.physical_viewport_size) {
-        jitter.jitter_projection(&mut clip_from_view, size.as_vec2());
-    }
     let seen = FogView {
-        view_from_clip: clip_from_view.inverse(),
-        world_from_view: view.world_from_view.to_matrix(),
-        viewport: view.viewport.as_vec4().to_array(),
-        exposure: camera.exposure * fogged.intensity,
+        view_from_clip: of.clip_from_view().inverse(),
+        world_from_view: of.view.world_from_view.to_matrix(),
+        viewport: of.view.viewport.as_vec4().to_array(),
+        exposure: of.camera.exposure * fogged.intensity,
         steps: fogged.steps,
     };
-    let draws = FogDraws::new(fogged, &seen, &input, &ready);
+    let draws = FogDraws::new(fogged, &seen, world, &ready);
     let readable = wgpu::TextureUsages::TEXTURE_BINDING;
-    if draws.params.is_empty() || !depth.texture.usage().contains(readable) {
-        fogs.remove(&id);
+    if draws.params.is_empty() || !of.depth.texture.usage().contains(readable) {
         return;
     }
-    let buffers = fogs.entry(id).or_default();
-    buffers.write(
-        device.wgpu_device(),
-        &queue,
-        &draws.inscatter,
-        &draws.params,
-    );
-    let recorder = ctx.diagnostic_recorder();
-    let recorder = recorder.as_deref();
-    let encoder = ctx.command_encoder();
-    let whole = recorder.time_span(encoder, "meshless_gi_fog");
-    let mut spans = Spans::new(recorder);
-    let scope = plan.of_view(id).find(|p| p.stage == FrameStage::FOG);
-    spans.enter(encoder, scope.and_then(|p| p.timing));
-    let recorded = buffers.record(kernels, encoder, &draws.volumes);
-    let picture = (view, target, &**depth.view());
-    draws.draw(kernels, encoder, buffers, picture, *msaa != Msaa::Off);
-    spans.enter(encoder, None);
-    whole.end(encoder);
-    retired.add(&recorded);
-    retired.fogs += draws.params.len() as u64;
+    let mut buffers = ctx.fog.take().unwrap_or_default();
+    let device = ctx.kernels.device();
+    buffers.write(device, ctx.queue, &draws.inscatter, &draws.params);
+    let recorded = buffers.record(ctx.kernels, ctx.encoder, &draws.volumes);
+    draws.draw(ctx.kernels, ctx.encoder, &buffers, of);
+    ctx.fogs.insert(of.id, buffers);
+    ctx.counters.add(&recorded);
+    ctx.counters.fogs += draws.params.len() as u64;
 }
 
 #[cfg(test)]

@@ -12,14 +12,14 @@
 #[cfg(test)]
 mod blackout;
 pub(crate) mod display;
-pub(crate) mod fog;
+mod fog;
 mod inspection;
 mod lights;
 mod materials;
 mod occluders;
 mod probes;
 mod residency;
-mod rsm;
+pub(crate) mod rsm;
 pub(crate) mod soft_shadows;
 pub(crate) mod subtract_shadow;
 #[cfg(test)]
@@ -28,12 +28,14 @@ mod transport;
 pub(crate) mod volume;
 pub(crate) mod vpl_specular;
 
-use super::record::{SceneContext, ViewContext};
+use super::record::{
+    MapDrawContext, MapReadContext, PostProcessContext, SceneContext, ViewContext,
+};
 use crate::gpu;
 use crate::gpu::{GpuCounters, GpuError};
-#[cfg(test)]
-use crate::plan::FrameState;
 use crate::plan::{FrameStage, Pass, Plan};
+#[cfg(test)]
+use crate::plan::{FrameState, SceneId};
 use std::collections::BTreeMap;
 
 /// Row of the table of effects.
@@ -52,7 +54,8 @@ pub(crate) struct Recording {
     pub how: Record,
 }
 
-/// Recording of a pass.
+/// Recording of a pass. The variant gives the
+/// [point of the frame](super::record::FramePoint) at which the plan's walk calls it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Record {
     /// Records a pass that all views share.
@@ -61,8 +64,16 @@ pub(crate) enum Record {
     Layer(fn(&mut ViewContext<'_>, &Pass)),
     /// Records passes of one stage in a view.
     View(fn(&mut ViewContext<'_>, &[&Pass])),
-    /// Recorded by a Bevy system of the effect, at another time of the frame.
-    System,
+    /// Draws a map of a light in the map's camera, and reads it afterwards. Two recordings, because
+    /// Bevy's draw functions borrow the whole render world.
+    LightMap {
+        /// Draws the map.
+        draw: fn(&mut MapDrawContext<'_, '_, '_>, &Pass),
+        /// Reads the map.
+        read: fn(&mut MapReadContext<'_>, &Pass),
+    },
+    /// Records passes of one stage in the post-processing of a view.
+    PostProcess(fn(&mut PostProcessContext<'_>, &[&Pass])),
 }
 
 /// All effects, in the order in which they are scheduled.
@@ -87,6 +98,16 @@ pub(crate) const EFFECTS: &[Effect] = &[
 #[cfg(test)]
 pub(crate) fn plan_frame(state: &FrameState) -> Plan {
     Plan::new(EFFECTS, state)
+}
+
+/// Returns the first pass of this stage for this scene.
+///
+/// # Panics
+/// Panics if there is none.
+#[cfg(test)]
+pub(crate) fn pass_of(plan: &Plan, stage: FrameStage, scene: SceneId) -> &Pass {
+    let own = |pass: &&Pass| pass.stage == stage && pass.scene == scene;
+    plan.passes.iter().find(own).expect("the pass is planned")
 }
 
 /// Stages of a table of effects, in the order of the frame.

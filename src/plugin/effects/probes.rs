@@ -3,10 +3,10 @@
 //! Reads: whether the bake has probes, and whether the scene is solved in this frame. Kernels:
 //! `apply` with the operator's rows of the probes, then `probe` in each view.
 
-use super::transport::links_work;
+use super::transport::{links_work, solve_reason};
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
-use crate::gpu::{GpuError, GpuFrame};
+use crate::gpu::GpuError;
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneState, ViewId, Work};
 use crate::plugin::record::{Layer, SceneContext, ViewContext};
 
@@ -46,8 +46,7 @@ pub(super) const EFFECT: Effect = Effect {
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes().filter(|s| s.probes) {
-        let solve = plan.find(FrameStage::APPLY, scene.id);
-        if let Some(reason) = solve.map(|p| p.reason.clone()) {
+        if let Some(reason) = solve_reason(scene) {
             plan.push(EFFECT.name, FrameStage::PROBE, scene.id, reason);
         }
     }
@@ -69,9 +68,8 @@ fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
 }
 
 fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) {
-    let frame = ctx.scenes.get(&pass.scene).and_then(|s| s.frame.as_ref());
-    let in_view = ctx.layers.contains(&Layer::Scene(pass.scene));
-    if in_view && frame.is_some_and(GpuFrame::has_probes) {
+    // A scene whose recording failed in this frame has no layer.
+    if ctx.layers.contains(&Layer::Scene(pass.scene)) {
         ctx.layers.push(Layer::Probes(pass.scene));
     }
 }

@@ -10,14 +10,14 @@ use crate::gpu;
 use crate::gpu::{GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers};
 use crate::plan::{
     FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SoftState, ViewState,
-    Work, same_soft_shadow, soft_light_affects,
+    Work, soft_light_affects,
 };
 use crate::plugin::record::SceneContext;
 use crate::plugin::soft_shadow::ExtractedSoft;
-use crate::plugin::transform::SimilarityTransform;
 use bevy::camera::visibility::RenderLayers;
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
+use bevy::math::Mat4;
 use meshless_gi::internals::frame::SoftLight;
 use meshless_gi::{BakedScene, Bounds};
 
@@ -59,8 +59,7 @@ pub(super) fn check_supported(state: &FrameState, scene: &SceneState) -> Result<
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes().filter(|s| s.soft.lights > 0) {
-        let shown =
-            |v: &ViewState| v.lit && v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
+        let shown = |view: &ViewState| view.lit && view.shows(scene.id);
         let reason = match check_supported(state, scene) {
             Err(reason) => {
                 plan.skipped.push((scene.id, None, reason));
@@ -81,9 +80,12 @@ fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
     };
     let (scene, bake) = (frame.buffers(), &ctx.runtime.bake);
     let soft = &mut ctx.runtime.soft;
-    if let Err(error) = soft.record(ctx.kernels, ctx.queue, ctx.encoder, scene, bake) {
-        let root = Entity::from_bits(pass.scene.0);
-        warn!("baked scene {root}: lights cast no soft shadows: {error}");
+    match soft.record(ctx.kernels, ctx.queue, ctx.encoder, scene, bake) {
+        Ok(lights) => ctx.runtime.changes.soft_lights = lights,
+        Err(error) => {
+            let root = Entity::from_bits(pass.scene.0);
+            warn!("baked scene {root}: lights cast no soft shadows: {error}");
+        }
     }
     Ok(())
 }
@@ -93,82 +95,85 @@ fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
 pub(crate) struct SceneSoft {
     /// The lights of the scene, in its local space.
     pub lights: Vec<(RenderLayers, SoftLight)>,
-    /// Buffers, and the lights that they were computed for.
-    pub held: Option<(SoftShadowBuffers, Vec<SoftLight>)>,
+    pub buffers: Option<SoftShadowBuffers>,
     /// Bytes of a buffer that did not fit the device.
     too_large: u64,
 }
 
 impl SceneSoft {
-    /// Selects the lights of the frame that affect the scene, and describes them for the plan.
-    pub fn observe(
+    /// Selects the lights of the frame that affect the scene.
+    pub fn select_lights(
         &mut self,
         world: &ExtractedSoft,
-        bake: &BakedScene,
         bounds: Bounds,
         layers: &RenderLayers,
-        placement: &SimilarityTransform,
-    ) -> SoftState {
-        let local_from_world = placement.matrix();
+        local_from_world: &Mat4,
+    ) {
         self.lights.clear();
         for light in world.lights.iter().filter(|l| l.layers.intersects(layers)) {
-            let local = light.light.to_local(&local_from_world);
+            let local = light.light.to_local(local_from_world);
             if soft_light_affects(&local, bounds) {
                 self.lights.push((light.layers.clone(), local));
             }
         }
-        let tolerance = 1e-5 * bounds.size().length();
-        let alike = |(_, held): &(SoftShadowBuffers, Vec<SoftLight>)| {
-            same_soft_shadow(held, &self.local_lights(), tolerance)
-        };
+    }
+
+    /// Describes the lights for the plan. The change detector completes the description.
+    pub fn describe(&self, bake: &BakedScene) -> SoftState {
         SoftState {
             lights: self.lights.len(),
             remembers: bake.visibility.is_some(),
-            held: self.held.as_ref().is_some_and(alike),
+            held: false,
             largest_buffer: self.too_large,
             points: (bake.visibility.as_ref()).map_or(0, |v| v.points.len() as u64),
         }
     }
 
-    fn local_lights(&self) -> Vec<SoftLight> {
+    /// Returns the lights in the scene's local space.
+    pub fn local_lights(&self) -> Vec<SoftLight> {
         self.lights.iter().map(|(_, light)| *light).collect()
     }
 
     /// Records the irradiance that is shadowed from the lights, at the points with visibility.
+    /// Returns the lights. `None` if the bake has no visibility.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], see [`SoftShadowBuffers::new`]. The plan skips the effect from then
     /// on.
-    pub fn record(
+    fn record(
         &mut self,
         kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         scene: &SceneBuffers,
         bake: &BakedScene,
-    ) -> Result<(), GpuError> {
+    ) -> Result<Option<Vec<SoftLight>>, GpuError> {
         let lights = self.local_lights();
         let Some(visibility) = &bake.visibility else {
-            return Ok(());
+            return Ok(None);
         };
         let mut record = || -> Result<(), GpuError> {
-            if self.held.is_none() {
-                let device = kernels.device();
-                let buffers =
-                    SoftShadowBuffers::new(device, queue, scene, visibility, lights.len())?;
-                self.held = Some((buffers, Vec::new()));
-            }
-            if let Some((buffers, held)) = &mut self.held {
-                buffers.record(kernels, queue, encoder, scene, &lights)?;
-                held.clone_from(&lights);
-            }
-            Ok(())
+            let buffers = match &mut self.buffers {
+                Some(buffers) => buffers,
+                none => none.insert(SoftShadowBuffers::new(
+                    kernels.device(),
+                    queue,
+                    scene,
+                    visibility,
+                    lights.len(),
+                )?),
+            };
+            buffers.record(kernels, queue, encoder, scene, &lights)
         };
-        let recorded = record();
-        if let Err(GpuError::TooLarge { bytes, .. }) = &recorded {
-            self.too_large = *bytes;
+        match record() {
+            Ok(()) => Ok(Some(lights)),
+            Err(error) => {
+                if let GpuError::TooLarge { bytes, .. } = &error {
+                    self.too_large = *bytes;
+                }
+                Err(error)
+            }
         }
-        recorded
     }
 
     /// Returns `true` if lights cast soft shadows in the scene.
@@ -178,12 +183,12 @@ impl SceneSoft {
 
     /// Releases the buffers. Returns their counters.
     pub fn release(&mut self) -> Option<GpuCounters> {
-        self.held.take().map(|(buffers, _)| buffers.counters())
+        self.buffers.take().map(|buffers| buffers.counters())
     }
 
     /// Counters, number and bytes of the buffers.
     pub fn size(&self) -> Option<(GpuCounters, u32, u64)> {
-        let (buffers, _) = self.held.as_ref()?;
+        let buffers = self.buffers.as_ref()?;
         Some((buffers.counters(), buffers.count(), buffers.bytes()))
     }
 }
@@ -192,7 +197,7 @@ impl SceneSoft {
 mod tests {
     use super::*;
     use crate::plan::{DisplayUse, SceneId, SoftState, ViewId};
-    use crate::plugin::effects::plan_frame;
+    use crate::plugin::effects::{pass_of, plan_frame};
 
     const A: SceneId = SceneId(1);
 
@@ -255,11 +260,11 @@ mod tests {
             ]
         );
         assert_eq!(
-            plan.find(FrameStage::SOFT_SHADOW, A).unwrap().reason,
+            pass_of(&plan, FrameStage::SOFT_SHADOW, A).reason,
             RunReason::SoftLightsChanged(2)
         );
         assert_eq!(
-            plan.find(FrameStage::SUBTRACT_SHADOW, A).unwrap().view,
+            pass_of(&plan, FrameStage::SUBTRACT_SHADOW, A).view,
             Some(ViewId(7))
         );
         // At rest, the device keeps the missing light. It is subtracted from every view with the
@@ -280,10 +285,7 @@ mod tests {
         // A bake that comes back has nothing of it.
         state.scenes[0].resident = false;
         assert_eq!(
-            plan_frame(&state)
-                .find(FrameStage::SOFT_SHADOW, A)
-                .unwrap()
-                .reason,
+            pass_of(&plan_frame(&state), FrameStage::SOFT_SHADOW, A).reason,
             RunReason::NewBake
         );
     }

@@ -38,9 +38,7 @@ pub(super) const EFFECT: Effect = Effect {
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for view in state.views.iter().filter(|view| view.lit) {
         for scene in state.active_scenes().filter(|s| s.soft.lights > 0) {
-            let splatted = (plan.of_view(view.id))
-                .any(|p| p.stage == FrameStage::SPLAT && p.scene == scene.id);
-            if splatted && check_supported(state, scene).is_ok() {
+            if view.shows(scene.id) && check_supported(state, scene).is_ok() {
                 let (stage, reason) = (FrameStage::SUBTRACT_SHADOW, RunReason::InView);
                 plan.push(EFFECT.name, stage, scene.id, reason).view = Some(view.id);
             }
@@ -93,7 +91,7 @@ impl ViewShadow {
                 Some(ShadowedScene {
                     id: pass.scene,
                     soft: &instance.soft,
-                    shadows: &instance.soft.held.as_ref()?.0,
+                    shadows: instance.soft.buffers.as_ref()?,
                     scene: instance.frame.as_ref()?.buffers(),
                     view: ctx.runtime.buffers.get(&pass.scene)?,
                 })

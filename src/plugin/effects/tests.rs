@@ -62,7 +62,7 @@ fn one_moved_light_projects_only_its_slot() {
     let mut state = at_rest();
     state.scenes[0].slots[5] = SlotChange::Geometry;
     let plan = plan_frame(&state);
-    assert_eq!(plan.find(FrameStage::PROJECT, A).unwrap().slots, [5]);
+    assert_eq!(pass_of(&plan, FrameStage::PROJECT, A).slots, [5]);
     assert_eq!(plan.projected_slots(), 1);
     assert_eq!(
         stages(&plan),
@@ -84,7 +84,7 @@ fn changed_light_color_projects_nothing() {
     let plan = plan_frame(&state);
     assert_eq!(plan.count(FrameStage::PROJECT), 0);
     assert_eq!(
-        plan.find(FrameStage::APPLY, A).unwrap().reason,
+        pass_of(&plan, FrameStage::APPLY, A).reason,
         RunReason::LightsRecolored(1)
     );
 }
@@ -98,7 +98,7 @@ fn changed_occluder_runs_transport() {
         stages(&plan)[..2],
         [FrameStage::OCCLUDE, FrameStage::PULL_PUSH]
     );
-    let reason = &plan.find(FrameStage::APPLY, A).unwrap().reason;
+    let reason = &pass_of(&plan, FrameStage::APPLY, A).reason;
     assert_eq!(*reason, RunReason::OccludersMoved(1));
 }
 
@@ -115,7 +115,7 @@ fn changed_settings_or_removed_light_run_transport() {
         set(&mut state.scenes[0]);
         let plan = plan_frame(&state);
         assert_eq!(plan.count(FrameStage::PROJECT), 0);
-        assert_eq!(plan.find(FrameStage::PULL_PUSH, A).unwrap().reason, reason);
+        assert_eq!(pass_of(&plan, FrameStage::PULL_PUSH, A).reason, reason);
     }
 }
 
@@ -194,11 +194,11 @@ fn new_bake_runs_all_passes_once_and_views_composite_visible_scenes() {
     state.views = vec![view(7, &[A, B]), view(8, &[A])];
     let plan = plan_frame(&state);
     assert_eq!(
-        plan.find(FrameStage::UPLOAD, A).unwrap().reason,
+        pass_of(&plan, FrameStage::UPLOAD, A).reason,
         RunReason::NewBake
     );
     assert_eq!(
-        plan.find(FrameStage::PROJECT, A).unwrap().slots,
+        pass_of(&plan, FrameStage::PROJECT, A).slots,
         [0, 1, 2, 4, 5, 6, 7]
     );
     assert_eq!(plan.count(FrameStage::APPLY), 1, "B is at rest");
@@ -233,7 +233,7 @@ fn dynamic_objects_need_no_bake() {
     );
     assert!(plan.active_scenes().is_empty());
     assert_eq!(
-        plan.find_light(LightId(5, 0)).unwrap().reason,
+        plan.of_light(LightId(5, 0)).next().unwrap().reason,
         RunReason::Moving(2)
     );
     let words = plan.to_string();
@@ -270,7 +270,7 @@ fn static_reflectors_are_not_redrawn_and_stay_visible() {
     state.bounces_held = true;
     let plan = plan_frame(&state);
     assert_eq!(stages(&plan), [FrameStage::VPL, FrameStage::COMPOSITE]);
-    assert!(plan.bounces(LightId(5, 0)) && plan.find_light(LightId(5, 0)).is_none());
+    assert!(plan.bounces(LightId(5, 0)) && plan.of_light(LightId(5, 0)).next().is_none());
     let words = plan.to_string();
     assert!(
         words.contains("skip maps of light 5.0: nothing changed"),
@@ -373,10 +373,7 @@ fn coefficients_are_read_back_only_on_request() {
     assert_eq!(plan_frame(&state).count(FrameStage::READ_BACK), 0);
     state.scenes[0].read_back = true;
     assert_eq!(
-        plan_frame(&state)
-            .find(FrameStage::READ_BACK, A)
-            .unwrap()
-            .effect,
+        pass_of(&plan_frame(&state), FrameStage::READ_BACK, A).effect,
         "inspection"
     );
 }
@@ -508,10 +505,7 @@ fn an_effect_is_one_file_and_one_row() {
     assert!(lit > 0.0, "{lit}");
     assert_eq!(dark, 0.0);
 
-    let pass = plan
-        .find(blackout::BLACKOUT, A)
-        .expect("it is planned")
-        .clone();
+    let pass = pass_of(&plan, blackout::BLACKOUT, A).clone();
     assert_eq!(
         (pass.effect, &pass.reason),
         ("blackout", &RunReason::InView)

@@ -91,7 +91,7 @@ fn uses_octree(scene: &SceneState) -> bool {
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes() {
         note_selections(scene, plan);
-        let Some(reason) = reason_of(scene) else {
+        let Some(reason) = solve_reason(scene) else {
             plan.skipped.push((scene.id, None, SkipReason::AtRest));
             continue;
         };
@@ -120,8 +120,9 @@ fn note_selections(scene: &SceneState, plan: &mut Plan) {
     }
 }
 
-/// Returns the reason for a solve. `None` if the device's values are up to date.
-fn reason_of(scene: &SceneState) -> Option<RunReason> {
+/// Returns the reason for a solve of an active scene, and for the passes that follow it. `None` if
+/// the device's values are up to date.
+pub(super) fn solve_reason(scene: &SceneState) -> Option<RunReason> {
     let count = |change| scene.slots.iter().filter(|s| **s == change).count();
     Some(if !scene.resident {
         RunReason::NewBake
@@ -155,10 +156,11 @@ fn record_apply(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     let settings = ctx.scene.frame_settings();
     if let Some(frame) = &mut ctx.runtime.frame {
         frame.apply(ctx.kernels, ctx.encoder, &settings);
+        ctx.runtime.solved_tier = Some(settings.tier);
         ctx.runtime.changes.slots.mark_applied();
         ctx.runtime.changes.solved = Some((settings, ctx.scene.solver.color_mode));
         // The volume holds the irradiance of an earlier frame until its pass is recorded.
-        ctx.runtime.volume.forget();
+        ctx.runtime.changes.volume = None;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 //! Reads: the volume of a scene and the cameras that show it, the state of its texture, and the
 //! solve of the scene in this frame. Kernel: `volume`.
 
+use super::transport::solve_reason;
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{KernelPipelines, VolumeBuffers};
@@ -42,8 +43,7 @@ pub(super) const EFFECT: Effect = Effect {
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in (state.active_scenes()).filter(|s| s.volume.asked && s.volume.seen) {
-        let solve = plan.find(FrameStage::APPLY, scene.id);
-        let reason = match solve.map(|p| p.reason.clone()) {
+        let reason = match solve_reason(scene) {
             _ if !scene.probes => {
                 plan.skipped.push((scene.id, None, SkipReason::NoFreeSpace));
                 continue;
@@ -60,50 +60,46 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 /// computed. They take some milliseconds of one core.
 const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 
-/// Device data of a scene's volume without its texture, and the parameters for which it was
-/// written.
+/// Parameters and texture of a volume.
+pub(crate) type VolumeTarget = (VolumeParams, wgpu::TextureView);
+
+/// Volume that a scene is to have.
+pub(crate) struct VolumeRequest<'a> {
+    volume: &'a ExtractedVolume,
+    pub target: VolumeTarget,
+}
+
+impl<'a> VolumeRequest<'a> {
+    /// Finds the volume of a scene. `None` if it has none.
+    pub fn new(world: &'a ExtractedVolumes, id: SceneId, local_from_world: &Mat4) -> Option<Self> {
+        let volume = world.find(id)?;
+        let params = VolumeParams::new(volume.shape(), local_from_world);
+        Some(Self {
+            volume,
+            target: (params, volume.texture.clone()),
+        })
+    }
+}
+
+/// Device data of a scene's volume without its texture.
 #[derive(Default)]
 pub(crate) struct SceneVolume {
     /// Weights, computed over several frames. `None` once the device has them.
     places: Option<VoxelWeights>,
     buffers: Option<VolumeBuffers>,
-    written: Option<(VolumeParams, wgpu::TextureView)>,
     /// A volume that the device does not hold.
     refused: Option<VoxelGrid>,
 }
 
 impl SceneVolume {
-    fn requested<'a>(
-        world: &'a ExtractedVolumes,
-        id: SceneId,
-        local_from_world: &Mat4,
-    ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
-        let volume = world.find(id)?;
-        Some((
-            VolumeParams::new(&volume.voxels.shape, local_from_world),
-            volume,
-        ))
-    }
-
-    /// Describes the requests of cameras for the scene's volume.
-    pub fn observe(
-        &mut self,
-        world: &ExtractedVolumes,
-        id: SceneId,
-        local_from_world: &Mat4,
-    ) -> VolumeState {
-        let Some((params, volume)) = Self::requested(world, id, local_from_world) else {
-            *self = Self::default();
-            return VolumeState::default();
-        };
-        let held = |(of, texture): &(VolumeParams, wgpu::TextureView)| {
-            *of == params && *texture == volume.texture
-        };
+    /// Describes a volume for the plan. The change detector completes the description.
+    pub fn describe(&self, requested: &VolumeRequest<'_>) -> VolumeState {
+        let shape = *requested.volume.shape();
         VolumeState {
-            asked: self.refused != Some(volume.voxels.shape),
-            seen: volume.seen,
-            held: self.written.as_ref().is_some_and(held),
-            voxels: u64::from(volume.voxels.shape.voxels()),
+            asked: self.refused != Some(shape),
+            seen: requested.volume.seen,
+            held: false,
+            voxels: u64::from(shape.voxels()),
         }
     }
 
@@ -118,39 +114,33 @@ impl SceneVolume {
             volume,
             frame,
             bake,
+            changes,
             ..
         } = &mut *ctx.runtime;
         let (Some(placement), Some(frame)) = (&ctx.scene.placement, frame) else {
             return;
         };
-        let requested = Self::requested(ctx.volumes, ctx.scene.id, &placement.matrix());
-        let Some((params, extracted)) = requested else {
+        let requested = VolumeRequest::new(ctx.volumes, ctx.scene.id, &placement.matrix());
+        let Some(VolumeRequest {
+            volume: extracted,
+            target,
+        }) = requested
+        else {
             return;
         };
-        volume.prepare(extracted.voxels.shape, bake, ctx.kernels, ctx.queue);
+        volume.prepare(*extracted.shape(), bake, ctx.kernels, ctx.queue);
         if let Some(buffers) = &volume.buffers {
-            let texture = &extracted.texture;
+            let (params, texture) = &target;
             frame.volume(
                 ctx.kernels,
                 ctx.queue,
                 ctx.encoder,
                 buffers,
-                &params,
+                params,
                 texture,
             );
-            volume.written = Some((params, texture.clone()));
+            changes.volume = Some(target);
         }
-    }
-
-    /// The texture of this volume, once it holds light.
-    pub fn texture(&self, of: &ExtractedVolume) -> Option<&wgpu::TextureView> {
-        let (_, texture) = self.written.as_ref()?;
-        (*texture == of.texture).then_some(texture)
-    }
-
-    /// The light changed, and the voxels have that of before.
-    pub fn forget(&mut self) {
-        self.written = None;
     }
 
     /// Continues the preparation of a volume. Its buffers exist once the preparation is complete.
@@ -199,7 +189,7 @@ mod tests {
     use crate::plan::{
         DisplayUse, SceneId, SceneState, SlotChange, ViewId, ViewState, VolumeState,
     };
-    use crate::plugin::effects::plan_frame;
+    use crate::plugin::effects::{pass_of, plan_frame};
 
     const A: SceneId = SceneId(1);
 
@@ -282,7 +272,7 @@ mod tests {
         assert_eq!(stages(&state), [FrameStage::VOLUME]);
         let plan = plan_frame(&state);
         assert_eq!(
-            plan.find(FrameStage::VOLUME, A).unwrap().reason,
+            pass_of(&plan, FrameStage::VOLUME, A).reason,
             RunReason::NewVolume
         );
         state.scenes[0].volume.held = true;

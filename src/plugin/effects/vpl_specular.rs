@@ -1,10 +1,10 @@
 //! Effect `gloss_from_dynamic`: specular reflection of the virtual point lights in each view.
 //!
-//! Reads: the views that show specular reflections, and whether virtual lights are planned in them.
+//! Reads: the views that show specular reflections, and whether virtual lights light them.
 //! Kernel: `vpl_specular`; the draw `composite`.
 
 use super::display::draw_over_picture;
-use super::{Effect, PassKind, Record, Recording};
+use super::{Effect, PassKind, Record, Recording, rsm};
 use crate::gpu;
 use crate::gpu::{Draw, GpuError, NodeLights, SpecularBuffers, SubsplatTargets};
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
@@ -32,7 +32,7 @@ pub(super) const EFFECT: Effect = Effect {
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for view in state.views.iter().filter(|view| view.gloss) {
-        if plan.runs_in_view(FrameStage::VPL, view.id) {
+        if rsm::lights_view(state, view) {
             let (stage, reason) = (FrameStage::VPL_SPECULAR, RunReason::InView);
             plan.push(EFFECT.name, stage, SceneId::WORLD, reason).view = Some(view.id);
         }

@@ -1,0 +1,120 @@
+//! Effect `bounce_from_dynamic`: reflective shadow maps of dynamic objects, and the virtual point
+//! lights chosen from them.
+//!
+//! Reads: the lights with reflective shadow maps, the views that they may light, and whether the
+//! device holds their virtual lights. Each map is drawn and read in its own camera
+//! ([`crate::plugin::rsm_render`]). Kernels: `rsm`, then `vpl` in each view.
+
+mod reflections;
+
+pub(crate) use reflections::{MapChanges, Reflections, shadowers};
+
+use super::{Effect, PassKind, Record, Recording};
+use crate::gpu;
+use crate::plan::{
+    BounceState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, ViewState, Work,
+};
+use crate::plugin::record::{FramePoint, Layer, MapDrawContext, ViewContext};
+use bevy::log::error;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
+
+pub(super) const EFFECT: Effect = Effect {
+    name: "bounce_from_dynamic",
+    summary: "draws dynamic objects from the lights that ask for it, and creates virtual point lights",
+    schedule,
+    passes: &[
+        PassKind {
+            stage: FrameStage::RSM,
+            per_view: false,
+            timed_with: None,
+            work: |_, _| Work::Uncounted,
+            record: Recording {
+                kernels: &[
+                    gpu::Pass::RsmTexels,
+                    gpu::Pass::RsmShadow,
+                    gpu::Pass::RsmSelect,
+                ],
+                draws: None,
+                how: Record::LightMap {
+                    draw: draw_map,
+                    read: |ctx, _| Reflections::read_map(ctx),
+                },
+            },
+        },
+        PassKind {
+            stage: FrameStage::VPL,
+            per_view: true,
+            timed_with: Some(FrameStage::SPLAT),
+            work: |state, pass| Work::Pixels(state.pixels(pass.view)),
+            record: Recording {
+                kernels: &[gpu::Pass::Vpl, gpu::Pass::VplOver, gpu::Pass::VplNodes],
+                draws: None,
+                how: Record::Layer(add_layer),
+            },
+        },
+    ],
+};
+
+fn schedule(state: &FrameState, plan: &mut Plan) {
+    for light in &state.bounces {
+        match state.maps_of(light) {
+            Ok(_) if state.bounces_held => plan.resting.push(light.id),
+            Ok(maps) => {
+                let (stage, reason) = (FrameStage::RSM, RunReason::Moving(maps));
+                plan.push(EFFECT.name, stage, SceneId::WORLD, reason).light = Some(light.id);
+            }
+            Err(reason) => plan.dark.push((light.id, reason)),
+        }
+    }
+}
+
+/// Returns `true` if virtual lights light a view.
+pub(super) fn lights_view(state: &FrameState, view: &ViewState) -> bool {
+    let lights =
+        |light: &BounceState| light.views.contains(&view.id) && state.maps_of(light).is_ok();
+    view.displays() && state.bounces.iter().any(lights)
+}
+
+/// Adds one pass for all virtual lights of a view to the passes of the effect `display`.
+pub(super) fn schedule_in_view(state: &FrameState, view: &ViewState, plan: &mut Plan) {
+    if lights_view(state, view) {
+        let (stage, reason) = (FrameStage::VPL, RunReason::InView);
+        plan.push(EFFECT.name, stage, SceneId::WORLD, reason).view = Some(view.id);
+    }
+}
+
+/// Draws the deferred meshes in the camera of a map. Bevy's deferred prepass is not public. This one
+/// has the same bindings (format of Bevy 0.19).
+fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, _: &Pass) {
+    let recorder = ctx.ctx.diagnostic_recorder();
+    let recorder = recorder.as_deref();
+    let textures = ctx.textures;
+    let mut pass = ctx.ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("meshless_gi reflective shadow map"),
+        color_attachments: &[
+            (textures.normal.as_ref()).map(|t| t.get_attachment()),
+            (textures.motion_vectors.as_ref()).map(|t| t.get_attachment()),
+            (textures.deferred.as_ref()).map(|t| t.get_attachment()),
+            (textures.deferred_lighting_pass_id.as_ref()).map(|t| t.get_attachment()),
+        ],
+        depth_stencil_attachment: Some(ctx.depth.get_attachment(StoreOp::Store)),
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    let span = recorder.pass_span(&mut pass, FramePoint::LightMaps.span());
+    if let Err(error) = ctx.opaque.render(&mut pass, ctx.world, ctx.camera) {
+        error!("a reflective shadow map lacks its opaque meshes: {error:?}");
+    }
+    if let Err(error) = ctx.masked.render(&mut pass, ctx.world, ctx.camera) {
+        error!("a reflective shadow map lacks its masked meshes: {error:?}");
+    }
+    span.end(&mut pass);
+}
+
+fn add_layer(ctx: &mut ViewContext<'_>, _: &Pass) {
+    if ctx.reflections.is_some() {
+        ctx.layers.push(Layer::VirtualLights);
+    }
+}

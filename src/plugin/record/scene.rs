@@ -1,0 +1,48 @@
+//! Passes of a scene that all views share.
+
+use super::{Recorder, Spans};
+use crate::gpu::{GpuError, KernelPipelines};
+use crate::plan::{Plan, kind_of};
+use crate::plugin::effects::{Effect, Record};
+use crate::plugin::extract::ExtractedScene;
+use crate::plugin::readback::CoefficientReadback;
+use crate::plugin::render_state::SceneRuntime;
+use crate::plugin::volume::ExtractedVolumes;
+
+/// A baked scene, and the means to record its passes.
+pub(crate) struct SceneContext<'a> {
+    pub kernels: &'a KernelPipelines,
+    pub queue: &'a wgpu::Queue,
+    pub encoder: &'a mut wgpu::CommandEncoder,
+    /// The scene as extracted from the main world.
+    pub scene: &'a ExtractedScene,
+    pub volumes: &'a ExtractedVolumes,
+    /// Copy of an earlier frame. It is released if no pass uses it.
+    pub read_back: Option<CoefficientReadback>,
+    pub runtime: &'a mut SceneRuntime,
+}
+
+/// Records the passes of a scene that all views share.
+///
+/// # Errors
+/// The error of the first pass that fails. The passes after it are not recorded.
+pub(crate) fn record_scene(
+    effects: &[Effect],
+    plan: &Plan,
+    ctx: &mut SceneContext<'_>,
+    recorder: Recorder<'_>,
+) -> Result<(), GpuError> {
+    let mut spans = Spans::new(recorder);
+    let mut result = Ok(());
+    for pass in plan.of_scene(ctx.scene.id) {
+        if let Some(Record::Scene(record)) = kind_of(effects, pass).map(|kind| &kind.record.how) {
+            spans.enter(ctx.encoder, pass.timing);
+            result = record(ctx, pass);
+            if result.is_err() {
+                break;
+            }
+        }
+    }
+    spans.enter(ctx.encoder, None);
+    result
+}
