@@ -6,6 +6,13 @@
 //! and it predicts groups without a measurement. Before any measurement there is no prediction, and
 //! the plan states it. Milliseconds and work have separate running means. Timestamps that arrive
 //! some frames late thus still give the right rate.
+//!
+//! [`SolveCost`] predicts the solves of one scene with other numbers of links, for the selection of
+//! its tier.
+
+mod solve_cost;
+
+pub use solve_cost::SolveCost;
 
 use super::{Effect, FrameStage, FrameState, Pass, Plan, SceneId, ViewId, kind_of};
 use std::collections::BTreeMap;

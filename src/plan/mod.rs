@@ -60,7 +60,7 @@ pub use change_detector::{ChangeDetector, MapChangeDetector};
 pub use channels::{
     ColorModeSelection, ColorModeSelector, MONOCHROME_HYSTERESIS_FRAMES, SceneChromaticity,
 };
-pub use cost::{Cost, CostModel, TimingScope, Work};
+pub use cost::{Cost, CostModel, SolveCost, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
 pub use effect::{Effect, PassKind, kind_of};
 pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, LightKind, SkyKind};

@@ -12,7 +12,7 @@
 //! the error of fewer of them.
 
 use super::settings::milliseconds;
-use super::{GiQuality, TierSelection};
+use super::{GiQuality, SolveCost, TierSelection};
 use meshless_gi::BakedScene;
 
 /// Number of consecutive solves over the budget before the tier is lowered.
@@ -25,8 +25,6 @@ const CALM: u32 = 60;
 const TRIAL: u32 = 300;
 /// Number of measurements after a change that may still belong to the previous tier.
 const SETTLE: u32 = 4;
-/// Weight of a new measurement in the running mean.
-const SMOOTH: f32 = 0.2;
 
 /// Properties of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,11 +82,8 @@ pub struct TierController {
     asked: GiQuality,
     tiers: Vec<TierCandidate>,
     tier: u32,
-    /// Running mean of the cost of a solve of this tier, milliseconds.
-    cost: Option<f32>,
-    /// Previous tier, and the cost of its solves. Two tiers separate the cost of the links from the
-    /// rest.
-    before: Option<(u32, f32)>,
+    /// Cost of the solves of this tier.
+    cost: SolveCost,
     /// Number of consecutive solves over the budget, and the sum of their costs.
     over: (u32, f32),
     /// Number of consecutive solves with room for the next tier.
@@ -119,8 +114,7 @@ impl TierController {
             asked,
             tiers,
             tier,
-            cost: None,
-            before: None,
+            cost: SolveCost::default(),
             over: (0, 0.0),
             calm: 0,
             wait: CALM,
@@ -168,8 +162,7 @@ impl TierController {
             self.settle -= 1;
             return;
         }
-        let cost = self.cost.map_or(ms, |mean| mean + SMOOTH * (ms - mean));
-        self.cost = Some(cost);
+        let cost = self.cost.measured(ms);
         self.trial = self.trial.map(|n| n + 1).filter(|&n| n <= TRIAL);
         self.over = if ms > budget {
             (self.over.0 + 1, self.over.1 + ms)
@@ -199,7 +192,7 @@ impl TierController {
         let percent = |error: f32| 100.0 * error;
         let here = self.tiers.get(self.tier as usize - 1);
         let error = here.map_or(f32::INFINITY, |t| t.error);
-        let why = match (self.asked, self.cost) {
+        let why = match (self.asked, self.cost.mean()) {
             (GiQuality::Full, _) => "nothing less was asked for".into(),
             (GiQuality::Tier(n), _) if n == self.tier => "it was asked for".into(),
             (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
@@ -255,31 +248,22 @@ impl TierController {
 
     /// Changes the tier. `cost` is the cost of a solve of the current one.
     fn go(&mut self, tier: u32, cost: f32) {
-        self.before = Some((self.tier, cost));
+        self.cost.change_links(self.work(self.tier), cost);
         self.tier = tier;
         self.changes += 1;
         self.settle = SETTLE;
-        self.cost = None;
         self.over = (0, 0.0);
         self.calm = 0;
     }
 
-    /// Predicts the cost of a solve of tier `t` from the `cost` of the current tier. Without a
-    /// previous tier, all of the cost is attributed to the links. With one, the part that does not
-    /// grow with the links is separated (shadow rays of lights that move). That part is limited to
-    /// nine tenths, because the load may have changed in between.
+    /// Predicts the cost of a solve of tier `t` from the `cost` of the current tier.
     fn predict(&self, t: u32, cost: f32) -> f32 {
-        let work = |t: u32| self.tiers[t as usize - 1].work.max(1) as f64;
-        let (cost, here) = (f64::from(cost), work(self.tier));
-        let links = cost / here;
-        let slope = match self.before {
-            Some((other, before)) if work(other) != here => {
-                let slope = (cost - f64::from(before)) / (here - work(other));
-                slope.clamp(0.1 * links, links)
-            }
-            _ => links,
-        };
-        (cost + slope * (work(t) - here)) as f32
+        self.cost.predict(self.work(t), self.work(self.tier), cost)
+    }
+
+    /// Number of links that a solve of tier `t` reads.
+    fn work(&self, t: u32) -> u64 {
+        self.tiers[t as usize - 1].work
     }
 }
 

@@ -1,7 +1,7 @@
 //! Recording of the passes of a deferred camera, over its picture.
 
 use super::extract::ExtractedGi;
-use super::record::{FramePoint, Picture, Surfaces, ViewInput, passes_of_view, record_view};
+use super::record::{FramePoint, Picture, Surfaces, ViewInput, has_passes, record_view};
 use super::render_state::GiRender;
 use super::soft_shadow::ExtractedSoft;
 use crate::plan::ViewId;
@@ -34,9 +34,7 @@ pub(crate) fn composite(
     let Some(settings) = world.views.iter().find(|v| v.id == id && !v.forward) else {
         return;
     };
-    let point = FramePoint::MainPass;
-    let mut planned = passes_of_view(render.effects, &render.plan, id, point);
-    if planned.next().is_none() {
+    if !has_passes(render.effects, &render.plan, id, FramePoint::MainPass) {
         return;
     }
     let (Some(depth), Some(gbuffer), Some(passes)) = (

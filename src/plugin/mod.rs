@@ -16,12 +16,12 @@
 //! | `volume` | both | probe light as one of Bevy's irradiance volumes, for cameras without a G-buffer |
 //! | `volume_shader` | main, `PostUpdate` | replaces Bevy's shader of irradiance volumes by one that respects walls |
 //! | `soft_shadow` | both | lights with soft shadows, and the light that they subtract from the picture |
-//! | `rsm_render` | render, before the other cameras | draws dynamic objects into those maps |
+//! | `rsm_render` | render, before the other cameras | runs the cameras of those maps |
 //! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
-//! | `record` | render, in `compute` and the two below | iterates over the plan's passes, which `effects` records |
+//! | `record` | render, in `compute`, `rsm_render` and the three below | iterates over the plan's passes, which `effects` records |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds irradiance to the pictures of deferred cameras |
 //! | `forward_display` | render, `Core3d` of each camera, before opaque | provides irradiance to the surfaces of forward cameras |
-//! | `fog` | render, `Core3d` of each camera, after Bevy's volumetric fog | adds indirect light that fog scatters to the eye |
+//! | `post_process` | render, `Core3d` of each camera, after Bevy's volumetric fog | adds indirect light that fog scatters to the eye |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //! | `gpu_timings` | both | provides measured pass times to the next plans |
 //! | `plan_log` | main, `PreUpdate` | logs changes of the plan's decisions (DEBUG) |

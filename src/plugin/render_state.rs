@@ -9,7 +9,7 @@ use super::effects::volume::{SceneVolume, VolumeTarget};
 use super::effects::{EFFECTS, Effect};
 use super::extract::{ExtractedScene, LightKey};
 use super::readback::{CoefficientReadback, SharedCoefficients};
-use super::record::{FramePoint, passes_of_view};
+use super::record::{FramePoint, has_passes};
 use super::rsm_render::LightMaps;
 use super::view_state::ViewRuntime;
 use super::volume::ExtractedVolume;
@@ -156,10 +156,8 @@ impl GiRender {
             coefficients.forget(id.0);
         }
         let (effects, plan) = (self.effects, &self.plan);
-        let used =
-            |view: &ViewId, point| passes_of_view(effects, plan, *view, point).next().is_some();
-        (self.views).retain(|view, _| used(view, FramePoint::MainPass));
-        (self.fogs).retain(|view, _| used(view, FramePoint::PostProcess));
+        (self.views).retain(|view, _| has_passes(effects, plan, *view, FramePoint::MainPass));
+        (self.fogs).retain(|view, _| has_passes(effects, plan, *view, FramePoint::PostProcess));
         let before = self.reflections.take();
         let counted = before.as_ref().map(Reflections::counters);
         match Reflections::begin(before, lights, plan, &mut self.map_changes, device) {

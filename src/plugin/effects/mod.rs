@@ -1,4 +1,4 @@
-//! The effects, one file each.
+//! The effects, one file or folder each.
 //!
 //! A file holds everything about its effect: the part of the
 //! [`FrameState`](crate::plan::FrameState) that it reads, when it

@@ -71,7 +71,7 @@ impl Record {
 }
 
 /// Returns the passes of a view that are recorded at a point of the frame, in order.
-pub(crate) fn passes_of_view<'a>(
+fn passes_of_view<'a>(
     effects: &'static [Effect],
     plan: &'a Plan,
     view: ViewId,
@@ -80,6 +80,16 @@ pub(crate) fn passes_of_view<'a>(
     let recorded = |pass| Some((pass, &kind_of(effects, pass)?.record.how));
     let passes = plan.of_view(view).filter_map(recorded);
     passes.filter(move |(_, how)| how.point() == point)
+}
+
+/// Returns `true` if passes of a view are recorded at a point of the frame.
+pub(crate) fn has_passes(
+    effects: &'static [Effect],
+    plan: &Plan,
+    view: ViewId,
+    point: FramePoint,
+) -> bool {
+    passes_of_view(effects, plan, view, point).next().is_some()
 }
 
 /// Transform from a view to clip space, with the jitter of its depth.
