@@ -40,7 +40,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let harness = HeadlessDevice::new()?;
     println!("{}\n", harness.adapter);
     println!(
-        "| scene | points | bytes of values | of all on the device | functions looked at | that count | bytes read a place, vector | scalar | µs a place, vector | scalar |\n|---|---|---|---|---|---|---|---|---|---|"
+        "| scene | points | bytes of values | of all on the device | functions visited | functions with weight | bytes read per lookup, vector | scalar | µs per lookup, vector | scalar |\n\
+         |---|---|---|---|---|---|---|---|---|---|"
     );
     let mut errors = String::new();
     let mut solves = String::new();

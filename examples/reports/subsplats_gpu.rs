@@ -1,5 +1,5 @@
 //! Times of multiresolution splatting and of every pixel on the device at 1920 × 1080, for the
-//! views of docs/reports/SUBSPLATS.md. Then [N09] Fig. 14: virtual point lights at several
+//! views of docs/reports/subsplats.md. Then [N09] Fig. 14: virtual point lights at several
 //! resolutions. Prints tables with the name of the adapter.
 //!
 //! ```text

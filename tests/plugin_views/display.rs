@@ -59,7 +59,7 @@ fn subsplats_match_per_pixel_display() {
     let (by, full, share) = both(&mut app, eye, &image);
     assert_alike("subsplats", &full, &by);
     println!("{:.1} % of the pixels", 100.0 * share);
-    // Few pixels, so that edges weigh much: docs/reports/SUBSPLATS.md has a full screen's.
+    // Few pixels, so that edges weigh much: docs/reports/subsplats.md has a full screen's.
     assert!(share < 0.35, "{share}");
     // Other tests, [N09]'s own, and coarser ones.
     let settings = SubsplatSettings::default();

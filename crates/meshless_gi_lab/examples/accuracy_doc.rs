@@ -1,4 +1,4 @@
-//! Writes docs/reports/ACCURACY.md and its charts: a report on each of several levels, and what
+//! Writes docs/reports/accuracy.md and its charts: a report on each of several levels, and what
 //! holds on all of them.
 //!
 //! ```text
@@ -91,7 +91,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         });
     }
     write_file(
-        &folder.join("ACCURACY.md"),
+        &folder.join("accuracy.md"),
         document(&parts, &command).as_bytes(),
     )?;
     Ok(())

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: leaks draft|medium|high".into()),
     };
     println!(
-        "| wall | light behind it | rule | walls | leak ratio | NRMSE lit | NRMSE dark | not covered | rays beside the gather | seconds | bytes |"
+        "| wall | light behind it | method | clip planes | leak ratio | NRMSE lit | NRMSE dark | not covered | rays except the gather | seconds | bytes |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     let scenes = [
@@ -72,9 +72,10 @@ fn row(
         _ => format!("{:.1} %", 100.0 * v),
     };
     println!(
-        "| {} | {} | {rule:?} | {} | {:.1e} | {} | {} | {} | {rays} ({:+.0} %) | {seconds:.1} ({:+.0} %) | {bytes} ({:+.1} %) |",
+        "| {} | {} | `{}` | {} | {:.1e} | {} | {} | {} | {rays} ({:+.0} %) | {seconds:.1} ({:+.0} %) | {bytes} ({:+.1} %) |",
         scene.name,
         per_cent(leak.dim),
+        rule.name().to_lowercase(),
         if walls { "on" } else { "off" },
         leak.ratio,
         per_cent(leak.lit.nrmse),

@@ -1,5 +1,5 @@
 //! Cases in which light transport is known to fail: what is done about each, and that it holds.
-//! `docs/reports/HARD_CASES.md` lists them with what was measured.
+//! `docs/reports/robustness.md` lists them with what was measured.
 
 #[path = "hard_cases/closed_rooms.rs"]
 mod closed_rooms;

@@ -1,7 +1,7 @@
 //! Light that comes through walls: none into a sealed room, and beside an open door no more error
 //! behind a thin wall than before it. The same is measured for functions that do not stop at walls,
 //! as [L08]'s do not, and must fail there. `examples/leaks.rs` prints the table
-//! (docs/reports/LEAKS.md).
+//! (docs/reports/leaks.md).
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
 

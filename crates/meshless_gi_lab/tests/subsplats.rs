@@ -1,7 +1,7 @@
 //! Subsplats on the CPU (\[N09\]): what they show beside full resolution, what they cost, where
 //! they refine, and that light neither crosses edges nor pops. Bounds are measured, with room; at
 //! these small sizes edges take a larger share of the pixels than at those of a screen
-//! (docs/reports/SUBSPLATS.md).
+//! (docs/reports/subsplats.md).
 
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 

@@ -44,7 +44,7 @@ fn check(rows: &[ComparisonRow]) -> Result<(), String> {
     is(ours.sphere.rmse < 0.7 * single.sphere.rmse, "vectors help")?;
     is(ours.disk.rmse < single.disk.rmse, "less blur")?;
     is(single.disk.rmse < 0.06, "Lehtinen's level on the disk")?;
-    // What vectors cost: see docs/reports/V11.md.
+    // What vectors cost: see docs/reports/v11.md.
     is(
         (-0.07..-0.01).contains(&ours.sphere.bias),
         "bias of vectors",

@@ -1,6 +1,6 @@
 //! Cost of the passes of thirteen scenes, from one light at rest to all effects at once, in the
 //! running plugin without a window. Prints the stages of a frame with their dispatches, pipelines,
-//! buffers, bytes and milliseconds, or writes them to FOLDER/EFFECTS.md.
+//! buffers, bytes and milliseconds, or writes them to FOLDER/effects.md.
 //!
 //! ```text
 //! cargo run --example pass_costs -- [-o FOLDER]
@@ -43,7 +43,7 @@ fn main() -> ExitCode {
         Ok(text) => match folder {
             None => print!("{text}"),
             Some(folder) => {
-                let path = folder.join("EFFECTS.md");
+                let path = folder.join("effects.md");
                 if let Err(why) = std::fs::write(&path, text) {
                     eprintln!("{}: {why}", path.display());
                     return ExitCode::from(3);
@@ -106,12 +106,17 @@ fn table() -> Result<String, String> {
         }
     }
     Ok(format!(
-        "# What scenes call for\n\n\
+        "# Passes and cost by scene\n\n\
          Made by `cargo run --example pass_costs -- -o docs/reports`. Do not edit.\n\n\
-         Thirteen scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite and fog), what there is on the device, and milliseconds of that \
-         device's own clock: what all cameras share, what the deferred camera's display takes, and what light in fog takes in the camera that drew it last, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
-         buffer; where all is gray, `apply` runs in one channel; `cargo test --test plugin effects` holds every scene to that.\n\n\
-         | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms | fog, ms |\n|---|---|---|---|---|---|---|---|\n{rows}",
+         Thirteen scenes in the Cornell box at preset `Draft`, {} × {} pixels per camera, on {device}.\n\n\
+         - Stages: dispatches in one frame (draws for composite and fog).\n\
+         - Pipelines, buffers, MB: resources on the device.\n\
+         - Times: medians of {FRAMES} frames by timestamp queries, for the passes that all cameras share, the display of the deferred camera, and light in fog of the camera that was drawn last.\n\n\
+         A stage that a scene does not need has no dispatch, no pipeline and no buffer. In gray scenes `apply` runs in one channel.\n\
+         `cargo test --test plugin effects` checks this for every scene.\n\n\
+         | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms | fog, ms |\n\
+         |---|---|---|---|---|---|---|---|\n\
+         {rows}",
         SIZE.x, SIZE.y
     ))
 }

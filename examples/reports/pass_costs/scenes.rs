@@ -59,7 +59,7 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "the same, in a bake that could do more",
+        name: "the same, in a bake with more features",
         light: Some(false),
         rich: true,
         runs: &[FrameStage::PROBE, FrameStage::SPLAT, FrameStage::COMPOSITE],
@@ -146,7 +146,7 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "the same through a forward camera",
+        name: "the same with a forward camera",
         light: Some(true),
         ball: true,
         rich: true,
@@ -180,7 +180,7 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "a light at rest, a screen that comes and goes",
+        name: "a light at rest, a screen that opens and closes",
         light: Some(false),
         screen: true,
         runs: &[

@@ -103,7 +103,7 @@ impl PcaRecipe {
 pub struct FmmRecipe {
     /// Order of the expansions, 0 to 16. Default 2. GPU kernels support up to 6. Areas, visibility
     /// and sampling cause larger errors than the terms beyond order 2
-    /// (docs/reports/FMM_RULE.md).
+    /// (docs/reports/fmm.md).
     pub order: u32,
     /// Largest number of points of an octree leaf, 1 to 4096. Default 24.
     #[serde(alias = "leaf")]

@@ -149,16 +149,20 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     let whole = exponent(&of(fitted, Size::whole));
     writeln!(
         w,
-        "# Light between points: the fast multipole method, measured\n\n\
+        "# Fast multipole method\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example fmm -- -o docs/reports` on {} threads. Do not edit.\n\n\
-         The method is [G08]'s (`crates/meshless_gi/src/transport/fmm/`), in double precision, with results in single precision; what is compared here is one implementation with itself and with the sum over all pairs.\n\
-         What a bake by rule `fmm` makes of it, beside links, and which to use when: [FMM_RULE.md](FMM_RULE.md). On a device: [MEASUREMENTS.md](MEASUREMENTS.md#fast-multipole-method-on-a-device).\n\n\
+         The method of [G08] (`crates/meshless_gi/src/transport/fmm/`) computes in double precision and returns single precision.\n\
+         The first part compares it with itself and with the sum over all pairs, the second part compares bakes by the method `fmm` with bakes by links.\n\
+         The kernels on a device: [measurements.md](measurements.md#fast-multipole-method-on-a-device).\n\n\
          ## Error by order\n\n\
-         The Cornell box and a ball, turned so that nothing lies along an axis: {POINTS} points of uneven radiosity, everything sees everything that it faces. NRMSE of the irradiance at\n\
-         {RECEIVERS} of them, against the sum over all pairs with [G08] Eq. (4) as it stands. No slack: pairs that look away from each other are left out exactly.\n\
-         Nodes meet where their radii are at most {} of their distance, so that theory promises a factor of {} an order for the worst pair. Beside it the median error of [G08] Eq. (5)\n\
-         alone at r_y / r_x = 0.4. The paper stops after \"two terms\"; taken as n ≤ 1 or as n ≤ 2 they stand in the table.\n\n\
-         | order | NRMSE | one pass, s | Eq. (5) up to n |\n|---|---|---|---|",
+         Scene: the Cornell box and a ball, rotated against the axes, {POINTS} points of varying radiosity, no visibility.\n\
+         Error: NRMSE of the irradiance at {RECEIVERS} points against the sum over all pairs with [G08] Eq. (4).\n\
+         The slack is 0, so pairs that face away from each other are excluded exactly.\n\
+         Nodes interact if their radii are at most {} of their distance. The theoretical factor per order is {} for the worst pair.\n\
+         The last column is the median error of the series [G08] Eq. (5) alone at r_y / r_x = 0.4.\n\
+         [G08] uses \"two terms\". Both readings, n ≤ 1 and n ≤ 2, are in the table.\n\n\
+         | order | NRMSE | one pass, s | Eq. (5) up to n |\n\
+         |---|---|---|---|",
         rayon::current_num_threads(),
         FmmSettings::default().separation,
         FmmSettings::default().separation,
@@ -173,9 +177,11 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     writeln!(w, "\n![Error by order](fmm/order.svg)\n\n## Time\n")?;
     writeln!(
         w,
-        "Order {}, {} points a leaf at most, one bounce, red, green and blue together. The sum over all pairs is timed at {RECEIVERS} receivers at most and scaled. Errors are at the same receivers, with sources\n\
-         near by as disks in both. Of {ROUNDS} rounds over all numbers the fastest counts, part by part.\n\n\
-         | points | nodes | pairs of points in the near list | tree, s | lists, s | up, s | down, s | all pairs, s | NRMSE |\n|---|---|---|---|---|---|---|---|---|",
+        "Order {}, at most {} points per leaf, one bounce, three color channels.\n\
+         The sum over all pairs is timed for at most {RECEIVERS} receivers and scaled. The error is that of these receivers.\n\
+         Sources in the near list are disks in both. Each time is the minimum of {ROUNDS} rounds over all sizes.\n\n\
+         | points | nodes | pairs of points in the near list | tree, s | lists, s | up, s | down, s | all pairs, s | NRMSE |\n\
+         |---|---|---|---|---|---|---|---|---|",
         FmmSettings::default().order,
         FmmSettings::default().leaf,
     )?;
@@ -201,11 +207,15 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     let (lower, upper) = fitted.split_at(fitted.len() / 2);
     writeln!(
         w,
-        "\nFitted from {} to {} points: **time of a pass ~ N^{pass:.2}**, with tree and lists N^{whole:.2}; all pairs N^{:.2}. The lower half of these sizes alone grows as N^{:.2}, the upper half, in\n\
-         which leaves of the ball become flat enough for the slack, as N^{:.2}; without the last two octaves a pass grows as N^{:.2}. A pass takes less than the sum over all pairs from {} on, with tree and lists from {}.\n\n\
+        "\nFitted from {} to {} points: **time of a pass ~ N^{pass:.2}**, with tree and lists N^{whole:.2}, all pairs N^{:.2}.\n\
+         The lower half of these sizes alone grows as N^{:.2}.\n\
+         The upper half grows as N^{:.2}: leaves of the ball are flat enough for the slack.\n\
+         Without the last two octaves a pass grows as N^{:.2}.\n\
+         A pass is faster than the sum over all pairs from {} on, with tree and lists from {}.\n\n\
          ![Time by number of points](fmm/time.svg)\n\n\
-         At the largest size the upward pass takes {} of both ([G08] §3.1.6: less than 1 % beside its downward pass).\n\n\
-         ![Upward and downward pass](fmm/passes.svg)\n\n## Points that look away from each other\n",
+         At the largest size the upward pass takes {} of both ([G08] §3.1.6: less than 1 %).\n\n\
+         ![Upward and downward pass](fmm/passes.svg)\n\n\
+         ## Points that face away from each other\n",
         from.map_or(0, |s| s.points),
         to.map_or(0, |s| s.points),
         exponent(&of(fitted, |s| s.direct)),
@@ -218,9 +228,12 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     )?;
     writeln!(
         w,
-        "The kernel's max(0, ·) has no expansion. Nodes meet by expansions where all their points face each other, are dropped where none do, and are divided else. A slack lets\n\
-         nodes meet whose points look away by a small cosine. 1 means no care at all, as in [G08], but for what the lists drop. The room of the errors by order, order 6.\n\n\
-         | slack | NRMSE | pairs of points in the near list | mixed pairs of nodes | down, s |\n|---|---|---|---|---|"
+        "The clamped cosine max(0, ·) of the kernel has no expansion.\n\
+         Nodes interact by expansions if all their points face each other, are excluded if none do, and are divided otherwise.\n\
+         A slack is the cosine by which points of interacting nodes may face away from each other. Slack 1 is the method of [G08].\n\
+         The scene is that of the errors by order, the order is 6.\n\n\
+         | slack | NRMSE | pairs of points in the near list | mixed pairs of nodes | down, s |\n\
+         |---|---|---|---|---|"
     )?;
     for s in &found.slacks {
         writeln!(
@@ -232,9 +245,11 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     writeln!(
         w,
         "\n## Visibility\n\n\
-         The Cornell box as points, a light below its ceiling, all bounces; rays between nodes decide at the bake what they see of each other. Against the reference integrator at some 400 places, reflected light alone. Its rays, and those between nodes, meet the box's walls;\n\
-         docs/reports/FMM_RULE.md has the room whose geometry is the points' own cells.\n\n\
-         | points | what | NRMSE | bias | bounces | lists and rays, s | all bounces, s | rays | parts |\n|---|---|---|---|---|---|---|---|---|"
+         Scene: the Cornell box as points, a light below its ceiling, all bounces. Rays between nodes determine the visibility in the bake and meet the triangles of the box.\n\
+         Error: NRMSE of reflected light at about 400 points against the reference integrator.\n\
+         The last two scenes of this report have geometry made of the cells of their points.\n\n\
+         | points | settings | NRMSE | bias | bounces | lists and rays, s | all bounces, s | rays | partial pairs |\n\
+         |---|---|---|---|---|---|---|---|---|"
     )?;
     for s in &found.seen {
         // A kernel without bound: more light comes back than went out.
@@ -244,7 +259,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
         };
         writeln!(
             w,
-            "| {} | {}, {} a leaf | {nrmse} | {bias} | {} | {:.2} | {:.2} | {} | {} |",
+            "| {} | {}, {} per leaf | {nrmse} | {bias} | {} | {:.2} | {:.2} | {} | {} |",
             s.points,
             s.name,
             s.leaf,
@@ -257,8 +272,9 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     }
     writeln!(
         w,
-        "\nParts: pairs of nodes in the lists that see each other in part. PoissonSamples in place of points keep pairs that nearly touch from outshining everything: with [G08] Eq. (4) as it stands two points of neighboring walls may\n\
-         send each other more light than they have, and bounces grow without end. PoissonSamples lose some light along edges instead: the bias, which falls as points are denser."
+        "\nPartial pairs are pairs of nodes in the lists with partial visibility.\n\
+         With [G08] Eq. (4) two points of neighboring walls can send each other more light than they have, and the bounces diverge.\n\
+         Disks in place of points avoid this. They lose some light along edges, which is the bias. It decreases with the distance of the points.\n"
     )?;
     Ok(out)
 }

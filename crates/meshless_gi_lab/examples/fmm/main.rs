@@ -1,6 +1,6 @@
 //! Error and time of the fast multipole method ([G08]): by order, by the number of
-//! points, by the care for points that look away from each other, and with visibility against the
-//! reference integrator. Writes `FMM.md` and its charts.
+//! points, by the tolerance for points that face away from each other, with visibility against the
+//! reference integrator, and in bakes. Writes `fmm.md` and its charts.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example fmm -- -o docs/reports [--most POINTS]
@@ -8,6 +8,7 @@
 //!
 //! `--most` leaves larger scenes out (1,024,000 points by default).
 
+mod bakes;
 mod document;
 use meshless_gi_lab::fixtures::fmm as room;
 
@@ -121,11 +122,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         seen: seen()?,
         sizes: sizes(most)?,
     };
-    std::fs::create_dir_all(folder.join("fmm"))?;
+    let charts = folder.join("fmm");
+    std::fs::create_dir_all(&charts)?;
     for (file, chart) in document::charts(&found) {
-        std::fs::write(folder.join("fmm").join(file), chart.svg())?;
+        std::fs::write(charts.join(file), chart.svg())?;
     }
-    std::fs::write(folder.join("FMM.md"), document::text(&found)?)?;
+    let text = document::text(&found)? + &bakes::measure(&charts)?;
+    std::fs::write(folder.join("fmm.md"), text)?;
     Ok(())
 }
 
@@ -311,7 +314,7 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
             right.iter().map(|r| (r.indirect, r.indirect_error)).unzip();
         let leaves = |leaf| FmmSettings { leaf, ..default };
         let variants = [
-            ("as it comes", default, true),
+            ("default settings", default, true),
             ("small leaves", leaves(8), true),
             (
                 "64 rays",
@@ -322,7 +325,7 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
                 true,
             ),
             (
-                "points, not disks",
+                "points instead of disks",
                 FmmSettings {
                     disks: false,
                     ..default

@@ -1,7 +1,7 @@
 //! Comparison of both kinds of operator on one scene: links to senders and bases of direct light.
 //! The axes are error, frame time, bytes and bake time.
 
-use super::document::LEVEL;
+use super::document::SCENE;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{Progress, TransportMethod, TriangleMesh};
 use meshless_gi_lab::report::{
@@ -65,10 +65,11 @@ pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
 /// Returns a section of the document.
 pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!(
-        "{LEVEL}{name}\n\n\
-        {} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lights, against the reference integrator; frame is the CPU's, \
-        one light moved, all reflections, on {} threads.\n\n\
-        | rule | recipe | error, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|\n",
+        "{SCENE}{name}\n\n\
+         {} triangles. Error: NRMSE of indirect irradiance after {} bounces at {} points under {} lights, against the reference integrator.\n\
+         Frame: time on the CPU for one light that has moved, all bounces, on {} threads.\n\n\
+         | method | recipe | error, % | links | file, MB | bake, s | frame, ms |\n\
+         |---|---|---|---|---|---|---|\n",
         report.triangles, report.bounces, report.places, report.light_sources, report.threads
     );
     for rule in [TransportMethod::Bounded, TransportMethod::pca()] {
@@ -80,7 +81,7 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
             let _ = writeln!(
                 out,
                 "| `{}` | `{}` | {:.1} ± {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",
-                format!("{rule:?}").to_lowercase(),
+                rule.name().to_lowercase(),
                 r.settings.recipe,
                 100.0 * r.nrmse,
                 100.0 * r.nrmse_interval,
@@ -94,7 +95,7 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
     if !report.left_out.is_empty() {
         let _ = writeln!(
             out,
-            "\nLeft out for lack of time: {}.",
+            "\nSkipped because of the time limit: {}.",
             report.left_out.join("; ")
         );
     }

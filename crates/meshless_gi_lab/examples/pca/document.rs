@@ -21,7 +21,7 @@ pub fn chart(found: &[Found]) -> String {
         title: "Soft shadow of a panel: error by the number of coefficients".into(),
         caption: "NRMSE of direct irradiance in the penumbra, beside the reference integrator"
             .into(),
-        x: Axis::log("coefficients a point", Format::Number),
+        x: Axis::log("coefficients per point", Format::Number),
         y: Axis::log("NRMSE in the penumbra, %", Format::Number),
         series: (found.iter().flat_map(|f| [0, 1, 2].map(|k| series(f, k)))).collect(),
         guides: vec![(10.0, "10 %".into())],
@@ -29,39 +29,31 @@ pub fn chart(found: &[Found]) -> String {
     .svg()
 }
 
-/// A document's three parts: visibility with the title, transfer, and the level.
-pub fn parts(document: &str) -> [String; 3] {
-    let begins = |of: &str| document.find(of).unwrap_or(document.len());
-    let second = begins(TRANSFER);
-    let third = begins(LEVEL).max(second);
-    let part = |from: usize, to: usize| format!("{}\n", document[from..to].trim_end());
-    [
-        part(0, second),
-        part(second, third),
-        part(third, document.len()),
-    ]
+/// Parts of the document on transfer: the published scenes with the title, and one scene.
+pub fn parts(document: &str) -> [String; 2] {
+    let second = document.find(SCENE).unwrap_or(document.len());
+    let (first, second) = document.split_at(second);
+    [first, second].map(|part| format!("{}\n", part.trim_end()))
 }
 
-/// Heading of the second part.
-const TRANSFER: &str = "## Transfer\n";
-/// Heading of the third part.
-pub const LEVEL: &str = "## Links to senders and bases of light on the same axes: ";
+/// Heading of the part on one scene.
+pub const SCENE: &str = "## Links to senders and bases of light: ";
 
-/// The part on visibility, with the document's title.
+/// The document on visibility.
 pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> String {
     let mut out = format!(
-        "# Principal components\n\n\
-        Visibility after [P14] §4.2 and transfer after its §4.3, measured. Printed by\n\n\
-        ```text\ncargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/level\n```\n\nor with `--part` one of its three parts: `visibility`, `transfer`, `level`.\n\n\
-        Soft shadows of one panel below the ceiling, {SAMPLES} samples, medium preset. The senders and the points of one level behind them remember what they see; all others take the mean of their\n\
-        parents. The penumbra is where the reference integrator (256 stratified rays a place) says that between {} % and {} % of the panel's light arrive.\n\n",
+        "# Visibility in principal components\n\n\
+         Made by `cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/scene`, or with `--part visibility`. Do not edit.\n\n\
+         Visibility after [P14] §4.2: soft shadows of one panel below the ceiling, {SAMPLES} samples, preset `Medium`.\n\
+         The points of the last sender level and of the level behind it store visibility. All other points take the mean of their parents.\n\
+         The penumbra contains the points that receive between {} % and {} % of the panel's light, by the reference integrator with 256 stratified rays per point.\n\n",
         100.0 * PENUMBRA[0],
         100.0 * PENUMBRA[1]
     );
     out += "![Error by the number of coefficients](pca/coefficients.svg)\n\n## By the number of coefficients\n\nNRMSE of direct irradiance in the penumbra, %.\n\n";
     let _ = writeln!(
         out,
-        "| scene | bake |{} rays instead |",
+        "| scene | bake |{} rays |",
         COUNTS.map(|count| format!(" {count} |")).concat()
     );
     let _ = writeln!(out, "|---|---|{}---|", "---|".repeat(COUNTS.len()));
@@ -80,10 +72,11 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
             );
         }
     }
-    out += "\nThese are the first so many of one bake's. \"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
-        ## Other panels\n\n\
-        The constants of `soft_shadow` were chosen with the panel above. Panels of other places and sizes, %:\n\n\
-        | scene | panel | places in the penumbra | the defaults | 8064 directions, 150 points a cluster | by rays |\n|---|---|---|---|---|---|\n";
+    out += "\nThe coefficients are the first ones of one bake. \"Rays\" is the error of points and display alone: the same samples, each with a shadow ray at the points.\n\n\
+     ## Other panels\n\n\
+     The constants of `soft_shadow` were chosen with the panel above. Other panels, NRMSE in the penumbra, %:\n\n\
+     | scene | panel | points in the penumbra | defaults | 8064 directions, 150 points per cluster | rays |\n\
+     |---|---|---|---|---|---|\n";
     for f in found {
         for o in &f.others {
             let _ = writeln!(
@@ -98,11 +91,13 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
             );
         }
     }
-    out += "\n## Three ways to the screen\n\n\
-        With 50 coefficients, over the penumbra / over all places that the panel would light, %: (i) the irradiance that arrives is splatted; (ii) what is missing is \
-        splatted and taken from the unshadowed light of each place; (iii) what is missing and what would be there without shadows are splatted, and their quotient is the missing share, as the kernel \
-        `subtract_shadow` has it. All other figures here are of (iii).\n\n\
-        | scene | places, penumbra | (i) | (ii) | (iii) | (iii) by rays |\n|---|---|---|---|---|---|\n";
+    out += "\n## Three ways to display shadows\n\n\
+     With 50 coefficients. Each cell: NRMSE in the penumbra / over all points that the panel would light without shadows, %.\n\n\
+     - (i) splats the received irradiance.\n\
+     - (ii) splats the missing irradiance and subtracts it from the unshadowed light of each point.\n\
+     - (iii) splats the missing and the unshadowed irradiance and uses their quotient as the missing fraction, like the kernel `subtract_shadow`. All other figures of this report use (iii).\n\n\
+     | scene | all points, penumbra | (i) | (ii) | (iii) | (iii) with rays |\n\
+     |---|---|---|---|---|---|\n";
     for f in found {
         let pair = |k: usize| {
             format!(
@@ -123,12 +118,12 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
             100.0 * f.rays
         );
     }
-    out += "\nIn penumbrae all three are alike. Where all is hidden only (iii) leaves nothing: (ii) takes what the points say from what the place has, and speckles.\n\n\
-        ## Size and time\n\n\
-        [P14]: 45K points, 48 clusters, 50 of 2016 coefficients, 4.47 MB; 4 hours for visibility and transfer together. \
-        Ours are more points, for edges of shadows are finer than what senders are spread for, and smaller clusters; components take the room.\n\n\
-        | scene | settings | points | clusters | components, MB | coefficients, MB (kept) | all, MB | LZ4, MB | bake, s | penumbra, % | fully lit and umbra too, % |\n\
-        |---|---|---|---|---|---|---|---|---|---|---|\n";
+    out += "\nIn penumbrae the three are equal. In full shadow only (iii) leaves no light: (ii) subtracts an interpolated value from a local one and leaves speckles.\n\n\
+     ## Size and time\n\n\
+     [P14] has 45K points, 48 clusters, 50 of 2016 coefficients and 4.47 MB. Visibility and transfer together take 4 hours.\n\
+     This implementation has more points, because edges of shadows are finer than the spacing of senders, and smaller clusters. Most of the size is components.\n\n\
+     | scene | settings | points | clusters | components, MB | coefficients, MB (kept) | all, MB | LZ4, MB | bake, s | penumbra, % | all points, % |\n\
+     |---|---|---|---|---|---|---|---|---|---|---|\n";
     for f in found {
         for v in &f.variants {
             let mb = |b: usize| b as f64 / 1e6;
@@ -150,12 +145,14 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
             );
         }
     }
-    out += "\nSeconds are those of the machine that printed this, on all its processors.\n";
+    out += "\nSeconds are those of one machine, on all its cores.\n";
     out += &cut(level, cuts);
-    out += "\n## In place of rays\n\n\
-        `project` asks whether a light reaches a place by a ray. It could ask the memory. The visible fraction of a panel at the points that remember and that it would light, the same samples, on one thread of \
-        the CPU; one sample is what `project` asks of a point light; \"apart\" is the root mean square of the difference of the two fractions:\n\n\
-        | level | triangles | points | samples | by rays, µs a point | from memory, µs a point | apart |\n|---|---|---|---|---|---|---|\n";
+    out += "\n## Comparison with rays\n\n\
+     The kernel `project` traces shadow rays. It could use the stored visibility.\n\
+     The table compares the visible fraction of a panel at the points with stored visibility, with the same samples, on one CPU thread.\n\
+     One sample is the case of a point light. The difference is the root mean square over points.\n\n\
+     | scene | triangles | points | samples | rays, µs per point | stored, µs per point | difference |\n\
+     |---|---|---|---|---|---|---|\n";
     for r in races {
         let _ = writeln!(
             out,
@@ -166,7 +163,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
     for r in races.iter().filter(|r| r.apart > 0.3) {
         let _ = write!(
             out,
-            "\nOn {} with {} samples memory and rays tell different things ({:.2} apart): what is remembered there at `Draft` is of no use yet.\n",
+            "\nIn {} with {} samples the difference is {:.2}: the visibility stored at `Draft` is not usable there.\n",
             r.name, r.samples, r.apart
         );
     }
@@ -175,13 +172,15 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
         .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
     let _ = writeln!(
         out,
-        "\nMemory is the faster one in {wins} of {} rows, and takes {least:.1} to {most:.1} times as long as rays: it multiplies fifty coefficients for each of four directions a sample, where a ray \
-        visits some dozens of boxes. {}\n\n## Pictures\n\nThe panel's light \
-        on white surfaces: from memory, by the reference integrator, and the difference, five times as bright around gray.\n",
+        "\nStored visibility is faster in {wins} of {} rows, and takes {least:.1} to {most:.1} times as long as rays.\n\
+         It multiplies fifty coefficients for each of four directions per sample. A ray visits some dozens of boxes.\n\
+         {}\n\n\
+         ## Pictures\n\n\
+         The panel's light on white surfaces: stored visibility, reference integrator, and five times their difference around gray.\n",
         races.len(),
         match wins {
-            0 => "It wins nowhere here, and rays are exact: `project` keeps its rays.",
-            _ => "Rays are exact, and need nothing baked: `project` keeps its rays.",
+            0 => "Rays are exact and faster here, so `project` uses rays.",
+            _ => "Rays are exact and need no bake, so `project` uses rays.",
         }
     );
     for f in found {
@@ -196,10 +195,12 @@ fn cut(level: &str, cuts: &[Cut]) -> String {
         return String::new();
     };
     let mut out = format!(
-        "\n## Clusters that are cut: {level}\n\n\
-        Points on two sides of a pillar see different things. A cluster whose error is larger than `error` is cut in two, and its halves again. At `Draft`, a panel at the first place that light can be \
-        seen from; \"apart\" is the root mean square of the difference of the visible fractions from memory and by rays at the points, the penumbra has {} places:\n\n\
-        | `error` | clusters | all, MB | bake, s | apart | penumbra, % | penumbra by rays, % |\n|---|---|---|---|---|---|---|\n",
+        "\n## Split clusters: {level}\n\n\
+         Points on two sides of a pillar have different visibility. A cluster whose error exceeds `error` is split, and its halves again.\n\
+         Preset `Draft`, a panel at the first viewpoint. The difference is that of the visible fractions by stored visibility and by rays at the points, root mean square.\n\
+         The penumbra has {} points.\n\n\
+         | `error` | clusters | all, MB | bake, s | difference | penumbra, % | penumbra with rays, % |\n\
+         |---|---|---|---|---|---|---|\n",
         first.places
     );
     for c in cuts {
@@ -216,24 +217,27 @@ fn cut(level: &str, cuts: &[Cut]) -> String {
         );
     }
     if first.rays > 0.1 {
-        out += "\nRays at the points are over ten per cent here by themselves: penumbrae are narrower than these points are apart, and no memory of theirs can mend that.\n";
+        out += "\nThe error with rays is above 10 % too: penumbrae are narrower than the spacing of the points. Better stored visibility cannot correct that.\n";
     }
     out
 }
 
-/// The part on transfer.
+/// The part on transfer, with the document's title.
 pub fn transfer(all: &[Transfer]) -> String {
-    let mut out = format!(
-        "{TRANSFER}\n\
-        TransportMethod `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lights that no bake has seen, with the \
-        half width of its 95 % interval for other places. The share missed is the root mean square of the example lights' direct light that the bases cannot write down. The operator is links \
-        of eight bytes, rows, and columns of sixteen bits a value.\n"
-    );
+    let mut out = "# Transfer in principal components\n\n\
+         Made by `cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/scene`, or with `--part transfer` and `--part scene`. Do not edit.\n\n\
+         Transfer after [P14] §4.3: the method `pca` compared with `bounded`.\n\n\
+         - Error: NRMSE of indirect irradiance after four bounces against the reference integrator, under lights that no bake has seen. ± is the half width of the 95 % confidence interval over points.\n\
+         - Direct light missed: root mean square of the part of the training lights' direct light that the bases cannot represent.\n\
+         - Operator: links of eight bytes, rows, and columns of sixteen bits per value.\n"
+        .to_string();
     for t in all {
         let _ = write!(
             out,
-            "\n![{0}: error by the number of coefficients](pca/transfer_error_{0}.svg)\n\n![{0}: operator by the number of coefficients](pca/transfer_size_{0}.svg)\n\n\
-            {0}:\n\n{1}{2}",
+            "\n## {0}\n\n\
+             ![{0}: error by the number of coefficients](pca/transfer_error_{0}.svg)\n\n\
+             ![{0}: operator by the number of coefficients](pca/transfer_size_{0}.svg)\n\n\
+             {1}{2}",
             t.name,
             head(&[]),
             row(&t.senders)
@@ -244,17 +248,19 @@ pub fn transfer(all: &[Transfer]) -> String {
     }
     let _ = write!(
         out,
-        "\n### Size and time beside the paper's\n\n\
-        [P14] §6: 45K points, 48 clusters, ten coefficients, 21 MB for transfer, less than a fifth of all entries; 4 hours for visibility and transfer together. It stores three scalars, one for \
-        each color, with reflectance inside; a link here is a vector without color, so that materials may change and normals may be bent. Ours at medium:\n\n{}",
-        head(&["level"])
+        "\n## Comparison with [P14]\n\n\
+         [P14] §6 has 45K points, 48 clusters, ten coefficients, 21 MB for transfer, less than a fifth of all entries. Visibility and transfer together take 4 hours.\n\
+         It stores three scalars per entry, one per color, with the reflectance included.\n\
+         A link here is a vector without color, so that materials can change and normals can be bent. Preset `Medium`:\n\n\
+         {}",
+        head(&["scene"])
     );
     for t in all {
         for m in &t.medium {
             let _ = write!(out, "| {} {}", t.name, row(m));
         }
     }
-    out += "\nSeconds are those of the machine that printed this, on all its processors.\n";
+    out += "\nSeconds are those of one machine, on all its cores.\n";
     out
 }
 
@@ -292,7 +298,7 @@ fn row(m: &Made) -> String {
         "| `{:?}` | {} | {} | {} | {} | {} | {:.1} ± {:.1} % | {:.2} M | {:.2} | {} |\n",
         m.preset,
         m.coefficients
-            .map_or("rule `bounded`".into(), |k| k.to_string()),
+            .map_or("method `bounded`".into(), |k| k.to_string()),
         m.senders,
         share(m.clusters.to_string()),
         share(m.columns.to_string()),

@@ -3,14 +3,14 @@
 //! integrator. Writes the document, its charts and pictures:
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports [--part
-//! visibility|transfer|level] [--bakes FOLDER] [path/to/level]
+//! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports
+//! [--part visibility|transfer|scene] [--bakes FOLDER] [path/to/scene]
 //! ```
 //!
-//! makes `docs/reports/PCA.md` and `docs/reports/pca/`, or one part of three anew and leaves the
-//! others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the
-//! level (a `.glb`, or a folder with `L0.json` that names one) both kinds of operator are compared;
-//! the Cornell box where none is given.
+//! writes `docs/reports/pca_visibility.md`, `docs/reports/pca_transfer.md` and `docs/reports/pca/`,
+//! or one part of three and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is
+//! written there otherwise. On the scene (a `.glb`, or a folder with `L0.json` that names one) both
+//! kinds of operator are compared. The default is the Cornell box.
 
 mod beside;
 mod document;
@@ -29,11 +29,11 @@ use visibility::{Cut, Race};
 
 /// The published scenes.
 const SCENES: [&str; 2] = ["cornell", "rooms_open"];
-/// The document's parts.
-const PARTS: [&str; 3] = ["visibility", "transfer", "level"];
+/// Parts: the document on visibility, and two of the document on transfer.
+const PARTS: [&str; 3] = ["visibility", "transfer", "scene"];
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let usage = "usage: pca -o FOLDER [--part visibility|transfer|level] [--bakes FOLDER] [LEVEL.glb|FOLDER]";
+    let usage = "usage: pca -o FOLDER [--part visibility|transfer|scene] [--bakes FOLDER] [SCENE.glb|FOLDER]";
     let (mut folder, mut bakes, mut level, mut part) = (None, None, None, None);
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
@@ -57,8 +57,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (name, compared) = named(&level.unwrap_or_else(|| file(SCENES[0])))?;
     let pictures = folder.join("pca");
     std::fs::create_dir_all(&pictures)?;
-    let document = folder.join("PCA.md");
-    let mut parts = document::parts(&std::fs::read_to_string(&document).unwrap_or_default());
+    let transfer = folder.join("pca_transfer.md");
+    let mut parts = document::parts(&std::fs::read_to_string(&transfer).unwrap_or_default());
     let (mut found, mut transfers) = (Vec::new(), Vec::new());
     for name in SCENES {
         let mesh = load_gltf(file(name))?.mesh;
@@ -78,13 +78,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (more, cuts) = raced(&name, &compared)?;
         races.extend(more);
         std::fs::write(pictures.join("coefficients.svg"), document::chart(&found))?;
-        parts[0] = document::text(&found, &races, &name, &cuts);
+        let text = document::text(&found, &races, &name, &cuts);
+        std::fs::write(folder.join("pca_visibility.md"), text)?;
     }
     if wanted[1] {
         for (file, chart) in transfers.iter().flat_map(transfer::charts) {
             std::fs::write(pictures.join(file), chart.svg())?;
         }
-        parts[1] = document::transfer(&transfers);
+        parts[0] = document::transfer(&transfers);
     }
     if wanted[2] {
         let report = beside::measure(&name, &compared)?;
@@ -92,9 +93,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         for figure in &figures {
             std::fs::write(pictures.join(&figure.file), figure.chart.svg())?;
         }
-        parts[2] = beside::section(&name, &report, &figures);
+        parts[1] = beside::section(&name, &report, &figures);
     }
-    std::fs::write(document, parts.join("\n"))?;
+    if wanted[1] || wanted[2] {
+        std::fs::write(transfer, parts.join("\n"))?;
+    }
     Ok(())
 }
 

@@ -144,7 +144,9 @@ pub fn measure(
 pub fn charts(t: &Transfer) -> [(String, Chart); 2] {
     let chart = |title: &str, label: &str, format, of: fn(&Made) -> f64| Chart {
         title: format!("{}: {title} by the number of coefficients", t.name),
-        caption: "Preset Draft. Both axes are logarithmic; the line across is rule bounded.".into(),
+        caption:
+            "Preset Draft. Both axes are logarithmic. The horizontal line is the method bounded."
+                .into(),
         x: Axis::log("coefficients of a cluster", Format::Number),
         y: Axis::log(label, format),
         series: (t.by_count.iter())

@@ -123,9 +123,9 @@ fn memory(
 
 /// The bakes of visibility that are measured.
 pub const BAKES: [&str; 3] = [
-    "the defaults",
-    "2016 directions, 1000 points a cluster, 100 coefficients",
-    "8064 directions, 150 points a cluster",
+    "defaults",
+    "2016 directions, 1000 points per cluster, 100 coefficients",
+    "8064 directions, 150 points per cluster",
 ];
 
 /// Numbers of coefficients that are tried.

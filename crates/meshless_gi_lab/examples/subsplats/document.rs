@@ -45,7 +45,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             found.on, SMALL[0], SMALL[1]
         ),
         x: Axis::linear("place along the path", Format::Number),
-        y: Axis::linear("evaluations, share of the pixels", Format::Percent),
+        y: Axis::linear("evaluations, fraction of the pixels", Format::Percent),
         series: found
             .pairs
             .iter()
@@ -64,7 +64,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             found.on, SCREEN[0], SCREEN[1]
         ),
         x: Axis::linear("threshold of the normal's components", Format::Number),
-        y: Axis::linear("evaluations, share of the pixels", Format::Percent),
+        y: Axis::linear("evaluations, fraction of the pixels", Format::Percent),
         series: FINEST
             .iter()
             .map(|&finest| {
@@ -79,12 +79,12 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
     let mut names: Vec<&str> = found.lights.iter().map(|l| l.level.as_str()).collect();
     names.dedup();
     let light = Chart {
-        title: "What the threshold of light buys".into(),
+        title: "Effect of the threshold of light".into(),
         caption: format!(
-            "First view of each level, {} × {} pixels. Labels: the threshold. The line: the bound of the first table.",
+            "First view of each scene, {} × {} pixels. Labels: the threshold. The line: the bound of the first table.",
             SCREEN[0], SCREEN[1]
         ),
-        x: Axis::linear("evaluations, share of the pixels", Format::Percent),
+        x: Axis::linear("evaluations, fraction of the pixels", Format::Percent),
         y: Axis::linear("FLIP against full resolution", Format::Number),
         series: names
             .iter()
@@ -148,18 +148,18 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
     levels.dedup();
     writeln!(
         out,
-        "# Subsplats: light on the screen at a fraction of the pixels\n\n\
-         Made by `cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports LEVEL_FOLDER...` on the CPU's twins of the kernels; the cluttered\n\
-         room is always there, further levels ({}) are folders that the command names. Do not edit.\n\n\
-         **Take the defaults**: coarsest level {}, finest {}, depth {} {}, normals {} {}, light {}, alike {}. Over all {} views here they evaluate at most\n\
-         1/{:.1} of the pixels, with FLIP at most {flip:.4}; {holds} of {} views hold 1/8 of the pixels with FLIP 0.01.\n\n\
-         - For fewer evaluations raise `light`: a table below says what that costs. It is the one setting that matters much.\n\
-         - Leave the test of depth at `Plane`: floors seen at a slant are no edges to it.\n\
-         - Leave `detail` at 0: nodes hold vectors, so that bumps are shaded by themselves, and right.\n",
+        "# Multiresolution splatting\n\n\
+         Made by `cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports SCENE_FOLDER...`, with the CPU twins of the kernels. Do not edit.\n\
+         The cluttered room is built in. Further scenes ({}) are folders that the command names.\n\n\
+         **Recommendation: the defaults**: coarsest level {}, finest {}, depth {} {}, normals {} {}, light {}, minimum similarity {}.\n\
+         Over all {} views they evaluate at most 1/{:.1} of the pixels, with FLIP at most {flip:.4}. In {holds} of {} views they evaluate at most 1/8 of the pixels with FLIP at most 0.01.\n\n\
+         - For fewer evaluations raise `light`. It is the only setting with a large effect. A table below has its cost.\n\
+         - Keep the depth test at `Plane`: floors at a grazing angle are not edges to it.\n\
+         - Keep `detail` at 0: nodes store vectors, so that bumps are shaded correctly without it.\n",
         if levels.len() > 1 {
             levels[1..].join(", ")
         } else {
-            "none this time".into()
+            "none".into()
         },
         d.coarsest,
         d.finest,
@@ -179,11 +179,12 @@ fn views(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "## Views at {} × {} pixels\n\n\
-         Default settings. Subsplats of each level (cells so many pixels wide; 1: pixels evaluated by themselves), their share of the pixels, FLIP of the pictures of\n\
-         indirect light × albedo (mean luminance 0.18, tone curve 1.25 x / (1 + x)), NRMSE of the irradiance, and the time of full resolution over that of\n\
-         subsplats with everything around them, both on one thread of the CPU in the same run; other\n\
-         work on the machine shows in these times.\n\n\
-         | level | view | 16 | 8 | 4 | 2 | 1 | share | FLIP | NRMSE | full resolution | subsplats | ratio |\n\
+         Default settings. The columns are:\n\n\
+         - subsplats by the width of their cell in pixels (1: pixels evaluated directly), and their fraction of the pixels,\n\
+         - FLIP of the pictures of indirect light × albedo (mean luminance 0.18, tone curve 1.25 x / (1 + x)),\n\
+         - NRMSE of the irradiance,\n\
+         - time of full resolution and of subsplats including all passes, on one CPU thread in the same run, and their ratio. Other work on the machine affects these times.\n\n\
+         | scene | view | 16 | 8 | 4 | 2 | 1 | fraction | FLIP | NRMSE | full resolution | subsplats | ratio |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|---|",
         SCREEN[0], SCREEN[1]
     )?;
@@ -212,10 +213,11 @@ fn views(found: &Found, out: &mut String) -> Result<(), Error> {
 fn light(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
-        "## The threshold of light\n\n\
-         A cell is refined too where a node's light is not what its surroundings predicted. Without (\"none\") only shapes refine, as in [N09] §4.2. First view of each level.\n\n\
-         ![FLIP against share of the pixels](subsplats/light.svg)\n\n\
-         | level |{}\n|---|{}",
+        "## Threshold of light\n\n\
+         A cell is also refined if the light of a node differs from its prediction. Without (\"none\") only geometry refines, as in [N09] §4.2. First view of each scene.\n\n\
+         ![FLIP against fraction of the pixels](subsplats/light.svg)\n\n\
+         | scene |{}\n\
+         |---|{}",
         LIGHTS.map(|l| format!(" {} |", threshold(l))).concat(),
         "---|".repeat(LIGHTS.len())
     )?;
@@ -240,11 +242,12 @@ fn tests(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "## Tests of discontinuities ([N09] Fig. 9)\n\n\
-         {} places on a path through {} at {} × {} pixels, refined by shapes alone. Both thresholds of a pair are one factor, found by halving, times what they start from\n\
-         (plane 0.05, min-max 0.1, derivative 0.02; normals min-max 1, curvature 0.5): that at which the mean FLIP of every second place is that of plane and min-max as they start. FLIP is the mean of all\n\
-         places; \"no diagonals\": without the test of the four diagonal neighbors ([N09] §5.2, where that is 2 to 3 % of the time).\n\n\
+         {} positions on a path through {} at {} × {} pixels, refined by geometry alone.\n\
+         The thresholds of a pair are the initial values times one factor (plane 0.05, min-max 0.1, derivative 0.02; normals: min-max 1, curvature 0.5).\n\
+         The factor is found by bisection: the mean FLIP of every second position equals that of plane and min-max with factor 1.\n\
+         FLIP is the mean over all positions. \"No diagonals\" omits the test of the four diagonal neighbors ([N09] §5.2: 2 to 3 % of the time).\n\n\
          ![Subsplats along the path](subsplats/path.svg)\n\n\
-         | depth | threshold | normals | threshold | subsplats | fewest to most | FLIP | no diagonals: subsplats | FLIP | diagonals add |\n\
+         | depth | threshold | normals | threshold | subsplats | minimum to maximum | FLIP | no diagonals: subsplats | FLIP | added by diagonals |\n\
          |---|---|---|---|---|---|---|---|---|---|",
         found.pairs[0].places.len(),
         found.on,
@@ -273,10 +276,11 @@ fn table(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "## Resolution and threshold of the normal ([N09] Table 2, Fig. 10)\n\n\
-         {}, first view, refined by shapes alone; [N09] varies the resolution of the indirect light as the finest cells do here. Each cell: share of the pixels, FLIP, time of full resolution over\n\
-         that of subsplats.\n\n\
-         ![Share of the pixels](subsplats/thresholds.svg)\n\n\
-         | finest cells |{}\n|---|{}",
+         {}, first view, refined by geometry alone. The finest cells here correspond to the resolution of the indirect light in [N09].\n\
+         Each cell: fraction of the pixels, FLIP, time of full resolution relative to subsplats.\n\n\
+         ![Fraction of the pixels](subsplats/thresholds.svg)\n\n\
+         | finest cells |{}\n\
+         |---|{}",
         found.on,
         NORMALS.map(|n| format!(" {n} |")).concat(),
         "---|".repeat(NORMALS.len())
@@ -301,9 +305,10 @@ fn bumps(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "## Detail of normals ([N09] §4.3, Fig. 11)\n\n\
-         A ball before a wall, both with bumps in the normals of the G-buffer up to 25 degrees steep, {} × {} pixels, light from one side, refined by shapes alone. Nodes hold vector irradiance (ours),\n\
-         or the irradiance of their own normal ([N09]), which Eq. (3) with α = 0.5 may modulate. Both have the same subsplats.\n\n\
-         | threshold of the normal | share | nodes hold | FLIP | NRMSE |\n|---|---|---|---|---|",
+         A ball in front of a wall, both with bumps in the normals of the G-buffer up to 25 degrees, {} × {} pixels, light from one side, refined by geometry alone.\n\
+         Nodes store vector irradiance, or the irradiance at their own normal ([N09]), which Eq. (3) with α = 0.5 can modulate. The subsplats are the same.\n\n\
+         | threshold of the normal | fraction | stored at nodes | FLIP | NRMSE |\n\
+         |---|---|---|---|---|",
         SMALL[0], SMALL[1]
     )?;
     for b in &found.bumpy {

@@ -80,7 +80,7 @@ pub fn measure() -> Found {
     let rows = LIGHTS.map(|count| {
         let scene = Scene::new(SMALL, virtual_lights(&mesh, 64, count), ROUGHNESS);
         let row = row(&scene);
-        eprintln!("gloss of {count} lights");
+        eprintln!("specular light of {count} lights");
         row
     });
     let diffuse = LIGHTS.map(|count| {
@@ -262,12 +262,17 @@ fn short(count: u64) -> String {
 pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
-        "\n## Gloss: a list for each light ([N09] Table 1)\n\n\
-         A room with a glossy floor (perceptual roughness {ROUGHNESS}), a metal ball and a crate, {} × {} pixels, virtual lights from a light's map of all of it. Each cell: the subsplats of [N09] §3.3.1 to the letter \
-         (a list for each light, from 16² cells; a cell is divided whose quadrants differ by more than our threshold at the mean gloss over the number of lights, so that all together stay below it), the CPU's time to refine them (threads added up), and, after the stroke, how\n\
-         often *ours* evaluates a light in all, to the same resolution. [N09]'s subsplats are evaluated four times each to refine them and once to show them. Ours holds no list: one bit says which lights surprised a\n\
-         node, and only those are evaluated around it, again at the nodes that predicted them; its threshold is of each light, so the two are not pictures of one quality: the table below has that. \"–\": not measured, as in [N09] where the lists are too long; ours takes up to 1024 lights of a light.\n\n\
-         | resolution |{}\n|---|{}",
+        "\n## Specular light: a list for each light ([N09] Table 1)\n\n\
+         A room with a glossy floor (perceptual roughness {ROUGHNESS}), a metal ball and a crate, {} × {} pixels, virtual lights from a reflective shadow map of all surfaces.\n\
+         Each cell has two values:\n\n\
+         - the subsplats of [N09] §3.3.1: a list for each light, from 16² cells. A cell is divided if its quadrants differ by more than the threshold at the mean specular light over the number of lights. Next to it the CPU time to refine them, summed over threads.\n\
+         - after the slash, the evaluations of a light in this implementation, to the same resolution.\n\n\
+         [N09] evaluates each subsplat four times to refine it and once to show it.\n\
+         This implementation has no lists: one bit per light marks a prediction that failed at a node. Only marked lights are evaluated around the node, and again at the nodes of the prediction.\n\
+         Its threshold is per light, so the quality of both differs: see the next table.\n\
+         \"–\" is not measured, as in [N09] if the lists are too long. This implementation has at most 1024 virtual lights per light.\n\n\
+         | resolution |{}\n\
+         |---|{}",
         SQUARE[0],
         SQUARE[1],
         found
@@ -299,9 +304,11 @@ pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
     }
     writeln!(
         out,
-        "\nThe same room at {} × {} pixels with the default settings: evaluations of a light over those of every glossy pixel, FLIP of diffuse light and gloss against that, and the time over\n\
-         that of every pixel, in one run. \"One list\": cells are divided where the sum of the lights is not as predicted, for all lights at once.\n\n\
-         | lights | every pixel | one list: share | FLIP | time | each light: share | FLIP | time |\n|---|---|---|---|---|---|---|---|",
+        "\nThe same room at {} × {} pixels with the default settings.\n\
+         Each group: evaluations of lights relative to those at every glossy pixel, FLIP of diffuse and specular light, and time relative to every pixel, in one run.\n\
+         \"One list\" divides cells by the sum of all lights.\n\n\
+         | lights | every pixel | one list: fraction | FLIP | time | each light: fraction | FLIP | time |\n\
+         |---|---|---|---|---|---|---|---|",
         SMALL[0], SMALL[1]
     )?;
     for row in &found.rows {
@@ -321,10 +328,12 @@ pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
     }
     writeln!(
         out,
-        "\n## Numbers of lights ([N09] Fig. 14)\n\n\
-         The diffuse light of the same lights by one list of subsplats, from cells of 32 pixels, {} × {} pixels: evaluations of all lights over the pixels, and the time over that of every pixel. The more lights,\n\
-         the less the rest of a frame weighs: with many, the time is the share. `examples/reports/subsplats_gpu.rs` prints the same on a device.\n\n\
-         | lights | every pixel |{}\n|---|---|{}",
+        "\n## Number of lights ([N09] Fig. 14)\n\n\
+         Diffuse light of the same lights by one list of subsplats, from cells of 32 pixels, {} × {} pixels.\n\
+         Each cell: evaluations relative to the pixels, and time relative to every pixel. With many lights the two are equal.\n\
+         `examples/reports/subsplats_gpu.rs` prints the same on a device.\n\n\
+         | lights | every pixel |{}\n\
+         |---|---|{}",
         QUARTER[0],
         QUARTER[1],
         FINEST

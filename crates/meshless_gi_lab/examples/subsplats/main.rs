@@ -6,7 +6,7 @@
 //! [LEVEL_FOLDER...]
 //! ```
 //!
-//! makes `docs/reports/SUBSPLATS.md` and `docs/reports/subsplats/`. A level's folder holds
+//! makes `docs/reports/subsplats.md` and `docs/reports/subsplats/`. A level's folder holds
 //! `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
 //! measured, first. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise.
 
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (file, chart) in document::charts(&found) {
         std::fs::write(folder.join("subsplats").join(file), chart.svg())?;
     }
-    std::fs::write(folder.join("SUBSPLATS.md"), document::text(&found)?)?;
+    std::fs::write(folder.join("subsplats.md"), document::text(&found)?)?;
     Ok(())
 }
 

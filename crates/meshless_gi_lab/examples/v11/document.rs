@@ -91,29 +91,28 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let (q, _) = QUANTITIES[1];
     writeln!(
         out,
-        "# Bases for light: [V11]'s experiment, with its table\n\n\
-         Made by `cargo run --release -p meshless_gi_lab --example v11 -- -o docs/reports --short`; without `--short` it also writes the curves of\n\
-         every basis at every density. Do not edit.\n\n\
-         ## What was found\n\n\
-         With the same samples at the same points, **the plugin's basis has the least root mean square error in {won} of {} comparisons** with the bases that\n\
-         [V11] compares: Shepard's, Gaussian radial functions in three widths, and one level of Lehtinen's. Reflected light at the paper's own density (points 3 m\n\
-         apart): {} % on the sphere where Lehtinen's single level has {} %, {} % on the disk where it has {} %. Where it is not the best, and why, is\n\
-         said below.\n",
+        "# Bases for light: the experiment of [V11]\n\n\
+         Made by `cargo run --release -p meshless_gi_lab --example v11 -- -o docs/reports --short`. Without `--short` it also writes the curves of every basis at every density. Do not edit.\n\n\
+         ## Results\n\n\
+         With the same samples at the same points, **the basis of this project has the smallest root mean square error in {won} of {} comparisons** with the bases of [V11].\n\
+         These are Shepard's, Gaussian radial functions of three widths, and one level of Lehtinen's.\n\
+         Reflected light at the density of [V11] (points 3 m apart): {} % on the sphere where Lehtinen's single level has {} %, {} % on the disk where it has {} %.\n",
         all.len(),
         percent(ours(q, true)),
         percent(one(q, true)),
         percent(ours(q, false)),
         percent(one(q, false)),
     )?;
-    let mut head = String::from("| what is written down | on |");
+    let mut head = String::from("| light | on |");
     for spacing in SPACINGS {
         let points = made.row(Basis::Ours, q, spacing).points;
         write!(head, " {spacing} m, {points} points |")?;
     }
     writeln!(
         out,
-        "Root mean square error in per cent of the light's root mean square: ours / the best of the paper's bases; the smaller one is bold.\n\n\
-         {head}\n|---|---|{}",
+        "Root mean square error in percent of the root mean square of the light: this project / the best basis of [V11]. The smaller one is bold.\n\n\
+         {head}\n\
+         |---|---|{}",
         "---|".repeat(SPACINGS.len())
     )?;
     for (quantity, name) in QUANTITIES {
@@ -143,10 +142,12 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
 fn oscillation(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
-        "Oscillation is what [V11] blames the other two bases for, by eye. At its density, as total variation along meridians and rays over that of the solution, less\n\
-         100 %, and as what is left of the azimuth in a light that has none (unevenness), in per cent. Shepard's and the Gaussians' spikes show where the light is\n\
-         even; at the shadow's edge what is flattened hides some of Shepard's:\n\n\
-         | basis | reflected light, sphere | disk | all light, sphere | disk | unevenness of reflected light, sphere | disk |\n|---|---|---|---|---|---|---|"
+        "[V11] criticizes oscillation of the other two bases by eye. The table measures it at the density of [V11], in percent:\n\n\
+         - total variation along meridians and rays relative to the solution, less 100 %,\n\
+         - unevenness: variation over the azimuth, which is zero in the solution.\n\n\
+         The spikes of Shepard's basis and of the Gaussians are visible in even light. At the edge of the shadow, flattening hides some of Shepard's.\n\n\
+         | basis | reflected light, sphere | disk | all light, sphere | disk | unevenness of reflected light, sphere | disk |\n\
+         |---|---|---|---|---|---|---|"
     )?;
     for basis in Basis::ALL {
         let reflected = made.row(basis, Quantity::Indirect, SHOWN);
@@ -206,16 +207,17 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
         found
     };
     let value = |basis, q, sphere| percent(on(made.row(basis, q, SHOWN), sphere).rmse);
-    writeln!(out, "### Where another basis is better, and why\n")?;
+    writeln!(out, "### Cases in which another basis is better\n")?;
     let gaussians = [Basis::Gaussian, Basis::HalfGaussian, Basis::NarrowGaussian];
     let lost = beaten(&gaussians);
     if !lost.is_empty() {
         writeln!(
             out,
-            "- **Gaussian functions**: {}.\n  Light on the disk without the shadow's edge is as smooth as can be, and interpolation by wide Gaussians is of high order\n  \
-             there, which no basis of non-negative functions that sum to one can be. The price, at 3 m: {} % (σ = α/2) and {} % (σ = α) on the sphere, {} % and\n  \
-             {} % on the disk with the shadow's edge, and a noise of 5 % in the samples becomes {} % and {} % on the disk. They also need a dense system of equations\n  \
-             solved for each light; ours need nothing solved.",
+            "- **Gaussian functions**: {}.\n\
+             \x20 Light on the disk without the edge of the shadow is smooth, and wide Gaussians interpolate it with high order. No non-negative basis that sums to one can.\n\
+             \x20 Their error at 3 m is {} % (σ = α/2) and {} % (σ = α) on the sphere, {} % and {} % on the disk with the edge of the shadow.\n\
+             \x20 Noise of 5 % in the samples becomes {} % and {} % on the disk.\n\
+             \x20 They require a dense system of equations for each light. The basis of this project requires none.",
             lost.join("; "),
             value(Basis::HalfGaussian, Quantity::Indirect, true),
             value(Basis::Gaussian, Quantity::Indirect, true),
@@ -229,8 +231,9 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     if !lost.is_empty() {
         writeln!(
             out,
-            "- **One level of Lehtinen's functions**: {}.\n  Its functions reach 2.5 spacings, ours the five nearest points, and count by the square of the weight. That\n  \
-             blurs less, which wins at edges and where points are few, and averages less: with dense points what is left is unevenness, and the noise of the samples.",
+            "- **One level of Lehtinen's functions**: {}.\n\
+             \x20 Its functions reach 2.5 spacings. Those of this project reach the five nearest points and use the square of the weight.\n\
+             \x20 They blur less, which is better at edges and with few points, and average less: with dense points unevenness and noise of the samples remain.",
             lost.join("; "),
         )?;
     }
@@ -244,16 +247,19 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let second = |s| value(Basis::OursTwice, Quantity::Indirect, s);
     writeln!(
         out,
-        "- **Three levels of Lehtinen's functions** are not in the count: their coarser points are up to a half more samples. They reach {} % on the sphere and {} % on\n  \
-         the disk at 3 m (reflected light): the differences of the finer levels undo what the coarser ones blur.\n\
-         - **Bias on the sphere**: ours is {} % at {} m and {} % at {finest} m (reflected light); Lehtinen's single level has {} % and {} %. A point's vector irradiance is what arrives over its own\n  \
-         hemisphere; a place that faces elsewhere counts some of it from below its horizon, and misses what only it sees. With scalars instead of vectors the bias\n  \
-         is {} % at 3 m, and the error {} % instead of {} %.\n\
-         - **Largest error at the shadow's edge**: a smooth function is wrong there by half of the step at least. Ours is sharper than Lehtinen's, so that a place on the\n  \
-         wrong side of its nearest point is wrong by nearly the whole step; the root mean square error is less. The plugin does not write direct light in its basis.\n\
-         - **What would be better**: a second pass, which moves each point's value by what the field misses there, brings {} % on the sphere and {} % on the disk instead\n  \
-         of {} % and {} % (reflected light, 3 m), and a bias of {} % on the sphere instead of {} %. With noisy samples it brings {} % and {} % instead of {} % and {} %. It is linear, so\n  \
-         it could be baked into the operator's rows. The plugin does not have it.\n",
+        "- **Three levels of Lehtinen's functions** are not in the count, because their coarser points are up to 50 % more samples.\n\
+         \x20 They reach {} % on the sphere and {} % on the disk at 3 m (reflected light): differences of the finer levels correct the blur of the coarser ones.\n\
+         - **Bias on the sphere**: {} % at {} m and {} % at {finest} m (reflected light). Lehtinen's single level has {} % and {} %.\n\
+         \x20 The vector irradiance of a point covers the hemisphere of that point.\n\
+         \x20 A position with another normal counts light from below its horizon, and misses light that only it receives.\n\
+         \x20 With scalars instead of vectors the bias is {} % at 3 m, and the error {} % instead of {} %.\n\
+         - **Largest error at the edge of the shadow**: every smooth function has an error of half the step there.\n\
+         \x20 This basis is sharper than Lehtinen's, so that a position on the wrong side of its nearest point has nearly the whole step as error. The root mean square error is smaller.\n\
+         \x20 The plugin does not represent direct light in its basis.\n\
+         - **Possible improvement**: a second pass corrects the value of each point by the error of the field there.\n\
+         \x20 It has {} % on the sphere and {} % on the disk instead of {} % and {} % (reflected light, 3 m), and a bias of {} % on the sphere instead of {} %.\n\
+         \x20 With noisy samples it has {} % and {} % instead of {} % and {} %.\n\
+         \x20 It is linear, so it could be baked into the rows of the operator. It is not implemented in the plugin.\n",
         levels(Quantity::Indirect, true),
         levels(Quantity::Indirect, false),
         bias(Basis::Ours, SHOWN),
@@ -286,14 +292,15 @@ fn shown(out: &mut String) -> Result<(), Box<dyn Error>> {
          ![Error of reflected light on the disk](v11/error_reflected_disk.svg)\n\
          ![Error of reflected light on the disk with noise](v11/error_noisy_disk.svg)\n\
          ![Error of all light on the disk](v11/error_total_disk.svg)\n\n\
-         The curves of [V11] Figures 11-13, all bases in one frame:\n\n\
+         The curves of [V11] Figures 11-13, all bases in one chart:\n\n\
          ![Reflected light of the sphere](v11/B_reflected_{SHOWN}.svg)\n\
          ![Reflected light of the disk](v11/D_reflected_{SHOWN}.svg)\n\
          ![Radiosity of the disk](v11/D_{SHOWN}.svg)\n\n\
          ## Pictures\n\n\
-         The scene as each basis writes it down from samples at points 3 m apart: all light, with 0.9 W/m² white; and reflected light alone, with 0.6 W/m² white. The\n\
-         light comes from straight above; direct light stands in the basis here, which the plugin never does. Where a basis says less than nothing it is black.\n\n\
-         | basis | all light | reflected light |\n|---|---|---|\n\
+         The scene in each basis, from samples at points 3 m apart: all light (0.9 W/m² is white) and reflected light alone (0.6 W/m² is white).\n\
+         The light comes from straight above. Direct light is represented in the basis here, unlike in the plugin. Negative values are black.\n\n\
+         | basis | all light | reflected light |\n\
+         |---|---|---|\n\
          | solution | ![](v11/total_solution.png) | ![](v11/reflected_solution.png) |"
     )?;
     for basis in Basis::ALL {
@@ -312,13 +319,15 @@ fn solution(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let scene = &made.solution.scene;
     writeln!(
         out,
-        "## The solution that all is compared with\n\n\
-         [V11] §VIII: a sphere of {} m with its center {} m over a disk of {} m, both with reflectance {}, under light of {} W/m² from straight above. B(ζ) and D(u)\n\
-         solve two coupled integral equations (`crates/meshless_gi_lab/src/accuracy/sphere_over_disk.rs`), here with {} cells on each and the integral over the azimuth in closed form; the\n\
-         iteration stands after {} steps. `tests/sphere_over_disk.rs` compares it with Monte Carlo at ten places, within noise, and shows that other constants\n\
-         are noticed. The paper's form factor reads without its 1/π, and μ = 0.9 is inferred from the axes of its Figure 10: see the file's head.\n\n\
-         Largest error of reflected light, in per cent of its largest value. [V11]'s own sums with n = 100 put a cell's middle on the shadow's edge:\n\n\
-         | cells | [V11] Eqs. (22), (23): sphere | disk | ours: sphere | disk |\n|---|---|---|---|---|",
+        "## Reference solution\n\n\
+         [V11] §VIII: a sphere of {} m with its center {} m above a disk of {} m, both with reflectance {}, under light of {} W/m² from straight above.\n\
+         B(ζ) and D(u) solve two coupled integral equations (`crates/meshless_gi_lab/src/accuracy/sphere_over_disk.rs`).\n\
+         The solution has {} cells on each and the integral over the azimuth in closed form. The iteration converges in {} steps.\n\
+         `tests/sphere_over_disk.rs` compares it with Monte Carlo at ten points, within noise, and shows that other constants fail.\n\
+         The form factor in [V11] lacks its 1/π, and μ = 0.9 is inferred from the axes of its Figure 10: see the head of the file.\n\n\
+         Largest error of reflected light, in percent of its largest value. With n = 100 the sums of [V11] have the center of a cell on the edge of the shadow:\n\n\
+         | cells | [V11] Eqs. (22), (23): sphere | disk | this project: sphere | disk |\n\
+         |---|---|---|---|---|",
         scene.radius,
         scene.height,
         scene.disk,
@@ -348,27 +357,28 @@ fn measured(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let ridges = made.rows.iter().map(|r| r.ridge);
     let most = ridges.fold(0.0, f64::max);
     let ridge = if most == 0.0 {
-        "none of these needed one".into()
+        "not needed here".into()
     } else {
         format!("here at most {most:e}")
     };
     writeln!(
         out,
-        "## What was measured\n\n\
-         Points are Poisson disks of the project's own sampling over both surfaces ([L08] §2.3); the numbers are medians over five point sets. Places lie on a grid over\n\
-         both surfaces, and errors count by area. All numbers are per cent.\n\n\
-         - **RMSE**, **max**: of the light's root mean square on that surface. **bias**: mean error over the mean.\n\
-         - **osc.**: total variation along meridians (sphere) or rays (disk), in the mean over the azimuths, over that of the solution, less 100 %. Below zero an edge or a\n  \
-         top is flattened. [V11] speaks of oscillation and defines none.\n\
-         - **uneven**: root mean square of what differs from the mean over all azimuths; the solution has none. [V11] Figures 11-13 show it as a red line beside a black one.\n\n\
-         The bases: *Shepard 1/d²* ([V11] Eq. (16)), over all points. *Gaussian RBF* ([V11] Eq. (17)), with coefficients that pass through the samples, found by LU; α is\n\
-         the site distance to the tenth nearest point. The paper's text says that the distance is divided by α (§VI), σ = α, and that functions are nearly zero at α (§V), σ = α/4; which it used we cannot tell. Both\n\
-         use the normal-sensitive distance |p − q| / cos ([V11] Eq. (15)), which is no metric, so that the Gaussian systems need not be positive. Where one is\n\
-         singular as far as rounding tells, a ridge is added to its diagonal of ones: {ridge}. *Lehtinen* ([L08] Eqs. (1)-(10)): the\n\
-         project's own levels, the finest with radius 2.5 spacings. *Ours*: the flat display basis (`crates/meshless_gi/src/basis/flat.rs`, `crates/meshless_gi/src/frame/splat.rs`) with a vector irradiance at each\n\
-         point, as the plugin shows it; *scalars* without vectors; *second pass*: see above.\n\n\
-         *Iterated in the basis* ([V11] §VII): λ ← ε + Rλ, with the direct light in the basis and R's integrals taken by quadrature instead of [V11]'s point lights. Ours\n\
-         iterates with scalars, as the plugin's senders do.\n"
+        "## Method of measurement\n\n\
+         Points are Poisson disks over both surfaces ([L08] §2.3). The figures are medians over five point sets, in percent.\n\
+         Errors are evaluated on a grid over both surfaces and weighted by area.\n\n\
+         - **RMSE**, **max**: relative to the root mean square of the light on that surface. **bias**: mean error over the mean.\n\
+         - **osc.**: total variation along meridians (sphere) or rays (disk), averaged over the azimuth, relative to the solution, less 100 %. Negative values mean flattened edges or peaks. [V11] does not define oscillation.\n\
+         - **uneven**: root mean square of the difference from the mean over all azimuths, zero in the solution. [V11] Figures 11-13 show it as a red line next to a black one.\n\n\
+         The bases:\n\n\
+         - *Shepard 1/d²* ([V11] Eq. (16)), over all points.\n\
+         - *Gaussian RBF* ([V11] Eq. (17)), with coefficients that interpolate the samples, by LU decomposition. α is the distance of a point to its tenth nearest point.\n\
+         \x20 [V11] divides the distance by α in §VI, σ = α, and has functions that are nearly zero at α in §V, σ = α/4. Which one it used is unclear.\n\
+         - Both use the normal-sensitive distance |p − q| / cos ([V11] Eq. (15)). It is no metric, so the Gaussian systems need not be positive.\n\
+         \x20 If one is singular within rounding, a ridge is added to its diagonal of ones: {ridge}.\n\
+         - *Lehtinen* ([L08] Eqs. (1)-(10)): the levels of this project, the finest with radius 2.5 spacings.\n\
+         - *Ours*: the flat display basis (`crates/meshless_gi/src/basis/flat.rs`, `crates/meshless_gi/src/frame/splat.rs`) with a vector irradiance at each point, as in the plugin. *Scalars* is without vectors, *second pass* as above.\n\n\
+         *Iterated in the basis* ([V11] §VII): λ ← ε + Rλ, with the direct light in the basis and the integrals of R by quadrature instead of the point lights of [V11].\n\
+         *Ours* iterates with scalars, like the senders of the plugin.\n"
     )?;
     Ok(())
 }
@@ -403,9 +413,12 @@ fn table(
     let missing = made.rows.iter().filter(|r| r.quantity == quantity);
     let missing = missing.filter(|r| r.sphere.uncovered + r.disk.uncovered > 0.0);
     if missing.count() == 0 {
-        writeln!(out, "Every basis covered every place.\n")?;
+        writeln!(out, "All bases cover all positions.\n")?;
     } else {
-        writeln!(out, "Places that a basis did not cover count as dark.\n")?;
+        writeln!(
+            out,
+            "Positions that a basis does not cover count as dark.\n"
+        )?;
     }
     Ok(())
 }

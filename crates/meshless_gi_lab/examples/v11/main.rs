@@ -6,7 +6,7 @@
 //! cargo run --release -p meshless_gi_lab --example v11 -- -o DIR
 //! ```
 //!
-//! makes `DIR/V11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every
+//! makes `DIR/v11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every
 //! density in `DIR/v11/all/`. With `--short`, as for `docs/`, without the latter.
 
 mod curves;
@@ -75,7 +75,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     curves::write(&made, !short)?;
     pictures::write(&made)?;
-    std::fs::write(made.folder.join("V11.md"), document::text(&made)?)?;
+    std::fs::write(made.folder.join("v11.md"), document::text(&made)?)?;
     if short {
         std::fs::remove_dir(made.folder.join("v11/all"))?;
     }

@@ -16,10 +16,10 @@ const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 /// Groups of factors that share a color.
 const GROUPS: [(&str, &[Factor]); 7] = [
     ("presets", &[Factor::Preset]),
-    ("rule l08, as published", &[Factor::RuleL08]),
-    ("rule pca, bases of direct light", &[Factor::RulePca]),
+    ("method l08, as published", &[Factor::RuleL08]),
+    ("method pca, bases of direct light", &[Factor::RulePca]),
     (
-        "threshold ε (plain: without added levels)",
+        "threshold ε (plain: no refinement levels)",
         &[Factor::Epsilon, Factor::Plain],
     ),
     (
@@ -33,10 +33,10 @@ const GROUPS: [(&str, &[Factor]); 7] = [
         ],
     ),
     (
-        "several at once, tiers, rays a point",
+        "several at once, tiers, rays per point",
         &[Factor::Several, Factor::Tier, Factor::Rays],
     ),
-    ("rule fmm, an octree of points", &[Factor::RuleFmm]),
+    ("method fmm, an octree of points", &[Factor::RuleFmm]),
 ];
 
 /// A chart and the name of its file.
@@ -145,7 +145,7 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
     series.push(Series {
         like: Some(BLACK),
         ..Series::new(
-            "Pareto front: nothing else is better in both",
+            "Pareto front",
             Style::Front,
             front.iter().map(|&i| places[i]),
         )
@@ -154,7 +154,7 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
         file: format!("{file}.svg"),
         chart: Chart {
             title,
-            caption: "Each marker is one bake; further left is cheaper, further down is better. Both axes are logarithmic.".into(),
+            caption: "Each marker is one bake. Left is cheaper, down is better. Both axes are logarithmic.".into(),
             x,
             y: Axis::log("error of indirect light (NRMSE)", Format::Percent),
             series,
@@ -167,10 +167,14 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
 /// tried.
 fn links(name: &str, rows: &[Row]) -> Chart {
     let rules = [
-        (TransportMethod::Bounded, "rule bounded (the default)", 0),
-        (TransportMethod::L08, "rule l08, as published", 1),
-        (TransportMethod::pca(), "rule pca, bases of direct light", 2),
-        (TransportMethod::fmm(), "rule fmm, entries of its lists", 3),
+        (TransportMethod::Bounded, "method bounded (the default)", 0),
+        (TransportMethod::L08, "method l08, as published", 1),
+        (
+            TransportMethod::pca(),
+            "method pca, bases of direct light",
+            2,
+        ),
+        (TransportMethod::fmm(), "method fmm, list entries", 3),
     ];
     let mut series = Vec::new();
     for (rule, title, look) in rules {
@@ -208,8 +212,8 @@ fn links(name: &str, rows: &[Row]) -> Chart {
         });
     }
     Chart {
-        title: format!("{name}: error against links, by rule"),
-        caption: "Each marker is one bake; further left is fewer links, further down is better. Both axes are logarithmic.".into(),
+        title: format!("{name}: error against links, by method"),
+        caption: "Each marker is one bake. Left is fewer links, down is better. Both axes are logarithmic.".into(),
         x: Axis::log("links that a frame uses", Format::Si),
         y: Axis::log("error of indirect light (NRMSE)", Format::Percent),
         series,
@@ -241,7 +245,7 @@ fn reflections(name: &str, report: &Report) -> Chart {
         hint: String::new(),
     };
     let mut series = vec![Series {
-        name: "so many reflections, in the frame".into(),
+        name: "number of bounces".into(),
         style: Style::LineAndPoints,
         points: live.iter().map(mark).collect(),
         like: None,
@@ -255,13 +259,19 @@ fn reflections(name: &str, report: &Report) -> Chart {
         });
     }
     Chart {
-        title: format!("{name}: what reflections cost, and what leaving them out does"),
-        caption: "One bake, the baseline. Errors are against the light of all reflections, not of four as on the other charts.".into(),
+        title: format!("{name}: error and frame time by number of bounces"),
+        caption: "Bake of the baseline. Errors are relative to the converged solution.".into(),
         x: Axis::linear(
-            format!("CPU time of a frame in which one light moves, ms ({} threads)", report.threads),
+            format!(
+                "CPU time of a frame in which one light moves, ms ({} threads)",
+                report.threads
+            ),
             Format::Number,
         ),
-        y: Axis::log("error against all reflections (NRMSE)", Format::Percent),
+        y: Axis::log(
+            "error against the converged solution (NRMSE)",
+            Format::Percent,
+        ),
         series,
         guides: guides(),
     }

@@ -28,10 +28,16 @@ pub struct Part {
 #[must_use]
 pub fn document(parts: &[Part], command: &str) -> String {
     let mut out = format!(
-        "# What accuracy costs\n\n{}\n{}\n\
-         All that follows was measured by one command, and the texts are written by it too:\n\n```sh\n{command}\n```\n\n\
-         `meshless_gi report LEVEL -o FOLDER` says the same of any level of yours. Times are of the machine that it ran on, and of whatever else that machine did; errors, links and \
-         bytes are the same everywhere.\n",
+        "# Cost of accuracy\n\n\
+         Made by one command:\n\n\
+         ```sh\n\
+         {command}\n\
+         ```\n\n\
+         Do not edit. `meshless_gi report SCENE -o FOLDER` writes the same for any scene.\n\
+         Errors, links and bytes are the same on every machine, times are not.\n\n\
+         ## Recommendations\n\n\
+         {}\n\
+         {}",
         advice(parts),
         rules(parts)
     );
@@ -87,25 +93,27 @@ fn advice(parts: &[Part]) -> String {
         let _ = match best {
             Some((_, rows)) => writeln!(
                 out,
-                "**For at most {} error, bake by {}**: of what was tried on all levels here ({}) and stayed below, it has the fastest frame. {}.",
+                "**For at most {} error: {}.**\n\
+                 Of all recipes below this error in all scenes here ({}) it has the fastest frame:\n\n\
+                 {}",
                 whole(most),
                 how(rows[0]),
                 names.join(", "),
                 rows.iter()
                     .zip(&names)
                     .map(|(r, name)| format!(
-                        "{name}: error {}, {} s to bake, {}, {} ms a frame on the CPU",
+                        "- {name}: error {}, bake {} s, file {}, frame {} ms on the CPU.",
                         error(r),
                         short(r.bake_seconds),
                         megabytes(r.bytes),
                         short(r.frame_ms)
                     ))
                     .collect::<Vec<_>>()
-                    .join("; ")
+                    .join("\n")
             ),
             None => writeln!(
                 out,
-                "**Nothing that was tried stays below {} error on all levels here** ({}); see each of them.",
+                "**No measured recipe has an error below {} in all scenes here** ({}).",
                 whole(most),
                 names.join(", ")
             ),
@@ -114,7 +122,9 @@ fn advice(parts: &[Part]) -> String {
     }
     let _ = writeln!(
         out,
-        "By level, the fastest frame below each error:\n\n| error at most | {} |\n|---|{}",
+        "Fastest frame of each scene by error:\n\n\
+         | error at most | {} |\n\
+         |---|{}",
         names
             .iter()
             .map(|n| cell(n))
@@ -144,8 +154,9 @@ fn advice(parts: &[Part]) -> String {
 
 /// The two rules on all levels, in a table.
 fn rules(parts: &[Part]) -> String {
-    let mut out = "The default rule beside the paper's `l08`, over the front of `l08` (below 1 the default is better; each level's section has all places):\n\n\
-                   | level | links of the default at equal error | its error at equal links |\n|---|---|---|\n"
+    let mut out = "Method `bounded` relative to `l08`, over the Pareto front of `l08` (below 1 `bounded` is better):\n\n\
+     | scene | links at equal error | error at equal links |\n\
+     |---|---|---|\n"
         .to_string();
     for part in parts {
         let compared = compare(&part.report.rows);
@@ -158,7 +169,7 @@ fn rules(parts: &[Part]) -> String {
                 (true, _) => "not reached".to_string(),
                 (false, 0) => format!("× {least:.2} to × {most:.2}"),
                 (false, n) => format!(
-                    "× {least:.2} to × {most:.2}; not reached at {n} of {} places",
+                    "× {least:.2} to × {most:.2}, not reached in {n} of {} rows",
                     compared.len()
                 ),
             }

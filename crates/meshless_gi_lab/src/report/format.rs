@@ -31,10 +31,7 @@ pub fn error(row: &Row) -> String {
 /// Options that select a row.
 pub fn how(row: &Row) -> String {
     match row.settings.factor {
-        Factor::Tier => format!(
-            "`{}`, run at tier {}",
-            row.settings.recipe, row.settings.tier
-        ),
+        Factor::Tier => format!("`{}` at tier {}", row.settings.recipe, row.settings.tier),
         _ => format!("`{}`", row.settings.recipe),
     }
 }

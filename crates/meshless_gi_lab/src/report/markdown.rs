@@ -41,7 +41,7 @@ fn cheapest_of(
 /// The whole text of a report on the level `name`, with its charts beside it.
 #[must_use]
 pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
-    let mut out = format!("# What accuracy costs: {}\n\n", cell(name));
+    let mut out = format!("# Cost of accuracy: {}\n\n", cell(name));
     out += &section(report, figures, "", 2);
     out
 }
@@ -52,7 +52,12 @@ pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
 pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize) -> String {
     let mut out = choice(&report.rows);
     let mark = "#".repeat(heading);
-    let _ = write!(out, "\n{mark} What buys what\n\n{}", factors(&report.rows));
+    let _ = write!(
+        out,
+        "\n{mark} Effect of each setting\n\n\
+     {}",
+        factors(&report.rows)
+    );
     out += &reflections(&report.rows);
     for figure in figures {
         let _ = writeln!(
@@ -64,30 +69,39 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
     }
     let _ = write!(
         out,
-        "\n{mark} The default rule beside the paper's\n\n{}",
+        "\n{mark} Methods `bounded` and `l08`\n\n\
+         {}",
         rules(&compare(&report.rows))
     );
     let bases = beside_bases(&report.rows);
     if !bases.is_empty() {
         let _ = write!(
             out,
-            "\n{mark} The default rule beside bases of direct light\n\n{bases}"
+            "\n{mark} Methods `bounded` and `pca`\n\n\
+             {bases}"
         );
     }
     let octree = beside_octree(&report.rows);
     if !octree.is_empty() {
         let _ = write!(
             out,
-            "\n{mark} The default rule beside an octree of points\n\n{octree}"
+            "\n{mark} Methods `bounded` and `fmm`\n\n\
+             {octree}"
         );
     }
     let _ = write!(
         out,
-        "\n{mark} Everything that was tried\n\n{}",
+        "\n{mark} All bakes\n\n\
+         {}",
         table(&report.rows)
     );
     out += &known(&report.rows, &mark);
-    let _ = write!(out, "\n{mark} How it was measured\n\n{}", method(report));
+    let _ = write!(
+        out,
+        "\n{mark} Method of measurement\n\n\
+     {}",
+        method(report)
+    );
     out
 }
 
@@ -110,7 +124,7 @@ pub fn choice(rows: &[Row]) -> String {
     };
     let said = |r: &Row| {
         format!(
-            "{}, baked in {} s to {}, with {} ms for a frame on the CPU: its error is {} ± {}",
+            "{}, bake {} s, file {}, frame {} ms on the CPU, error {} ± {}",
             how(r),
             short(r.bake_seconds),
             megabytes(r.bytes),
@@ -123,14 +137,15 @@ pub fn choice(rows: &[Row]) -> String {
         Some(row) => {
             let _ = writeln!(
                 out,
-                "**To ship with at most 5 % error, bake this level by {}.** Of all bakes tried that stay below 5 % it has the fastest frame.",
+                "**Recommendation for a release with at most 5 % error: {}.**\n\
+                 Of all measured bakes below 5 % it has the fastest frame.",
                 said(row)
             );
         }
         None => {
             let _ = writeln!(
                 out,
-                "**No bake tried stays below 5 % error on this level; the best is {}.**",
+                "**No measured bake of this scene has an error below 5 %. The best: {}.**",
                 said(best)
             );
         }
@@ -142,27 +157,29 @@ pub fn choice(rows: &[Row]) -> String {
     {
         let _ = writeln!(
             out,
-            "The paper's rule, kept for comparison, would do that faster here: {}.",
+            "The published method has a faster frame here: {}.",
             said(row)
         );
     }
     if let Some(row) = cheapest(rows, 0.10, |r| r.bake_seconds) {
         let _ = writeln!(
             out,
-            "While the level still changes and 10 % will do: {}; of those below 10 % it is baked soonest.",
+            "Recommendation during development with at most 10 % error: {}.\n\
+             Of all measured bakes below 10 % it has the shortest bake.",
             said(row)
         );
     }
     let _ = writeln!(
         out,
-        "\nThe cheapest of what was tried, by what is scarce:\n\n\
-         | error at most | baked soonest | smallest file | fastest frame |\n|---|---|---|---|"
+        "\nCheapest bakes by cost:\n\n\
+         | error at most | shortest bake | smallest file | fastest frame |\n\
+         |---|---|---|---|"
     );
     for most in WANTED {
         let cost =
             |cost: fn(&Row) -> f64, show: fn(&Row) -> String| match cheapest(rows, most, cost) {
                 Some(r) => format!("{}: {} ({})", r.settings.name, show(r), percent(r.nrmse)),
-                None => format!("not reached; the least is {}", percent(best.nrmse)),
+                None => format!("not reached, minimum {}", percent(best.nrmse)),
             };
         let _ = writeln!(
             out,
@@ -185,8 +202,9 @@ fn factors(rows: &[Row]) -> String {
     let Some(base) = rows.first() else {
         return String::new();
     };
-    let mut out = "One thing at a time is changed from the first row of the table below. From the least to the most of each:\n\n\
-                   | what | from | to | error | bake, s | frame, ms | file |\n|---|---|---|---|---|---|---|\n"
+    let mut out = "Each row changes one setting of the first row of the table below, from the cheapest to the most expensive value.\n\n\
+     | setting | from | to | error | bake, s | frame, ms | file |\n\
+     |---|---|---|---|---|---|---|\n"
         .to_string();
     let mut gains: Vec<(f64, &Row)> = Vec::new();
     for factor in Factor::ALL {
@@ -242,8 +260,8 @@ fn factors(rows: &[Row]) -> String {
     if let Some((gain, row)) = gains.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
         let _ = writeln!(
             out,
-            "\nOf the single changes, **{}** lowers the error most for the bake time that it adds: from {} to {} at {} s instead of {} s (each doubling of the \
-             time multiplies the error by {}).",
+            "\n**{}** lowers the error most for the bake time that it adds: from {} to {} at {} s instead of {} s.\n\
+             Each doubling of the time multiplies the error by {}.",
             row.settings.name,
             error(base),
             error(row),
@@ -276,13 +294,15 @@ fn reflections(rows: &[Row]) -> String {
     }
     all.sort_by_key(|r| r.settings.baked.bounces);
     let mut out = format!(
-        "\nReflections are chosen in the frame and cost no bake. Errors in this table alone are against the light of *all* reflections (everywhere else against \
-         that of {BOUNCES}, so that they are the errors of the bake):\n\n| reflections | error | frame, ms |\n|---|---|---|\n"
+        "\nThe frame chooses the number of bounces. It does not change the bake.\n\
+         Errors in this table are relative to the converged solution, all others to {BOUNCES} bounces.\n\n\
+         | bounces | error | frame, ms |\n\
+         |---|---|---|\n"
     );
     for row in all {
         let name = match row.settings.factor {
             Factor::Bounces => row.settings.name.clone(),
-            _ => format!("{} reflections", row.settings.baked.bounces),
+            _ => format!("{} bounces", row.settings.baked.bounces),
         };
         let _ = writeln!(
             out,
@@ -305,12 +325,14 @@ fn ratio(r: Ratio) -> String {
 /// Both ratios at each place of the paper's front, and whether the goals are met.
 fn rules(compared: &[Compared]) -> String {
     if compared.is_empty() {
-        return "The paper's rule was not tried.\n".into();
+        return "The method `l08` was not measured.\n".into();
     }
-    let mut out = "Each row is a bake on the front of `l08`; the default rule's front is read at its error and at its number of links, on straight lines between \
-                   the logarithms. \"At most\" stands where `bounded` does better than that with what it was tried with. Bakes called \
-                   plain are by the default rule on the very points of `l08`: there the rule alone differs.\n\n\
-                   | by `l08` | links | error | links of `bounded` at equal error | error of `bounded` at equal links |\n|---|---|---|---|---|\n"
+    let mut out = "Each row is a bake on the Pareto front of `l08`.\n\
+     The front of `bounded` is interpolated at its error and at its number of links, linearly between the logarithms.\n\
+     \"At most\": every measured bake of `bounded` is better than that.\n\
+     Bakes named \"plain\" use `bounded` at the points of `l08`, so that only the truncation differs.\n\n\
+     | `l08` | links | error | links of `bounded` at equal error | error of `bounded` at equal links |\n\
+     |---|---|---|---|---|\n"
         .to_string();
     for c in compared {
         let _ = writeln!(
@@ -330,13 +352,13 @@ fn rules(compared: &[Compared]) -> String {
         let best = found.iter().copied().fold(f64::INFINITY, f64::min);
         let met = found.iter().filter(|v| **v <= goal).count();
         let _ = match found.len() {
-            0 => writeln!(out, "- {what}: not reached anywhere; {word} was wanted."),
+            0 => writeln!(out, "- {what}: not reached. Goal: {word}."),
             n => writeln!(
                 out,
-                "- {what}: × {best:.2} to × {worst:.2}, of {word} that was wanted; met at {met} of {} places{}.",
+                "- {what}: × {best:.2} to × {worst:.2}. Goal: {word}, met in {met} of {} rows{}.",
                 compared.len(),
                 if n < compared.len() {
-                    format!(", not reached at {}", compared.len() - n)
+                    format!(", not reached in {}", compared.len() - n)
                 } else {
                     String::new()
                 }
@@ -358,11 +380,11 @@ pub fn beside_bases(rows: &[Row]) -> String {
     if compared.is_empty() {
         return String::new();
     }
-    let mut out = "TransportMethod `pca` ([P14]) writes each row in a few principal components of the direct light on each cluster of senders; all that follows is the \
-                   same. Each row below is a bake on its front, and what the default rule's front has there, on straight lines between the logarithms; \"at most\" stands \
-                   where that rule was tried only with what does better.\n\n\
-                   | by `pca` | error | links | file | bake, s | frame, ms | links of `bounded` at equal error | error of `bounded` at equal links |\n\
-                   |---|---|---|---|---|---|---|---|\n"
+    let mut out = "Method `pca` ([P14]) stores each row of the operator in principal components of the direct light on each cluster of senders.\n\
+     Each row below is a bake on its Pareto front. The front of `bounded` is interpolated linearly between the logarithms.\n\
+     \"At most\": every measured bake of `bounded` is better than that.\n\n\
+     | `pca` | error | links | file | bake, s | frame, ms | links of `bounded` at equal error | error of `bounded` at equal links |\n\
+     |---|---|---|---|---|---|---|---|\n"
         .to_string();
     for c in &compared {
         let row = &rows[c.row];
@@ -394,26 +416,27 @@ pub fn beside_bases(rows: &[Row]) -> String {
         .filter(|c| c.links_ratio.value().is_none_or(|r| r > 1.0))
         .count();
     let found = match wins {
-        0 => "needs more links than the default rule for every error that it reached".to_string(),
+        0 => "needs more links than `bounded` at every error that it reached".to_string(),
         n if n == compared.len() => {
-            "needs fewer links than the default rule for every error that it reached".to_string()
+            "needs fewer links than `bounded` at every error that it reached".to_string()
         }
         n => format!(
-            "needs fewer links than the default rule at {n} of the {} errors above",
+            "needs fewer links than `bounded` at {n} of the {} errors above",
             compared.len()
         ),
     };
     let advice = match wins {
         0 => "Use `bounded` here.",
         _ => {
-            "Use `bounded` where an error has to be met; `pca` at the errors where it needs fewer links, if lights keep away from walls."
+            "Use `bounded` to meet an error. Use `pca` at the errors where it needs fewer links, if lights keep away from walls."
         }
     };
     let _ = writeln!(
         out,
-        "\nWhich to use: on this level `pca` {found}; the least error tried is {} by `pca` and {} by `bounded`. {advice} Bases are made for lights like their examples, in the free space of the \
-         level, and for clusters that one handful of pictures describes: a light close to a wall, or a light that no example resembles, is blurred over \
-         its cluster (its energy is kept), and the rule has no bound on that.",
+        "\nConclusion: in this scene `pca` {found}.\n\
+         The minimum error is {} with `pca` and {} with `bounded`. {advice}\n\
+         Bases are trained on lights in the free space of the scene.\n\
+         A light next to a wall, or unlike the training lights, is blurred over its cluster. Its energy is kept, but the error has no bound.",
         percent(theirs),
         percent(ours)
     );
@@ -432,16 +455,14 @@ fn method(report: &Report) -> String {
         .count();
     let rounding = rows.iter().map(|r| r.link_error).fold(0.0, f64::max);
     let mut out = format!(
-        "- Error: indirect irradiance through the frame's own path against the reference integrator at {} random surface places under {} white point lights in turn, none \
-         of which a bake has seen. NRMSE, the reference's own variance subtracted; ± is the half width of the 95 % confidence interval over places. All bakes sit the same \
-         exam, so that differences between them are surer than that.\n\
-         - The reference was computed once, in {} s; its standard error is {} of its values with {} reflections, {} with all.\n\
-         - Bake time is the whole bake with its own estimate, without reading the level and writing the file. Frame time is the CPU twins' for one light that has moved: \
-         projection with shadow rays, reflections, operator; the display comes on top, by the place, on one thread. All on {} threads of the machine that made this report; \
-         a GPU's frame is another figure.\n\
-         - The bake's own estimate agrees with the error measured here, within both intervals, for {honest} of {} bakes.\n\
-         - Not swept: the precision of links, which are kept in halves (rounding changes none by more than {:.3} % of the largest of its row), and the resolution of the display, \
-         which evaluates every place by itself.\n",
+        "- Error: NRMSE of indirect irradiance, computed as in a frame, against the reference integrator at {} random surface points under {} white point lights in turn. No bake has used these lights.\n\
+         - The variance of the reference is subtracted. ± is the half width of the 95 % confidence interval over points. All bakes use the same points and lights.\n\
+         - The reference was computed once, in {} s. Its standard error is {} of its values with {} bounces, {} with all.\n\
+         - Bake time includes the error estimate, without reading the scene and writing the file.\n\
+         - Frame time is that of the CPU twins for one light that has moved: projection with shadow rays, bounces, operator. The display per point on one thread is listed separately.\n\
+         - Times are for {} threads of one machine. They do not predict a GPU.\n\
+         - The estimate of the bake agrees with the measured error, within both intervals, for {honest} of {} bakes.\n\
+         - Not varied: the precision of links, which are 16-bit floats (rounding changes a link by at most {:.3} % of the largest in its row), and the resolution of the display, which evaluates every point.\n",
         report.places,
         report.light_sources,
         short(report.reference_seconds),
@@ -455,13 +476,13 @@ fn method(report: &Report) -> String {
     if !report.left_out.is_empty() {
         let _ = writeln!(
             out,
-            "- Left out, for they would have ended after the time that the report was given: {}.",
+            "- Skipped because of the time limit: {}.",
             report.left_out.join("; ")
         );
     }
     let _ = writeln!(
         out,
-        "- Everything took {} s, for a level of {} triangles.",
+        "- Total time: {} s. Triangles of the scene: {}.",
         short(report.seconds),
         report.triangles
     );

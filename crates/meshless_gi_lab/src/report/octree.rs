@@ -35,10 +35,10 @@ pub fn beside_octree(rows: &[Row]) -> String {
     if ours.is_empty() {
         return String::new();
     }
-    let mut out = "TransportMethod `fmm` ([G08]) has no links: each reflection of a frame goes up and down an octree of the points. Each row below is a bake by it, and the \
-                   least that the default rule took in any of its bakes here with no more error (– where it had none).\n\n\
-                   | by `fmm` | error | entries | file | bake, s | frame, ms | file of `bounded` | bake of `bounded`, s | frame of `bounded`, ms |\n\
-                   |---|---|---|---|---|---|---|---|---|\n"
+    let mut out = "Method `fmm` ([G08]) has no links: each bounce of a frame is one upward and one downward pass over an octree of the points.\n\
+     Each row below is a bake by `fmm`, with the lowest cost among the bakes by `bounded` whose error is not larger (–: none).\n\n\
+     | `fmm` | error | entries | file | bake, s | frame, ms | file of `bounded` | bake of `bounded`, s | frame of `bounded`, ms |\n\
+     |---|---|---|---|---|---|---|---|---|\n"
         .to_string();
     // In how many places `bounded` is cheaper: file, bake, frame.
     let (mut cheaper, mut met) = ([0usize; 3], 0usize);
@@ -70,22 +70,21 @@ pub fn beside_octree(rows: &[Row]) -> String {
     let (octree, linked) = (best(TransportMethod::fmm()), best(TransportMethod::Bounded));
     let _ = writeln!(
         out,
-        "\nWhich to use: a bake by the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame at {frame}. The least error \
-         tried is {} by `fmm` and {} by `bounded`. {}{}",
+        "\nConclusion: `bounded` reaches {met} of the {} errors above, with a smaller file for {file}, a faster bake for {bake}, a faster frame for {frame}.\n\
+         The minimum error is {} with `fmm` and {} with `bounded`. {}{}",
         ours.len(),
         reached(octree),
         reached(linked),
         match (met, frame, file) {
-            (0, _, _) =>
-                "No bake by links was as exact, so that nothing can be said of what that would take.",
+            (0, _, _) => "No bake by `bounded` reaches these errors.",
             (_, 0, _) => "Use `fmm` here.",
             (m, f, 0) if f == m =>
-                "Use `bounded` here where frames must be fast, `fmm` where files must be small or light is solved once and kept.",
+                "Use `bounded` here for fast frames, `fmm` for small files or for light that is solved once.",
             (m, f, _) if f == m => "Use `bounded` here.",
-            _ => "Which is cheaper depends on the error: see the table.",
+            _ => "The cheaper method depends on the error.",
         },
         match met < ours.len() && octree < linked {
-            true => " What finer bakes by links would take was not tried.",
+            true => " Finer bakes by `bounded` were not measured.",
             false => "",
         }
     );

@@ -8,8 +8,8 @@ use std::fmt::Write;
 
 /// Table of all comparable rows.
 pub(super) fn table(rows: &[Row]) -> String {
-    let mut out = "| what | bake, s | frame, ms | display of 1000 places, ms | file | links | points | error | 99 % below | bias | by its own estimate |\n\
-                   |---|---|---|---|---|---|---|---|---|---|---|\n"
+    let mut out = "| bake | bake, s | frame, ms | display of 1000 points, ms | file | links | points | error | 99 % below | bias | own estimate |\n\
+     |---|---|---|---|---|---|---|---|---|---|---|\n"
         .to_string();
     for factor in Factor::ALL {
         for row in rows
@@ -59,7 +59,10 @@ pub(super) fn known(rows: &[Row], mark: &str) -> String {
         return out;
     }
     format!(
-        "\n{mark} Beside another program's truth\n\nIrradiance after {BOUNCES} reflections that another program computed for this level, at places and under lights of its \
-         own.\n\n| preset | lights | error | bias | 99 % below | error in this report |\n|---|---|---|---|---|---|\n{out}"
+        "\n{mark} Comparison with another program\n\n\
+         NRMSE against irradiance after {BOUNCES} bounces that another program computed for this scene, at its own points and under its own lights.\n\n\
+         | preset | lights | error | bias | 99 % below | error in this report |\n\
+         |---|---|---|---|---|---|\n\
+         {out}"
     )
 }

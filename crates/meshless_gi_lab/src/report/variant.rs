@@ -74,19 +74,19 @@ impl Factor {
         match self {
             Self::Preset => "presets",
             Self::Epsilon => "threshold ε",
-            Self::Plain => "threshold ε, no added levels",
-            Self::RuleL08 => "rule l08, as published",
-            Self::RulePca => "rule pca, bases of light",
-            Self::RuleFmm => "rule fmm, an octree of points",
-            Self::Density => "density of points",
+            Self::Plain => "threshold ε, no refinement levels",
+            Self::RuleL08 => "method l08, as published",
+            Self::RulePca => "method pca",
+            Self::RuleFmm => "method fmm",
+            Self::Density => "point density",
             Self::Levels => "levels",
-            Self::Rays => "rays a point",
-            Self::Added => "added levels",
-            Self::Senders => "levels that send",
-            Self::Places => "places a sender",
-            Self::Several => "several at once",
-            Self::Tier => "tier in the frame",
-            Self::Bounces => "reflections",
+            Self::Rays => "rays per point",
+            Self::Added => "refinement levels",
+            Self::Senders => "sender levels",
+            Self::Places => "samples per sender",
+            Self::Several => "several settings",
+            Self::Tier => "tier of the frame",
+            Self::Bounces => "bounces",
         }
     }
 }
@@ -321,8 +321,8 @@ fn density(base: &BakeSettings, times: f32) -> Variant {
 
 fn bounces(count: u32) -> Variant {
     let name = match count {
-        1 => "1 reflection".to_string(),
-        n => format!("{n} reflections"),
+        1 => "1 bounce".to_string(),
+        n => format!("{n} bounces"),
     };
     Variant {
         run: Run {
@@ -430,7 +430,10 @@ pub fn full(base: &BakeSettings) -> Vec<Variant> {
         };
         with(Factor::Added, name, 1.0, recipe)
     };
-    all.extend([added(0, "no added levels"), added(4, "4 added levels")]);
+    all.extend([
+        added(0, "no refinement levels"),
+        added(4, "4 refinement levels"),
+    ]);
     let sending = |count, name| {
         let recipe = Recipe {
             sender_levels: Some(count),
@@ -446,10 +449,13 @@ pub fn full(base: &BakeSettings) -> Vec<Variant> {
         };
         with(Factor::Places, name, 1.0, recipe)
     };
-    all.extend([lit(1, "1 place a sender"), lit(32, "32 places a sender")]);
+    all.extend([
+        lit(1, "1 sample per sender"),
+        lit(32, "32 samples per sender"),
+    ]);
     all.push(with(
         Factor::Bounces,
-        "4 reflections, baked",
+        "4 bounces, baked",
         1.2,
         Recipe {
             bounce_mode: BounceMode::Baked,

@@ -88,8 +88,8 @@ pub struct VisibilitySettings {
 impl Default for VisibilitySettings {
     /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]) and 50 coefficients, §4.1 has
     /// 1000 points per cluster. The defaults here are twice the directions in half the bits, and
-    /// clusters of 400 points, or fewer where visibility varies. docs/reports/PCA.md has the
-    /// measurements.
+    /// clusters of 400 points, or fewer where visibility varies.
+    /// docs/reports/pca_visibility.md has the measurements.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::with_directions(DIRECTIONS),

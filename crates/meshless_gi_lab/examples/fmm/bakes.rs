@@ -1,10 +1,6 @@
-//! Rule `fmm` beside `bounded` and `pca`: error, time of a frame, bytes and time of the bake on the
-//! same axes, for the Cornell box as triangles and as points, and for a statue of points in a room
-//! of triangles. Writes `FMM_RULE.md` and its charts.
-//!
-//! ```text
-//! cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs/reports
-//! ```
+//! Comparison of the transport methods `fmm`, `bounded` and `pca`: error, frame time, bytes and bake
+//! time, for the Cornell box as triangles and as points, and for a statue of points in a room of
+//! triangles.
 
 use glam::Vec3;
 use meshless_gi::internals::bake::BakeSettings;
@@ -19,7 +15,7 @@ use meshless_gi_lab::report::{
 };
 use std::error::Error;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// No bake begins that would end later than this.
@@ -159,10 +155,12 @@ fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn
 
 /// Time for a file of points, from reading it to a frame, by number of points.
 fn by_number() -> Result<String, Box<dyn Error>> {
-    let mut out = "\n## A `.ply` by its number of points\n\n\
-         A statue in the Cornell box, all of it points (`meshless_gi scatter`), preset `Draft`. Read: from the bytes of the file to the cells that rays meet. Solve: four reflections of one light on the \
-         CPU, projection not counted. Errors are the bakes' own estimates.\n\n\
-         | points | triangles of their cells | read, s | points/s | bake by `bounded`, s | solve, ms | error, % | bake by `fmm`, s | solve, ms | error, % |\n|---|---|---|---|---|---|---|---|---|---|\n"
+    let mut out = "\n## Bakes by number of points\n\n\
+     Scene: a statue in the Cornell box, as a `.ply` of points (`meshless_gi scatter`), preset `Draft`.\n\
+     Read: from the bytes of the file to the triangles of the cells. Solve: four bounces of one light on the CPU without projection.\n\
+     Errors are the bakes' own estimates.\n\n\
+     | points | triangles of their cells | read, s | points/s | bake by `bounded`, s | solve, ms | error, % | bake by `fmm`, s | solve, ms | error, % |\n\
+     |---|---|---|---|---|---|---|---|---|---|\n"
         .to_string();
     for spacing in [0.08, 0.04, 0.02, 0.01] {
         let points = scatter(&statue_room(), spacing, 1).ok_or("no points")?;
@@ -222,9 +220,12 @@ fn levels() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
 /// A level's part of the document.
 fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     let mut out = format!(
-        "\n## {name}\n\n{} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lights, against the reference integrator; frame is the CPU's, \
-         one light moved, all reflections, on {} threads. Links of `fmm` are entries of its lists.\n\n\
-         | rule | what | error, % | bias, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|---|\n",
+        "\n## {name}\n\n\
+         {} triangles. Error: NRMSE of indirect irradiance after {} bounces at {} points under {} lights, against the reference integrator.\n\
+         Frame: time on the CPU for one light that has moved, all bounces, on {} threads.\n\
+         The links of `fmm` are entries of its lists.\n\n\
+         | method | settings | error, % | bias, % | links | file, MB | bake, s | frame, ms |\n\
+         |---|---|---|---|---|---|---|---|\n",
         report.triangles, report.bounces, report.places, report.light_sources, report.threads
     );
     for rule in [
@@ -236,7 +237,7 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
             let _ = writeln!(
                 out,
                 "| `{}` | {} | {:.1} ± {:.1} | {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",
-                format!("{rule:?}").to_lowercase(),
+                rule.name().to_lowercase(),
                 r.settings.name,
                 100.0 * r.nrmse,
                 100.0 * r.nrmse_interval,
@@ -250,7 +251,7 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     }
     if !report.left_out.is_empty() {
         let left = report.left_out.join("; ");
-        let _ = writeln!(out, "\nLeft out for lack of time: {left}.");
+        let _ = writeln!(out, "\nSkipped because of the time limit: {left}.");
     }
     for figure in charts {
         let _ = writeln!(out, "\n![{}](fmm/{})", figure.chart.title, figure.file);
@@ -259,38 +260,25 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     out
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let folder = match arguments.as_slice() {
-        [flag, folder] if flag == "-o" => PathBuf::from(folder),
-        _ => return Err("usage: fmm_rule -o FOLDER".into()),
-    };
-    let threads = rayon::current_num_threads();
-    let mut out = format!(
-        "# TransportMethod `fmm` beside links\n\n\
-         Made by `cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs/reports` on {threads} threads. Do not edit. What the method itself does to error \
-         and time: [FMM.md](FMM.md).\n"
-    );
-    let charts = folder.join("fmm");
-    std::fs::create_dir_all(&charts)?;
-    out += &by_number()?;
-    for (k, (name, level)) in levels()?.into_iter().enumerate() {
+/// Measures the bakes, writes their charts and returns their part of the document.
+pub fn measure(folder: &Path) -> Result<String, Box<dyn Error>> {
+    let mut out = by_number()?;
+    for (k, (name, scene)) in levels()?.into_iter().enumerate() {
         let plan = Sweep {
             choose,
             limit: LIMIT,
             ..Sweep::quick()
         };
-        let report = sweep(&level, &plan, &Progress::default(), &|step| {
+        let report = sweep(&scene, &plan, &Progress::default(), &|step| {
             eprintln!("{name}: {} of {}: {}", step.done + 1, step.of, step.what);
         })?;
         let mut all = figures(name, &report);
         all.retain(|f| ["error_frame_time.svg", "error_bake_time.svg"].contains(&&*f.file));
         for figure in &mut all {
-            figure.file = format!("rule_{k}_{}", figure.file);
-            std::fs::write(charts.join(&figure.file), figure.chart.svg())?;
+            figure.file = format!("bakes_{k}_{}", figure.file);
+            std::fs::write(folder.join(&figure.file), figure.chart.svg())?;
         }
         out += &section(name, &report, &all);
-        std::fs::write(folder.join("FMM_RULE.md"), &out)?;
     }
-    Ok(())
+    Ok(out)
 }
