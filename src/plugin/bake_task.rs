@@ -42,7 +42,7 @@ use meshless_gi::{
 };
 use std::sync::Arc;
 
-/// A bake under way. When it ends, the entity gets the event [`GiBakeFinished`], and after
+/// Running bake. When it ends, the entity gets the event [`GiBakeFinished`], and after
 /// success a [`GiScene`]. [`GiBakeProgress`] on the entity has its progress. Removing
 /// the component cancels the bake.
 #[derive(Component, Reflect)]

@@ -39,7 +39,7 @@ pub struct GiActiveTier {
     pub tier: u32,
     /// Number of tiers of the bake.
     pub tiers: u32,
-    /// The tier is the octree of rule `fmm`.
+    /// The tier is the octree of the method `fmm`.
     pub octree: bool,
     /// Links that a solve reads.
     pub work: u64,

@@ -28,7 +28,7 @@ pub struct Args {
     /// of the normal.
     #[arg(short, long, value_name = "OUT.csv")]
     output: PathBuf,
-    /// Number of diffuse reflections, or `all`. Default: the number in the recipe of the bake.
+    /// Number of diffuse bounces, or `all`. Default: the number in the recipe of the bake.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]
     bounces: Option<Bounces>,
     /// Tier of the operator, from 1 (fewest links); `inspect` lists them. Default: all links.

@@ -28,7 +28,7 @@ pub struct Args {
     /// Maximum number of voxels. Voxels are enlarged to meet it.
     #[arg(long, value_name = "N", default_value_t = 1 << 16, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_VOLUME_VOXELS)))]
     max_voxels: u32,
-    /// Number of diffuse reflections, or `all`. Default: the number in the recipe of the bake.
+    /// Number of diffuse bounces, or `all`. Default: the number in the recipe of the bake.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]
     bounces: Option<Bounces>,
     /// Luminance of an emissive factor of 1, in cd/m².

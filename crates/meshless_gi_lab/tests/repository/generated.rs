@@ -93,9 +93,18 @@ fn plain(doc: &[String]) -> String {
         text.replace_range(start..=end, "");
         text.remove(open);
     }
-    text.replace("[`", "`")
+    let mut text = text
+        .replace("[`", "`")
         .replace("`]", "`")
-        .replace('|', "\\|")
+        .replace('|', "\\|");
+    // Private modules have no page that the book could link.
+    while let Some(start) = text.find(" See `crate::") {
+        let end = text[start..]
+            .find("`.")
+            .map_or(text.len(), |i| start + i + 2);
+        text.replace_range(start..end, "");
+    }
+    text
 }
 
 /// The item of this name below `folder`.
