@@ -7,7 +7,7 @@
 //!
 //! The box is made in code and baked in the background.
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
 //! | arrows, Page Up, Page Down | move the light |
 //! | left mouse button, held | the light follows the mouse |
@@ -45,7 +45,7 @@ fn main() -> ExitCode {
     let soft = arguments.len() < before;
     let capture = match Capture::take_from(&mut arguments) {
         Ok(capture) if arguments.is_empty() => capture,
-        Ok(_) => return usage(&format!("what is {}?", arguments.join(" "))),
+        Ok(_) => return usage(&format!("unknown arguments: {}", arguments.join(" "))),
         Err(why) => return usage(&why),
     };
     let mut app = common::app(capture.as_ref());

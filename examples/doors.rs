@@ -9,7 +9,7 @@
 //! Two rooms are made in code and baked in the background. Their ceiling and front wall are drawn
 //! from inside only.
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
 //! | M | pause and continue |
 //! | Left, Right | change the time |

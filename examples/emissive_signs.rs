@@ -7,7 +7,7 @@
 //!
 //! The street is made in code and baked in the background, with dynamic materials.
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
 //! | M | pause and continue |
 //! | Left, Right | change the time |

@@ -14,7 +14,7 @@
 //! meshless_gi export level.mgi --scene lights.json --irradiance-volume level.ktx2
 //! ```
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
 //! | Space | baked light on and off |
 //!
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     };
     let capture = match Capture::take_from(&mut arguments) {
         Ok(capture) if arguments.is_empty() => capture,
-        Ok(_) => return usage(&format!("what is {}?", arguments.join(" "))),
+        Ok(_) => return usage(&format!("unknown arguments: {}", arguments.join(" "))),
         Err(error) => return usage(&error),
     };
     let placement = match placement(&folder) {

@@ -9,7 +9,7 @@
 //! Without a file, points are scattered over the built-in statue. A `.ply` file replaces it, Y up,
 //! scaled to fit. The room is baked in the background.
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
 //! | M | the light stops and circles on |
 //! | arrows, Page Up, Page Down | stop the light and move it |
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
     let cloud = match arguments.as_slice() {
         [] => scattered(),
         [file] => read(Path::new(file)),
-        more => return usage(&format!("what is {}?", more[1..].join(" "))),
+        more => return usage(&format!("unknown arguments: {}", more[1..].join(" "))),
     };
     let cloud = match cloud {
         Ok(cloud) => cloud,

@@ -7,7 +7,7 @@
 //!
 //! The atrium is made in code and baked in the background, for varying skies.
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
 //! | M | pause and continue |
 //! | Left, Right | change the time |

@@ -75,7 +75,7 @@ impl Capture {
         let mut arguments: Vec<String> = std::env::args().skip(1).collect();
         let why = match Self::take_from(&mut arguments) {
             Ok(capture) if arguments.is_empty() => return Ok(capture),
-            Ok(_) => format!("what is {}?", arguments.join(" ")),
+            Ok(_) => format!("unknown arguments: {}", arguments.join(" ")),
             Err(why) => why,
         };
         eprintln!(

@@ -7,15 +7,15 @@
 //! A `.glb` or `.gltf` that is dropped on the window replaces the scene. A file without lights gets
 //! a point light and a sun.
 //!
-//! | key | does |
+//! | key | effect |
 //! |---|---|
-//! | W A S D, Q E | walk, sink and rise (Shift: fast) |
-//! | right mouse button, held | look round |
+//! | W A S D, Q E | walk, move down and up (Shift: fast) |
+//! | right mouse button, held | look around |
 //! | F | puts the light at the camera |
-//! | L | the light on and off |
+//! | L | light on and off |
 //! | Up, Down | sunlight stronger and weaker |
 //! | Space | indirect light on and off |
-//! | Ctrl+S | saves the bake beside the level, as `level.mgi` |
+//! | Ctrl+S | saves the bake next to the scene, as `level.mgi` |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //! | F1 | the tuning panel, with a button that bakes again |
 //! | P | the plan of the frame: passes, reasons, times |

@@ -85,7 +85,7 @@ pub struct ExternalReference {
 pub enum ReportError {
     /// No light was found that lights anything.
     #[error(
-        "no light falls on anything: the level is empty, or nothing of it can be lit from its free space"
+        "no light reaches a surface: the scene is empty, or its free space was not found; check the geometry or set `viewpoints`"
     )]
     Dark,
     /// A bake failed.
@@ -113,13 +113,13 @@ pub enum ReportError {
         source: RecipeError,
     },
     /// A measurement is no number: a defect of this crate. Please report it with the level.
-    #[error("{name}: an error was measured that is no number")]
+    #[error("{name}: the measured error is not finite")]
     NotFinite {
         /// Name of the variant.
         name: String,
     },
     /// No threads to work on.
-    #[error("no threads could be started: {0}")]
+    #[error("cannot start threads: {0}")]
     Threads(String),
 }
 
