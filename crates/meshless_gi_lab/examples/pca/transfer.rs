@@ -85,7 +85,7 @@ pub fn measure(
     medium: &BakedScene,
     seconds: Option<f64>,
 ) -> Result<Transfer, Box<dyn Error>> {
-    let exam = TestSet::new(level, &[], &EXAM, BOUNCES).ok_or("no light falls on anything")?;
+    let exam = TestSet::new(level, &[], &EXAM, BOUNCES).ok_or("no light reaches a surface")?;
     let bake = |recipe: Recipe| -> Result<Made, Box<dyn Error>> {
         let baked = bake_scene(level, &recipe, 0, &Progress::default())?;
         let coefficients = match recipe.transport {
