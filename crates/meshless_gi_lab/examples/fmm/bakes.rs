@@ -1,6 +1,6 @@
-//! Comparison of the transport methods `fmm`, `bounded` and `pca`: error, frame time, bytes and bake
-//! time, for the Cornell box as triangles and as points, and for a statue of points in a room of
-//! triangles.
+//! Comparison of the transport methods `fmm`, `bounded` and `pca`: error, frame time, bytes and
+//! bake time. The scenes are the Cornell box as triangles and as points, and a statue of points in
+//! a room of triangles.
 
 use glam::Vec3;
 use meshless_gi::internals::bake::BakeSettings;
