@@ -10,15 +10,17 @@ pub const HALF: f32 = 1e-3;
 /// Quantity that errors are relative to.
 #[derive(Clone, Copy, Debug)]
 pub enum Scale {
-    /// The item itself: sums of terms of one sign.
+    /// The item: sums of terms of one sign.
     Item,
     /// The item, or the RMS of all where that is more: sums that may cancel.
     Rms,
+    /// Each float of an item, or a tenth of the RMS of all where that is more.
+    Float,
 }
 
-/// Items of `width` floats that differ by more than `tolerance`, relative to the larger item's
-/// largest float. Also those that are not finite. Panics where the comparison would not report a
-/// single wrong item of the list.
+/// Items of `width` floats that differ by more than `tolerance`, relative to `scale` of the larger
+/// one. Also those that are not finite. Panics where the comparison would not report a single wrong
+/// item of the list.
 pub fn differing<T: NoUninit>(
     gpu: &[T],
     cpu: &[T],
@@ -34,22 +36,48 @@ pub fn differing<T: NoUninit>(
     let floor = match scale {
         Scale::Item => f32::MIN_POSITIVE,
         Scale::Rms => rms,
+        Scale::Float => 0.1 * rms,
     };
-    let found = beyond(gpu, cpu, width, tolerance, floor);
-    let last = gpu.len() / width - 1;
+    // What a float of an item is compared with.
+    let size = |item: &[f32], float: f32| match scale {
+        Scale::Float => float.abs(),
+        Scale::Item | Scale::Rms => largest(item),
+    };
+    reported(gpu.len() / width, |wrong| {
+        let mut cpu = cpu.to_vec();
+        if let Some(item) = wrong {
+            let item = &mut cpu[item * width..(item + 1) * width];
+            item[width - 1] += 4.0 * tolerance * size(item, item[width - 1]).max(floor);
+        }
+        let items = gpu.chunks(width).zip(cpu.chunks(width)).enumerate();
+        items
+            .filter(|(_, (g, c))| {
+                // Written so that a NaN differs.
+                !g.iter().zip(*c).all(|(&x, &y)| {
+                    (x - y).abs() <= tolerance * size(g, x).max(size(c, y)).max(floor)
+                })
+            })
+            .map(|(i, _)| i)
+            .collect()
+    })
+}
+
+/// Returns the items, of `count`, that a comparison reports in ascending order. Panics where it does
+/// not report exactly one more if one more is wrong. `differing` gets the index of that item. The
+/// first, the middle and the last item are wrong in turn.
+pub fn reported(count: usize, differing: impl Fn(Option<usize>) -> Vec<usize>) -> Vec<usize> {
+    let found = differing(None);
+    let last = count - 1;
     for item in [0, last / 2, last] {
         if found.contains(&item) {
             continue;
         }
-        let mut spoiled = cpu.to_vec();
-        let wrong = &mut spoiled[item * width..(item + 1) * width];
-        wrong[width - 1] += 4.0 * tolerance * largest(wrong).max(floor);
         let mut expected = found.clone();
         expected.push(item);
         expected.sort_unstable();
+        let reported = differing(Some(item));
         assert_eq!(
-            beyond(gpu, &spoiled, width, tolerance, floor),
-            expected,
+            reported, expected,
             "one wrong item, {item}, is not reported"
         );
     }
@@ -58,19 +86,6 @@ pub fn differing<T: NoUninit>(
 
 fn largest(item: &[f32]) -> f32 {
     item.iter().fold(0.0, |a, v| a.max(v.abs()))
-}
-
-/// Items that differ by more than `tolerance` of the larger of the item and `floor`.
-fn beyond(gpu: &[f32], cpu: &[f32], width: usize, tolerance: f32, floor: f32) -> Vec<usize> {
-    let items = gpu.chunks(width).zip(cpu.chunks(width)).enumerate();
-    items
-        .filter(|(_, (g, c))| {
-            let allowed = tolerance * largest(g).max(largest(c)).max(floor);
-            // Written so that a NaN differs.
-            !g.iter().zip(*c).all(|(g, c)| (g - c).abs() <= allowed)
-        })
-        .map(|(i, _)| i)
-        .collect()
 }
 
 /// Asserts that all items agree, and that `spoiled`, the twin's output for a slightly different

@@ -1,6 +1,6 @@
 //! The kernels `splat` and `composite` against their twins, over a picture.
 
-use super::compare::{HALF, Scale, differing};
+use super::compare::{HALF, Scale, differing, reported};
 use super::screen::{self, SIZE, Screen};
 use super::{cpu, depth, harness, settings, synthetic};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
@@ -128,7 +128,12 @@ pub fn pixels_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> Vec<usize> {
             .collect::<Vec<_>>()
     };
     let mut found = differing(&rgb(gpu), &rgb(cpu), 3, HALF, Scale::Rms);
-    found.extend((0..gpu.len()).filter(|&i| gpu[i][3] != cpu[i][3]));
+    found.extend(reported(gpu.len(), |wrong| {
+        let coverage = |i: usize| cpu[i][3] + if wrong == Some(i) { 0.5 } else { 0.0 };
+        (0..gpu.len())
+            .filter(|&i| gpu[i][3] != coverage(i))
+            .collect()
+    }));
     found
 }
 

@@ -4,7 +4,7 @@
 #[path = "volume.rs"]
 mod volume;
 
-use super::compare::HALF;
+use super::compare::{self, HALF, Scale, reported};
 use super::depth::depth_texture;
 use super::picture::wide;
 use super::{baked, cpu, harness, settings, solved};
@@ -268,13 +268,12 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
 
 /// Counts texels that differ by more than half floats and sums in another order explain.
 fn differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
-    let rms = (cpu.iter().flatten().map(|v| v * v).sum::<f32>() / (4 * cpu.len()) as f32).sqrt();
-    let near = |(g, c): (&[f32; 4], &[f32; 4])| {
-        g.iter()
-            .zip(c)
-            .all(|(g, c)| (g - c).abs() <= 4.0 * HALF * g.abs().max(c.abs()).max(0.1 * rms))
-    };
-    gpu.iter().zip(cpu).filter(|pair| !near(*pair)).count()
+    compare::differing(gpu, cpu, 4, 4.0 * HALF, Scale::Float).len()
+}
+
+/// Returns the cells that are on one of two lists.
+fn listed_once(gpu: &BTreeSet<u32>, cpu: &BTreeSet<u32>) -> Vec<u32> {
+    gpu.symmetric_difference(cpu).copied().collect()
 }
 
 fn compare(settings: &SubsplatSettings) {
@@ -308,6 +307,26 @@ fn compare(settings: &SubsplatSettings) {
             .filter(|&i| !same(&gpu.cells[i], &cells[i]))
             .collect()
     };
+    // Each number of a cell alone.
+    let turned: fn(u32) -> u32 = match settings.normal {
+        NormalTest::MinMax(_) => |word| word ^ 0x10,
+        NormalTest::Curvature(_) => |word| (f32::from_bits(word) + 1e-2).to_bits(),
+    };
+    let spoils: [&dyn Fn(&mut CellRange); 4] = [
+        &|c| c.near += 1e-3 * c.near.abs().max(0.1),
+        &|c| c.far += 1e-3 * c.far.abs().max(0.1),
+        &|c| c.low = turned(c.low),
+        &|c| c.high = turned(c.high),
+    ];
+    for spoil in spoils {
+        reported(cells.len(), |item| {
+            let mut cells = cells.clone();
+            if let Some(item) = item {
+                spoil(&mut cells[item]);
+            }
+            wrong(&cells)
+        });
+    }
     let found = wrong(&cells);
     if let Some(&i) = found.first() {
         let (of, gpu, cpu) = (found.len(), gpu.cells[i], cells[i]);
@@ -329,7 +348,15 @@ fn compare(settings: &SubsplatSettings) {
     for (k, (set, divided)) in gpu.lists.iter().enumerate() {
         let twin: BTreeSet<u32> = cpu.lists[k].iter().copied().collect();
         listed += twin.len();
-        let apart = set.symmetric_difference(&twin).count();
+        let apart = listed_once(set, &twin).len();
+        // One missing cell, and one too many.
+        if let Some(cell) = set.intersection(&twin).next() {
+            let mut fewer = twin.clone();
+            fewer.remove(cell);
+            assert_eq!(listed_once(set, &fewer).len(), apart + 1);
+            fewer.insert(u32::MAX);
+            assert_eq!(listed_once(set, &fewer).len(), apart + 2);
+        }
         println!(
             "level {k}: {} listed, {} by the twin, {divided} divided",
             set.len(),

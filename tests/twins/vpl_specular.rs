@@ -1,7 +1,7 @@
 //! The kernel `vpl_specular` against its twin, on a room with a glossy floor: node by node, bit by
 //! bit, pixel by pixel, and with shadows.
 
-use super::compare::HALF;
+use super::compare::{self, HALF, Scale};
 use super::depth::depth_texture;
 use super::gloss_support::{Scene, room, virtual_lights};
 use super::picture::wide;
@@ -157,29 +157,37 @@ fn on_gpu(
     }
 }
 
-/// Items that differ by more than halves and sums in another order explain.
-fn differing(gpu: &[Vec<f32>], cpu: &[Vec<f32>]) -> usize {
-    let all = || cpu.iter().flatten();
-    let rms = (all().map(|v| v * v).sum::<f32>() / all().count() as f32).sqrt();
-    let near = |(g, c): (&Vec<f32>, &Vec<f32>)| {
-        let close = |(g, c): (&f32, &f32)| {
-            (g - c).abs() <= 8.0 * HALF * g.abs().max(c.abs()).max(0.1 * rms)
-        };
-        g.iter().zip(c).all(close)
-    };
-    gpu.iter().zip(cpu).filter(|pair| !near(*pair)).count()
+/// Counts items of `N` floats that differ by more than halves and sums in another order explain.
+fn differing<const N: usize>(gpu: &[[f32; N]], cpu: &[[f32; N]]) -> usize {
+    let [gpu, cpu] = [gpu, cpu].map(|items| items.as_flattened());
+    compare::differing(gpu, cpu, N, 8.0 * HALF, Scale::Float).len()
 }
 
-fn nodes_of(nodes: &[SpecularNode]) -> Vec<Vec<f32>> {
+fn nodes_of(nodes: &[SpecularNode]) -> Vec<[f32; 6]> {
     let numbers = |node: &SpecularNode| match node.light() {
-        Some(light) => [light.f0.to_array(), light.f90.to_array()].concat(),
-        None => vec![-1.0; 6],
+        Some(light) => {
+            let ([a, b, c], [d, e, f]) = (light.f0.to_array(), light.f90.to_array());
+            [a, b, c, d, e, f]
+        }
+        None => [-1.0; 6],
     };
     nodes.iter().map(numbers).collect()
 }
 
-fn texels_of(texels: &[[f32; 4]]) -> Vec<Vec<f32>> {
-    texels.iter().map(|t| t.to_vec()).collect()
+/// Counts bits that differ. Panics where one flipped bit is not counted.
+fn flipped_bits(gpu: &[[u32; 4]], cpu: &[[u32; 4]]) -> u32 {
+    assert_eq!(gpu.len(), cpu.len());
+    let count = |cpu: &[[u32; 4]]| -> u32 {
+        let words = gpu.iter().flatten().zip(cpu.iter().flatten());
+        words.map(|(g, c)| (g ^ c).count_ones()).sum()
+    };
+    let found = count(cpu);
+    for item in [0, cpu.len() / 2, cpu.len() - 1] {
+        let mut spoiled = cpu.to_vec();
+        spoiled[item][3] ^= 1;
+        assert_eq!(count(&spoiled).abs_diff(found), 1, "mask {item}");
+    }
+    found
 }
 
 fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) {
@@ -197,17 +205,11 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     let apart = |cpu: &SpecularImage| {
         [
             differing(&nodes_of(&gpu.nodes), &nodes_of(&cpu.nodes)),
-            differing(&texels_of(&gpu.texels), &texels_of(&cpu.texels)),
+            differing(&gpu.texels, &cpu.texels),
         ]
     };
     let bits = |s: &[[u32; 4]]| -> u32 { s.iter().flatten().map(|w| w.count_ones()).sum() };
-    let flipped: u32 = gpu
-        .refine_masks
-        .iter()
-        .flatten()
-        .zip(cpu.refine_masks.iter().flatten())
-        .map(|(g, c)| (g ^ c).count_ones())
-        .sum();
+    let flipped = flipped_bits(&gpu.refine_masks, &cpu.refine_masks);
     let found = apart(&cpu);
     println!(
         "{found:?} of {} nodes and {count} pixels differ, {flipped} of {} bits",
@@ -219,7 +221,7 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     assert!(found[0] * 200 <= gpu.nodes.len() && found[1] * 200 <= count);
 
     // What is drawn of it.
-    let drawn: Vec<Vec<f32>> = (0..count)
+    let drawn: Vec<[f32; 4]> = (0..count)
         .map(|i| {
             let texel = scene.drawn.gbuffer[i];
             let add = composite::composite_specular_pixel(
@@ -228,10 +230,10 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
                 texel,
                 passes[i].into(),
             );
-            [add[0] + GRAY, add[1] + GRAY, add[2] + GRAY, GRAY].to_vec()
+            [add[0] + GRAY, add[1] + GRAY, add[2] + GRAY, GRAY]
         })
         .collect();
-    assert_eq!(differing(&texels_of(&gpu.drawn), &drawn), 0);
+    assert_eq!(differing(&gpu.drawn, &drawn), 0);
 
     // Spoiled inputs.
     let again = |change: &dyn Fn(&mut Scene)| {
