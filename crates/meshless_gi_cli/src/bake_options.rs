@@ -1,7 +1,8 @@
-//! Options of `bake` that replace fields of a recipe.
+//! Options of `bake` that replace fields of a recipe. Each field has an option with its name and
+//! dashes. The shorter names are those of earlier versions.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use meshless_gi::{OccluderDesc, Preset, Recipe, SkyModel, TransportMethod};
+use meshless_gi::{BounceMode, OccluderDesc, Preset, Recipe, SkyModel, TransportMethod};
 
 /// Options of `bake`. One that is not given leaves the recipe's field as it is.
 #[derive(clap::Args)]
@@ -11,7 +12,7 @@ pub struct Options {
     preset: Option<Preset>,
     /// Positions in open space from which lit surfaces are visible, in meters ([L08] §2.3). Repeat
     /// the option for several. Points without normals face them. Default: found automatically.
-    #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
+    #[arg(long = "viewpoint", visible_alias = "viewpoints", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
     viewpoints: Vec<[f32; 3]>,
     /// Poisson-disk radius of the coarsest level, in meters, 1e-9 to 1e9. Default: from the lit
     /// area and the preset.
@@ -24,14 +25,34 @@ pub struct Options {
     /// the preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     sender_levels: Option<u32>,
-    /// Number of gather rays per point, 16 to 65536. Default: from the preset.
+    /// Number of levels that are added where the light varies strongly, 0 to 8. Default: from the
+    /// preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    refinement_levels: Option<u32>,
+    /// Largest number of points of all added levels together, 0 to 4194304. Default: from the
+    /// preset.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    max_refinement_points: Option<u32>,
+    /// Number of gather rays per point, 16 to 65536. Default: from the preset.
+    #[arg(
+        long,
+        visible_alias = "rays-per-point",
+        value_name = "N",
+        allow_hyphen_values = true
+    )]
     rays: Option<u32>,
+    /// Number of light samples of each sender of the finest sender level, 1 to 64. Default: from
+    /// the preset.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    samples_per_sender: Option<u32>,
     /// Number of diffuse bounces, 1 to 64. Default 4.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     bounces: Option<u32>,
+    /// Stage that computes later bounces: runtime (default) or baked. Baked requires method bounded.
+    #[arg(long, hide_possible_values = true, value_name = "STAGE", value_parser = bounce_mode())]
+    bounce_mode: Option<BounceMode>,
     /// Representation of the transport operator: bounded (default), l08, pca or fmm.
-    #[arg(long, hide_possible_values = true, value_parser = rule())]
+    #[arg(long, visible_alias = "transport", hide_possible_values = true, value_parser = rule())]
     rule: Option<TransportMethod>,
     /// Method pca: vectors in a cluster's basis of direct light, 1 to 1000. Default 10.
     #[arg(
@@ -73,11 +94,25 @@ pub struct Options {
     #[arg(long, alias = "fallback")]
     fmm_fallback_links: bool,
     /// Relative truncation threshold of links, 0 to 1. Default: from the preset.
-    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        visible_alias = "truncation-error",
+        value_name = "E",
+        allow_hyphen_values = true
+    )]
     epsilon: Option<f32>,
+    /// Relative difference from the parents' value below which a receiver stores no row, 0 to 1.
+    /// Default: from the preset.
+    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    receiver_tolerance: Option<f32>,
     /// Largest estimated NRMSE, 0.0001 to 1. The bake starts coarse and repeats with finer
     /// parameters until it is met.
-    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        visible_alias = "target-nrmse",
+        value_name = "E",
+        allow_hyphen_values = true
+    )]
     max_error: Option<f32>,
     /// Bake probes, which light dynamic objects, fog and forward cameras.
     #[arg(long)]
@@ -86,6 +121,10 @@ pub struct Options {
     /// bounding box of the scene.
     #[arg(long, value_name = "M", allow_hyphen_values = true)]
     probe_spacing: Option<f32>,
+    /// Number of gather rays per probe, 64 to 65536; implies --probes. Default: twice those of a
+    /// point.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    probe_rays_per_probe: Option<u32>,
     /// Sky model: uniform (default) or harmonics. Harmonics are for skies that vary with the
     /// direction.
     #[arg(long, value_name = "KIND", value_parser = sky())]
@@ -95,7 +134,7 @@ pub struct Options {
     dynamic_materials: bool,
     /// Parts of the scene that open and close at run time, such as doors. Name of a node of the
     /// scene. Repeat the option for several, up to 64.
-    #[arg(long = "occluder", value_name = "NAME")]
+    #[arg(long = "occluder", visible_alias = "occluders", value_name = "NAME")]
     occluders: Vec<String>,
     /// Bake the visibility of points, for lights with soft shadows.
     #[arg(long)]
@@ -130,6 +169,7 @@ pub struct Options {
     #[arg(
         long,
         alias = "visibility-error",
+        visible_alias = "visibility-max-cluster-error",
         value_name = "E",
         requires = "soft_shadows",
         allow_hyphen_values = true
@@ -138,6 +178,9 @@ pub struct Options {
     /// Seed of all random numbers. Default 0.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     seed: Option<u64>,
+    /// Clip planes that end basis functions at walls (design D7): true (default) or false.
+    #[arg(long, value_name = "BOOL", hide_possible_values = true)]
+    clip_planes: Option<bool>,
 }
 
 fn preset() -> impl TypedValueParser<Value = Preset> {
@@ -145,6 +188,13 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
         "draft" => Preset::Draft,
         "high" => Preset::High,
         _ => Preset::Medium,
+    })
+}
+
+fn bounce_mode() -> impl TypedValueParser<Value = BounceMode> {
+    PossibleValuesParser::new(["runtime", "baked"]).map(|word| match word.as_str() {
+        "baked" => BounceMode::Baked,
+        _ => BounceMode::Runtime,
     })
 }
 
@@ -187,6 +237,7 @@ impl Options {
         recipe.preset = self.preset.unwrap_or(recipe.preset);
         recipe.seed = self.seed.unwrap_or(recipe.seed);
         recipe.sky = self.sky.unwrap_or(recipe.sky);
+        recipe.bounce_mode = self.bounce_mode.unwrap_or(recipe.bounce_mode);
         recipe.dynamic_materials |= self.dynamic_materials;
         for name in &self.occluders {
             // The recipe's own description may have boxes.
@@ -200,13 +251,23 @@ impl Options {
         set(&mut recipe.coarse_radius, self.coarse_radius);
         set(&mut recipe.levels, self.levels);
         set(&mut recipe.sender_levels, self.sender_levels);
+        set(&mut recipe.refinement_levels, self.refinement_levels);
+        set(
+            &mut recipe.max_refinement_points,
+            self.max_refinement_points,
+        );
         set(&mut recipe.rays_per_point, self.rays);
+        set(&mut recipe.samples_per_sender, self.samples_per_sender);
         set(&mut recipe.bounces, self.bounces);
         set(&mut recipe.truncation_error, self.epsilon);
+        set(&mut recipe.receiver_tolerance, self.receiver_tolerance);
         set(&mut recipe.target_nrmse, self.max_error);
-        if self.probes || self.probe_spacing.is_some() {
+        set(&mut recipe.clip_planes, self.clip_planes);
+        let probes = self.probe_spacing.is_some() || self.probe_rays_per_probe.is_some();
+        if self.probes || probes {
             let probes = recipe.probes.get_or_insert_default();
             set(&mut probes.spacing, self.probe_spacing);
+            set(&mut probes.rays_per_probe, self.probe_rays_per_probe);
         }
         self.apply_soft_shadows(recipe);
         self.apply_transport(&mut recipe.transport);

@@ -18,21 +18,27 @@ const COMMANDS: [&str; 9] = [
 ];
 
 /// Options of `bake` with the recipe's field that they set.
-const OPTIONS: [(&str, &str); 14] = [
+const OPTIONS: [(&str, &str); 20] = [
     ("preset", "preset"),
     ("viewpoint", "viewpoints"),
     ("coarse-radius", "coarse_radius"),
     ("levels", "levels"),
     ("sender-levels", "sender_levels"),
+    ("refinement-levels", "refinement_levels"),
+    ("max-refinement-points", "max_refinement_points"),
     ("rays", "rays_per_point"),
+    ("samples-per-sender", "samples_per_sender"),
     ("bounces", "bounces"),
+    ("bounce-mode", "bounce_mode"),
     ("rule", "transport"),
     ("epsilon", "truncation_error"),
+    ("receiver-tolerance", "receiver_tolerance"),
     ("max-error", "target_nrmse"),
     ("sky", "sky"),
     ("dynamic-materials", "dynamic_materials"),
     ("occluder", "occluders"),
     ("seed", "seed"),
+    ("clip-planes", "clip_planes"),
 ];
 
 fn root() -> &'static Path {
@@ -84,6 +90,42 @@ fn field_sentence(source: &str, field: &str) -> String {
         .collect();
     doc.reverse();
     first_sentence(&doc.join(" "))
+}
+
+/// Names of the public fields of a structure.
+fn fields<'a>(source: &'a str, name: &str) -> Vec<&'a str> {
+    let head = format!("pub struct {name} {{\n");
+    let (_, body) = source.split_once(&head).expect("the structure");
+    let lines = body.lines().take_while(|line| *line != "}");
+    let fields = lines.filter_map(|line| line.strip_prefix("    pub ")?.split_once(':'));
+    fields.map(|(field, _)| field).collect()
+}
+
+#[test]
+fn each_recipe_field_has_an_option_with_dashes() {
+    let help = help(&["help", "bake"]);
+    let words: Vec<&str> = help
+        .split(|c: char| c.is_whitespace() || ",[]".contains(c))
+        .collect();
+    let mut count = 0;
+    for (file, name, prefix) in [
+        ("recipe", "Recipe", ""),
+        ("transport_method", "PcaRecipe", "pca-"),
+        ("transport_method", "FmmRecipe", "fmm-"),
+        ("visibility", "VisibilityRecipe", "visibility-"),
+        ("probes", "ProbeSettings", "probe-"),
+    ] {
+        let path = root().join(format!("crates/meshless_gi/src/bake/{file}.rs"));
+        let source = std::fs::read_to_string(path).expect("the source");
+        for field in fields(&source, name) {
+            let option = format!("--{prefix}{}", field.replace('_', "-"));
+            // The scene is the argument of the command.
+            let present = words.contains(&option.as_str()) || option == "--scene";
+            assert!(present, "{name}::{field} has no {option}");
+            count += 1;
+        }
+    }
+    assert!(count > 30, "the search finds {count} fields");
 }
 
 /// First sentence in lower case, without the marks of code, links and parameters.
