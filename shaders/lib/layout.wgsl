@@ -1,5 +1,5 @@
-// Structs that kernels share with Rust, byte for byte; `tests/shader_layout.rs` compares them with
-// the types of the same names. SI units: meters, W/m², W/sr.
+// Structs that kernels share with Rust, byte for byte; `tests/checks/shader_layout.rs` compares
+// them with the types of the same names. SI units: meters, W/m², W/sr.
 
 // A half holds no more; what is brighter must not become infinite.
 const LARGEST_HALF: f32 = 65504.0;

@@ -1,6 +1,6 @@
 //! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is
-//! `crates/meshless_gi/src/frame/<name>.rs`. `tests/shader_layout.rs` compares the table with the
-//! declarations of the shaders.
+//! `crates/meshless_gi/src/frame/<name>.rs`. `tests/checks/shader_layout.rs` compares the
+//! table with the declarations of the shaders.
 
 mod solve;
 mod view;

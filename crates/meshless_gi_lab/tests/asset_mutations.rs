@@ -2,9 +2,8 @@
 //! allowed, and what it lets through runs a frame. `MGI_TEST_INTENSITY` (default 1) scales the
 //! number.
 
-mod asset_support;
+mod support;
 
-use asset_support::{Random, build, makes};
 use glam::Vec3;
 use meshless_gi::internals::frame::soft_shadow::{self, SoftLight};
 use meshless_gi::{
@@ -14,6 +13,7 @@ use rayon::prelude::*;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
+use support::{Random, build, makes};
 
 /// Counts what each thread has allocated.
 struct Counting;

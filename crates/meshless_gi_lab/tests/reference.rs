@@ -1,5 +1,5 @@
 //! The reference integrator against the laws of lights and sky (more closed forms:
-//! `tests/closed_forms.rs`), and against path-traced ground truth that another program computed
+//! `tests/lab/closed_forms.rs`), and against path-traced ground truth that another program computed
 //! (`tests/data`). Every comparison is also made with a wrong input and must fail there.
 
 use glam::Vec3;

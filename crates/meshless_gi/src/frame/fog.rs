@@ -25,7 +25,7 @@ pub const MAX_EARLIER: usize = 4;
 /// Transmittance below which the rest of the ray is skipped.
 pub const MIN_TRANSMITTANCE: f32 = 1e-3;
 /// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one
-/// (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
+/// (`cargo test -p meshless_gi_lab --test lab fog -- --nocapture`).
 pub const STEP_VOXELS: f32 = 2.0;
 /// No direction is closer to a side of a box than this.
 pub const PARALLEL: f32 = 1e-9;

@@ -1,6 +1,6 @@
 //! Structs that the frame's kernels and their CPU twins share, byte for byte: lights, a vector
 //! irradiance, the parameters of a frame and of a view. `shaders/lib/layout.wgsl` declares the
-//! same; `tests/shader_layout.rs` compares the two.
+//! same; `tests/checks/shader_layout.rs` compares the two.
 
 use crate::samples::HashedGrid;
 use bytemuck::{Pod, Zeroable};

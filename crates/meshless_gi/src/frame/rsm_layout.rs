@@ -1,6 +1,6 @@
 //! Structs that the kernels of reflective shadow maps share with their CPU twins, byte for byte: a
 //! map and its texels, virtual point lights, a view. `shaders/lib/rsm.wgsl` declares the
-//! same; `tests/shader_layout.rs` compares the two.
+//! same; `tests/checks/shader_layout.rs` compares the two.
 //!
 //! All of them speak of one *space*: the world's axes and meters, with the origin moved to a place
 //! near by ([`space_from_clip`]), so that single precision serves a level far from the world's

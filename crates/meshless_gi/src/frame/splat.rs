@@ -23,7 +23,7 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 pub const LARGEST_HALF: f32 = 65_504.0;
 
 /// Default [`SplatParams::seam`] of a scene with probes. Almost no points on baked surfaces have
-/// less cover (`--test probes` prints their number), so they look as without probes.
+/// less cover (`--test lab probes` prints their number), so they look as without probes.
 pub const SEAM: f32 = 0.5;
 
 /// Smallest cosine between the normals of a function and of a surface that it covers: 46 degrees. A

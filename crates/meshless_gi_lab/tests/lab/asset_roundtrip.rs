@@ -1,9 +1,7 @@
 //! The `.mgi` container: what is written is what is read, the same bytes every time, and files are
 //! replaced as a whole or not at all.
 
-mod asset_support;
-
-use asset_support::{build, makes};
+use super::support::{build, makes};
 use meshless_gi::internals::samples::GridSlot;
 use meshless_gi::internals::transport::Link;
 use meshless_gi::internals::transport::fmm::{FmmNode, FmmOperator, FmmPlace};

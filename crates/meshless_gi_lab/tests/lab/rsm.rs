@@ -1,9 +1,8 @@
 //! One bounce from what moves, against the reference integrator's: reflective shadow maps drawn
 //! from the light, their virtual point lights, and the light of these on the walls. Beside it
-//! \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test rsm -- --nocapture`
+//! \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test lab rsm -- --nocapture`
 //! prints the tables.
 
-#[path = "rsm/room.rs"]
 mod room;
 
 use glam::{Mat4, Vec3};

@@ -1,8 +1,5 @@
 //! Small synthetic scenes that pass validation and use every part of the format.
-#![allow(
-    dead_code,
-    reason = "each test binary uses its own part of this module"
-)]
+#![allow(dead_code, reason = "each program uses its part")]
 
 use meshless_gi_lab::fixtures::by_hand;
 

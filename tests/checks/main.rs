@@ -1,0 +1,6 @@
+//! What needs neither a device nor a window: layouts, rules of the plan, and the package.
+
+mod bounce_count;
+mod fmm_rule;
+mod package;
+mod shader_layout;
