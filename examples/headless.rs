@@ -139,7 +139,7 @@ fn walk(app: &mut App, ms: f32) {
         frame(app);
         let took = 1e3 * began.elapsed().as_secs_f32();
         let tiers = roots.iter().filter_map(|&root| app.world().get(root));
-        for picked in tiers.filter_map(GiActiveTier::picked) {
+        for picked in tiers.filter_map(GiActiveTier::selection) {
             if k % 10 == 0 {
                 println!("| {k} | {took:.1} | {picked} |");
             }

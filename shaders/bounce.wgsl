@@ -51,7 +51,7 @@ fn gather(
     @builtin(local_invocation_index) local: u32,
 ) {
     let k = flat_group(group, groups) * 64u + local;
-    if k >= params.coarsest {
+    if k >= params.coarsest_points {
         return;
     }
     var sum = vec3f(0.0);
@@ -78,7 +78,7 @@ fn spread(
     let end = parent_starts[j + 1u];
     for (var at = parent_starts[j]; at < end; at++) {
         let entry = parent_entries[at];
-        if params.differences == 0u || entry.index < params.coarsest {
+        if params.differences == 0u || entry.index < params.coarsest_points {
             sum += entry.weight * further[entry.index];
         }
     }

@@ -138,10 +138,10 @@ fn receive(
         let entry = entries[i];
         let source = nodes[entry.source];
         for (var j = source.start; j < source.sources; j += 1u) {
-            let r = node.center - places[j].position;
+            let r = node.center - fmm_points[j].position;
             let inverse = 1.0 / length(r);
             derive(r * inverse, local);
-            let m = source_of(places[j], radiosity[places[j].point].xyz);
+            let m = source_of(fmm_points[j], radiosity[fmm_points[j].point].xyz);
             for (var k = 0u; k < 2u; k += 1u) {
                 let t = local + 64u * k;
                 if t < params.terms {
@@ -178,16 +178,16 @@ fn receive(
 }
 
 // The near list of a point.
-fn near_by(node: FmmNode, place: FmmPlace) -> Spectrum {
+fn near_by(node: FmmNode, receiver: FmmOperatorPoint) -> Spectrum {
     var f = nothing();
     for (var i = node.near; i < node.finish; i += 1u) {
         let entry = entries[i];
         let source = nodes[entry.source];
         for (var j = source.start; j < source.sources; j += 1u) {
-            let other = places[j];
-            let r = place.position - other.position;
+            let other = fmm_points[j];
+            let r = receiver.position - other.position;
             let leaving = dot(other.normal, r);
-            let arriving = -dot(place.normal, r);
+            let arriving = -dot(receiver.normal, r);
             let square = dot(r, r);
             if leaving > 0.0 && arriving > 0.0 && square > params.nearest {
                 let spread = square + select(0.0, other.share, params.disks == 1u);
@@ -217,12 +217,12 @@ fn evaluate(
     }
     if node.multipole < node.near {
         for (var p = node.receivers; p < node.end; p += 1u) {
-            let place = places[p];
+            let receiver = fmm_points[p];
             var own = nothing();
             for (var i = node.multipole; i < node.near; i += 1u) {
                 let entry = entries[i];
                 let source = nodes[entry.source];
-                let r = place.position - source.center;
+                let r = receiver.position - source.center;
                 let inverse = 1.0 / length(r);
                 load(entry.source, source.size * inverse, local);
                 derive(r * inverse, local);
@@ -238,29 +238,29 @@ fn evaluate(
                 }
             }
             if local == 0u {
-                values[place.point].x = vec4f(sums[0].x, 0.0);
-                values[place.point].y = vec4f(sums[0].y, 0.0);
-                values[place.point].z = vec4f(sums[0].z, 0.0);
+                values[receiver.point].x = vec4f(sums[0].x, 0.0);
+                values[receiver.point].y = vec4f(sums[0].y, 0.0);
+                values[receiver.point].z = vec4f(sums[0].z, 0.0);
             }
             workgroupBarrier();
         }
     }
     storageBarrier();
     for (var p = node.receivers + local; p < node.end; p += 64u) {
-        let place = places[p];
-        let v = (place.position - node.center) / node.size;
-        var f = near_by(node, place);
+        let receiver = fmm_points[p];
+        let v = (receiver.position - node.center) / node.size;
+        var f = near_by(node, receiver);
         for (var t = 0u; t < params.terms; t += 1u) {
             let base = 3u * (at * params.terms + t);
             f = plus(f, monomial(v, exponents_of(terms[t].exponents)), local_at(base));
         }
         if node.multipole < node.near {
-            let far = values[place.point];
+            let far = values[receiver.point];
             f = plus(f, 1.0, Spectrum(far.x.xyz, far.y.xyz, far.z.xyz));
         }
         let sky = radiosity[params.sky].xyz;
-        values[place.point].x = vec4f(place.factor * f.x + place.sky.x * sky, 0.0);
-        values[place.point].y = vec4f(place.factor * f.y + place.sky.y * sky, 0.0);
-        values[place.point].z = vec4f(place.factor * f.z + place.sky.z * sky, 0.0);
+        values[receiver.point].x = vec4f(receiver.factor * f.x + receiver.sky.x * sky, 0.0);
+        values[receiver.point].y = vec4f(receiver.factor * f.y + receiver.sky.y * sky, 0.0);
+        values[receiver.point].z = vec4f(receiver.factor * f.z + receiver.sky.z * sky, 0.0);
     }
 }

@@ -25,9 +25,9 @@ fn up(
         var sum = nothing();
         if node.children == 0u {
             for (var i = node.start; i < node.sources; i += 1u) {
-                let place = places[i];
-                let v = (node.center - place.position) / node.size;
-                sum = plus(sum, monomial(v, e), source_of(place, radiosity[place.point].xyz));
+                let point = fmm_points[i];
+                let v = (node.center - point.position) / node.size;
+                sum = plus(sum, monomial(v, e), source_of(point, radiosity[point.point].xyz));
             }
         } else {
             for (var c = node.first_child; c < node.first_child + node.children; c += 1u) {

@@ -172,7 +172,7 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     let uv = (pixel - params.viewport.xy) / params.viewport.zw;
     let first = unprojected(uv, 1.0);
     let near = first.xyz / first.w;
-    // The farthest place is a direction where there is no far plane.
+    // The farthest position is a direction where there is no far plane.
     let far = unprojected(uv, 0.0);
     let direction = normalize(far.xyz - far.w * near);
     let shown = unprojected(uv, seen);
@@ -204,7 +204,7 @@ fn arriving(asked: vec3f) -> vec3f {
     let size = vec3f(params.size);
     let place = clamp(asked, vec3f(0.5), size - 0.5);
     let here = textureSampleLevel(light, light_sampler, place / size, 0.0);
-    // In an open place all eight voxels say so.
+    // In an open position all eight voxels say so.
     if here.a >= 0.0 || here.a < OPEN {
         return here.rgb;
     }

@@ -10,10 +10,10 @@
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
 // Slot after slot, `params.senders` values each.
 @group(0) @binding(7) var<storage, read_write> projected: array<f32>;
-// `params.places` each for the senders of the finest sender level.
-@group(0) @binding(8) var<storage, read> places: array<LightSample>;
+// `params.samples_per_sender` each for the senders of the finest sender level.
+@group(0) @binding(8) var<storage, read> light_samples: array<LightSample>;
 
-// Places of a sender that one patch of a rectangle light shines on at most.
+// Positions of a sender that one patch of a rectangle light shines on at most.
 const PATCH_SAMPLES: u32 = 4u;
 
 fn bvh_nodes() -> u32 {
@@ -25,7 +25,7 @@ fn min_distance_squared(extent: f32) -> f32 {
     return clamp(2.5e-5 * extent * extent, 1.17549435e-38, 1e-4);
 }
 
-// A point or spot light nearer to the place's plane than `sample_spacing` shines from that height.
+// A point or spot light nearer to the sample's plane than `sample_spacing` shines from that height.
 fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32 {
     let axis = light.direction;
     if light.kind == LIGHT_NONE {
@@ -59,7 +59,7 @@ fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32
     return e;
 }
 
-fn place_normal(bits: u32) -> vec3f {
+fn sample_normal(bits: u32) -> vec3f {
     var p = unpack2x16snorm(bits);
     let z = 1.0 - abs(p.x) - abs(p.y);
     if z < 0.0 {
@@ -85,17 +85,17 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     let slot = changed[id.y];
     let light = lights[slot];
     var e = 0.0;
-    if j < params.finest_sender || params.places == 0u {
+    if j < params.finest_sender || params.samples_per_sender == 0u {
         e = project_at(light, points[j].position, points[j].normal, 0.0);
     } else {
-        let first = (j - params.finest_sender) * params.places;
+        let first = (j - params.finest_sender) * params.samples_per_sender;
         var stride = 1u;
         if light.kind == LIGHT_PATCH {
-            stride = (params.places + PATCH_SAMPLES - 1u) / PATCH_SAMPLES;
+            stride = (params.samples_per_sender + PATCH_SAMPLES - 1u) / PATCH_SAMPLES;
         }
         var used = 0.0;
-        for (var k = first + stride / 2u; k < first + params.places; k += stride) {
-            e += project_at(light, places[k].position, place_normal(places[k].normal), params.sample_spacing);
+        for (var k = first + stride / 2u; k < first + params.samples_per_sender; k += stride) {
+            e += project_at(light, light_samples[k].position, sample_normal(light_samples[k].normal), params.sample_spacing);
             used += 1.0;
         }
         e /= used;

@@ -43,11 +43,11 @@ fn exceeds_prediction(k: u32, cell: vec2u) -> bool {
     }
     let found = luminance(node, pixel_normal(cell << vec2u(k)));
     let predicted_luminance = node_predicted_luminance(node);
-    return abs(found - predicted_luminance) > screen.light * (0.5 * (found + predicted_luminance) + FLOOR);
+    return abs(found - predicted_luminance) > screen.radiance_threshold * (0.5 * (found + predicted_luminance) + FLOOR);
 }
 
 fn divides(k: u32, cell: vec2u) -> bool {
-    if k == screen.coarsest || breaks(k, cell) {
+    if k == screen.coarsest_level || breaks(k, cell) {
         return true;
     }
     let grid = level_grid(k);
@@ -71,7 +71,7 @@ fn divides(k: u32, cell: vec2u) -> bool {
 
 @compute @workgroup_size(64)
 fn start(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let k = screen.coarsest;
+    let k = screen.coarsest_level;
     let grid = level_grid(k);
     let count = grid.x * grid.y;
     let i = flat_group(group, groups) * ITEMS + lane;

@@ -25,7 +25,7 @@ fn bvh_nodes() -> u32 {
     return shade.nodes;
 }
 
-// The place of a texel along Hilbert's curve through the map.
+// The position of a texel along Hilbert's curve through the map.
 fn hilbert_index(side: u32, column: u32, row: u32) -> u32 {
     var x = column;
     var y = row;

@@ -156,7 +156,7 @@ fn look_up(d: vec3f) -> Cell {
     );
 }
 
-// Place of sample k as seen from x.
+// Position of sample k as seen from x.
 fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     if light.kind == SOFT_RECTANGLE {
         // A Fibonacci lattice.

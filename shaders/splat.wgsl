@@ -57,7 +57,7 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
 }
 
 // Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the
-// place.
+// position.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
     return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_SHARE), found.covered));

@@ -79,7 +79,8 @@ struct Lobe {
     weight: vec3f,
 }
 
-// A table at a place between its texels, from 0 to 1 between the middles of the first and the last.
+// A table at a position between its texels, from 0 to 1 between the middles of the first and the
+// last.
 fn table(layer: u32, uv: vec2f) -> vec4f {
     let last = textureDimensions(tables) - 1u;
     let at = clamp(uv, vec2f(0.0), vec2f(1.0)) * vec2f(last);

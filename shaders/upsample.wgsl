@@ -135,7 +135,7 @@ fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
 }
 
 fn state_of(found: Between) -> u32 {
-    if found.weight <= screen.alike {
+    if found.weight <= screen.min_similarity {
         return 0u;
     }
     if found.covered > 0.99 {

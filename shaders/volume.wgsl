@@ -13,7 +13,7 @@ struct VolumeParams {
     steps: array<array<vec4i, 9>, 6>,
 }
 
-// A place on a wall beside a voxel; its shares start here.
+// A position on a wall beside a voxel; its shares start here.
 struct WallSample {
     normal: vec3f,
     start: u32,

@@ -91,7 +91,7 @@ fn glossy(pixel: vec2u) -> Glossy {
         return out;
     }
     out.texel = textureLoad(gbuffer, pixel, 0);
-    let smooth_share = clamp((wanted.roughest - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
+    let smooth_share = clamp((wanted.max_roughness - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
     out.shown = max(gbuffer_metallic(out.texel), smooth_share);
     out.x = view_place(pixel, out.depth);
     out.n = screen.view_from_world * gbuffer_normal(out.texel);
@@ -197,7 +197,7 @@ fn predict(k: u32, cell: vec2u, here: Glossy) -> Prediction {
             out.light.f90 += weight * light.f90;
         }
     }
-    out.known = total > screen.alike;
+    out.known = total > screen.min_similarity;
     let scale = select(0.0, 1.0 / max(total, TINY), out.known);
     out.light.f0 *= scale;
     out.light.f90 *= scale;
@@ -213,7 +213,7 @@ fn refine_mask_index(k: u32, cell: vec2u) -> u32 {
 
 // Union of the refine masks of level `k` + 1 around a cell of level `k`.
 fn asked(k: u32, cell: vec2u) -> vec4u {
-    if k + 1u == screen.coarsest {
+    if k + 1u == screen.coarsest_level {
         return vec4u(0xffffffffu);
     }
     let grid = vec2i(level_grid(k + 1u));
@@ -252,7 +252,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         keep(k, cell, nothing, vec4u(0u));
         return;
     }
-    if k == screen.coarsest {
+    if k == screen.coarsest_level {
         keep(k, cell, pack_shine(whole(pixel, here)), vec4u(0u));
         return;
     }
@@ -262,7 +262,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     }
     let before = predict(k, cell, here);
     var wants = asked(k, cell);
-    let finer = k >= screen.finest;
+    let finer = k >= screen.finest_level;
     if before.known && (all(wants == vec4u(0u)) || !finer) {
         keep(k, cell, pack_shine(before.light), vec4u(0u));
         return;
@@ -273,7 +273,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     }
     let f0 = gbuffer_f0(here.texel);
     let earlier = bright(before.light, f0);
-    let most = screen.light * (earlier + FLOOR * FRAC_1_PI);
+    let most = screen.radiance_threshold * (earlier + FLOOR * FRAC_1_PI);
     if before.known && wanted.together == 1u {
         let node = pack_shine(whole(pixel, here));
         let off = abs(bright(unpack_shine(node), f0) - earlier);

@@ -79,11 +79,11 @@ pub use plugin::{
 };
 
 // Bakes.
-pub use meshless_gi::{Preset, Recipe};
+pub use meshless_gi::{BakeStage, Preset, Recipe};
 #[cfg(feature = "bevy")]
 pub use plugin::{
     GiBakeCommands, GiBakeError, GiBakeExclude, GiBakeFinished, GiBakeProgress, GiBakeRequest,
-    GiBakeStage, GiBakeSummary, GiBakeTask, GiBakeWarning, GiSceneCheck, GiStaleBakes,
+    GiBakeSummary, GiBakeTask, GiBakeWarning, GiSceneCheck, GiStaleBakes,
 };
 
 // The plugin, its settings and its output.

@@ -124,7 +124,7 @@ fn projection_problems(
     let flips = found.iter().filter(|&&i| {
         // The difference equals the contribution of one of the sender's samples.
         let (light, j) = (&lights[i / senders], i % senders);
-        let count = scene.places.per_sender as usize;
+        let count = scene.light_samples.per_sender as usize;
         let difference = (gpu[i] - twin[i]).abs();
         let is = |whole: f32| {
             (difference - whole).abs() <= SINGLE * whole + SINGLE * gpu[i].max(twin[i])
@@ -133,7 +133,7 @@ fn projection_problems(
             let point = &scene.points[j];
             return is(project::unshadowed(light, point.x(), point.n()));
         }
-        let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
+        let own = &scene.light_samples.list[(j - finest) * count..(j - finest + 1) * count];
         let mut places = project::samples_for_light(light, own);
         let used = places.len() as f32;
         let (extent, apart) = (project::extent(scene), project::sample_spacing(scene));
@@ -172,7 +172,7 @@ fn project_kernel_matches_twin() {
     harness
         .run(|e| frame.project(&kernels, &harness.queue, e, &rest))
         .unwrap();
-    assert_eq!(frame.counters().of(Pass::Project), 2);
+    assert_eq!(frame.counters().dispatches_of(Pass::Project), 2);
     assert_eq!(frame.counters().projected, lights.len() as u64);
 
     let count = lights.len() * scene.senders();
@@ -207,7 +207,7 @@ fn project_kernel_matches_twin() {
         "missing shadows are not noticed: {differing}"
     );
     let mut elsewhere = scene.clone();
-    elsewhere.places.list[5].position[1] += 0.01;
+    elsewhere.light_samples.list[5].position[1] += 0.01;
     let twin = cpu(&elsewhere, &lights, &settings(0, false));
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
     assert!(differing > flips, "a moved place is not noticed");
@@ -234,7 +234,7 @@ fn project_above_dispatch_limit_matches_twin() {
         .unwrap();
     let counters = frame.counters();
     assert_eq!(
-        (counters.of(Pass::Project), counters.projected),
+        (counters.dispatches_of(Pass::Project), counters.projected),
         (2, 70_000)
     );
     let lit = scene.senders();
@@ -298,7 +298,7 @@ const BOUNCED: Checked = ("senders", Pass::Sweep, |f| flat(f.senders()), 4, Scal
 const VALUES: Checked = (
     "values",
     Pass::Averages,
-    |f| flat(f.values()),
+    |f| flat(f.vector_irradiance()),
     12,
     Scale::Rms,
 );
@@ -348,7 +348,7 @@ fn frame_of_differences_matches_twin() {
     const FLAT: Checked = (
         "flatten",
         Pass::Differences,
-        |f| flat(f.values()),
+        |f| flat(f.vector_irradiance()),
         12,
         Scale::Rms,
     );
@@ -565,7 +565,7 @@ fn links_above_binding_limit_are_split() {
         let twin = cpu(&scene, &lights, &settings);
         let frame = GpuFrame::with_buffers(&harness.queue, make(limit).unwrap());
         let frame = solved(&harness, &kernels, frame, &twin, &settings);
-        let parts = frame.counters().of(Pass::Apply);
+        let parts = frame.counters().dispatches_of(Pass::Apply);
         if tier == 4 {
             assert!(
                 parts >= 4 + 2,
@@ -581,8 +581,8 @@ fn links_above_binding_limit_are_split() {
         same(
             &format!("parts, tier {tier}"),
             &gpu,
-            &flat(twin.values()),
-            &flat(spoiled.values()),
+            &flat(twin.vector_irradiance()),
+            &flat(spoiled.vector_irradiance()),
             12,
             Scale::Rms,
         );
@@ -641,9 +641,9 @@ fn cornell_box_bakes_match_twin() {
             let settings = FrameSettings { tier, ..settings };
             let twin = cpu(&scene, &lights, &settings);
             frame = solved(&harness, &kernels, frame, &twin, &settings);
-            let expected = flat(twin.values());
+            let expected = flat(twin.vector_irradiance());
             let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
-            let spoiled = flat(cpu(&scene, &wrong, &settings).values());
+            let spoiled = flat(cpu(&scene, &wrong, &settings).vector_irradiance());
             same(
                 &format!("{rule:?}, {mode:?}, tier {tier}"),
                 &gpu,
@@ -671,7 +671,7 @@ fn octree_above_limit_falls_back_to_links() {
             .run(|e| frame.solve(&kernels, &harness.queue, e, &FrameSettings::bounces(3)))
             .unwrap();
         let passes = [Pass::Pull, Pass::Apply, Pass::FmmUp, Pass::FmmEvaluate];
-        passes.map(|p| frame.counters().of(p))
+        passes.map(|p| frame.counters().dispatches_of(p))
     };
     let levels = scene.fmm.as_ref().unwrap().levels() as u64;
     assert_eq!(run(&scene), [0, 0, 3 * levels, 3]);
@@ -730,9 +730,9 @@ fn only_components_are_compressed() {
     );
     // Only before each use of the operator.
     let counters = frame.counters();
-    assert_eq!(counters.of(Pass::Compress), 3);
-    assert_eq!(counters.of(Pass::Apply), 3);
-    assert_eq!(counters.of(Pass::Pull), 0);
+    assert_eq!(counters.dispatches_of(Pass::Compress), 3);
+    assert_eq!(counters.dispatches_of(Pass::Apply), 3);
+    assert_eq!(counters.dispatches_of(Pass::Pull), 0);
 }
 
 #[test]
@@ -778,12 +778,12 @@ fn unused_buffers_are_not_created() {
     assert!(kernels.has(Pass::Sweep) && frame.buffers().bytes() > bytes);
     let counters = frame.counters();
     assert_eq!(counters.solves, 2);
-    assert_eq!(counters.of(Pass::Sweep), 2);
-    assert_eq!(counters.of(Pass::Apply), 1 + 3);
+    assert_eq!(counters.dispatches_of(Pass::Sweep), 2);
+    assert_eq!(counters.dispatches_of(Pass::Apply), 1 + 3);
     assert_eq!(
-        counters.of(Pass::Pull),
+        counters.dispatches_of(Pass::Pull),
         2 + (2 + 2 * 2),
         "two levels at first, and in each sweep"
     );
-    assert_eq!(counters.of(Pass::Averages), 5 + (2 * 3 + 5));
+    assert_eq!(counters.dispatches_of(Pass::Averages), 5 + (2 * 3 + 5));
 }

@@ -57,7 +57,8 @@ pub fn set_up(mut commands: Commands) {
 /// leaves out are skipped.
 pub fn overall(stage: BakeStage, done: f32) -> f32 {
     let [from, to] = match stage {
-        BakeStage::Bvh => [0.0, 0.02],
+        BakeStage::Waiting => [0.0, 0.0],
+        BakeStage::Geometry => [0.0, 0.02],
         BakeStage::Points => [0.02, 0.2],
         BakeStage::Transport => [0.2, 0.7],
         BakeStage::Probes => [0.7, 0.75],

@@ -69,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let bytes = bytemuck::cast_slice(&light);
         harness.queue.write_buffer(&from, 0, bytes);
         let mut counters = GpuCounters::default();
-        let mut passes = Passes::new(Field::of(&operator));
+        let mut passes = Passes::new(Field::new(&operator));
         let mut values = vec![VectorIrradiance::default(); radiosity.len()];
         let mut least = [f64::INFINITY; 4];
         for _ in 0..3 {

@@ -64,7 +64,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         frame.set_lights(&scene, &FrameLight::expand(&light, 1));
         frame.solve(&scene, &FrameSettings::bounces(4));
-        let values = frame.values();
+        let values = frame.vector_irradiance();
         let scalars: Vec<[f32; 4]> = (scene.points.iter().zip(values))
             .map(|(p, e)| e.dot(p.n()).extend(0.0).to_array())
             .collect();

@@ -163,7 +163,7 @@ fn time(
 fn evaluated(harness: &HeadlessDevice, buffers: &SubsplatBuffers) -> Result<u32, Box<dyn Error>> {
     let levels = buffers.levels();
     let mut sum = 0;
-    for k in 0..=levels.coarsest {
+    for k in 0..=levels.coarsest_level {
         let count: Vec<u32> = harness.read(buffers.count_of(k), 8)?;
         sum += count[3].min(levels.cells(k)) - count[4];
     }
@@ -287,8 +287,8 @@ fn lit(harness: &HeadlessDevice, view: &View<'_>, count: u32) -> Result<(), Box<
     let mut cells = Vec::new();
     for finest in [4, 3, 2, 1] {
         let settings = SubsplatSettings {
-            coarsest: 5,
-            finest,
+            coarsest_level: 5,
+            finest_level: finest,
             ..SubsplatSettings::default()
         };
         let params = view.params(&settings);

@@ -64,7 +64,7 @@ fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
 }
 
 // The light of a white surface in rgb, exposed, and in a how far it is from the eye, negative:
-// nothing else that is bound in this place is.
+// nothing else that is bound in this position is.
 @fragment
 fn shown(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);

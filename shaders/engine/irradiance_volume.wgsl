@@ -1,14 +1,14 @@
-// The light of irradiance volumes at a surface: takes the place of Bevy's module of this name once
-// a level has a volume of ours (src/plugin/volume_shader.rs). Twin:
+// The light of irradiance volumes at a surface: takes the position of Bevy's module of this name
+// once a level has a volume of ours (src/plugin/volume_shader.rs). Twin:
 // crates/meshless_gi/src/frame/volume_sample.rs.
 //
 // A texel of ours has a negative fourth number: how far it is from its voxel to a wall
 // (crates/meshless_gi/src/frame/volume_distance.rs). Between voxels of which some have a wall
-// nearer than the place, those are left out. Where no wall is near, and in volumes that are not
+// nearer than the position, those are left out. Where no wall is near, and in volumes that are not
 // ours, light is what the sampler says, as it is with Bevy's module.
 //
 // Where the view has a display (src/plugin/forward_display.rs) and its pixel shows this surface,
-// the display takes the place of our volumes.
+// the display takes the position of our volumes.
 #define_import_path bevy_pbr::irradiance_volume
 
 #import bevy_pbr::light_probe::{light_probe_iterator_new, light_probe_iterator_next}
@@ -33,7 +33,8 @@
 const MESHLESS_GI_OPEN: f32 = -1.999;
 // What is added to the length of a way.
 const MESHLESS_GI_QUARTER: f32 = 0.25;
-// A place this far beyond a wall, voxels, is not lit through it; one before that by less and less.
+// A position this far beyond a wall, voxels, is not lit through it; one before that by less and
+// less.
 const MESHLESS_GI_BEFORE: f32 = 0.01;
 const MESHLESS_GI_BEYOND: f32 = 0.03;
 // Where so little is left of the eight voxels, all of them count.
@@ -43,9 +44,9 @@ const MESHLESS_GI_MIN_WEIGHT: f32 = 1e-3;
 // How much of its distance from the eye a surface may be away from that of the display.
 const MESHLESS_GI_SAME_SURFACE: f32 = 0.01;
 
-// The display's light at a place, and 1; 0 where there is no display, or another surface in its
+// The display's light at a position, and 1; 0 where there is no display, or another surface in its
 // pixel. The display's fourth number is the distance from the eye along the view, negative: what
-// Bevy binds in its place has none below zero.
+// Bevy binds instead has none below zero.
 fn meshless_gi_display(world_position: vec3<f32>) -> vec4<f32> {
     let h = view.clip_from_world * vec4f(world_position, 1.0);
     let uv = h.xy / h.w * vec2f(0.5, -0.5) + 0.5;
@@ -103,7 +104,7 @@ fn irradiance_volume_light(
         is_shown = x.a < 0.0 && display.a > 0.0;
         here = select(here, display.rgb, is_shown);
 #endif
-        // In an open place all six texels of all eight voxels say so.
+        // In an open position all six texels of all eight voxels say so.
         if !is_shown && x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
             let first = vec3u(place - 0.5);
             var sum = vec3f(0.0);

@@ -18,7 +18,7 @@ struct FmmNode {
     receivers: u32,
 }
 
-struct FmmPlace {
+struct FmmOperatorPoint {
     position: vec3f,
     share: f32,
     normal: vec3f,
@@ -50,7 +50,7 @@ struct FmmParams {
 // Nodes of a level.
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> nodes: array<FmmNode>;
-@group(0) @binding(3) var<storage, read> places: array<FmmPlace>;
+@group(0) @binding(3) var<storage, read> fmm_points: array<FmmOperatorPoint>;
 @group(0) @binding(4) var<storage, read> terms: array<FmmTerm>;
 @group(0) @binding(5) var<storage, read> radiosity: array<vec4f>;
 
@@ -101,9 +101,9 @@ fn monomial(v: vec3f, e: vec3u) -> f32 {
 }
 
 // What a point sends: minus its surface over π, its radiosity and its normal.
-fn source_of(place: FmmPlace, radiosity: vec3f) -> Spectrum {
-    let q = -place.share * radiosity;
-    return Spectrum(place.normal.x * q, place.normal.y * q, place.normal.z * q);
+fn source_of(point: FmmOperatorPoint, radiosity: vec3f) -> Spectrum {
+    let q = -point.share * radiosity;
+    return Spectrum(point.normal.x * q, point.normal.y * q, point.normal.z * q);
 }
 
 fn nothing() -> Spectrum {

@@ -25,7 +25,7 @@ fn listed(k: u32, i: u32) -> Listed {
         return Listed(cell, level_start(0u) + i);
     }
     // The node of an even cell is that of the level above.
-    let above = k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u));
+    let above = k < screen.coarsest_level && all((cell & vec2u(1u)) == vec2u(0u));
     return Listed(cell, select(cell_index(k, cell), NOWHERE, above));
 }
 

@@ -1,4 +1,5 @@
-// Light at a place in free space, as probes have it. Twin: crates/meshless_gi/src/frame/probe.rs.
+// Light at a position in free space, as probes have it. Twin:
+// crates/meshless_gi/src/frame/probe.rs.
 
 const PROBE_ROWS: u32 = 3u;
 

@@ -1,7 +1,7 @@
 // Irradiance from virtual point lights, [N09] Eq. (2). Twin: crates/meshless_gi/src/frame/vpl.rs,
 // which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`, `triangles`, and lib/bvh
-// and lib/shadow. Places and normals in the space of the lights: the world's axes, the origin near
-// by.
+// and lib/shadow. Positions and normals in the space of the lights: the world's axes, the origin
+// near by.
 
 const FRAC_1_PI: f32 = 0.318309886;
 const PI: f32 = 3.14159265;
@@ -118,7 +118,8 @@ fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
     return at + turned / max(length(turned), TINY) * (LIFTS * ray_offset(at, lit.extent));
 }
 
-// What of light `i` the baked scene lets through to the place that a ray leaves at `start` (local).
+// What of light `i` the baked scene lets through to the position that a ray leaves at `start`
+// (local).
 fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
     let ray = end - start;

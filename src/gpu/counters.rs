@@ -32,7 +32,7 @@ impl Default for GpuCounters {
 impl GpuCounters {
     /// Dispatches of `pass`.
     #[must_use]
-    pub fn of(&self, pass: Pass) -> u64 {
+    pub fn dispatches_of(&self, pass: Pass) -> u64 {
         self.dispatches[pass as usize]
     }
 

@@ -21,7 +21,7 @@ pub struct GpuFmm {
     /// Nodes of each level, then of all.
     counts: Vec<u32>,
     nodes: wgpu::Buffer,
-    places: wgpu::Buffer,
+    points: wgpu::Buffer,
     terms: wgpu::Buffer,
     entries: wgpu::Buffer,
     expansions: wgpu::Buffer,
@@ -101,7 +101,7 @@ impl GpuFmm {
             stride,
             counts: spans.iter().map(|s| s.count).collect(),
             nodes: storage("fmm nodes", size_of_val(&operator.nodes[..])),
-            places: storage("fmm points", size_of_val(&operator.places[..])),
+            points: storage("fmm points", size_of_val(&operator.points[..])),
             terms: storage("fmm terms", size_of_val(&terms[..])),
             entries: storage("fmm lists", size_of_val(&operator.entries[..])),
             expansions: storage("fmm S-expansions", expansions),
@@ -115,7 +115,7 @@ impl GpuFmm {
             queue.write_buffer(&own.spans, at, bytemuck::bytes_of(span));
         }
         put(&own.nodes, bytes_of(&operator.nodes));
-        put(&own.places, bytes_of(&operator.places));
+        put(&own.points, bytes_of(&operator.points));
         put(&own.terms, bytes_of(&terms));
         put(&own.entries, bytes_of(&operator.entries));
         Ok(own)
@@ -168,7 +168,7 @@ impl GpuFmm {
             ("fmm parameters", &self.params),
             ("fmm levels", &self.spans),
             ("fmm nodes", &self.nodes),
-            ("fmm points", &self.places),
+            ("fmm points", &self.points),
             ("fmm terms", &self.terms),
             ("fmm lists", &self.entries),
             ("fmm S-expansions", &self.expansions),

@@ -179,7 +179,7 @@ impl GpuFrame {
                     (5, b.nodes.as_entire_binding()),
                     (6, b.triangles.as_entire_binding()),
                     (7, b.projected.as_entire_binding()),
-                    (8, b.places.as_entire_binding()),
+                    (8, b.light_samples.as_entire_binding()),
                 ],
             );
             pass.set_bind_group(0, &bind, &[]);
@@ -358,7 +358,7 @@ impl GpuFrame {
         self.counters.dispatches[pass as usize] += 1;
     }
 
-    /// Draws a view's irradiance onto its picture: added to it, or in its place if `replace` is
+    /// Draws a view's irradiance onto its picture: added to it, or instead if `replace` is
     /// set. `pass` has one target, of `format`. Call it once per view, after the `splat` of its
     /// last scene. `textures` are irradiance, G-buffer and lighting passes.
     pub fn composite(

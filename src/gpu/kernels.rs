@@ -13,7 +13,9 @@ use super::kernel::{Binding, Entry, Kernel, Kind, bind, each, node, tile};
 use meshless_gi::FrameLight;
 use meshless_gi::internals::asset::PointSurface;
 use meshless_gi::internals::basis::WeightEntry;
-use meshless_gi::internals::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
+use meshless_gi::internals::frame::fmm_layout::{
+    FmmEntry, FmmNode, FmmOperatorPoint, FmmParams, FmmTerm,
+};
 use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::{
     CompositeParams, FogInscatterParams, FogParams, RsmParams, RsmSelectParams, RsmShadowParams,

@@ -103,7 +103,7 @@ impl GpuFrame {
         };
         let gains = sanitize_transmittances(known, gains);
         let passes = occluder_set_transmittances(known, &gains);
-        let before = self.counters().of(Pass::Occlude);
+        let before = self.counters().dispatches_of(Pass::Occlude);
         let buffers = self.buffers();
         if let Some(own) = &buffers.occluders {
             queue.write_buffer(&own.passing, 0, bytemuck::cast_slice(&passes));
@@ -150,6 +150,6 @@ impl GpuFrame {
             (0..dispatched).for_each(|_| self.count(Pass::Occlude));
         }
         self.occluded(queue, scene, passes);
-        self.counters().of(Pass::Occlude) - before
+        self.counters().dispatches_of(Pass::Occlude) - before
     }
 }

@@ -50,7 +50,7 @@ pub struct SceneBuffers {
     pub(super) sender_parts: Vec<SpanList>,
     pub(super) links: Vec<wgpu::Buffer>,
     pub(super) points: wgpu::Buffer,
-    pub(super) places: wgpu::Buffer,
+    pub(super) light_samples: wgpu::Buffer,
     pub(super) surfaces: wgpu::Buffer,
     pub(super) rows: wgpu::Buffer,
     /// Rows in the order of their links, followed by the senders' rows alone.
@@ -120,7 +120,7 @@ impl SceneBuffers {
     /// # Errors
     /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone
     /// are cut into parts. An octree that the device does not hold is left out where there are
-    /// links in its place, and an error (of its order, [`GpuError::Limit`]) where there are none.
+    /// links instead, and an error (of its order, [`GpuError::Limit`]) where there are none.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -202,7 +202,7 @@ impl SceneBuffers {
             sender_parts,
             links,
             points: make.upload("points", &scene.points)?,
-            places: make.upload("places", &scene.places.list)?,
+            light_samples: make.upload("light samples", &scene.light_samples.list)?,
             surfaces: make.upload("surfaces", &scene.surfaces)?,
             rows: make.upload("rows", &scene.operator.rows)?,
             order: make.upload("row order", &order)?,
@@ -344,7 +344,7 @@ impl SceneBuffers {
             ("params", &self.params),
             ("spans", &self.spans),
             ("points", &self.points),
-            ("places", &self.places),
+            ("light samples", &self.light_samples),
             ("surfaces", &self.surfaces),
             ("rows", &self.rows),
             ("row order", &self.order),

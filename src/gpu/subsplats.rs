@@ -92,7 +92,7 @@ impl SubsplatBuffers {
         let align = device.limits().min_uniform_buffer_offset_alignment;
         let stride = (size_of::<Span>() as u32).next_multiple_of(align.max(1));
         let spans = uniform(device, "subsplat levels", u64::from(stride) * LEVELS as u64);
-        for k in 0..=levels.coarsest {
+        for k in 0..=levels.coarsest_level {
             let span = Span {
                 first: k,
                 count: levels.cells(k),
@@ -100,7 +100,7 @@ impl SubsplatBuffers {
             };
             queue.write_buffer(&spans, u64::from(stride * k), bytemuck::bytes_of(&span));
         }
-        let counts = (0..=levels.coarsest)
+        let counts = (0..=levels.coarsest_level)
             .map(|_| storage("subsplat count", 4 * COUNT, wgpu::BufferUsages::INDIRECT))
             .collect::<Result<_, _>>()?;
         let zero = storage("no subsplats", 4 * COUNT, none)?;
@@ -190,7 +190,7 @@ impl SubsplatBuffers {
     /// [`SubsplatBuffers::levels`].
     pub fn write(&mut self, queue: &wgpu::Queue, params: &SubsplatParams) {
         debug_assert_eq!(params.levels(), self.levels);
-        self.finest = params.finest;
+        self.finest = params.finest_level;
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(params));
     }
 
@@ -208,7 +208,7 @@ impl SubsplatBuffers {
         if width == 0 || height == 0 {
             return;
         }
-        let coarsest = self.levels.coarsest;
+        let coarsest = self.levels.coarsest_level;
         for count in &self.counts {
             encoder.copy_buffer_to_buffer(&self.none, 0, count, 0, 4 * COUNT);
         }
@@ -299,7 +299,7 @@ impl Recorder<'_> {
             None,
             &tiles(b.levels.grid(1)),
         );
-        for k in 2..=b.levels.coarsest {
+        for k in 2..=b.levels.coarsest_level {
             self.run(
                 Pass::PyramidReduce,
                 &[
@@ -315,7 +315,7 @@ impl Recorder<'_> {
 
     fn start(&mut self) {
         let b = self.b;
-        let coarsest = b.levels.coarsest;
+        let coarsest = b.levels.coarsest_level;
         let groups = b.levels.cells(coarsest).div_ceil(64);
         self.run(
             Pass::RefineStart,

@@ -37,7 +37,10 @@ impl VolumeBuffers {
         queue: &wgpu::Queue,
         places: &VoxelWeights,
     ) -> Result<Self, GpuError> {
-        assert!(places.is_whole(), "a volume whose places are not found");
+        assert!(
+            places.is_whole(),
+            "a volume whose voxel weights are incomplete"
+        );
         let make = Maker::new(device, queue);
         let found = places.wall_samples();
         let wall_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();

@@ -61,7 +61,7 @@ impl SpecularBuffers {
             "vpl_specular levels",
             u64::from(stride) * LEVELS as u64,
         );
-        for k in 0..=levels.coarsest {
+        for k in 0..=levels.coarsest_level {
             let span = Span {
                 first: k,
                 ..Span::default()
@@ -186,7 +186,7 @@ impl SpecularBuffers {
         let pixels = with(&[(7, texture(targets.output))], Pass::VplSpecularPixels);
         let mut pass = compute(encoder, "meshless_gi vpl_specular");
         pass.set_pipeline(&kernels.pass(Pass::VplSpecular).pipeline);
-        for k in (1..=self.levels.coarsest).rev() {
+        for k in (1..=self.levels.coarsest_level).rev() {
             let [w, h] = self.levels.grid(k);
             pass.set_bind_group(0, &level, &[k * self.stride]);
             pass.dispatch_workgroups(w.div_ceil(8), h.div_ceil(8), 1);
@@ -194,7 +194,8 @@ impl SpecularBuffers {
         pass.set_pipeline(&kernels.pass(Pass::VplSpecularPixels).pipeline);
         pass.set_bind_group(0, &pixels, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
-        self.counters.dispatches[Pass::VplSpecular as usize] += u64::from(self.levels.coarsest);
+        self.counters.dispatches[Pass::VplSpecular as usize] +=
+            u64::from(self.levels.coarsest_level);
         self.counters.dispatches[Pass::VplSpecularPixels as usize] += 1;
     }
 }

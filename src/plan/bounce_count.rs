@@ -5,7 +5,7 @@
 //! scenes need two or three reflections, white rooms ten.
 
 use super::GiBounceCount;
-use meshless_gi::internals::frame::materials::live_surfaces;
+use meshless_gi::internals::frame::materials::dynamic_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, MaterialFactors};
 use std::fmt;
 
@@ -96,7 +96,7 @@ impl BounceSelector {
         let known = baked.is_finite() && baked > 0.0;
         if known && (self.gain < baked || self.factors != factors) {
             self.factors = factors.to_vec();
-            self.gain = self.gain.max(live_gain(bake, factors));
+            self.gain = self.gain.max(max_spectral_radius(bake, factors));
         }
         let gain = known.then_some(self.gain);
         let most = FrameSettings::MAX_SWEEPS + 1;
@@ -116,7 +116,7 @@ impl BounceSelector {
 /// materials. It is the bake's bound times the largest factor by which a base color exceeds the
 /// baked one. It never exceeds the albedo of the brightest surface, because a row of the operator
 /// covers one hemisphere at most.
-fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
+fn max_spectral_radius(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     let baked = bake.info.energy.spectral_radius_bound;
     let Some(live) = &bake.materials else {
         return baked;
@@ -131,7 +131,7 @@ fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     if growth <= 1.0 {
         return baked;
     }
-    let surfaces = live_surfaces(bake, factors).unwrap_or_default();
+    let surfaces = dynamic_surfaces(bake, factors).unwrap_or_default();
     let albedos = surfaces.iter().flat_map(|s| s.albedo);
     let brightest = albedos.fold(0.0, f32::max);
     (baked * growth).min(brightest).max(baked)

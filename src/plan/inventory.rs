@@ -21,7 +21,8 @@ pub struct ChangeCounts {
 }
 
 /// Kind of light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "bevy", derive(bevy::reflect::Reflect))]
 pub enum LightKind {
     /// Point light.
     Point,
@@ -82,7 +83,7 @@ pub enum ColorUniformity {
     Dark,
     /// All surfaces that reflect are gray, and all light has one chromaticity.
     One,
-    /// A baked surface, or a live material that covers one, is colored.
+    /// A baked surface, or a dynamic material that covers one, is colored.
     Surfaces,
     /// All surfaces are gray, and the light has several chromaticities.
     Lights,
@@ -106,7 +107,7 @@ pub struct Inventory {
     pub glow_changed: u32,
     /// Number of materials that may change
     /// ([`dynamic_materials`](meshless_gi::Recipe::dynamic_materials)).
-    pub live_materials: u32,
+    pub dynamic_materials: u32,
     /// Number of materials that changed.
     pub materials_changed: u32,
     /// Number of occluders, such as doors and lifts.
@@ -211,8 +212,8 @@ impl fmt::Display for Inventory {
         )];
         let counted = [
             (
-                self.live_materials,
-                "live material",
+                self.dynamic_materials,
+                "dynamic material",
                 self.materials_changed,
                 "changed",
             ),

@@ -71,7 +71,7 @@ impl Hues {
     const ALIKE: f32 = 2e-3;
     const GRAY: Self = Self::One(Vec3::ONE);
 
-    fn of(color: Vec3) -> Self {
+    fn from_color(color: Vec3) -> Self {
         let most = color.abs().max_element();
         match most > 0.0 && most.is_finite() {
             true => Self::One(color / most),
@@ -92,13 +92,13 @@ impl Hues {
     }
 
     fn all(colors: impl IntoIterator<Item = Vec3>) -> Self {
-        (colors.into_iter()).fold(Self::None, |hues, c| hues.with(Self::of(c)))
+        (colors.into_iter()).fold(Self::None, |hues, c| hues.with(Self::from_color(c)))
     }
 
     /// Returns the chromaticity of these colors times a factor.
     fn times(self, factor: Vec3) -> Self {
         match self {
-            Self::One(hue) => Self::of(hue * factor),
+            Self::One(hue) => Self::from_color(hue * factor),
             Self::Several if factor == Vec3::ZERO => Self::None,
             other => other,
         }
@@ -131,15 +131,15 @@ struct Facts {
     bake: Weak<BakedScene>,
     /// Reflected and emitted colors of all surfaces.
     all: [Hues; 2],
-    /// Reflected and emitted colors of the surfaces without a live material.
+    /// Reflected and emitted colors of the surfaces without a dynamic material.
     rest: [Hues; 2],
-    /// Reflected and emitted colors of each live material, for factors of one. Textures are
+    /// Reflected and emitted colors of each dynamic material, for factors of one. Textures are
     /// included.
     shares: Vec<[Hues; 2]>,
 }
 
 impl Facts {
-    fn of(bake: &Arc<BakedScene>) -> Self {
+    fn from_bake(bake: &Arc<BakedScene>) -> Self {
         let mut facts = Self {
             bake: Arc::downgrade(bake),
             all: [Hues::None; 2],
@@ -147,8 +147,8 @@ impl Facts {
             shares: Vec::new(),
         };
         let add = |hues: &mut [Hues; 2], [albedo, emission]: [[f32; 3]; 2]| {
-            hues[0] = hues[0].with(Hues::of(albedo.into()));
-            hues[1] = hues[1].with(Hues::of(emission.into()));
+            hues[0] = hues[0].with(Hues::from_color(albedo.into()));
+            hues[1] = hues[1].with(Hues::from_color(emission.into()));
         };
         for (j, surface) in bake.surfaces.iter().enumerate() {
             let own = [surface.albedo, surface.emission];
@@ -328,7 +328,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
             let census = &mut out.lights[sort as usize];
             census.all += 1;
             census.on += u32::from(color != Vec3::ZERO);
-            *hue = Hues::of(color);
+            *hue = Hues::from_color(color);
             match before.remove(key).as_ref().and_then(parts) {
                 Some((was, tint, stood)) if was == sort => {
                     census.moved += u32::from(stood != place);
@@ -356,18 +356,18 @@ fn count_scene(
         let same = a.iter().zip(b).filter(|(x, y)| x == y).count();
         (a.len() - same) as u32
     };
-    let sky = Hues::all(scene.sky.terms).with(Hues::of(scene.sky.mean));
+    let sky = Hues::all(scene.sky.terms).with(Hues::from_color(scene.sky.mean));
     let skies = match (sky, scene.sky.is_uniform()) {
         (Hues::None, _) => SkyKind::None,
         (_, true) => SkyKind::Uniform,
         (_, false) => SkyKind::Varied,
     };
     out.skies = out.skies.max(skies);
-    out.live_materials += scene.materials.len() as u32;
+    out.dynamic_materials += scene.materials.len() as u32;
     out.doors += scene.gains.len() as u32;
     let facts = match (scene.bake, was.as_ref().and_then(|w| w.facts.clone())) {
         (Some(bake), Some(facts)) if facts.bake.as_ptr() == Arc::as_ptr(bake) => Some(facts),
-        (Some(bake), _) => Some(Facts::of(bake)),
+        (Some(bake), _) => Some(Facts::from_bake(bake)),
         (None, _) => None,
     };
     let [reflected, emitted] = facts
@@ -407,7 +407,7 @@ fn count_scene(
     };
     // A bake for a uniform sky uses the mean of any other sky.
     let sky = match scene.bake.is_some_and(|bake| bake.sky.is_none()) {
-        true => Hues::of(scene.sky.mean),
+        true => Hues::from_color(scene.sky.mean),
         false => sky,
     };
     (now, sky.with(glow), gray)

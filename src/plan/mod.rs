@@ -39,10 +39,10 @@ mod channels;
 mod cost;
 mod decision;
 mod effect;
+mod fmm;
 mod inventory;
 mod inventory_tracker;
 mod lights;
-mod octree;
 mod pass;
 mod passes;
 mod rsm_views;
@@ -63,13 +63,13 @@ pub use channels::{
 pub use cost::{Cost, CostModel, SolveCost, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
 pub use effect::{Effect, PassKind, kind_of};
+pub use fmm::{FmmLimit, falls_back, octree_fits};
 pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, LightKind, SkyKind};
 pub use inventory_tracker::{InventoryTracker, SceneSnapshot, WorldSnapshot};
 pub use lights::{
     SlotTable, Slots, light_affects, same_color, same_projection, same_soft_shadow,
     soft_light_affects,
 };
-pub use octree::{FmmLimit, falls_back, octree_fits};
 pub use pass::{Pass, RunReason, SkipReason};
 pub use passes::Plan;
 pub use rsm_views::{Lens, MAX_RSM_HALF_ANGLE, MapView, RSM_NEAR_PLANE, RSM_SIZE_STEP, map_views};

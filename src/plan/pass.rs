@@ -121,9 +121,7 @@ impl fmt::Display for SkipReason {
             Self::NoVisibility => {
                 f.write_str("a light casts soft shadows, and the bake holds no visibility")
             }
-            Self::NoFreeSpace => {
-                f.write_str("a volume is asked for, and the bake knows no light in free space")
-            }
+            Self::NoFreeSpace => f.write_str("a volume is asked for, and the bake has no probes"),
             Self::NoMaps => f.write_str("lights of this kind cast no reflective shadow maps"),
         }
     }

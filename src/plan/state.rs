@@ -103,7 +103,7 @@ pub struct SceneState {
     pub idle_frames: u32,
     /// `true` if the coefficients are requested on the CPU (for gizmos).
     pub read_back: bool,
-    /// `true` if the live materials differ from those on the device.
+    /// `true` if the dynamic materials differ from those on the device.
     pub materials_changed: bool,
     /// Number of occluders that differ from the device's.
     pub occluders_changed: usize,

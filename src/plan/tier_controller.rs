@@ -16,15 +16,15 @@ use super::{GiQuality, SolveCost, TierSelection};
 use meshless_gi::BakedScene;
 
 /// Number of consecutive solves over the budget before the tier is lowered.
-const OVER: u32 = 3;
+const LOWER_AFTER_SOLVES: u32 = 3;
 /// Share of the budget that the next tier must be predicted to stay below.
 const HEADROOM: f32 = 0.8;
 /// Number of consecutive solves with room for the next tier before the first attempt.
-const CALM: u32 = 60;
+const RAISE_AFTER_SOLVES: u32 = 60;
 /// Number of solves after a raise within which a lower tier counts as a failed attempt.
-const TRIAL: u32 = 300;
+const TRIAL_SAMPLES: u32 = 300;
 /// Number of measurements after a change that may still belong to the previous tier.
-const SETTLE: u32 = 4;
+const SETTLE_SAMPLES: u32 = 4;
 
 /// Properties of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,7 @@ impl TierCandidate {
     /// Returns the tiers of a bake, tier 1 first, for solves with this number of sweeps. The octree
     /// of rule `fmm` is above all links.
     #[must_use]
-    pub fn of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
+    pub fn all_of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
         let mut work = vec![0u64; scene.link_tiers() as usize];
         let senders = scene.senders();
         for (i, row) in scene.operator.rows.iter().enumerate() {
@@ -79,21 +79,21 @@ impl TierCandidate {
 /// Selects the tier of one scene, frame by frame.
 #[derive(Clone, Debug)]
 pub struct TierController {
-    asked: GiQuality,
+    request: GiQuality,
     tiers: Vec<TierCandidate>,
     tier: u32,
     /// Cost of the solves of this tier.
     cost: SolveCost,
     /// Number of consecutive solves over the budget, and the sum of their costs.
-    over: (u32, f32),
+    over_budget: (u32, f32),
     /// Number of consecutive solves with room for the next tier.
-    calm: u32,
-    /// Value of `calm` that an attempt requires. Doubles with each failed attempt.
-    wait: u32,
+    stable_solves: u32,
+    /// Value of `stable_solves` that an attempt requires. Doubles with each failed attempt.
+    required_stable_solves: u32,
     /// Number of measurements since the last raise, while it may still fail.
-    trial: Option<u32>,
+    trial_samples: Option<u32>,
     /// Number of measurements still to be ignored.
-    settle: u32,
+    settle_samples: u32,
     changes: u64,
 }
 
@@ -111,23 +111,23 @@ impl TierController {
             GiQuality::Full | GiQuality::GpuBudget(_) => top,
         };
         Self {
-            asked,
+            request: asked,
             tiers,
             tier,
             cost: SolveCost::default(),
-            over: (0, 0.0),
-            calm: 0,
-            wait: CALM,
-            trial: None,
-            settle: 0,
+            over_budget: (0, 0.0),
+            stable_solves: 0,
+            required_stable_solves: RAISE_AFTER_SOLVES,
+            trial_samples: None,
+            settle_samples: 0,
             changes: 0,
         }
     }
 
     /// Returns the requested quality.
     #[must_use]
-    pub fn asked(&self) -> GiQuality {
-        self.asked
+    pub fn request(&self) -> GiQuality {
+        self.request
     }
 
     /// Returns all tiers.
@@ -150,49 +150,52 @@ impl TierController {
 
     /// Adds the measured cost of a solve, ms. Only a budget uses it. Values that are no valid time
     /// are ignored.
-    pub fn measured(&mut self, ms: f32) {
-        let GiQuality::GpuBudget(budget) = self.asked else {
+    pub fn record_sample(&mut self, ms: f32) {
+        let GiQuality::GpuBudget(budget) = self.request else {
             return;
         };
         let budget = milliseconds(budget);
         if !(ms.is_finite() && ms >= 0.0) {
             return;
         }
-        if self.settle > 0 {
-            self.settle -= 1;
+        if self.settle_samples > 0 {
+            self.settle_samples -= 1;
             return;
         }
         let cost = self.cost.measured(ms);
-        self.trial = self.trial.map(|n| n + 1).filter(|&n| n <= TRIAL);
-        self.over = if ms > budget {
-            (self.over.0 + 1, self.over.1 + ms)
+        self.trial_samples = self
+            .trial_samples
+            .map(|n| n + 1)
+            .filter(|&n| n <= TRIAL_SAMPLES);
+        self.over_budget = if ms > budget {
+            (self.over_budget.0 + 1, self.over_budget.1 + ms)
         } else {
             (0, 0.0)
         };
-        if self.over.0 >= OVER && cost > budget {
+        if self.over_budget.0 >= LOWER_AFTER_SOLVES && cost > budget {
             if self.tier > 1 {
-                self.down(self.over.1 / self.over.0 as f32, budget);
+                self.step_down(self.over_budget.1 / self.over_budget.0 as f32, budget);
             }
             return;
         }
         let above = self.tier + 1;
         let room =
             above as usize <= self.tiers.len() && self.predict(above, cost) <= HEADROOM * budget;
-        self.calm = if room { self.calm + 1 } else { 0 };
-        if self.calm >= self.wait {
-            self.go(above, cost);
-            self.trial = Some(0);
+        self.stable_solves = if room { self.stable_solves + 1 } else { 0 };
+        if self.stable_solves >= self.required_stable_solves {
+            self.switch_to(above, cost);
+            self.trial_samples = Some(0);
         }
     }
 
     /// Returns the selected tier and the reason.
     #[must_use]
-    pub fn picked(&self) -> TierSelection {
+    pub fn selection(&self) -> TierSelection {
         let top = self.tiers.len().max(1) as u32;
         let percent = |error: f32| 100.0 * error;
         let here = self.tiers.get(self.tier as usize - 1);
         let error = here.map_or(f32::INFINITY, |t| t.error);
-        let why = match (self.asked, self.cost.mean()) {
+        let why = match (self.request, self.cost.mean()) {
             (GiQuality::Full, _) => "nothing less was asked for".into(),
             (GiQuality::Tier(n), _) if n == self.tier => "it was asked for".into(),
             (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
@@ -230,30 +233,30 @@ impl TierController {
             tiers: top,
             octree: here.is_some_and(|t| t.octree),
             work: here.map_or(0, |t| t.work),
-            forced: matches!(self.asked, GiQuality::Tier(_)),
+            forced: matches!(self.request, GiQuality::Tier(_)),
             why,
         }
     }
 
     /// Selects the highest lower tier that is predicted to stay well below the budget.
-    fn down(&mut self, cost: f32, budget: f32) {
-        if self.trial.is_some() {
-            self.wait = self.wait.saturating_mul(2);
+    fn step_down(&mut self, cost: f32, budget: f32) {
+        if self.trial_samples.is_some() {
+            self.required_stable_solves = self.required_stable_solves.saturating_mul(2);
         }
         let fits = |t: &u32| self.predict(*t, cost) <= HEADROOM * budget;
         let tier = (1..self.tier).rev().find(fits).unwrap_or(1);
-        self.go(tier, cost);
-        self.trial = None;
+        self.switch_to(tier, cost);
+        self.trial_samples = None;
     }
 
     /// Changes the tier. `cost` is the cost of a solve of the current one.
-    fn go(&mut self, tier: u32, cost: f32) {
+    fn switch_to(&mut self, tier: u32, cost: f32) {
         self.cost.change_links(self.work(self.tier), cost);
         self.tier = tier;
         self.changes += 1;
-        self.settle = SETTLE;
-        self.over = (0, 0.0);
-        self.calm = 0;
+        self.settle_samples = SETTLE_SAMPLES;
+        self.over_budget = (0, 0.0);
+        self.stable_solves = 0;
     }
 
     /// Predicts the cost of a solve of tier `t` from the `cost` of the current tier.

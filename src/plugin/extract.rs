@@ -7,7 +7,7 @@ use super::asset::GiBakedScene;
 use super::camera::GiCamera;
 use super::environment::GiEnvironment;
 pub(crate) use super::extract_lights::{
-    ExtractedGiLight, LightKey, LightKind, LightParts, LightPartsItem, LightSources,
+    ExtractedGiLight, LightKey, LightParts, LightPartsItem, LightSources,
 };
 use super::forward_camera::ForwardDisplays;
 use super::gizmos::{GiGizmos, wants_coefficients};

@@ -6,6 +6,7 @@
 //! lumens / (π · area).
 
 use super::light::GiLight;
+use crate::plan::LightKind;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::color::{Color, LinearRgba};
 use bevy::ecs::prelude::*;
@@ -13,7 +14,6 @@ use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
 use bevy::light::{DirectionalLight, PointLight, RectLight, SpotLight};
 use bevy::math::Vec3;
-use bevy::reflect::prelude::*;
 use bevy::transform::components::GlobalTransform;
 use meshless_gi::Light;
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -30,15 +30,6 @@ pub(crate) struct ExtractedGiLight {
 
 /// Identity of a light.
 pub(crate) type LightKey = (u64, LightKind);
-
-/// Bevy's kinds of lights.
-#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum LightKind {
-    Point,
-    Spot,
-    Directional,
-    Rect,
-}
 
 /// Lights of the main world.
 #[derive(SystemParam)]

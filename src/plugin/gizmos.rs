@@ -106,7 +106,7 @@ fn draw(
         }
         let scene = &asset.scene;
         let lit = coefficients
-            .of(entity)
+            .get(entity)
             .filter(|c| c.len() == scene.points.len());
         let largest = lit
             .as_ref()

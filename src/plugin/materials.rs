@@ -90,8 +90,8 @@ impl ResolvedMaterials {
 
 type Textures = [Option<AssetId<Image>>; 2];
 
-/// Warns if a live material gets another texture, because indirect light keeps the bake's texture.
-/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
+/// Warns if a dynamic material gets another texture, because indirect light keeps the bake's
+/// texture. Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,

@@ -117,7 +117,7 @@ pub use bake_error::GiBakeError;
 pub use bake_finished::GiBakeFinished;
 #[cfg(feature = "gltf")]
 pub use bake_processor::GiBakeProcessor;
-pub use bake_progress::{GiBakeProgress, GiBakeStage};
+pub use bake_progress::GiBakeProgress;
 pub use bake_summary::GiBakeSummary;
 pub use bake_task::GiBakeTask;
 pub use camera::{GiCamera, GiDebugView};

@@ -55,7 +55,7 @@ impl GiActiveTier {
     /// Returns the tier of the next frames and the reason. `None` while the bake is not loaded.
     #[doc(hidden)]
     #[must_use]
-    pub fn picked(&self) -> Option<TierSelection> {
+    pub fn selection(&self) -> Option<TierSelection> {
         (self.tier > 0).then(|| TierSelection {
             tier: self.tier,
             tiers: self.tiers,
@@ -75,7 +75,7 @@ impl GiActiveTier {
 
 impl From<&TierController> for GiActiveTier {
     fn from(controller: &TierController) -> Self {
-        let picked = controller.picked();
+        let picked = controller.selection();
         Self {
             tier: picked.tier,
             tiers: picked.tiers,
@@ -133,7 +133,7 @@ struct Selection {
 
 impl Selection {
     fn new(inputs: SelectionInputs, quality: GiQuality, bake: &BakedScene) -> Self {
-        let mut candidates = TierCandidate::of(bake, inputs.sweeps);
+        let mut candidates = TierCandidate::all_of(bake, inputs.sweeps);
         candidates.retain(|candidate| !(inputs.links_only && candidate.octree));
         Self {
             controller: TierController::new(quality, candidates),

@@ -19,7 +19,7 @@ impl SharedCoefficients {
     /// Returns the newest values of the scene on `root`, one per point. `None` before the first
     /// values have arrived.
     #[must_use]
-    pub fn of(&self, root: Entity) -> Option<Arc<Vec<f32>>> {
+    pub fn get(&self, root: Entity) -> Option<Arc<Vec<f32>>> {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

@@ -10,9 +10,10 @@
 //! added to the meshes below a reflector.
 
 use super::camera::GiCamera;
-use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
+use super::extract::{LightKey, LightParts, LightPartsItem};
 use super::reflective_shadow_map::GiReflectiveShadowMap;
 use super::reflector::GiReflector;
+use crate::plan::LightKind;
 use crate::plan::{Lens, MapView, SkipReason, map_views};
 use bevy::asset::Assets;
 use bevy::camera::primitives::{Aabb, MeshAabb};

@@ -46,13 +46,7 @@ pub(crate) struct LightMaps(pub AskingLights);
 
 /// A light's name in the plan.
 pub(crate) fn light_id(key: LightKey) -> LightId {
-    let kind = match key.1 {
-        LightKind::Point => 0,
-        LightKind::Spot => 1,
-        LightKind::Directional => 2,
-        LightKind::Rect => 3,
-    };
-    LightId(key.0, kind)
+    LightId(key.0, key.1 as u8)
 }
 
 /// Extracts the maps of lights. Runs in the same schedule as `extract`.

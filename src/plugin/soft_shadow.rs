@@ -1,5 +1,5 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that enables them, and the
-//! lights for the render world. The effects `soft_shadows` and `penumbrae` (in
+//! lights for the render world. The effects `soft_shadows` and `subtract_shadow` (in
 //! [`super::effects`]) compute and draw the shadows.
 //!
 //! Bevy draws such a light without shadows. The occluded part of its light is subtracted from the
@@ -7,10 +7,11 @@
 //! unchanged.
 
 use super::asset::GiBakedScene;
-use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
+use super::extract::{LightKey, LightParts, LightPartsItem};
 use super::scene::GiScene;
 use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, add_warnings};
+use crate::plan::LightKind;
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::ecs::prelude::*;

@@ -161,7 +161,7 @@ impl CountReadback {
         Self {
             staging: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("subsplat counts"),
-                size: COUNT * u64::from(levels.coarsest + 1),
+                size: COUNT * u64::from(levels.coarsest_level + 1),
                 usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
                 mapped_at_creation: false,
             }),
@@ -180,7 +180,7 @@ impl CountReadback {
         if self.busy.swap(true, Ordering::AcqRel) {
             return;
         }
-        for k in 0..=self.levels.coarsest {
+        for k in 0..=self.levels.coarsest_level {
             let at = COUNT * u64::from(k);
             encoder.copy_buffer_to_buffer(of.count_of(k), 0, &self.staging, at, COUNT);
         }

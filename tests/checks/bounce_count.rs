@@ -23,7 +23,7 @@ fn draft() -> Recipe {
 
 /// Sums the light of all points, each for its own normal.
 fn light(frame: &CpuFrame, scene: &BakedScene) -> f64 {
-    (frame.values().iter().zip(&scene.points))
+    (frame.vector_irradiance().iter().zip(&scene.points))
         .map(|(e, point)| f64::from(e.dot(point.n()).element_sum()))
         .sum()
 }

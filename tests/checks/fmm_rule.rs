@@ -134,7 +134,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             assert!(again.expect("it can be read") == scene);
             let found = indirect(&scene, &level, &places);
             let error = nrmse(&found, &truth);
-            let work = TierCandidate::of(&scene, REFLECTIONS - 1);
+            let work = TierCandidate::all_of(&scene, REFLECTIONS - 1);
             println!(
                 "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, a frame as {} links, gain {:.3}, not reciprocal {:.3}",
                 scene.info.estimated_nrmse,
@@ -153,7 +153,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
         let turned: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
         assert!(nrmse(&turned, &truth) > 0.2);
         if name.contains("ball") {
-            // The ball reddens the floor below it: without it the same places are less red.
+            // The ball reddens the floor below it: without it the same positions are less red.
             let below = |(x, _): &&(Vec3, Vec3)| {
                 x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < 0.7
             };
@@ -226,7 +226,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
             ..FrameSettings::bounces(3)
         };
         frame.solve(scene, &settings);
-        frame.values().to_vec()
+        frame.vector_irradiance().to_vec()
     };
     // Lower tiers are those of rule `bounded`; the octree is another way to nearly the same light.
     assert!(values(&both, tiers) == values(&links, tiers));
@@ -241,7 +241,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
     println!("octree and links are {apart:.3} apart");
     assert!(apart > 1e-3 && apart < 0.2, "{apart}");
     // A budget that the octree does not keep goes down to the links.
-    let choices = TierCandidate::of(&both, 3);
+    let choices = TierCandidate::all_of(&both, 3);
     assert_eq!(choices.len() as u32, tiers + 1);
     let mut picker = TierController::new(
         GiQuality::GpuBudget(std::time::Duration::from_millis(1)),
@@ -251,7 +251,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
     for _ in 0..20 {
         let work = picker.tiers()[picker.tier() as usize - 1].work;
         let octree = picker.tiers()[tiers as usize].work;
-        picker.measured(2.0 * work as f32 / octree as f32);
+        picker.record_sample(2.0 * work as f32 / octree as f32);
     }
     assert!(picker.tier() <= tiers, "{}", picker.picked());
 }
@@ -305,7 +305,7 @@ fn fmm_closed_room_conserves_energy() {
         let sweeps = frame.converge(&scene, &FrameSettings::bounces(1), 1e-4);
         let right = 1.0 / (1.0 - albedo);
         let (mut mean, mut worst) = (0.0, 0.0f32);
-        for (e, p) in frame.values().iter().zip(&scene.points) {
+        for (e, p) in frame.vector_irradiance().iter().zip(&scene.points) {
             let e = e.dot(p.n()).x / right;
             mean += e / scene.points.len() as f32;
             worst = worst.max((e - 1.0).abs());

@@ -7,7 +7,7 @@ use bevy_meshless_gi::internals::gpu::{KERNELS, Kernel, Kind, Pass};
 use meshless_gi::internals::asset::PointSurface;
 use meshless_gi::internals::basis::{LEAN_FROM, NO_COVER, WeightEntry};
 use meshless_gi::internals::frame::fmm_layout::{
-    FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MAX_FMM_TERMS, NO_TERM,
+    FmmEntry, FmmNode, FmmOperatorPoint, FmmParams, FmmTerm, MAX_FMM_TERMS, NO_TERM,
 };
 use meshless_gi::internals::frame::pyramid::{self, CellRange};
 use meshless_gi::internals::frame::subsplat::{LUMINANCE, PIXELS_PER_DIRECT_EVALUATION, state};
@@ -96,7 +96,7 @@ fn layouts() -> Vec<Layout> {
             sky,
             emission,
             points,
-            places,
+            samples_per_sender,
             senders,
             finest_sender,
             slots,
@@ -104,7 +104,7 @@ fn layouts() -> Vec<Layout> {
             extent,
             tier,
             sky_sender,
-            coarsest,
+            coarsest_points,
             differences,
             sample_spacing,
             sky_terms,
@@ -175,14 +175,14 @@ fn layouts() -> Vec<Layout> {
             view_from_world,
             viewport,
             size,
-            coarsest,
-            finest,
+            coarsest_level,
+            finest_level,
             depth_test,
             normal_test,
             depth_threshold,
             normal_threshold,
-            light,
-            alike,
+            radiance_threshold,
+            min_similarity,
             detail,
             diagonal,
             starts
@@ -194,7 +194,10 @@ fn layouts() -> Vec<Layout> {
             high
         }),
         layout!(SubsplatNode { words }),
-        layout!(SpecularParams { roughest, together }),
+        layout!(SpecularParams {
+            max_roughness,
+            together
+        }),
         layout!(SpecularNode { words }),
         layout!(CompositeParams { scale, white }),
         layout!(FogParams {
@@ -295,7 +298,7 @@ fn layouts() -> Vec<Layout> {
             receivers
         }),
         layout!(FmmEntry { source, weight }),
-        layout!(FmmPlace {
+        layout!(FmmOperatorPoint {
             position,
             share,
             normal,

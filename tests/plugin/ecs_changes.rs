@@ -271,7 +271,7 @@ fn hidden_or_removed_scene_frees_memory() {
     let (config, group) = store.config_mut::<GiGizmos>();
     (config.enabled, group.coefficients) = (true, true);
     run(&mut app, 5);
-    let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
+    let back = |app: &App| app.world().resource::<SharedCoefficients>().get(root);
     assert!(back(&app).is_some());
     app.world_mut().despawn(light_source);
     run(&mut app, 1);

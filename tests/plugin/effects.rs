@@ -64,7 +64,7 @@ fn scene_runs_only_required_effects() {
     let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
     assert_eq!(of(0), of(2));
     assert_eq!(of(0), of(3));
-    // One channel takes the place of three.
+    // One channel takes the position of three.
     assert_eq!((of(4).0, of(4).1), (of(3).0, of(3).1));
     let everything = seen.len() - 1;
     for k in 0..everything {

@@ -49,7 +49,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     ready(&mut app);
     let scene = GltfAssetLabel::Scene(0).from_asset("room.glb");
     let scene = app.world().resource::<AssetServer>().load(scene);
-    // Nothing is there yet. The root's own place is not part of the bake.
+    // Nothing is there yet. The root's own position is not part of the bake.
     let place = Transform::from_xyz(3.0, -7.0, 0.5).with_rotation(Quat::from_rotation_y(0.3));
     let root = app.world_mut().spawn((WorldAssetRoot(scene), place)).id();
     let recipe = Recipe {
@@ -58,7 +58,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     };
     app.world_mut().entity_mut(root).bake_gi(recipe.clone());
     let progress = app.world().get::<GiBakeProgress>(root).unwrap();
-    assert_eq!(progress.stage, GiBakeStage::Waiting);
+    assert_eq!(progress.stage, BakeStage::Waiting);
     let summary = end_of(&mut app, root).unwrap();
     assert_eq!(summary.warnings, []);
     let ours = scene_of(&app, root);
@@ -334,7 +334,7 @@ fn mirrored_and_instanced_meshes_keep_front_faces() {
         let parts = (Mesh3d(mesh.clone()), MeshMaterial3d(material), turned);
         app.world_mut().spawn((parts, ChildOf(parent)));
     }
-    // The root's place, mirrored or not, is not part of the bake.
+    // The root's position, mirrored or not, is not part of the bake.
     (app.world_mut().entity_mut(root)).insert(mirror.with_translation(Vec3::splat(5.0)));
     let (summary, scene) = bake(&mut app, root, quick());
     assert_eq!((summary.triangles, summary.warnings.len()), (22, 0));
@@ -416,7 +416,7 @@ fn two_texels(left: [u8; 4], right: [u8; 4]) -> Image {
     )
 }
 
-/// [`Room::cornell`] without its floor, and another one in its place.
+/// [`Room::cornell`] without its floor, and another one instead.
 fn room_with_floor(app: &mut App, mesh: Mesh, material: StandardMaterial) -> Entity {
     let mut room = Room::cornell();
     room.0.remove(0);

@@ -886,7 +886,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
         .spawn((bevy_light(), Transform::from_translation(place)));
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
-    let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
+    let back = |app: &App| app.world().resource::<SharedCoefficients>().get(root);
     assert!(back(&app).is_none());
     assert_eq!(counters(&app).dispatches_of(FrameStage::READ_BACK), 0);
 
@@ -905,7 +905,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
     assert_eq!(values.len(), bake.points.len());
     let largest = values.iter().copied().fold(0.0, f32::max);
     for (i, v) in frame
-        .values()
+        .vector_irradiance()
         .iter()
         .enumerate()
         .filter(|(i, _)| bake.operator.rows[*i].tier != 0)

@@ -110,7 +110,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
         )
     };
     let [by_octree, by_links] = [tiers, links].map(cpu);
-    // For each reflection up and down all levels of the octree, and the places; links take one
+    // For each reflection up and down all levels of the octree, and the positions; links take one
     // dispatch for each.
     let levels = bake.fmm.as_ref().expect("an octree").levels() as u32;
     let reflections = settings().sweeps + 1;
@@ -128,7 +128,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
 
     // It takes too long: the links on the same points, and the plan says what the octree would
     // take. A solve by all links takes 2 ms, by the octree ten times as long.
-    let choices = TierCandidate::of(&bake, settings().sweeps);
+    let choices = TierCandidate::all_of(&bake, settings().sweeps);
     let work = choices[links as usize - 1].work;
     stand
         .app
@@ -193,7 +193,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
 
     // A budget chooses among what runs: with 2 ms for all links, half of them below, and 3 ms to
     // spend, all links stay.
-    let choices = TierCandidate::of(&bake, settings.sweeps);
+    let choices = TierCandidate::all_of(&bake, settings.sweeps);
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
     let cost = move |asked: u64| 2.0 * asked as f32 / work as f32;

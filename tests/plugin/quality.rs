@@ -41,7 +41,7 @@ fn ask(app: &mut App, stage: &Stage, quality: GiQuality) {
 
 fn tier(app: &App, stage: &Stage) -> (u32, String) {
     let found = app.world().get::<GiActiveTier>(stage.root).unwrap();
-    let picked = found.picked().unwrap();
+    let picked = found.selection().unwrap();
     (picked.tier, picked.why)
 }
 
@@ -97,7 +97,7 @@ fn requested_tier_matches_cpu() {
     assert!(counters(&app).solved.is_empty());
 
     // By error: what the bake says of its tiers.
-    let upper: Vec<f32> = TierCandidate::of(&bake, 3)
+    let upper: Vec<f32> = TierCandidate::all_of(&bake, 3)
         .iter()
         .map(|t| t.error)
         .collect();
@@ -122,7 +122,7 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
     let mut app = app();
     let stage = stage(&mut app);
     let (_, bake) = cornell();
-    let choices = TierCandidate::of(&bake, 3);
+    let choices = TierCandidate::all_of(&bake, 3);
     let all = choices[3].work as f32;
     // Thousandths of a millisecond that all links take.
     let load = Arc::new(AtomicU32::new(2_000));

@@ -67,10 +67,10 @@ fn subsplats_match_per_pixel_display() {
         (
             "minima",
             SubsplatSettings {
-                coarsest: 6,
+                coarsest_level: 6,
                 depth: DepthTest::MinMax(0.05),
                 normal: NormalTest::MinMax(0.3),
-                light: f32::INFINITY,
+                radiance_threshold: f32::INFINITY,
                 ..settings
             },
         ),
@@ -93,11 +93,11 @@ fn subsplats_match_per_pixel_display() {
     }
     // What is set wrongly is brought into range.
     let wild = SubsplatSettings {
-        coarsest: 0,
-        finest: 99,
+        coarsest_level: 0,
+        finest_level: 99,
         depth: DepthTest::Plane(f32::NAN),
-        light: f32::NAN,
-        alike: 7.0,
+        radiance_threshold: f32::NAN,
+        min_similarity: 7.0,
         detail: -1.0,
         ..settings
     };

@@ -13,7 +13,7 @@ use bevy_meshless_gi::internals::plan::{FrameStage, bounces_for_spectral_radius}
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings};
 use glam::Mat3;
-use meshless_gi::internals::frame::materials::live_surfaces;
+use meshless_gi::internals::frame::materials::dynamic_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, SkyModel, SkyRadiance};
 use std::sync::{Arc, OnceLock};
 
@@ -166,7 +166,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         factors[LEFT].base_color = paint.to_array();
         factors[TOP].emissive = [glow, 0.5 * glow, 0.1 * glow];
         let mut now = (*bake).clone();
-        let surfaces = live_surfaces(&bake, &factors).unwrap();
+        let surfaces = dynamic_surfaces(&bake, &factors).unwrap();
         now.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
         let wall = room.0[LEFT].color;
         let seen = room.recolored(|c| if c == wall { paint } else { c });

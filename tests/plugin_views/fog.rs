@@ -190,7 +190,7 @@ impl Shown {
         let shape = shape();
         let places = VoxelWeights::from_scene(shape, &bake);
         let values = VolumeValues {
-            points: frame.values(),
+            points: frame.vector_irradiance(),
             probes: frame.probes(),
         };
         let voxels = VolumeParams::new(&shape, &local_from_world);

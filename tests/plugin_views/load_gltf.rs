@@ -196,7 +196,8 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
 #[test]
 fn overall_progress_rises_from_stage_to_stage() {
     let stages = [
-        BakeStage::Bvh,
+        BakeStage::Waiting,
+        BakeStage::Geometry,
         BakeStage::Points,
         BakeStage::Transport,
         BakeStage::Probes,

@@ -145,12 +145,12 @@ fn bake_without_probes_runs_no_probe_pass() {
     });
     assert_eq!(without.1.dispatches_of(FrameStage::PROBE), 0);
     assert!(
-        !without.1.plan.to_string().contains("free_space"),
+        !without.1.plan.to_string().contains("(probes)"),
         "{}",
         without.1.plan
     );
     assert!(
-        with.1.plan.to_string().contains("free_space"),
+        with.1.plan.to_string().contains("(probes)"),
         "{}",
         with.1.plan
     );

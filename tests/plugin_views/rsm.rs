@@ -495,8 +495,8 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         .entity_mut(eye)
         // A picture so small has room for few nodes.
         .insert(GiSpecular(SpecularSettings {
-            coarsest: 2,
-            light: 1e-4,
+            coarsest_level: 2,
+            radiance_threshold: 1e-4,
             ..default()
         }));
     run(&mut app, 2);

@@ -101,7 +101,7 @@ struct Expected {
 }
 
 /// Computes the expected values, in world space. The light has `few` samples for the twins and
-/// `many` for rays, and `root` places the room.
+/// `many` for rays, and `root` positions the room.
 fn expected(
     bake: &BakedScene,
     root: Transform,
@@ -154,7 +154,7 @@ fn expected(
             continue;
         }
         let (x, n) = splat::pixel_position(&view, [i % WIDTH, i / WIDTH], depth, texel);
-        let surface = LitSurface::of(texel, n, (eye - x).normalize());
+        let surface = LitSurface::from_texel(texel, n, (eye - x).normalize());
         let bright = exposure() * subtract_shadow::drawn(&params, None, &lights, x, &surface);
         out.bright.pixels.push(bright.to_array());
         let missing = subtract_shadow::missing(bake, &occluded_irradiances, x, n);

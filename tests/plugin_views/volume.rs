@@ -337,8 +337,8 @@ fn volume_does_not_light_gbuffer() {
     s.ask(GiIrradianceVolume::default());
     s.wait();
     assert_eq!(s.picture().pixels, before.pixels);
-    // Parameters, starts and shares of the places; the same of the walls' faces, and the faces; the
-    // ways.
+    // Parameters, starts and shares of the positions; the same of the walls' faces, and the faces;
+    // the ways.
     assert_eq!(counters(&s.app).buffers, buffers + 7);
     s.move_light_source(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);

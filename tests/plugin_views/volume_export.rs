@@ -151,7 +151,7 @@ fn exported_volume_matches_plugin_volume() {
         dark > 3.0 * MAX_FLIP && far > 3.0 * MAX_NRMSE,
         "{dark}, {far}"
     );
-    // Another axis in the place of each: colors bleed from the wrong walls.
+    // Another axis in the position of each: colors bleed from the wrong walls.
     let mut turned = volume.clone();
     let layers = turned.texels.len() / 3;
     turned.texels.rotate_left(layers);

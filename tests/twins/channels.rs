@@ -71,7 +71,14 @@ fn at(channels: Channels) -> FrameSettings {
 /// Returns the number of values that differ from `right` in one channel of `hue`, on the CPU.
 fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -> usize {
     let found = cpu(scene, lights, &at(Channels::One(hue)));
-    differing(found.values(), right.values(), 12, SINGLE, Scale::Rms).len()
+    differing(
+        found.vector_irradiance(),
+        right.vector_irradiance(),
+        12,
+        SINGLE,
+        Scale::Rms,
+    )
+    .len()
 }
 
 #[test]
@@ -89,7 +96,13 @@ fn monochrome_of_gray_scene_equals_rgb() {
         let frame = solved(&harness, &kernels, frame, &right, &at(Channels::One(HUE)));
         let values: Vec<VectorIrradiance> =
             output(&harness, &frame, Pass::Averages, scene.points.len());
-        let found = differing(&values, right.values(), 12, 2.0 * SINGLE, Scale::Rms);
+        let found = differing(
+            &values,
+            right.vector_irradiance(),
+            12,
+            2.0 * SINGLE,
+            Scale::Rms,
+        );
         assert!(found.is_empty(), "{form:?}: {} differ", found.len());
         let counters = frame.counters();
         assert_eq!(counters.of(Pass::Apply), 0);

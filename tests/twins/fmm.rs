@@ -22,7 +22,7 @@ const SUMS: f32 = 1e-4;
 /// S-expansions, R-expansions and vector irradiance of the twins; `radiosity` ends with the sky's
 /// coefficient.
 fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
-    let mut passes = Passes::new(Field::of(operator));
+    let mut passes = Passes::new(Field::from_operator(operator));
     let sky = radiosity.len() - 1;
     let mut values = vec![VectorIrradiance::default(); sky];
     fmm_up(&mut passes, radiosity);
@@ -80,8 +80,8 @@ fn device(
 fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
     let room = room::cornell(1500);
     let mut points = room.points.clone();
-    // A ball without a part in the geometry: normals of all kinds. A heap in one place, more than a
-    // workgroup has threads.
+    // A ball without a part in the geometry: normals of all kinds. A heap in one position, more
+    // than a workgroup has threads.
     points.extend((0..400).map(|i| {
         let z = 1.0 - 2.0 * (i as f32 + 0.5) / 400.0;
         let phi = i as f32 * 2.399_963;
@@ -130,7 +130,7 @@ fn fmm_passes_match_twin() {
     for (order, disks) in [(0, true), (3, false), (4, true), (6, true)] {
         let (fmm, radiosity) = scene(order, disks);
         let mut operator = fmm.operator(|at| at);
-        for place in &mut operator.places {
+        for place in &mut operator.points {
             place.sky = [0.1, 0.02 * place.position[0], -0.1];
             place.factor = 1.0 + 0.1 * place.position[1];
         }
@@ -141,8 +141,8 @@ fn fmm_passes_match_twin() {
         let (found, counters) = device(&harness, &kernels, &operator, &light);
         // One point that is half as bright again is noticed in all three, and so is the sky in the
         // last.
-        let lit = |p: &&meshless_gi::internals::transport::fmm::FmmPlace| p.share > 0.0;
-        let mut sources = operator.places.iter().filter(lit);
+        let lit = |p: &&meshless_gi::internals::transport::fmm::FmmOperatorPoint| p.share > 0.0;
+        let mut sources = operator.points.iter().filter(lit);
         let at = sources.nth(700).unwrap().point as usize;
         let spoil = |light: &mut [[f32; 4]], at: usize| {
             let b = &mut light[at];
@@ -171,7 +171,8 @@ fn fmm_passes_match_twin() {
         let off = differing(&found[2], &twin(&operator, &dark)[2], 12, SUMS, Scale::Rms);
         assert!(!off.is_empty(), "a brighter sky is not noticed");
         let levels = operator.levels() as u64;
-        let counts = [Pass::FmmUp, Pass::FmmReceive, Pass::FmmEvaluate].map(|p| counters.of(p));
+        let counts =
+            [Pass::FmmUp, Pass::FmmReceive, Pass::FmmEvaluate].map(|p| counters.dispatches_of(p));
         assert_eq!(counts, [levels, levels, 1]);
         // Against the bake's own numbers.
         let (wide, _) = fmm.irradiance(&radiosity).unwrap();
@@ -181,7 +182,7 @@ fn fmm_passes_match_twin() {
         let ([_, _, vectors], _) = device(&harness, &kernels, &plain, &narrow);
         let vectors: &[VectorIrradiance] = bytemuck::cast_slice(&vectors);
         let mut pairs = [Vec::new(), Vec::new()];
-        for place in &plain.places {
+        for place in &plain.points {
             let i = place.point as usize;
             let e = vectors[i]
                 .dot(Vec3::from_array(place.normal))

@@ -120,7 +120,14 @@ fn occluders_closed_and_open_match_twin() {
         [
             differing(&a, &b, 3, HALF, Scale::Rms).len(),
             off.saturating_sub(8),
-            differing(values, right.values(), 12, 2.0 * HALF, Scale::Rms).len(),
+            differing(
+                values,
+                right.vector_irradiance(),
+                12,
+                2.0 * HALF,
+                Scale::Rms,
+            )
+            .len(),
             differing(space, right.probes(), 12, 2.0 * HALF, Scale::Rms).len(),
         ]
     };
@@ -162,7 +169,13 @@ fn occluded_link_chunks_match_twin() {
     let values: Vec<VectorIrradiance> =
         output(&harness, &frame, Pass::Averages, scene.points.len());
     let right = twin(&scene, &gains);
-    let off = differing(&values, right.values(), 12, 2.0 * HALF, Scale::Rms);
+    let off = differing(
+        &values,
+        right.vector_irradiance(),
+        12,
+        2.0 * HALF,
+        Scale::Rms,
+    );
     assert!(off.is_empty(), "{} differ", off.len());
 }
 
@@ -179,7 +192,7 @@ fn scene_without_occluders_has_no_occluder_terms() {
             assert_eq!(done, 0);
         })
         .unwrap();
-    assert_eq!(frame.counters().of(Pass::Occlude), 0);
+    assert_eq!(frame.counters().dispatches_of(Pass::Occlude), 0);
     assert_eq!(
         (frame.buffers().count(), frame.buffers().bytes()),
         (count, bytes)

@@ -34,7 +34,7 @@ fn draw(
     let values = frame.buffers().output(Pass::Averages).unwrap();
     harness
         .queue
-        .write_buffer(values, 0, bytemuck::cast_slice(twin.values()));
+        .write_buffer(values, 0, bytemuck::cast_slice(twin.vector_irradiance()));
     let mut view = ViewBuffers::new(&harness.device);
     view.write(&harness.queue, params, composite);
 
@@ -171,10 +171,11 @@ fn splat_and_composite_match_twin() {
     assert_eq!(drawn.frame.counters().of(Pass::SplatOver), 1);
     assert_eq!(drawn.frame.counters().composites, 1);
 
-    // splat. The one freedom: a place within rounding of a clip plane may lie on either side of it,
-    // and a weight sum within rounding of NO_COVER may count or not. Of 2747 pixels at most two do.
+    // splat. The one freedom: a position within rounding of a clip plane may lie on either side of
+    // it, and a weight sum within rounding of NO_COVER may count or not. Of 2747 pixels at most two
+    // do.
     let gpu = wide(&drawn.irradiance);
-    let expected = splat_all(&scene, twin.values(), &screen, &params(0.5));
+    let expected = splat_all(&scene, twin.vector_irradiance(), &screen, &params(0.5));
     let covered = expected.iter().filter(|e| e[3] == 1.0).count();
     let black = expected.iter().filter(|e| e[3] == 0.0).count();
     assert!(
@@ -205,13 +206,13 @@ fn splat_and_composite_match_twin() {
     ] {
         let mut wrong = scene.clone();
         spoil(&mut wrong);
-        let spoiled = splat_all(&wrong, twin.values(), &screen, &params(0.5));
+        let spoiled = splat_all(&wrong, twin.vector_irradiance(), &screen, &params(0.5));
         assert!(
             pixels_differing(&gpu, &spoiled).len() > 20,
             "a wrong input is not noticed"
         );
     }
-    let spoiled = splat_all(&scene, twin.values(), &screen, &params(0.503));
+    let spoiled = splat_all(&scene, twin.vector_irradiance(), &screen, &params(0.503));
     assert!(
         pixels_differing(&gpu, &spoiled).len() > 20,
         "a wrong scale is not noticed"

@@ -296,7 +296,7 @@ fn rsm_matches_twin() {
         }
     }
     let counters = maps.counters();
-    let of = |pass| counters.of(pass);
+    let of = |pass| counters.dispatches_of(pass);
     assert_eq!(
         [Pass::RsmTexels, Pass::RsmShadow, Pass::RsmSelect].map(of),
         [10, 4, 8]
@@ -357,7 +357,7 @@ fn vpl_matches_twin() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let twin = cpu(&scene, &synthetic::lights(), &settings(0, false));
-    assert!(!twin.values().is_empty());
+    assert!(!twin.vector_irradiance().is_empty());
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
     let screen = Screen::new();
     let size = super::screen::SIZE;

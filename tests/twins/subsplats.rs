@@ -73,7 +73,7 @@ fn ball(center: Vec3, radius: f32) -> TriangleMesh {
 
 impl Scene {
     fn new() -> Self {
-        Self::of(
+        Self::with_drawn(
             baked::cornell(TransportMethod::Bounded, BounceMode::Runtime),
             &box_mesh(),
         )
@@ -94,10 +94,10 @@ impl Scene {
         let leaning = probes.planes.iter_mut().step_by(2);
         leaning.for_each(|p| *p = p.map(|c| 1.1 * c));
         let drawn = TriangleMesh::joined(vec![box_mesh(), ball(Vec3::new(2.2, 2.4, 1.2), 0.9)]);
-        Self::of(scene, &drawn)
+        Self::with_drawn(scene, &drawn)
     }
 
-    fn of(scene: BakedScene, drawn: &TriangleMesh) -> Self {
+    fn with_drawn(scene: BakedScene, drawn: &TriangleMesh) -> Self {
         let twin = cpu(&scene, &baked::lights(), &settings(2, false));
         let aspect = SIZE[0] as f32 / SIZE[1] as f32;
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(0.9, aspect, 0.1);
@@ -159,7 +159,7 @@ impl Scene {
         subsplats(&self.params(settings), &self.picture(), &|pixel, node| {
             let i = (pixel[1] * SIZE[0] + pixel[0]) as usize;
             let (depth, texel) = (self.view.depth[i], self.view.gbuffer[i]);
-            let values = self.twin.values();
+            let values = self.twin.vector_irradiance();
             splat::splat_node(&params, scene, values, pixel, depth, texel, node);
             if let Some(probes) = &scene.probes {
                 let params = params.with_grid((&probes.grid).into());
@@ -247,7 +247,7 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
     let all: Vec<u32> = harness
         .read(buffers.lists(), levels.total() as usize)
         .unwrap();
-    let lists = (0..=levels.coarsest)
+    let lists = (0..=levels.coarsest_level)
         .map(|k| {
             let count: Vec<u32> = harness.read(buffers.count_of(k), 8).unwrap();
             let start = levels.starts[k as usize] as usize;
@@ -395,11 +395,11 @@ fn subsplats_by_plane_and_normal_match_twin() {
 #[test]
 fn subsplats_by_extrema_match_twin() {
     compare(&SubsplatSettings {
-        coarsest: 6,
-        finest: 2,
+        coarsest_level: 6,
+        finest_level: 2,
         depth: DepthTest::MinMax(0.05),
         normal: NormalTest::MinMax(0.5),
-        light: 1e30,
+        radiance_threshold: 1e30,
         detail: 0.5,
         ..SubsplatSettings::default()
     });
@@ -408,7 +408,7 @@ fn subsplats_by_extrema_match_twin() {
 #[test]
 fn subsplats_by_derivatives_and_curvature_match_twin() {
     compare(&SubsplatSettings {
-        coarsest: 5,
+        coarsest_level: 5,
         depth: DepthTest::Derivative(0.05),
         normal: NormalTest::Curvature(0.3),
         diagonal: false,
@@ -436,7 +436,7 @@ fn probe_nodes_match_twin() {
     assert!(ball > 500, "{ball}");
     for (what, spoil) in [
         (
-            "places",
+            "positions",
             (|p| p.points.iter_mut().for_each(|p| p.position[1] += 0.1)) as Spoil,
         ),
         ("radii", |p| {
@@ -546,7 +546,7 @@ fn probe_kernel_matches_twin() {
     assert!(mixed.count() > 100);
     let shares = |seam: f32| {
         let params = SplatParams { seam, ..params };
-        let values = of.twin.values();
+        let values = of.twin.vector_irradiance();
         (0..gpu.len())
             .filter(|&i| {
                 let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];

@@ -290,8 +290,8 @@ fn compare(gloss: bool) {
     assert_eq!(apart(&picture, &expected), 0);
     assert!(picture.iter().any(|p| p[0] < 0.9 * GRAY));
 
-    // Must fail: another light, another place, another range, other surfaces, other points, what is
-    // missing, and what there would be.
+    // Must fail: another light, another position, another range, other surfaces, other points, what
+    // is missing, and what there would be.
     type Spoil = fn(&mut Shaded);
     let spoils: [(&str, Spoil); 8] = [
         ("color", |s| s.lights[0].color[1] *= 1.02),

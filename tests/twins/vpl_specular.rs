@@ -100,7 +100,7 @@ fn on_gpu(
     let counters = buffers.counters();
     assert_eq!(
         counters.of(Pass::VplSpecular),
-        2 * u64::from(levels.coarsest)
+        2 * u64::from(levels.coarsest_level)
     );
     assert_eq!(counters.of(Pass::VplSpecularPixels), 2);
     assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
@@ -292,10 +292,10 @@ fn specular_of_light_groups_matches_twin() {
     compare(
         &scene,
         &SpecularSettings {
-            coarsest: 5,
-            finest: 2,
-            light: 0.05,
-            roughest: 0.5,
+            coarsest_level: 5,
+            finest_level: 2,
+            radiance_threshold: 0.05,
+            max_roughness: 0.5,
             together: false,
         },
         None,

@@ -40,7 +40,7 @@ fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Val
         "levels": scene.levels(),
         "sender_levels": scene.sender_levels,
         "points": scene.points.len(),
-        "samples_per_sender": scene.places.per_sender,
+        "samples_per_sender": scene.light_samples.per_sender,
         "sender_form": format!("{:?}", scene.operator.form),
         "display_radius": scene.display.radius,
         "tiers": tiers(scene),
@@ -159,7 +159,7 @@ fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
                 Some(octree) => format!(
                     "order {}, {} samples in {} nodes, {} entries, {}",
                     octree.order,
-                    output::count(stats.fmm_places),
+                    output::count(stats.fmm_points),
                     output::count(stats.fmm_nodes),
                     output::count(stats.fmm_entries),
                     output::bytes(stats.fmm_bytes)

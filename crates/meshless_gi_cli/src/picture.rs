@@ -99,8 +99,8 @@ pub fn exposure(picture: &Image) -> f32 {
     if mean > 0.0 { 0.25 / mean } else { 1.0 }
 }
 
-/// Converts radiance to 8-bit sRGB: exposure, then [Reinhard's curve](https://doi.org/10.1145/566654.566575) on
-/// the luminance. The hue is kept.
+/// Converts radiance to 8-bit sRGB: exposure, then [Reinhard's
+/// curve](https://doi.org/10.1145/566654.566575) on the luminance. The hue is kept.
 pub fn tone_map(picture: &Image, exposure: f32) -> Vec<[u8; 3]> {
     let mut mapped = picture.clone();
     for c in &mut mapped.pixels {

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's
-//! irradiance at places); the report compares presets with that too. `--quick` before the levels
+//! irradiance at positions); the report compares presets with that too. `--quick` before the levels
 //! makes few bakes, `--minutes M` limits the time of each level, `-o FOLDER` writes elsewhere.
 
 use meshless_gi::internals::asset::write_file;

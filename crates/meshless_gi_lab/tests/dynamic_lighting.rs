@@ -7,7 +7,7 @@
 
 use glam::{Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
-use meshless_gi::internals::frame::materials::live_surfaces;
+use meshless_gi::internals::frame::materials::dynamic_surfaces;
 use meshless_gi::internals::samples::trace_particles;
 use meshless_gi::{
     BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Irradiance, Light,
@@ -199,7 +199,7 @@ fn rooms() -> Parts {
     ])
 }
 
-/// A scene, its bake, and places where its light is asked for. The bake has pictures on both
+/// A scene, its bake, and positions where its light is compared. The bake has pictures on both
 /// panels; as emission is no part of a link, other emissions are derived from it.
 struct Case {
     name: &'static str,
@@ -259,7 +259,7 @@ impl Case {
         })
     }
 
-    /// The reference at the places.
+    /// The reference at the positions.
     fn truth(&self, mesh: &TriangleMesh, lights: &[Light]) -> Vec<Irradiance> {
         let settings = ReferenceSettings {
             // What glows is met by chance.
@@ -352,7 +352,7 @@ fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> 
         .iter_mut()
         .enumerate()
         .for_each(|(m, f)| change(m, f));
-    let surfaces = live_surfaces(scene, &factors).unwrap();
+    let surfaces = dynamic_surfaces(scene, &factors).unwrap();
     let mut out = scene.clone();
     out.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
     // The same through a frame, which notices what changes and nothing else.
@@ -374,8 +374,8 @@ fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> 
     let whole = solve(scene, &factors);
     let replaced = solve(&out, &[]);
     let before = solve(scene, &[]);
-    assert_eq!(whole.values(), replaced.values());
-    assert_ne!(whole.values(), before.values());
+    assert_eq!(whole.vector_irradiance(), replaced.vector_irradiance());
+    assert_ne!(whole.vector_irradiance(), before.vector_irradiance());
     out
 }
 

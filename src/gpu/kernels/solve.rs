@@ -25,7 +25,7 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(5, "nodes", Read(size_of::<BvhNode>())),
             bind(6, "triangles", Read(size_of::<BvhTriangle>())),
             bind(7, "projected", Write(4)),
-            bind(8, "places", Read(size_of::<LightSample>())),
+            bind(8, "light_samples", Read(size_of::<LightSample>())),
         ],
         entries: &[each(Pass::Project, "project", &[0, 2, 3, 4, 5, 6, 7, 8])],
     },

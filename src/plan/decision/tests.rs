@@ -38,7 +38,7 @@ fn state() -> FrameState {
     }
 }
 
-fn of(state: &FrameState) -> Vec<Decision> {
+fn decisions(state: &FrameState) -> Vec<Decision> {
     plan_frame(state).decisions()
 }
 
@@ -52,7 +52,7 @@ fn moved(yes: bool) -> FrameState {
 
 #[test]
 fn decision_forced_by_setting_states_it() {
-    let found = of(&state());
+    let found = decisions(&state());
     let tier = found.iter().find(|d| d.kind == DecisionKind::Tier(A));
     let tier = tier.expect("a tier").to_string();
     assert_eq!(
@@ -103,7 +103,7 @@ fn decision_forced_by_setting_states_it() {
         enabled: true,
         ..off.views[0].clone()
     });
-    let found = of(&off);
+    let found = decisions(&off);
     let left = DecisionKind::Skipped(A, Some(ViewId(7)), SkipReason::ViewDisabled);
     let left = found.iter().find(|d| d.kind == left).expect("left out");
     assert_eq!(left.forced, Some("the camera setting"));
@@ -119,23 +119,23 @@ fn decision_forced_by_setting_states_it() {
 #[test]
 fn decision_of_moving_light_changes_nothing_else() {
     let standing = |moves| {
-        let mut found = of(&moved(moves));
+        let mut found = decisions(&moved(moves));
         found.retain(|d| !matches!(d.kind, DecisionKind::Effect("lights" | "transport", ..)));
         // The cost of a choice in a frame is not compared.
         found.iter_mut().for_each(|d| d.costs.clear());
         found
     };
     assert_eq!(standing(true), standing(false));
-    assert!(of(&moved(true)).len() > of(&moved(false)).len());
+    assert!(decisions(&moved(true)).len() > decisions(&moved(false)).len());
 }
 
 #[test]
 fn decision_change_is_logged_once_and_end_debounced() {
     let mut log = DecisionLog::new();
-    let first = log.observe(of(&moved(false)), &|_| None);
+    let first = log.observe(decisions(&moved(false)), &|_| None);
     assert_eq!(first.len(), 4, "{first:?}");
-    assert!(log.observe(of(&moved(false)), &|_| None).is_empty());
-    let started = log.observe(of(&moved(true)), &|_| None);
+    assert!(log.observe(decisions(&moved(false)), &|_| None).is_empty());
+    let started = log.observe(decisions(&moved(true)), &|_| None);
     assert_eq!(started.len(), 2, "{started:?}");
     assert!(
         started[0].contains("runs (1 light slot(s) new or moved)"),
@@ -143,10 +143,13 @@ fn decision_change_is_logged_once_and_end_debounced() {
     );
     // It moves and stops in turn, and nothing is reported.
     for k in 0..50 {
-        assert!(log.observe(of(&moved(k % 3 == 0)), &|_| None).is_empty());
+        assert!(
+            log.observe(decisions(&moved(k % 3 == 0)), &|_| None)
+                .is_empty()
+        );
     }
     let ends: Vec<String> = (0..3 * LOG_DEBOUNCE_FRAMES)
-        .flat_map(|_| log.observe(of(&moved(false)), &|_| None))
+        .flat_map(|_| log.observe(decisions(&moved(false)), &|_| None))
         .collect();
     assert_eq!(
         ends,
@@ -166,7 +169,7 @@ fn decision_flicker_is_logged_logarithmically() {
             let mut now = moved(k % period == 0);
             let tier = now.scenes[0].tier.as_mut().expect("a tier");
             tier.tier = 1 + u32::from(k % period < period / 2);
-            told += log.observe(of(&now), &|_| None).len();
+            told += log.observe(decisions(&now), &|_| None).len();
         }
         // Two effects, one tier, one sky, one display at its pixels.
         assert!((5..=40).contains(&told), "{period}: {told}");
@@ -178,7 +181,7 @@ fn decision_flicker_is_logged_logarithmically() {
         let mut now = moved(false);
         let tier = now.scenes[0].tier.as_mut().expect("a tier");
         tier.tier = 1 + (k / 2000 % 2) as u32;
-        told += log.observe(of(&now), &|_| None).len();
+        told += log.observe(decisions(&now), &|_| None).len();
     }
     assert_eq!(told, 3 + 10);
 }
@@ -187,9 +190,9 @@ fn decision_flicker_is_logged_logarithmically() {
 fn decision_with_changed_figures_is_not_logged() {
     let mut log = DecisionLog::new();
     let mut now = state();
-    log.observe(of(&now), &|_| None);
+    log.observe(decisions(&now), &|_| None);
     now.scenes[0].tier.as_mut().expect("a tier").why = "4.31 ms a solve".into();
-    assert!(log.observe(of(&now), &|_| None).is_empty());
+    assert!(log.observe(decisions(&now), &|_| None).is_empty());
 }
 
 #[test]
@@ -201,7 +204,7 @@ fn decision_line_with_names_has_no_numbers() {
         ))
     };
     let mut log = DecisionLog::new();
-    let lines = log.observe(of(&moved(true)), &names);
+    let lines = log.observe(decisions(&moved(true)), &names);
     let display = "effect display of \"Room\" in \"Eye\": runs (the scene is in the view)";
     assert!(lines.contains(&display.to_string()), "{lines:?}");
     let numbered = |line: &&String| line.contains("scene 1") || line.contains("view 7");
@@ -222,7 +225,7 @@ fn decision_of_color_mode_requires_links() {
     };
     now.scenes[0].channels = Some(picked);
     let kind = DecisionKind::Channels(A);
-    let found = of(&now);
+    let found = decisions(&now);
     let decision = found.iter().find(|d| d.kind == kind);
     assert_eq!(
         decision.expect("decided").to_string(),
@@ -235,14 +238,14 @@ fn decision_of_color_mode_requires_links() {
     );
     // An octree takes all three channels.
     now.scenes[0].tier.as_mut().expect("a tier").octree = true;
-    assert!(of(&now).iter().all(|d| d.kind != kind));
+    assert!(decisions(&now).iter().all(|d| d.kind != kind));
 }
 
 #[test]
 fn decision_of_view_names_pixel_mode() {
     let mut now = state();
     let told = |state: &FrameState| {
-        let found = of(state);
+        let found = decisions(state);
         let mine = found
             .iter()
             .find(|d| d.kind == DecisionKind::Display(ViewId(7)));

@@ -26,7 +26,7 @@ fn run(picker: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) 
     (0..count)
         .map(|i| {
             let work = picker.tiers()[picker.tier() as usize - 1].work as f32 / 8000.0;
-            picker.measured(cost(i, work));
+            picker.record_sample(cost(i, work));
             picker.tier()
         })
         .collect()
@@ -41,7 +41,7 @@ fn budget(ms: f32) -> TierController {
 
 #[test]
 fn tier_is_selected_by_number_or_error() {
-    let of = |asked| TierController::new(asked, tiers()).picked();
+    let of = |asked| TierController::new(asked, tiers()).selection();
     assert_eq!(of(GiQuality::Full).tier, 4);
     for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
         let picked = of(GiQuality::Tier(n));
@@ -73,7 +73,7 @@ fn tier_within_budget_stays_full() {
     assert!(picker.picked().why.contains("not measured"));
     run(&mut picker, 5000, |i, work| (8.0 + noise(i)) * work);
     assert_eq!((picker.tier(), picker.changes()), (4, 0));
-    let why = picker.picked().why;
+    let why = picker.selection().why;
     assert!(
         why.contains("within 10 ms") && why.contains("no higher"),
         "{why}"
@@ -185,11 +185,11 @@ fn tier_ignores_spikes_and_invalid_times() {
 fn tier_above_links_is_named_octree() {
     let mut all = tiers();
     all[3].octree = true;
-    let picked = TierController::new(GiQuality::Full, all.clone()).picked();
+    let picked = TierController::new(GiQuality::Full, all.clone()).selection();
     assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
     let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
     run(&mut picker, 20, |_, work| 8.0 * work);
-    let said = picker.picked().to_string();
+    let said = picker.selection().to_string();
     assert!(said.starts_with("tier 3 of 4: "), "{said}");
     assert!(
         said.ends_with("tier 4, the octree, would take 8.00 ms"),
@@ -201,7 +201,7 @@ fn tier_above_links_is_named_octree() {
 fn bake_without_tiers_has_single_tier() {
     let mut picker =
         TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), Vec::new());
-    picker.measured(f32::NAN);
+    picker.record_sample(f32::NAN);
     assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));
     let one = vec![TierCandidate {
         work: 0,
@@ -209,6 +209,6 @@ fn bake_without_tiers_has_single_tier() {
         octree: false,
     }];
     let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), one);
-    (0..100).for_each(|_| picker.measured(5.0));
+    (0..100).for_each(|_| picker.record_sample(5.0));
     assert_eq!((picker.tier(), picker.changes()), (1, 0));
 }

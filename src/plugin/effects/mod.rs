@@ -128,7 +128,10 @@ pub(crate) fn count_stages(
     let mut counts = BTreeMap::new();
     for kind in effects.iter().flat_map(|effect| effect.passes) {
         let Recording { kernels, draws, .. } = &kind.record;
-        let dispatches = kernels.iter().map(|k| recorded.of(*k)).sum::<u64>();
+        let dispatches = kernels
+            .iter()
+            .map(|k| recorded.dispatches_of(*k))
+            .sum::<u64>();
         let copies = kernels.is_empty() && draws.is_none() && kind.timed_with.is_none();
         let count = dispatches
             + draws.map_or(0, |draws| draws(recorded))

@@ -1,4 +1,4 @@
-//! Effect `free_space`: probe irradiance of bakes with probes, for dynamic objects.
+//! Effect `probes`: probe irradiance of bakes with probes, for dynamic objects.
 //!
 //! Reads: whether the bake has probes, and whether the scene is solved in this frame. Kernels:
 //! `apply` with the operator's rows of the probes, then `probe` in each view.
@@ -11,7 +11,7 @@ use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneState, Vie
 use crate::plugin::record::{Layer, SceneContext, ViewContext};
 
 pub(super) const EFFECT: Effect = Effect {
-    name: "free_space",
+    name: "probes",
     summary: "updates the probe irradiance of bakes with probes, for dynamic objects",
     schedule,
     passes: &[

@@ -3,7 +3,7 @@
 //!
 //! Reads: the lights with soft shadows in a scene, whether the bake has visibility, and whether the
 //! device holds the result for these lights. Runs when one of them changed and a view shows it.
-//! Kernel: `soft_shadow`. The effect `penumbrae` subtracts the result from the views.
+//! Kernel: `soft_shadow`. The effect `subtract_shadow` subtracts the result from the views.
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;

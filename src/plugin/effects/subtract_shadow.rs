@@ -1,4 +1,4 @@
-//! Effect `penumbrae`: subtracts shadowed light from the picture of each view.
+//! Effect `subtract_shadow`: subtracts shadowed light from the picture of each view.
 //!
 //! Reads: the views that show the final picture, and the scenes with soft shadows in them. Kernel:
 //! `subtract_shadow`; the draw `composite`. The effect `soft_shadows` computes the shadows.
@@ -19,7 +19,7 @@ use meshless_gi::internals::frame::SoftLight;
 use std::collections::BTreeMap;
 
 pub(super) const EFFECT: Effect = Effect {
-    name: "penumbrae",
+    name: "subtract_shadow",
     summary: "subtracts shadowed light from the picture of each view",
     schedule,
     passes: &[PassKind {

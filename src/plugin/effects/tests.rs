@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::gpu::{HeadlessDevice, KernelPipelines};
+use crate::plan::LightKind;
 use crate::plan::{
     BounceState, CostModel, DisplayUse, FmmLimit, LightId, RunReason, SceneId, SceneState,
     SkipReason, SlotChange, ViewId, ViewState, Work,
 };
-use crate::plugin::extract::{ExtractedScene, LightKind};
+use crate::plugin::extract::ExtractedScene;
 use crate::plugin::record::{SceneContext, record_scene};
 use crate::plugin::render_state::{SceneRuntime, bounds};
 use crate::plugin::volume::ExtractedVolumes;
@@ -237,7 +238,7 @@ fn dynamic_objects_need_no_bake() {
         RunReason::Moving(2)
     );
     let words = plan.to_string();
-    assert!(words.contains("rsm of light 5.0 (bounce_from_dynamic): what moves is in reach"));
+    assert!(words.contains("rsm of light 5.0 (rsm): what moves is in reach"));
     assert!(
         words.contains("composite of the world in view 7"),
         "{words}"

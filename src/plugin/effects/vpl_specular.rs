@@ -1,4 +1,4 @@
-//! Effect `gloss_from_dynamic`: specular reflection of the virtual point lights in each view.
+//! Effect `vpl_specular`: specular reflection of the virtual point lights in each view.
 //!
 //! Reads: the views that show specular reflections, and whether virtual lights light them.
 //! Kernel: `vpl_specular`; the draw `composite`.
@@ -14,7 +14,7 @@ use bevy::log::warn_once;
 use meshless_gi::internals::frame::{SubsplatParams, VplParams, VplViewParams};
 
 pub(super) const EFFECT: Effect = Effect {
-    name: "gloss_from_dynamic",
+    name: "vpl_specular",
     summary: "shows dynamic objects in glossy surfaces, in the views that ask for it",
     schedule,
     passes: &[PassKind {

@@ -121,7 +121,7 @@ impl Textures {
     }
 
     /// The textures of a material.
-    fn of(&self, surface: &SurfaceMaterial) -> [Option<&Hashed>; 3] {
+    fn textures_of(&self, surface: &SurfaceMaterial) -> [Option<&Hashed>; 3] {
         std::array::from_fn(|k| self.0.get(&(surface.textures[k]?.image, ENCODINGS[k])))
     }
 }
@@ -130,7 +130,7 @@ impl Textures {
 fn surface_hash(surface: &SurfaceMaterial, textures: &Textures) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     surface.material.add_to_hash(&mut hasher);
-    for texture in textures.of(surface) {
+    for texture in textures.textures_of(surface) {
         hasher.update(&texture.map_or([0; 32], |t| t.hash));
     }
     hasher.update(surface.material.name.as_bytes());
@@ -246,7 +246,7 @@ fn join(
     textures: Textures,
 ) -> TriangleMesh {
     let is_textured = (collected.materials.iter())
-        .any(|surface| textures.of(surface).iter().any(Option::is_some));
+        .any(|surface| textures.textures_of(surface).iter().any(Option::is_some));
     let (mut triangles, mut material_of, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
     let mut node_of = Vec::new();
     let mut materials: Vec<Material> = Vec::new();
@@ -259,7 +259,7 @@ fn join(
             let tint = piece.tints.get(i).copied().unwrap_or(WHITE);
             let key = (surfaces[piece.material], tint);
             let material = *material_index.entry(key).or_insert_with(|| {
-                let slots = textures.of(surface).map(|hashed| {
+                let slots = textures.textures_of(surface).map(|hashed| {
                     let hashed = hashed?;
                     Some(*texture_index.entry(hashed.hash).or_insert_with(|| {
                         kept.push(hashed.texture.clone());

@@ -36,7 +36,7 @@
 //! | `job` | the work of the bake's thread: assembles, loads or bakes, and saves |
 //! | `systems` | starts requested bakes |
 //! | `stale` | compares loaded bakes with the meshes that are there |
-//! | `wrong_file` | warns of a scene file in the place of a bake |
+//! | `wrong_file` | warns of a scene file instead of a bake |
 
 mod assemble;
 mod collect;

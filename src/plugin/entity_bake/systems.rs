@@ -1,7 +1,7 @@
 //! Starts requested bakes once everything below their roots is there.
 
 use super::super::bake_error::GiBakeError;
-use super::super::bake_progress::{GiBakeProgress, GiBakeStage};
+use super::super::bake_progress::GiBakeProgress;
 use super::super::bake_task::{GiBakeTask, end};
 use super::super::occluders::GiOccluder;
 use super::collect::collect;
@@ -12,7 +12,7 @@ use super::{job, label, wait};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
-use meshless_gi::Recipe;
+use meshless_gi::{BakeStage, Recipe};
 use std::time::{Duration, Instant};
 
 /// Time after which the log names the asset that a bake waits for.
@@ -71,7 +71,7 @@ pub(crate) fn start_bakes(
         entity.insert((
             GiBakeTask::start(work).with(named, warnings),
             GiBakeProgress {
-                stage: GiBakeStage::Geometry,
+                stage: BakeStage::Geometry,
                 fraction: 0.0,
             },
         ));

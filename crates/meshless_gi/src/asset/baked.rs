@@ -77,7 +77,7 @@ pub struct SceneData {
     /// Number of levels, from the coarsest, that are senders.
     pub sender_levels: u32,
     /// Light samples of the finest sender level.
-    pub places: LightSamples,
+    pub light_samples: LightSamples,
     /// Row k (a sender): the senders of the next level whose mean is its value, with weights that
     /// sum to one. An empty row (and all of the finest sender level) keeps its own light. One row
     /// per sender.
@@ -186,7 +186,7 @@ impl BakedScene {
             .level_starts
             .get(finest)
             .map_or(0, |&start| u64::from(start));
-        single + self.places.list.len() as u64
+        single + self.light_samples.list.len() as u64
     }
 
     /// Returns the number of tiers that use links: those of the operator, or 0 if an octree

@@ -44,7 +44,7 @@ impl BakedScene {
     }
 }
 
-/// Writes a file by way of a temporary one in the same folder, which takes its place once it is
+/// Writes a file by way of a temporary one in the same folder, which replaces it once it is
 /// whole and on the disk. What is no regular file (a pipe, a device) is written directly.
 ///
 /// # Errors

@@ -12,7 +12,7 @@ use super::sections::kind;
 use super::violation::Check;
 use crate::transport::fmm::lists::Entry;
 use crate::transport::fmm::terms::MAX_ORDER;
-use crate::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
+use crate::transport::fmm::{FmmNode, FmmOperator, FmmOperatorPoint};
 use glam::Vec3;
 
 /// Deepest tree: three divisions by direction, and as many in space as cells have bits.
@@ -71,8 +71,8 @@ pub(super) const KINDS: [Kind; 5] = [
     kind::<Entry>(32, "octree entries", ENTRY),
     Kind {
         // Validation marks the points that have a value.
-        memory: size_of::<FmmPlace>() as u64 + 1,
-        ..kind::<FmmPlace>(33, "octree places", PLACE)
+        memory: size_of::<FmmOperatorPoint>() as u64 + 1,
+        ..kind::<FmmOperatorPoint>(33, "octree points", PLACE)
     },
 ];
 
@@ -88,7 +88,7 @@ pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Sect
         section(&kinds[1], NODE, &octree.nodes),
         section(&kinds[2], LENGTHS, &lengths),
         section(&kinds[3], ENTRY, &octree.entries),
-        section(&kinds[4], PLACE, &octree.places),
+        section(&kinds[4], PLACE, &octree.points),
     ]
 }
 
@@ -135,7 +135,7 @@ pub(super) fn read(
         }
         [node.local, node.multipole, node.near, node.finish] = ends;
     }
-    let mut places: Vec<FmmPlace> = items(file, &kinds[4], PLACE)?;
+    let mut places: Vec<FmmOperatorPoint> = items(file, &kinds[4], PLACE)?;
     let receive = nodes.iter().filter(|n| n.is_leaf());
     for range in receive.map(|n| n.receivers..n.end) {
         // Validation reports ranges beyond the points.
@@ -155,7 +155,7 @@ pub(super) fn read(
         level_starts: level_starts.to_vec(),
         nodes,
         entries: items(file, &kinds[3], ENTRY)?,
-        places,
+        points: places,
     }))
 }
 
@@ -207,17 +207,17 @@ impl BakedScene {
                 check.item(wide, "octree nodes", i, || {
                     format!("center {center}, size {size}")
                 });
-                let inside = node.start <= node.end && node.end as usize <= octree.places.len();
+                let inside = node.start <= node.end && node.end as usize <= octree.points.len();
                 check.item(inside, "octree nodes", i, || {
                     format!(
                         "points {}..{} of {}",
                         node.start,
                         node.end,
-                        octree.places.len()
+                        octree.points.len()
                     )
                 });
                 if i == 0 {
-                    let whole = node.start == 0 && node.end as usize == octree.places.len();
+                    let whole = node.start == 0 && node.end as usize == octree.points.len();
                     check.item(whole && node.parent == 0, "octree nodes", i, || {
                         "the root does not hold all points".into()
                     });
@@ -284,20 +284,20 @@ impl BakedScene {
         );
     }
 
-    /// Every sender receives at one place, and light comes from senders alone.
+    /// Every sender receives at one position, and light comes from senders alone.
     fn check_places(&self, octree: &FmmOperator, check: &mut Check) {
         let senders = self.senders();
         let mut known = vec![false; senders];
         for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
             for i in node.points() {
-                let p = &octree.places[i];
+                let p = &octree.points[i];
                 let (x, n) = (Vec3::from_array(p.position), Vec3::from_array(p.normal));
                 let apart = x.distance(Vec3::from_array(node.center));
-                check.item(apart <= 2.0 * node.size, "octree places", i, || {
+                check.item(apart <= 2.0 * node.size, "octree points", i, || {
                     format!("{apart} from the center of its leaf of size {}", node.size)
                 });
                 let sound = (n.length_squared() - 1.0).abs() <= 1e-3;
-                check.item(sound, "octree places", i, || {
+                check.item(sound, "octree points", i, || {
                     format!("normal {n} is not of unit length")
                 });
                 let source = node.source_range().contains(&i);
@@ -305,22 +305,22 @@ impl BakedScene {
                     true => (p.point as usize) < senders && (0.0..=MAX_SHARE).contains(&p.share),
                     false => p.share == 0.0,
                 };
-                check.item(fits, "octree places", i, || {
+                check.item(fits, "octree points", i, || {
                     format!("point {} of {senders} senders, share {}", p.point, p.share)
                 });
                 let sound = (0.0..=MAX_FACTOR).contains(&p.factor);
-                check.item(sound, "octree places", i, || format!("factor {}", p.factor));
+                check.item(sound, "octree points", i, || format!("factor {}", p.factor));
                 if node.receiver_range().contains(&i) {
                     let fresh = known.get_mut(p.point as usize);
                     let fresh = fresh.is_some_and(|known| !std::mem::replace(known, true));
-                    check.item(fresh, "octree places", i, || {
+                    check.item(fresh, "octree points", i, || {
                         format!(
                             "point {} of {senders} senders receives a second time",
                             p.point
                         )
                     });
                 } else {
-                    check.item(source, "octree places", i, || {
+                    check.item(source, "octree points", i, || {
                         "neither gives light nor receives".into()
                     });
                 }
@@ -330,14 +330,14 @@ impl BakedScene {
             }
         }
         let dark = known.iter().position(|known| !known);
-        check.whole(dark.is_none(), "octree places", || {
+        check.whole(dark.is_none(), "octree points", || {
             format!("point {} receives nowhere", dark.unwrap_or(0))
         });
     }
 }
 
-/// Places that entries of both lists between a leaf and a node name, one with another: leaves are
-/// small where a bake made them.
+/// Positions that entries of both lists between a leaf and a node name, one with another: leaves
+/// are small where a bake made them.
 const MAX_NAMED: u64 = 1 << 31;
 
 /// Entries name nodes, the right ones for their list, at distances that their expansions converge
@@ -345,7 +345,7 @@ const MAX_NAMED: u64 = 1 << 31;
 fn check_lists(octree: &FmmOperator, check: &mut Check) {
     let nodes = &octree.nodes;
     let center = |n: &FmmNode| Vec3::from_array(n.center);
-    let at = |i: usize| Vec3::from_array(octree.places[i].position);
+    let at = |i: usize| Vec3::from_array(octree.points[i].position);
     let mut named = 0u64;
     for (t, node) in nodes.iter().enumerate() {
         for (which, list) in node.lists().into_iter().enumerate() {
@@ -377,7 +377,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                 };
                 if named > MAX_NAMED {
                     check.item(false, "octree entries", e, || {
-                        format!("more than {MAX_NAMED} places in lists of leaves")
+                        format!("more than {MAX_NAMED} points in lists of leaves")
                     });
                     return;
                 }
@@ -411,7 +411,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
     }
 }
 
-/// The least distance of `to` from any place; infinite from none.
+/// The least distance of `to` from any position; infinite from none.
 fn nearest(to: Vec3, places: impl Iterator<Item = Vec3>) -> f32 {
     places.fold(f32::INFINITY, |least, x| least.min(x.distance(to)))
 }

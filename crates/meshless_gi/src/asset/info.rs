@@ -12,7 +12,7 @@ pub struct TierInfo {
     pub rows: u64,
     /// Links; entries of the lists, for the octree of rule `fmm`.
     pub links: u64,
-    /// As [`BakeInfo::estimated_nrmse`], with the same lights and places for all tiers.
+    /// As [`BakeInfo::estimated_nrmse`], with the same lights and positions for all tiers.
     pub estimated_nrmse: f32,
     /// Half width of its 95 % prediction interval for one more light.
     pub estimated_nrmse_interval: f32,
@@ -21,7 +21,7 @@ pub struct TierInfo {
 impl TierInfo {
     /// The tiers of a scene, their errors not measured yet.
     #[must_use]
-    pub fn of(scene: &BakedScene) -> Vec<Self> {
+    pub fn all_of(scene: &BakedScene) -> Vec<Self> {
         let sizes = scene.tier_sizes().into_iter();
         sizes
             .map(|(rows, links)| Self {

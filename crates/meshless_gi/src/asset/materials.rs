@@ -20,8 +20,8 @@ use bytemuck::{Pod, Zeroable};
 pub struct MaterialCoverage {
     /// Index of the material.
     pub material: u32,
-    /// Mean over the sender's places of the reflectance for a base color of one, zero where another
-    /// material is: RGB, 0 to the material's share of the places.
+    /// Mean over the sender's positions of the reflectance for a base color of one, zero where
+    /// another material is: RGB, 0 to the material's share of the positions.
     pub albedo: [f32; 3],
     /// The same of the radiance for an emissive factor of one.
     pub emission: [f32; 3],

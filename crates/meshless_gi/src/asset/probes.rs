@@ -18,10 +18,11 @@ use glam::{Vec3, Vec4};
 /// The probes of a baked scene: the light in free space, for what moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probes {
-    /// Places, with the radii and clip planes of their functions. They have no normal: it is zero.
+    /// Positions, with the radii and clip planes of their functions. They have no normal: it is
+    /// zero.
     pub points: Vec<Point>,
-    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
-    /// points here.
+    /// Clip planes (n, d): a position p is on the function's side where n·p + d ≥ 0.
+    /// `Point::planes` points here.
     pub planes: Vec<[f32; 4]>,
     /// Grid of the functions that may cover a position.
     pub grid: HashedGrid,

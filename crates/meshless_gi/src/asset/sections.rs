@@ -92,7 +92,7 @@ static KINDS: [Kind; 49] = [
         ..kind::<BvhNode>(17, "bvh nodes", NODE)
     },
     kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
-    kind::<LightSample>(19, "places", PLACE),
+    kind::<LightSample>(19, "light samples", PLACE),
     kind::<Column>(20, "columns", COLUMN),
     // One more word: validating counts how often each sender is named.
     Kind {
@@ -203,7 +203,7 @@ impl BakedScene {
             u32::from(!rebuilt),
             u32::from(bounces.is_some()),
             bounces.map_or(0, |b| b.bounces),
-            self.places.per_sender,
+            self.light_samples.per_sender,
         ];
         let mut sections = vec![
             Section {
@@ -233,7 +233,7 @@ impl BakedScene {
         }
         sections.push(section(NODES, NODE, &self.bvh.nodes));
         sections.push(section(TRIANGLES, TRIANGLE, &self.bvh.triangles));
-        sections.push(section(PLACES, PLACE, &self.places.list));
+        sections.push(section(PLACES, PLACE, &self.light_samples.list));
         if let Some(c) = &self.operator.compression {
             sections.push(section(COLUMNS, COLUMN, &c.columns));
             sections.push(section(MEMBERS, INDEX, &c.members));
@@ -321,7 +321,7 @@ impl BakedScene {
             surfaces,
             level_starts: items(&file, LEVELS, INDEX)?,
             sender_levels,
-            places: LightSamples {
+            light_samples: LightSamples {
                 per_sender,
                 list: items(&file, PLACES, PLACE)?,
             },

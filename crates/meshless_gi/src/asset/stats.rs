@@ -61,7 +61,7 @@ pub struct BakedStats {
     /// Entries of its lists.
     pub fmm_entries: u64,
     /// Its points: those that give light, and those that receive.
-    pub fmm_places: u64,
+    pub fmm_points: u64,
     /// Bytes of it.
     pub fmm_bytes: u64,
     /// Materials that may change; 0 where none may.
@@ -100,7 +100,7 @@ impl BakedScene {
             sky_terms: self.sky_terms() as u64,
             fmm_nodes: octree.map_or(0, |o| o.nodes.len() as u64),
             fmm_entries: octree.map_or(0, |o| o.entries.len() as u64),
-            fmm_places: octree.map_or(0, |o| o.places.len() as u64),
+            fmm_points: octree.map_or(0, |o| o.points.len() as u64),
             fmm_bytes: octree.map_or(0, FmmOperator::bytes),
             visibility_clusters: seen.map_or(0, |v| v.clusters.len() as u64),
             visibility_coefficients: seen

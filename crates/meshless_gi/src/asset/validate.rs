@@ -75,8 +75,8 @@ impl BakedScene {
         } else {
             0
         };
-        let per_sender = self.places.per_sender;
-        check.whole(per_sender <= LightSamples::MAX, "places", || {
+        let per_sender = self.light_samples.per_sender;
+        check.whole(per_sender <= LightSamples::MAX, "light samples", || {
             format!("{per_sender} a sender, at most {}", LightSamples::MAX)
         });
         let most = Link::MAX_SENDERS - self.sky_terms();
@@ -94,8 +94,8 @@ impl BakedScene {
             false => 0,
         };
         length(
-            "places",
-            self.places.list.len(),
+            "light samples",
+            self.light_samples.list.len(),
             finest.saturating_mul(per_sender as usize),
         );
         length("pull rows", self.pull.len(), senders);
@@ -136,8 +136,8 @@ impl BakedScene {
                 return;
             }
         }
-        for (i, p) in self.places.list.iter().enumerate() {
-            check.item(p.x().is_finite(), "places", i, || {
+        for (i, p) in self.light_samples.list.iter().enumerate() {
+            check.item(p.x().is_finite(), "light samples", i, || {
                 format!("position {}", p.x())
             });
         }

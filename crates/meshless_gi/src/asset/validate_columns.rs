@@ -73,7 +73,7 @@ impl BakedScene {
                 None => sky && j as usize == senders,
             };
             check.item(sound, "column senders", k, || {
-                format!("sender {j} of {senders}, out of place or named twice")
+                format!("sender {j} of {senders}, out of order or listed twice")
             });
         }
         for (k, word) in c.values.iter().enumerate() {

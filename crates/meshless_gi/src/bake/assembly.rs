@@ -92,7 +92,7 @@ pub(super) fn assemble(
     let mut scene = BakedScene::from(SceneData {
         surfaces,
         sender_levels: settings.sender_levels,
-        places: points.light_samples,
+        light_samples: points.light_samples,
         pull: points.pull,
         parents: points.parents,
         operator: packed.operator,
@@ -119,7 +119,7 @@ pub(super) fn assemble(
         info: bake_info(context, survey, stats),
         level_starts: hierarchy.level_starts,
     });
-    scene.info.tiers = TierInfo::of(&scene);
+    scene.info.tiers = TierInfo::all_of(&scene);
     let coarsest = &hierarchy.surfaces[scene.level(0)];
     Ok(Assembled {
         coarse_normals: coarsest.iter().map(|s| s.normal).collect(),

@@ -39,7 +39,7 @@ pub fn bake_scene(
         .map_err(|e| BakeSceneError::Threads(e.to_string()))?;
     let whole = || {
         let began = Instant::now();
-        if !progress.set(BakeStage::Bvh, 0.0) {
+        if !progress.set(BakeStage::Geometry, 0.0) {
             return Err(BakeError::Canceled);
         }
         let nodes = node_names(&recipe.occluders);

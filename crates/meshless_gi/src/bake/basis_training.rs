@@ -1,7 +1,7 @@
 //! Training set of the light bases of method `pca` ([P14] §4.3.1): lights and the radiosity that
 //! they cause on senders.
 //!
-//! \[P14\] places point lights uniformly. Here they are at open positions with large clearance,
+//! \[P14\] positions point lights uniformly. Here they are at open positions with large clearance,
 //! like the training lights of refinement. Every fourth is a sun if the scene has sky. Each light
 //! uses one light sample per sender, a different one for each light, so that shadow edges are
 //! correct in the mean at the cost of a single sample. Each light is scaled by the root mean square

@@ -209,7 +209,10 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     scene.surfaces = surfaces;
     let (mut largest, mut squares, mut count) = (0.0f64, 0.0, 0u64);
     let rows = scene.operator.rows.iter().zip(&scene.points);
-    let rows = rows.zip(&scene.surfaces).zip(frame.values()).zip(missed);
+    let rows = rows
+        .zip(&scene.surfaces)
+        .zip(frame.vector_irradiance())
+        .zip(missed);
     for ((((row, point), surface), value), &missed) in rows {
         if row.tier == 0 {
             continue;

@@ -39,7 +39,7 @@ pub(super) fn enforce_energy_bound(
     let Some(octree) = scene.fmm.take() else {
         return before;
     };
-    let mut passes = Passes::new(Field::of(&octree));
+    let mut passes = Passes::new(Field::from_operator(&octree));
     let mut found = gain(scene, &octree, &mut passes);
     let (mut clamped_senders, mut albedo_scale) =
         (before.clamped_senders, f64::from(before.albedo_scale));
@@ -76,7 +76,7 @@ fn arriving(
     let mut out = vec![[0.0; 4]; scene.senders()];
     for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
-            let place = &octree.places[i];
+            let place = &octree.points[i];
             if let Some(out) = out.get_mut(place.point as usize) {
                 *out = along(place.normal, &passes.values[i]).map(|e| place.factor * e);
             }

@@ -62,7 +62,7 @@ struct Effort {
 
 impl Effort {
     /// Budget in proportion to the bake, with a lower limit.
-    fn of(scene: &BakedScene) -> Self {
+    fn from_scene(scene: &BakedScene) -> Self {
         let (triples, places) = (8, 96);
         let each =
             (triples * places) as f64 * RAYS_PER_BOUNCE as f64 * f64::from(scene.info.bounces);
@@ -109,7 +109,8 @@ pub fn estimate_errors(
     seed: u64,
     progress: &Progress,
 ) -> Option<(Vec<ErrorEstimate>, u64)> {
-    let (sources, rays) = light_errors(scene, geometry, &Effort::of(scene), seed, progress)?;
+    let (sources, rays) =
+        light_errors(scene, geometry, &Effort::from_scene(scene), seed, progress)?;
     let estimates = sources.iter().map(|l| summarize(l)).collect();
     Some((estimates, rays))
 }

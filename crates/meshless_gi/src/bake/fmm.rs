@@ -124,7 +124,7 @@ pub(super) fn add_octree(
     let fmm = Fmm::new(&points, &recipe.solver(settings.seed), Some(geometry))?;
     stats.rays += fmm.lists().counts.rays;
     let mut operator = fmm.operator(|at| of[at as usize]);
-    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
+    for place in operator.points.iter_mut().filter(|p| p.share == 0.0) {
         place.sky = scene.surfaces[place.point as usize].sky;
     }
     let unlit: Vec<f32> = sky_rays.iter().map(|s| s.1).collect();
@@ -132,7 +132,7 @@ pub(super) fn add_octree(
     stats.octree_bytes = operator.bytes();
     stats.octree_entries = operator.entries.len() as u64;
     scene.fmm = Some(operator);
-    scene.info.tiers = TierInfo::of(&scene);
+    scene.info.tiers = TierInfo::all_of(&scene);
     let energy = energy_fmm::enforce_energy_bound(&mut scene, &unlit, &cells.areas());
     let senders = scene.senders() as u64;
     (stats.warnings).extend(super::energy::warning(&energy, senders));
@@ -161,7 +161,7 @@ impl SenderCells {
 /// Sets the correction factor of every receiver.
 fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
     let unit = unit_response(operator, scene);
-    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
+    for place in operator.points.iter_mut().filter(|p| p.share == 0.0) {
         let i = place.point as usize;
         let sky = Vec3::from_array(place.sky).dot(Vec3::from_array(place.normal));
         let right = 1.0 - sky.max(0.0) - unlit[i];
@@ -176,12 +176,12 @@ fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unli
 /// Irradiance of the senders along their normals for radiosity one.
 pub(super) fn unit_response(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
     let radiosity = vec![[1.0f32; 4]; scene.senders()];
-    let mut passes = Passes::new(Field::of(operator));
+    let mut passes = Passes::new(Field::from_operator(operator));
     passes.run(&radiosity);
     let mut out = vec![0.0; scene.senders()];
     for node in operator.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
-            let place = &operator.places[i];
+            let place = &operator.points[i];
             let e = along(place.normal, &passes.values[i])[0];
             out[place.point as usize] = place.factor * e;
         }

@@ -1,18 +1,24 @@
 //! Progress and cancellation of a bake.
 
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
+use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// Stage of a bake that users see.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(
     feature = "bevy_reflect",
     derive(bevy_reflect::Reflect),
-    reflect(Clone, Debug, PartialEq, Hash)
+    reflect(Default, Clone, Debug, PartialEq, Hash)
 )]
 #[non_exhaustive]
 pub enum BakeStage {
-    /// Building the BVH.
-    Bvh,
+    /// Waiting for the scene to load. Only bakes in a running app have this stage.
+    #[default]
+    Waiting,
+    /// Collecting triangles and building the BVH.
+    Geometry,
     /// Scattering points.
     Points,
     /// Gathering and refining the operator.
@@ -28,8 +34,9 @@ pub enum BakeStage {
 }
 
 impl BakeStage {
-    const ALL: [Self; 7] = [
-        Self::Bvh,
+    /// Stages of a bake whose scene is loaded, in their order.
+    const LOADED: [Self; 7] = [
+        Self::Geometry,
         Self::Points,
         Self::Transport,
         Self::Probes,
@@ -42,14 +49,21 @@ impl BakeStage {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            Self::Bvh => "building the BVH",
+            Self::Waiting => "waiting for assets",
+            Self::Geometry => "building the BVH",
             Self::Points => "scattering points",
             Self::Transport => "gathering light",
-            Self::Probes => "gathering light in free space",
+            Self::Probes => "gathering light of probes",
             Self::Bounces => "baking bounces",
             Self::Visibility => "baking visibility",
             Self::ErrorEstimate => "measuring the error",
         }
+    }
+}
+
+impl fmt::Display for BakeStage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -65,8 +79,8 @@ impl Progress {
     /// Current stage, and the completed part of it from 0 to 1.
     #[must_use]
     pub fn get(&self) -> (BakeStage, f32) {
-        let stage = BakeStage::ALL
-            [(self.stage.load(Ordering::Relaxed) as usize).min(BakeStage::ALL.len() - 1)];
+        let index = self.stage.load(Ordering::Relaxed) as usize;
+        let stage = BakeStage::LOADED[index.min(BakeStage::LOADED.len() - 1)];
         (stage, self.permille.load(Ordering::Relaxed) as f32 / 1000.0)
     }
 
@@ -84,7 +98,10 @@ impl Progress {
     /// Stores the completed part of `stage`. It never falls within a stage. Returns `false` if the
     /// bake should stop.
     pub(crate) fn set(&self, stage: BakeStage, done: f32) -> bool {
-        let index = BakeStage::ALL.iter().position(|&s| s == stage).unwrap_or(0) as u32;
+        let index = BakeStage::LOADED
+            .iter()
+            .position(|&s| s == stage)
+            .unwrap_or(0) as u32;
         let permille = (done.clamp(0.0, 1.0) * 1000.0) as u32;
         if self.stage.swap(index, Ordering::Relaxed) == index {
             self.permille.fetch_max(permille, Ordering::Relaxed);

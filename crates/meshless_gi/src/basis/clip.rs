@@ -3,10 +3,10 @@
 //!
 //! A function's support is a ball-like region that ignores walls. Positions in it that the
 //! function's center cannot see must not get light from it, nor give any. Exact visibility per
-//! place would cost a ray per weight; instead the bake looks, once, from each center at the surface
-//! places around it. Where the view is blocked, the plane of the blocker, turned toward the center,
-//! is a candidate; the planes that cut off most blocked places and no visible one are kept, four at
-//! most.
+//! position would cost a ray per weight; instead the bake looks, once, from each center at the
+//! surface positions around it. Where the view is blocked, the plane of the blocker, turned toward
+//! the center, is a candidate; the planes that cut off most blocked positions and no visible one
+//! are kept, four at most.
 //!
 //! Positions that happen to be known may all lie on the near side of a wall whose far side the
 //! support still touches. So each center also looks around along its tangent plane for walls, and
@@ -38,7 +38,7 @@ const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
 /// Blocked weight, out of a function's own 1, that is worth a plane.
 const WORTH: f32 = 1e-5;
 
-/// A place in a function's support.
+/// A position in a function's support.
 pub(super) struct Place {
     /// Meters.
     pub x: Vec3,
@@ -71,7 +71,7 @@ pub(super) fn choose_planes(
     while kept.len() < MAX_PLANES {
         let mut best: Option<(f32, Vec4)> = None;
         for &plane in candidates {
-            // The function's own place stays, however near the wall it is.
+            // The function's own position stays, however near the wall it is.
             if plane.dot(center.extend(1.0)) <= 0.0 {
                 continue;
             }
@@ -96,7 +96,7 @@ pub(super) fn choose_planes(
     kept
 }
 
-/// The clip planes of one function: `around` are surface places (x, n) in and near its support.
+/// The clip planes of one function: `around` are surface points (x, n) in and near its support.
 /// Returns planes (n, d) with n·x + d ≥ 0 on the function's side, and adds the rays cast to `rays`.
 pub fn clip_planes(
     geometry: &dyn Geometry,
@@ -158,9 +158,9 @@ pub(super) fn visibility_origin_height(
     geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)
 }
 
-/// Surface places within a function's support behind whatever stands on its tangent plane, as seen
+/// Surface points within a function's support behind whatever stands on its tangent plane, as seen
 /// from `eye`, and the planes of the occluders that stand there. A jamb beyond a door may be so
-/// narrow that no place of it is found.
+/// narrow that no position of it is found.
 fn behind_walls(
     geometry: &dyn Geometry,
     point: &Point,
@@ -199,8 +199,8 @@ fn behind_walls(
     (found, occluders)
 }
 
-/// Gives each function its clip planes, looking at the places in `around`. Also says how many rays
-/// it took.
+/// Gives each function its clip planes, looking at the positions in `around`. Also says how many
+/// rays it took.
 pub(super) fn with_planes(
     geometry: &dyn Geometry,
     mut points: Vec<Point>,
@@ -210,8 +210,8 @@ pub(super) fn with_planes(
     if !clip || points.is_empty() {
         return (LevelBasis::new(points, Vec::new()), 0);
     }
-    // The places by cell; a place is looked up from the cell of the function's center, so its box
-    // is as large as a support.
+    // The positions by cell; a position is looked up from the cell of the function's center, so its
+    // box is as large as a support.
     let places: Vec<(Vec3, Vec3)> = around
         .iter()
         .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))

@@ -3,10 +3,10 @@
 //!
 //! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where
 //! light asks for them, so a function's radius follows from the points around it: it reaches every
-//! place that has it among its [`NEAREST`] nearest points. Where points are even that is the same
-//! radius for all; beside denser points it is as wide as the other side needs, and no place between
-//! levels is left without functions. The places asked are the points themselves, one beside each of
-//! them, and where importance particles land.
+//! position that has it among its [`NEAREST`] nearest points. Where points are even that is the
+//! same radius for all; beside denser points it is as wide as the other side needs, and no position
+//! between levels is left without functions. The positions asked are the points themselves, one
+//! beside each of them, and where importance particles land.
 
 use super::clip::with_planes;
 use super::kernel::{before, leans};
@@ -16,7 +16,7 @@ use crate::scene::{Geometry, Ray};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Functions that reach a place.
+/// Functions that reach a position.
 const NEAREST: usize = 5;
 /// Largest distance of a near function, relative to the second nearest.
 const FAR: f32 = 3.0;
@@ -81,10 +81,10 @@ impl Hierarchy {
         (flat, rays + traced.rays + asked)
     }
 
-    /// A place beside each point from level `first` on, where a way of half its own level's radius
-    /// across its tangent plane and down meets a surface; and how far its nearest point may be:
-    /// behind walls, where no light comes, only coarse functions reach. Also says how many rays it
-    /// took.
+    /// A position beside each point from level `first` on, where a way of half its own level's
+    /// radius across its tangent plane and down meets a surface; and how far its nearest point may
+    /// be: behind walls, where no light comes, only coarse functions reach. Also says how many rays
+    /// it took.
     fn beside(
         &self,
         geometry: &dyn Geometry,
@@ -112,8 +112,8 @@ impl Hierarchy {
         (found.into_iter().flatten().collect(), rays)
     }
 
-    /// The nearest points of a place by \[L08\] Eq. (10) over the squared cosine of the normals, as
-    /// Eq. (11) has it, among those whose functions on their own level reach it: indices and
+    /// The nearest points of a position by \[L08\] Eq. (10) over the squared cosine of the normals,
+    /// as Eq. (11) has it, among those whose functions on their own level reach it: indices and
     /// dist_j(x).
     fn nearest(
         &self,

@@ -42,10 +42,10 @@ pub(super) fn leans(plane: Vec4) -> bool {
     plane.truncate().length_squared() > LEAN_FROM
 }
 
-/// Above zero where the place is on the function's side of a clip plane. The plane of an occluder
-/// lies in its middle and moves with the normal of what is lit: by its lean away from the function
-/// for what faces it, and toward it for what faces away. So all that lies in a shut door is lit
-/// from the side that it faces, and floor and jambs from the nearer one.
+/// Above zero where the position is on the function's side of a clip plane. The plane of an
+/// occluder lies in its middle and moves with the normal of what is lit: by its lean away from the
+/// function for what faces it, and toward it for what faces away. So all that lies in a shut door
+/// is lit from the side that it faces, and floor and jambs from the nearer one.
 #[inline]
 pub(super) fn before(plane: Vec4, x: Vec3, n: Vec3, radius: f32) -> f32 {
     let m = plane.truncate();
@@ -66,7 +66,7 @@ pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     }
 }
 
-/// The cosine of the normals, the squared distance of \[L08\] Eq. (10), and whether the place is
+/// The cosine of the normals, the squared distance of \[L08\] Eq. (10), and whether the position is
 /// within the radius and on the side that the function faces.
 #[inline]
 pub(super) fn reach(point: &Point, x: Vec3, n: Vec3) -> (f32, f32, bool) {
@@ -77,7 +77,7 @@ pub(super) fn reach(point: &Point, x: Vec3, n: Vec3) -> (f32, f32, bool) {
     (cosine, squared, inside)
 }
 
-/// [`weight`] of a place that [`reach`] says is inside.
+/// [`weight`] of a position that [`reach`] says is inside.
 #[inline]
 pub(super) fn weight_inside(
     point: &Point,

@@ -19,13 +19,13 @@ use crate::scene::{Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Lattices tried, each as large as the number of places wanted: what walls and folds take from the
-/// first, the others give.
+/// Lattices tried, each as large as the number of positions wanted: what walls and folds take from
+/// the first, the others give.
 const LATTICES: u32 = 4;
 
-/// The places of a level's functions, so many each, behind one another; `surfaces` are those at the
-/// functions' centers and get the mean reflectance and emission over the places. Also says how many
-/// rays it took.
+/// The positions of a level's functions, so many each, behind one another; `surfaces` are those at
+/// the functions' centers and get the mean reflectance and emission over the positions. Also says
+/// how many rays it took.
 pub fn place_light_samples(
     geometry: &dyn Geometry,
     level: &LevelBasis,
@@ -273,7 +273,7 @@ mod tests {
         // As on a plane: the ball is five times as wide as a function.
         let right = (2.0 / 7.0 - 0.25) / 0.15 * 0.04;
         let found = sum / level.points.len() as f32;
-        println!("squared distance of places {found}, {right} is even");
+        println!("squared distance of samples {found}, {right} is even");
         assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
     }
 
@@ -282,7 +282,7 @@ mod tests {
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
         let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 64, 3);
-        // Nothing but the ball is there: a light above a place's own and its neighbors' horizon
+        // Nothing but the ball is there: a light above a position's own and its neighbors' horizon
         // shines on it. The start is a frame's.
         let blocked = |raised: f32| {
             let dark = |(k, place): (usize, &LightSample)| {
@@ -295,7 +295,7 @@ mod tests {
         };
         let (stored, flat) = (blocked(1.0), blocked(0.0));
         println!(
-            "{stored} of {} places are dark, {flat} on the cells themselves",
+            "{stored} of {} samples are dark, {flat} on the cells themselves",
             places.len()
         );
         assert!(

@@ -1,10 +1,10 @@
 //! The basis in free space: functions around the probes, on one level, for every direction of a
-//! normal. From the places of `samples` to what `frame::probe` looks up.
+//! normal. From the positions of `samples` to what `frame::probe` looks up.
 //!
 //! The weights are those of [L08] Eqs. (8)-(9) without what concerns normals: probes have none,
 //! which a normal of zero says ([L08] Eq. (10) is then the plain distance). Clip planes stop a
-//! function at walls as they stop those on surfaces (design D7): the places looked at are other
-//! places in free space.
+//! function at walls as they stop those on surfaces (design D7): the positions looked at are other
+//! positions in free space.
 
 use super::LevelBasis;
 use super::clip::{Place, choose_planes};
@@ -14,8 +14,8 @@ use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Radius of a function, in parts of the spacing: so that a place which a probe within the spacing
-/// sees always has several.
+/// Radius of a function, in parts of the spacing: so that a position which a probe within the
+/// spacing sees always has several.
 pub const PROBE_OVERLAP: f32 = 1.75;
 /// Positions at most that a probe looks at.
 const MAX_VISIBILITY_SAMPLES: usize = 192;
@@ -36,8 +36,8 @@ pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> 
     }
 }
 
-/// Probes at `places`, `spacing` meters apart, with clip planes by what they see of the places in
-/// `crossed`. Also says how many rays it took.
+/// Probes at `places`, `spacing` meters apart, with clip planes by what they see of the positions
+/// in `crossed`. Also says how many rays it took.
 #[must_use]
 pub fn probe_basis(
     geometry: &dyn Geometry,

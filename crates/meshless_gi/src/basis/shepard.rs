@@ -1,4 +1,4 @@
-//! One level of the basis: its functions, and their normalized (Shepard) weights at any place,
+//! One level of the basis: its functions, and their normalized (Shepard) weights at any position,
 //! [L08] Eqs. (1)-(3).
 //!
 //! A level's points, clip planes and hashed grid are the layout that the kernels read; see
@@ -15,7 +15,7 @@ use glam::Vec3;
 pub struct LevelBasis {
     /// The functions, with their radii and plane ranges.
     pub points: Vec<Point>,
-    /// Their clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0.
+    /// Their clip planes (n, d): a position p is on the function's side where n·p + d ≥ 0.
     pub planes: Vec<[f32; 4]>,
     /// Grid that finds the functions near a position.
     pub grid: HashedGrid,
@@ -60,16 +60,16 @@ impl LevelBasis {
         }
     }
 
-    /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalized,
-    /// appended to `out`. Returns their sum.
+    /// Weights w_j(x, n) of all functions that cover the position (\[L08\] Eq. (8)), not
+    /// normalized, appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
         const AT_ONCE: usize = 32;
         let mut sum = 0.0;
         let mut reaching = [(0u32, 0.0f32, 0.0f32); AT_ONCE];
         for some in self.grid.near(x).chunks(AT_ONCE) {
-            // Two of three do not reach the place, which no processor can foresee: first those that
-            // do are sorted out, without a branch.
+            // Two of three do not reach the position, which no processor can foresee: first those
+            // that do are sorted out, without a branch.
             let mut count = 0;
             for &index in some {
                 let (cosine, squared, inside) = reach(&self.points[index as usize], x, n);
@@ -89,7 +89,7 @@ impl LevelBasis {
     }
 
     /// The basis functions B_j(x, n) that are not zero, \[L08\] Eq. (2): weights that sum to one.
-    /// Replaces `out`; false, and `out` empty, where no function covers the place.
+    /// Replaces `out`; false, and `out` empty, where no function covers the position.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
         out.clear();

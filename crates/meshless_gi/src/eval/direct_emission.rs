@@ -2,9 +2,9 @@
 //! has them inside of its indirect light, where links carry them; here they are integrated on their
 //! own, which separates direct from indirect light.
 //!
-//! Two kinds of samples share the work by the balance heuristic: places on the emissive triangles,
-//! by area and strength, and cosine-weighted directions. Near an emitter the directions do well,
-//! far from it the places.
+//! Two kinds of samples share the work by the balance heuristic: positions on the emissive
+//! triangles, by area and strength, and cosine-weighted directions. Near an emitter the directions
+//! do well, far from it the positions.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
 use crate::scene::{Geometry, Hit, Ray, SkyRadiance, TriangleMesh};
@@ -12,7 +12,7 @@ use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 
-/// Samples of each kind at a place: about 0.3 % of error for an emitter in full view.
+/// Samples of each kind at a position: about 0.3 % of error for an emitter in full view.
 const SAMPLES: u32 = 2048;
 
 /// A triangle that emits.
@@ -92,8 +92,8 @@ impl<'a> EmissionIntegrator<'a> {
         self.emitters.is_empty() && self.sky.is_black()
     }
 
-    /// Irradiance at surface place (x, n) from what glows, W/m². `stream` numbers the place: the
-    /// same place and stream give the same answer.
+    /// Irradiance at surface point (x, n) from what glows, W/m². `stream` numbers the position: the
+    /// same position and stream give the same answer.
     #[must_use]
     pub fn irradiance(&self, x: Vec3, n: Vec3, stream: u64) -> Vec3 {
         if self.is_dark() {
@@ -172,7 +172,7 @@ impl<'a> EmissionIntegrator<'a> {
 }
 
 impl Emitter {
-    /// A place on the triangle, uniform in area for uniform `u`.
+    /// A position on the triangle, uniform in area for uniform `u`.
     fn place(&self, u: Vec2) -> Vec3 {
         let [a, b, c] = self.corners;
         let root = u.x.sqrt();

@@ -1,10 +1,10 @@
-//! A baked scene under lights, evaluated at single places: what a frame shows there, direct and
+//! A baked scene under lights, evaluated at single positions: what a frame shows there, direct and
 //! indirect light apart.
 //!
 //! In a frame the light that comes straight from the sky and from emissive surfaces travels through
 //! links, with the indirect light. By linearity it can be taken out again: a solve on black
 //! surfaces has that part alone, and the difference of the two is what was reflected at least once.
-//! In its place the direct light is integrated as it is. Emission takes its first step through a
+//! Instead the direct light is integrated as it is. Emission takes its first step through a
 //! link where the light of lights takes it by projection, so that it needs one sweep more for as
 //! many reflections: it is solved on its own.
 
@@ -30,7 +30,7 @@ pub enum Bounces {
     All,
 }
 
-/// Light at a place.
+/// Light at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Evaluated {
@@ -48,9 +48,9 @@ struct Solved {
 }
 
 impl Solved {
-    fn of(frame: &CpuFrame) -> Self {
+    fn from_frame(frame: &CpuFrame) -> Self {
         Self {
-            points: frame.values().to_vec(),
+            points: frame.vector_irradiance().to_vec(),
             probes: frame.probes().to_vec(),
         }
     }
@@ -111,7 +111,7 @@ impl<'a> Evaluator<'a> {
             })
             .sum();
         let (frame, used) = solve(scene, &expand(PATCHES), &settings(sky, 1, tier), bounces);
-        let mut solved = Solved::of(&frame);
+        let mut solved = Solved::from_frame(&frame);
         let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
         if emits {
             let once_more = match bounces {
@@ -131,7 +131,7 @@ impl<'a> Evaluator<'a> {
                 ..settings(sky, 1, tier)
             };
             unreflected.solve(&black, &both);
-            solved.add(-1.0, &Solved::of(&unreflected));
+            solved.add(-1.0, &Solved::from_frame(&unreflected));
         }
         Self {
             scene,
@@ -142,7 +142,7 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see
+    /// Light at surface point (x, n), n of unit length. `stream` numbers the position, see
     /// [`EmissionIntegrator::irradiance`].
     #[must_use]
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
@@ -173,7 +173,7 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Indirect irradiance at a place in free space, W/m²: by the probes alone. None where none
+    /// Indirect irradiance at a position in free space, W/m²: by the probes alone. None where none
     /// reaches.
     #[must_use]
     pub fn probe_irradiance(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
@@ -237,7 +237,7 @@ fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Solved {
         ..settings(SkyRadiance::BLACK, 1, tier)
     };
     sweep(scene, &mut frame, &alone, bounces);
-    Solved::of(&frame)
+    Solved::from_frame(&frame)
 }
 
 /// Solves with so many reflections and returns how many those were; none for all at once.

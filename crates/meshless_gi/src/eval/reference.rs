@@ -1,17 +1,17 @@
-//! The reference integrator: unbiased Monte Carlo irradiance at surface places, with standard
+//! The reference integrator: unbiased Monte Carlo irradiance at surface points, with standard
 //! errors.
 //!
-//! Path tracing from the place: cosine-weighted directions, next-event estimation of the light
+//! Path tracing from the position: cosine-weighted directions, next-event estimation of the light
 //! sources at every vertex, emission and sky by the directions themselves. With the density cos θ /
 //! π a direction's share of the irradiance is the radiosity that it meets, so that E = Σ_m Π ρ ·
 //! E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source
-//! (emissive surfaces and the sky among them) to the place; "indirect" is what was diffusely
+//! (emissive surfaces and the sky among them) to the position; "indirect" is what was diffusely
 //! reflected once or more.
 //!
 //! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
 //! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability
 //! with which it does. A path's first direction comes from a lattice, shifted at random for each
-//! place, which makes the mean less noisy than independent paths; the standard error is that of
+//! position, which makes the mean less noisy than independent paths; the standard error is that of
 //! independent paths and so rather too large than too small.
 
 use crate::samples::{Random, cosine_hemisphere, tangents};
@@ -27,7 +27,7 @@ const MAX_SURVIVE: f32 = 0.999;
 /// Effort of the reference integrator.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferenceSettings {
-    /// Paths a place.
+    /// Paths per position.
     pub paths: u32,
     /// Most diffuse reflections that count; none for all (paths then end by Russian roulette).
     pub bounces: Option<u32>,
@@ -35,7 +35,7 @@ pub struct ReferenceSettings {
     pub seed: u64,
 }
 
-/// Irradiance at a place, W/m², with standard errors.
+/// Irradiance at a position, W/m², with standard errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Irradiance {
@@ -56,8 +56,8 @@ fn window(square: f32, range: f32) -> f32 {
     if range.is_finite() { f * f } else { 1.0 }
 }
 
-/// Irradiance of one light source (not the sky) at a place lifted to `start`; a rectangle is
-/// sampled at one random place. W/m².
+/// Irradiance of one light source (not the sky) at a position lifted to `start`; a rectangle is
+/// sampled at one random position. W/m².
 #[must_use]
 pub fn direct_irradiance(
     geometry: &dyn Geometry,
@@ -132,8 +132,8 @@ pub fn direct_irradiance(
     }
 }
 
-/// Irradiance at surface place (`x`, `n`). `stream` numbers the place: the same place, stream and
-/// settings give the same answer.
+/// Irradiance at surface point (`x`, `n`). `stream` numbers the position: the same position, stream
+/// and settings give the same answer.
 #[must_use]
 pub fn irradiance(
     geometry: &dyn Geometry,
@@ -229,7 +229,7 @@ pub fn irradiance(
     }
 }
 
-/// [`irradiance`] at many places, in parallel; place k is stream k.
+/// [`irradiance`] at many positions, in parallel; position k is stream k.
 #[must_use]
 pub fn irradiance_at_all(
     geometry: &dyn Geometry,

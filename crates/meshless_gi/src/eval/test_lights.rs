@@ -9,10 +9,10 @@ use glam::{Vec2, Vec3};
 /// Directions in which that room is looked for.
 const LOOKS: u32 = 96;
 
-/// Rays that [`sample_open_positions`] casts for each place that it tries.
+/// Rays that [`sample_open_positions`] casts for each position that it tries.
 pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
-/// Places in free space for lights, each the one with the most room around it of `tried`: what a
+/// Positions in free space for lights, each the one with the most room around it of `tried`: what a
 /// light a hair's breadth from a wall lights says little of the level, and no reference is sure of
 /// it. As many as `count`, or none where there are no candidates.
 #[must_use]

@@ -112,7 +112,7 @@ impl ExportedVolume {
         let mut params = VolumeParams::new(&shape, &Mat4::IDENTITY);
         params.scale *= SMALL;
         let values = VolumeValues {
-            points: frame.values(),
+            points: frame.vector_irradiance(),
             probes: frame.probes(),
         };
         let texels = volume_texels(&params, &VoxelWeights::from_scene(shape, scene), values);

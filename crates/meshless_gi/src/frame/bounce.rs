@@ -63,7 +63,7 @@ pub fn spread(
     for j in level {
         let mut sum = Vec4::ZERO;
         for entry in parents.row(j) {
-            if params.differences == 0 || entry.index < params.coarsest {
+            if params.differences == 0 || entry.index < params.coarsest_points {
                 sum += entry.weight * Vec4::from_array(further[entry.index as usize]);
             }
         }

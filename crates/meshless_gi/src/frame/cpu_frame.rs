@@ -26,7 +26,7 @@ pub struct CpuFrameStats {
     /// Solves that ran.
     pub solves: u64,
     /// Solves that had nothing to do.
-    pub rested: u64,
+    pub skipped_solves: u64,
     /// Jacobi sweeps within the solves.
     pub sweeps: u64,
 }
@@ -134,7 +134,7 @@ impl CpuFrame {
     }
 
     /// Sets the factors of the materials, one each; those that are missing are as baked. Only a
-    /// bake of live materials has any. Returns whether the senders' surfaces changed: the next
+    /// bake of dynamic materials has any. Returns whether the senders' surfaces changed: the next
     /// [`solve`](Self::solve) then runs with them.
     pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
         self.check(scene);
@@ -209,7 +209,7 @@ impl CpuFrame {
     pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
         self.check(scene);
         if self.solved == Some(*settings) {
-            self.counters.rested += 1;
+            self.counters.skipped_solves += 1;
             return false;
         }
         let shape = SceneDimensions::new(scene);

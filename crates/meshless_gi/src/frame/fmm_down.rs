@@ -12,8 +12,9 @@ use crate::transport::fmm::{FmmOperator, Passes};
 use glam::{Vec3, Vec4};
 
 /// Fills `passes.locals` and `passes.values` from what [`fmm_up`](super::fmm_up::fmm_up()) left,
-/// and writes the values of the places of `operator` that receive to their points in `out`, W/m².
-/// `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its radiance.
+/// and writes the values of the positions of `operator` that receive to their points in `out`,
+/// W/m². `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its
+/// radiance.
 pub fn fmm_down(
     passes: &mut Passes<'_, f32>,
     operator: &FmmOperator,
@@ -24,7 +25,7 @@ pub fn fmm_down(
     passes.down(radiosity);
     let leaves = operator.nodes.iter().filter(|n| n.is_leaf());
     for i in leaves.flat_map(|n| n.receiver_range()) {
-        let place = &operator.places[i];
+        let place = &operator.points[i];
         let seen = Vec3::from_array(place.sky);
         let light = match seen == Vec3::ZERO {
             true => Vec4::ZERO,

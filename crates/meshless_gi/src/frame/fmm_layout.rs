@@ -7,7 +7,7 @@ use crate::transport::fmm::tree::COINCIDENT;
 use bytemuck::{Pod, Zeroable};
 
 pub use crate::transport::fmm::lists::Entry as FmmEntry;
-pub use crate::transport::fmm::{FmmNode, FmmPlace};
+pub use crate::transport::fmm::{FmmNode, FmmOperatorPoint};
 
 /// Highest order that the kernels take: what a workgroup's memory holds.
 pub const MAX_FMM_ORDER: usize = 6;
@@ -18,8 +18,8 @@ pub const MAX_FMM_TERMS: usize = 84;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmTerm {
-    /// Places of the terms that are less by one x, y, z, by two x, y, z, by xy, xz, yz; [`NO_TERM`]
-    /// where there is none.
+    /// Positions of the terms that are less by one x, y, z, by two x, y, z, by xy, xz, yz;
+    /// [`NO_TERM`] where there is none.
     pub down: [u32; 9],
     /// Exponents of x, y and z, eight bits each.
     pub exponents: u32,
@@ -42,7 +42,7 @@ pub struct FmmParams {
     pub terms: u32,
     /// 1 where sources near by are disks.
     pub disks: u32,
-    /// Squared distance up to which points are one place.
+    /// Squared distance up to which points are one position.
     pub nearest: f32,
     /// Index of the sky's coefficient among the radiosities.
     pub sky: u32,

@@ -8,7 +8,7 @@
 //! left of light on the way to the eye (Beer and Lambert), h the part's length. Light changes as
 //! slowly as the voxels are wide, so parts are two of them long, and there is no noise.
 //!
-//! J is what fog at a place sends there of the level's light:
+//! J is what fog at a position sends there of the level's light:
 //! [`fog_inscatter`](super::fog_inscatter) has it for the middle of each voxel. Between eight of
 //! them as everything reads that volume, those behind a wall left out.
 //!
@@ -20,7 +20,7 @@ use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
-/// Most other levels that may lie in the same place and come first.
+/// Most other levels that may lie in the same position and come first.
 pub const MAX_EARLIER: usize = 4;
 /// Transmittance below which the rest of the ray is skipped.
 pub const MIN_TRANSMITTANCE: f32 = 1e-3;
@@ -52,7 +52,7 @@ pub struct FogParams {
     pub color: [f32; 3],
     /// σₜ, absorption and out-scattering, 1/m.
     pub extinction: f32,
-    /// Added to places in the density's texture.
+    /// Added to positions in the density's texture.
     pub offset: [f32; 3],
     /// Multiplies `extinction`, `color` and the density's texture.
     pub density: f32,
@@ -283,7 +283,7 @@ impl Ray {
         };
         let near = unproject(1.0);
         let near = near.truncate() / near.w;
-        // The farthest place is a direction where there is no far plane.
+        // The farthest position is a direction where there is no far plane.
         let far = unproject(0.0);
         let direction = (far.truncate() - far.w * near).normalize();
         let seen = unproject(depth);

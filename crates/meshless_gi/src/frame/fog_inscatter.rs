@@ -24,7 +24,7 @@ use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 
-/// No two places are closer than this: where the eye is there is no direction.
+/// No two positions are closer than this: where the eye is there is no direction.
 pub const NEAREST: f32 = 1e-12;
 
 /// Ways that are free as far as the next voxel have less
@@ -37,7 +37,7 @@ pub const FREE_WAY: f32 = -1.252;
 pub struct FogInscatterParams {
     /// From voxels from the corner of the level's volume to the world.
     pub world_from_voxels: [[f32; 4]; 4],
-    /// The eye in the world, a place where the fourth number is above zero; where it is zero,
+    /// The eye in the world, a position where the fourth number is above zero; where it is zero,
     /// against where all rays go.
     pub eye: [f32; 4],
     /// For each side how many voxels along each edge it is to the one that its light is of

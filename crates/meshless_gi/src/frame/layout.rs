@@ -55,7 +55,7 @@ pub struct SolveParams {
     pub points: u32,
     /// Samples per sender of the finest sender level
     /// ([`LightSamples`](crate::asset::LightSamples)).
-    pub places: u32,
+    pub samples_per_sender: u32,
     /// Number of points that are senders.
     pub senders: u32,
     /// First sender of the finest sender level.
@@ -73,7 +73,7 @@ pub struct SolveParams {
     /// Index of the sky's coefficient, one after the last sender.
     pub sky_sender: u32,
     /// Number of coarsest points with baked bounces.
-    pub coarsest: u32,
+    pub coarsest_points: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
     /// Spacing of a sender's samples, meters ([`sample_spacing`](super::project::sample_spacing)).

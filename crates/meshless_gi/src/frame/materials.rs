@@ -42,7 +42,7 @@ pub fn sanitize_factors(
 
 /// The surface of sender `j`, baked as `baked`. `factors` are [`sanitize_factors`].
 #[must_use]
-pub fn live_surface(
+pub fn dynamic_surface(
     live: &DynamicMaterials,
     factors: &[MaterialFactors],
     baked: &PointSurface,
@@ -69,13 +69,16 @@ pub fn live_surface(
 /// Surfaces of all senders of `scene` for these factors, one per material. Returns `None` if the
 /// bake has no dynamic materials.
 #[must_use]
-pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<Vec<PointSurface>> {
+pub fn dynamic_surfaces(
+    scene: &BakedScene,
+    factors: &[MaterialFactors],
+) -> Option<Vec<PointSurface>> {
     let live = scene.materials.as_ref()?;
     let factors = sanitize_factors(live, factors);
     let senders = &scene.surfaces[..scene.senders()];
     let all = senders.par_iter().enumerate();
     Some(
-        all.map(|(j, baked)| live_surface(live, &factors, baked, j))
+        all.map(|(j, baked)| dynamic_surface(live, &factors, baked, j))
             .collect(),
     )
 }
@@ -91,7 +94,7 @@ pub fn current_surfaces(
 ) -> (Vec<PointSurface>, Vec<[f32; SkyRadiance::TERMS]>) {
     let live = match factors.is_empty() {
         true => None,
-        false => live_surfaces(scene, factors),
+        false => dynamic_surfaces(scene, factors),
     };
     let mut surfaces = live.unwrap_or_else(|| scene.surfaces[..scene.senders()].to_vec());
     let mut seen = scene.sky.as_ref().map_or(Vec::new(), |s| s.senders.clone());

@@ -1,5 +1,5 @@
 //! Kernel `project`: the scalar irradiance of each sender from one light of color one, shadows
-//! included: the mean over the sender's places, so that a shadow's edge moves over it smoothly
+//! included: the mean over the sender's positions, so that a shadow's edge moves over it smoothly
 //! (\[L08\] takes the light at its center). Visibility is a ray through the baked BVH (design D8).
 //! The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
 
@@ -39,17 +39,17 @@ pub fn min_distance_squared(extent: f32) -> f32 {
 
 /// Spacing of the samples of a sender, meters. 0 if senders are lit at their own points only.
 ///
-/// Places are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the disks
-/// of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of that: a
-/// place stands for a square of edge 2σ / √places.
+/// Positions are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the
+/// disks of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of
+/// that: a position stands for a square of edge 2σ / √positions.
 #[must_use]
 pub fn sample_spacing(scene: &BakedScene) -> f32 {
     const ASKED: usize = 256;
-    let count = scene.places.per_sender as usize;
+    let count = scene.light_samples.per_sender as usize;
     if count < 2 {
         return 0.0;
     }
-    let senders = scene.places.list.chunks_exact(count);
+    let senders = scene.light_samples.list.chunks_exact(count);
     let stride = senders.len().div_ceil(ASKED).max(1);
     let (mut variance, mut asked) = (0.0f32, 0u32);
     for own in senders.step_by(stride) {
@@ -69,7 +69,7 @@ pub fn sample_spacing(scene: &BakedScene) -> f32 {
     }
 }
 
-/// [`unshadowed_within`] in a level of two meters or more, at a single place.
+/// [`unshadowed_within`] in a level of two meters or more, at a single position.
 #[must_use]
 #[inline]
 pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
@@ -80,9 +80,9 @@ pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
 /// `extent` (meters): 1/m² (point, spot, patch) or dimensionless (directional). Finite for every
 /// input that is.
 ///
-/// A point or spot light nearer to the place's plane than `sample_spacing` (meters) shines from
-/// that height: I cos θ / d² is far narrower there than the places are apart, which would miss it
-/// or take it for all of their surface. What a plane receives does not depend on the height.
+/// A point or spot light nearer to the position's plane than `sample_spacing` (meters) shines from
+/// that height: I cos θ / d² is far narrower there than the positions are apart, which would miss
+/// it or take it for all of their surface. What a plane receives does not depend on the height.
 #[must_use]
 #[inline]
 pub fn unshadowed_within(
@@ -204,13 +204,13 @@ pub fn project_sender(
         let e = unshadowed_within(light, x, n, extent, sample_spacing);
         shadowed(bvh, extent, light, x, n, e)
     };
-    let count = scene.places.per_sender as usize;
+    let count = scene.light_samples.per_sender as usize;
     let finest = scene.finest_senders().start;
     if j < finest || count == 0 {
         let point = &scene.points[j];
         return at(point.x(), point.n());
     }
-    let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
+    let own = &scene.light_samples.list[(j - finest) * count..(j - finest + 1) * count];
     let places = samples_for_light(light, own);
     let used = places.len() as f32;
     places.map(|p| near(p.x(), p.n())).sum::<f32>() / used

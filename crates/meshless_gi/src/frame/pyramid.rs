@@ -90,7 +90,7 @@ pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     z.abs().min(REACH * width)
 }
 
-/// Place in the view's space of a pixel with this reversed depth.
+/// Position in the view's space of a pixel with this reversed depth.
 #[must_use]
 pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
@@ -261,7 +261,7 @@ pub fn reduce(params: &SubsplatParams, k: u32, cells: &mut [CellRange]) {
 pub fn pyramid(params: &SubsplatParams, picture: &GbufferView<'_>) -> Vec<CellRange> {
     let mut cells = vec![CellRange::default(); params.levels().starts[0] as usize];
     base(params, picture, &mut cells);
-    for k in 2..=params.coarsest {
+    for k in 2..=params.coarsest_level {
         reduce(params, k, &mut cells);
     }
     cells

@@ -45,7 +45,7 @@ fn exceeds_prediction(
     let found = luminance(node, gbuffer::normal(picture.texel(params.size, pixel)));
     let predicted_luminance = node.predicted_luminance();
     (found - predicted_luminance).abs()
-        > params.light * (0.5 * (found + predicted_luminance) + FLOOR)
+        > params.radiance_threshold * (0.5 * (found + predicted_luminance) + FLOOR)
 }
 
 /// True where cell (x, y) of level `k` is to be divided.
@@ -59,7 +59,7 @@ pub fn divides(
     [x, y]: [u32; 2],
 ) -> bool {
     let levels = params.levels();
-    if k == params.coarsest || pyramid::breaks(params, &levels, cells, k, x, y) {
+    if k == params.coarsest_level || pyramid::breaks(params, &levels, cells, k, x, y) {
         return true;
     }
     let [w, h] = levels.grid(k);
@@ -88,7 +88,7 @@ pub fn divides(
 /// Entry point `start`: all cells of the coarsest level.
 #[must_use]
 pub fn start(levels: &SubsplatLevels) -> Vec<u32> {
-    let [w, h] = levels.grid(levels.coarsest);
+    let [w, h] = levels.grid(levels.coarsest_level);
     (0..h)
         .flat_map(|y| (0..w).map(move |x| pack_cell(x, y)))
         .collect()

@@ -220,7 +220,7 @@ fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32)
     let mut chunk = before[..CHUNKS].partition_point(|b| *b < low).max(1) - 1;
     let (mut flux, mut weight) = (Vec3::ZERO, 0.0);
     let (mut place, mut normal, mut square) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-    // Places are summed relative to the first, so that their spread is no difference of large
+    // Positions are summed relative to the first, so that their spread is no difference of large
     // squares.
     let mut anchor = None;
     while chunk < CHUNKS && before[chunk] < high {

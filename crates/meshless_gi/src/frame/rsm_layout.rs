@@ -2,9 +2,9 @@
 //! map and its texels, virtual point lights, a view. `shaders/lib/rsm.wgsl` declares the
 //! same; `tests/checks/shader_layout.rs` compares the two.
 //!
-//! All of them speak of one *space*: the world's axes and meters, with the origin moved to a place
-//! near by ([`space_from_clip`]), so that single precision serves a level far from the world's
-//! origin too. Whoever has several lights or views takes one origin for all of them.
+//! All of them speak of one *space*: the world's axes and meters, with the origin moved to a
+//! position near by ([`space_from_clip`]), so that single precision serves a level far from the
+//! world's origin too. Whoever has several lights or views takes one origin for all of them.
 
 use super::FrameLight;
 use bytemuck::{Pod, Zeroable};
@@ -80,7 +80,7 @@ impl RsmParams {
     pub fn new(space_from_clip: Mat4, light: &FrameLight, side: u32, first: u32) -> Self {
         let m = space_from_clip.as_dmat4();
         let eye = Vec3::from_array(light.position).as_dvec3();
-        // The near plane. A step on it is a column, exactly: no difference of places far apart.
+        // The near plane. A step on it is a column, exactly: no difference of positions far apart.
         let near = m * glam::DVec4::new(0.0, 0.0, 1.0, 1.0);
         let w = if near.w == 0.0 { 1.0 } else { near.w };
         let [right, up] = [m.x_axis.truncate() / w, m.y_axis.truncate() / w];
@@ -182,7 +182,7 @@ pub struct RsmSelectParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Vpl {
-    /// Mean place of the part, meters.
+    /// Mean position of the part, meters.
     pub position: [f32; 3],
     /// Square of the radius of a disk that is spread as widely as the part, m².
     pub square: f32,

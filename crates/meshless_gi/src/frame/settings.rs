@@ -71,8 +71,8 @@ pub struct SceneDimensions {
     pub level_starts: Vec<u32>,
     /// Number of levels that send.
     pub sender_levels: usize,
-    /// Places that each sender of the finest sender level is lit at.
-    pub places: u32,
+    /// Positions that each sender of the finest sender level is lit at.
+    pub samples_per_sender: u32,
     /// Tiers that use links: those of the operator, or none.
     pub link_tiers: u32,
     /// An octree may carry the light in place of links: the tier above those.
@@ -101,7 +101,7 @@ impl SceneDimensions {
         Self {
             level_starts: scene.level_starts.clone(),
             sender_levels: (scene.sender_levels as usize).min(scene.levels()),
-            places: scene.places.per_sender,
+            samples_per_sender: scene.light_samples.per_sender,
             link_tiers: scene.link_tiers(),
             octree: scene.fmm.is_some(),
             form: scene.operator.form,
@@ -170,7 +170,7 @@ impl SceneDimensions {
             // Surfaces are as bright as lights already.
             emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
-            places: self.places,
+            samples_per_sender: self.samples_per_sender,
             senders: self.senders() as u32,
             finest_sender: self.level_starts[self.sender_levels.saturating_sub(1)],
             slots: slots as u32,
@@ -183,7 +183,7 @@ impl SceneDimensions {
                 tier => tier,
             },
             sky_sender: self.senders() as u32,
-            coarsest: self.level_starts.get(1).copied().unwrap_or(0),
+            coarsest_points: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
             sky_terms: if self.sky_terms {
                 SkyRadiance::TERMS as u32
@@ -264,7 +264,7 @@ mod tests {
         SceneDimensions {
             level_starts: level_starts.to_vec(),
             sender_levels,
-            places: 0,
+            samples_per_sender: 0,
             link_tiers: 4,
             octree: false,
             form: SenderForm::Averages,

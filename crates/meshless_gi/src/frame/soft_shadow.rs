@@ -41,7 +41,7 @@ pub use light::{SoftLight, corners, lambert, unshadowed, window};
 /// The golden section.
 pub const GOLDEN: f32 = 0.618_034;
 
-/// Sample `k` of `light` as seen from x: its place, meters.
+/// Sample `k` of `light` as seen from x: its position, meters.
 #[must_use]
 #[inline]
 pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {

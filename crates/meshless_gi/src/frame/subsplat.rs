@@ -66,12 +66,13 @@ pub enum NormalTest {
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SubsplatSettings {
-    /// Level at which every node is evaluated, and every cell is refined once: cells of 2^coarsest
-    /// pixels; 2 to [`COARSEST`].
-    pub coarsest: u32,
-    /// Level below which no cell is refined: 1 at least, and below `coarsest`. Single pixels are
-    /// evaluated where fewer neighbors than [`alike`](Self::alike) are similar.
-    pub finest: u32,
+    /// Level at which every node is evaluated, and every cell is refined once: cells of
+    /// 2^coarsest_level pixels; 2 to [`COARSEST`].
+    pub coarsest_level: u32,
+    /// Level below which no cell is refined: 1 at least, and below `coarsest_level`. Single pixels
+    /// are evaluated where fewer neighbors than [`min_similarity`](Self::min_similarity) are
+    /// similar.
+    pub finest_level: u32,
     /// Test of depth.
     pub depth: DepthTest,
     /// Test of normals.
@@ -81,10 +82,10 @@ pub struct SubsplatSettings {
     /// A cell is refined where a node's light is this far from what its surroundings predicted, in
     /// parts of the light (\[N09\] §3.3.1 compares neighbors, which refines where light merely
     /// slopes). Infinite for never.
-    pub light: f32,
+    pub radiance_threshold: f32,
     /// A pixel is evaluated directly where no more than this share of its surroundings is of its
     /// own surface.
-    pub alike: f32,
+    pub min_similarity: f32,
     /// α of \[N09\] Eq. (3): darkens what is seen at a slant, in place of detail that was not
     /// refined; 0 for none, as vectors need none.
     pub detail: f32,
@@ -93,13 +94,13 @@ pub struct SubsplatSettings {
 impl Default for SubsplatSettings {
     fn default() -> Self {
         Self {
-            coarsest: 4,
-            finest: 1,
+            coarsest_level: 4,
+            finest_level: 1,
             depth: DepthTest::Plane(0.05),
             normal: NormalTest::MinMax(1.0),
             diagonal: true,
-            light: 0.02,
-            alike: 0.35,
+            radiance_threshold: 0.02,
+            min_similarity: 0.35,
             detail: 0.0,
         }
     }
@@ -109,11 +110,11 @@ impl SubsplatSettings {
     /// The same with every number in its range.
     #[must_use]
     pub fn clamped(self) -> Self {
-        let coarsest = self.coarsest.clamp(2, COARSEST);
+        let coarsest = self.coarsest_level.clamp(2, COARSEST);
         let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
         Self {
-            coarsest,
-            finest: self.finest.clamp(1, coarsest - 1),
+            coarsest_level: coarsest,
+            finest_level: self.finest_level.clamp(1, coarsest - 1),
             depth: match self.depth {
                 DepthTest::Plane(t) => DepthTest::Plane(positive(t)),
                 DepthTest::MinMax(t) => DepthTest::MinMax(positive(t)),
@@ -123,8 +124,8 @@ impl SubsplatSettings {
                 NormalTest::MinMax(t) => NormalTest::MinMax(positive(t)),
                 NormalTest::Curvature(t) => NormalTest::Curvature(positive(t)),
             },
-            light: positive(self.light),
-            alike: positive(self.alike).min(1.0),
+            radiance_threshold: positive(self.radiance_threshold),
+            min_similarity: positive(self.min_similarity).min(1.0),
             detail: positive(self.detail).min(1.0),
             ..self
         }
@@ -144,9 +145,9 @@ pub struct SubsplatParams {
     /// Size of the targets in texels.
     pub size: [u32; 2],
     /// Coarsest level.
-    pub coarsest: u32,
+    pub coarsest_level: u32,
     /// Finest level that cells are refined to.
-    pub finest: u32,
+    pub finest_level: u32,
     /// 0 [`DepthTest::Plane`], 1 [`DepthTest::MinMax`], 2 [`DepthTest::Derivative`].
     pub depth_test: u32,
     /// 0 [`NormalTest::MinMax`], 1 [`NormalTest::Curvature`].
@@ -155,10 +156,10 @@ pub struct SubsplatParams {
     pub depth_threshold: f32,
     /// Threshold of the normal test.
     pub normal_threshold: f32,
-    /// See [`SubsplatSettings::light`].
-    pub light: f32,
-    /// See [`SubsplatSettings::alike`].
-    pub alike: f32,
+    /// See [`SubsplatSettings::radiance_threshold`].
+    pub radiance_threshold: f32,
+    /// See [`SubsplatSettings::min_similarity`].
+    pub min_similarity: f32,
     /// See [`SubsplatSettings::detail`].
     pub detail: f32,
     /// 1 to test diagonal neighbors.
@@ -276,18 +277,18 @@ pub struct SubsplatLevels {
     /// Width and height, pixels.
     pub size: [u32; 2],
     /// Coarsest level.
-    pub coarsest: u32,
+    pub coarsest_level: u32,
     /// First cell of each level, level 0 last.
     pub starts: [u32; LEVELS],
 }
 
 impl SubsplatLevels {
-    /// Levels 1 to `coarsest` of a picture, and the pixels evaluated directly.
+    /// Levels 1 to `coarsest_level` of a picture, and the pixels evaluated directly.
     #[must_use]
     pub fn new(size: [u32; 2], coarsest: u32) -> Self {
         let mut levels = Self {
             size,
-            coarsest,
+            coarsest_level: coarsest,
             starts: [0; LEVELS],
         };
         let mut next = 0;
@@ -349,7 +350,7 @@ impl SubsplatParams {
             NormalTest::Curvature(t) => (1, t),
         };
         let turn = |c: Vec4| c.truncate().normalize_or_zero().extend(0.0).to_array();
-        let levels = SubsplatLevels::new(size, settings.coarsest);
+        let levels = SubsplatLevels::new(size, settings.coarsest_level);
         let s = levels.starts;
         Self {
             view_from_clip: view_from_clip.to_cols_array_2d(),
@@ -361,15 +362,15 @@ impl SubsplatParams {
             .map(turn),
             viewport,
             size,
-            coarsest: settings.coarsest,
-            finest: settings.finest,
+            coarsest_level: settings.coarsest_level,
+            finest_level: settings.finest_level,
             depth_test,
             normal_test,
             depth_threshold,
             normal_threshold,
             // WGSL has no literal for infinity.
-            light: settings.light.min(1e30),
-            alike: settings.alike,
+            radiance_threshold: settings.radiance_threshold.min(1e30),
+            min_similarity: settings.min_similarity,
             detail: settings.detail,
             diagonal: u32::from(settings.diagonal),
             starts: [[s[0], s[1], s[2], s[3]], [s[4], s[5], s[6], 0]],
@@ -379,7 +380,7 @@ impl SubsplatParams {
     /// The levels.
     #[must_use]
     pub fn levels(&self) -> SubsplatLevels {
-        SubsplatLevels::new(self.size, self.coarsest)
+        SubsplatLevels::new(self.size, self.coarsest_level)
     }
 
     /// Turns world-space normals into the view's space.
@@ -422,16 +423,19 @@ mod tests {
     #[test]
     fn subsplat_settings_out_of_range_are_clamped() {
         let wild = SubsplatSettings {
-            coarsest: 99,
-            finest: 99,
+            coarsest_level: 99,
+            finest_level: 99,
             depth: DepthTest::MinMax(f32::NAN),
-            light: -1.0,
-            alike: 7.0,
+            radiance_threshold: -1.0,
+            min_similarity: 7.0,
             ..SubsplatSettings::default()
         };
         let tame = wild.clamped();
-        assert_eq!((tame.coarsest, tame.finest), (COARSEST, COARSEST - 1));
-        assert_eq!((tame.light, tame.alike), (0.0, 1.0));
+        assert_eq!(
+            (tame.coarsest_level, tame.finest_level),
+            (COARSEST, COARSEST - 1)
+        );
+        assert_eq!((tame.radiance_threshold, tame.min_similarity), (0.0, 1.0));
         assert_eq!(tame.depth, DepthTest::MinMax(0.0));
     }
 }

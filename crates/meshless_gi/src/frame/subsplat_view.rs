@@ -55,15 +55,15 @@ pub fn subsplats(
     };
     let mut lists = vec![Vec::new(); LEVELS];
     let mut list = start(&levels);
-    for k in (1..=params.coarsest).rev() {
-        if k < params.coarsest {
+    for k in (1..=params.coarsest_level).rev() {
+        if k < params.coarsest_level {
             upsample(params, picture, k, &mut nodes);
         }
         // Nodes of even cells are those of the level above.
         let asked: Vec<[u32; 2]> = list
             .iter()
             .map(|&cell| unpack_cell(cell))
-            .filter(|[x, y]| k == params.coarsest || x % 2 == 1 || y % 2 == 1)
+            .filter(|[x, y]| k == params.coarsest_level || x % 2 == 1 || y % 2 == 1)
             .collect();
         let found: Vec<(usize, SubsplatNode)> = asked
             .par_iter()
@@ -78,7 +78,7 @@ pub fn subsplats(
         for (at, node) in found {
             nodes[at] = node;
         }
-        let next = if k > params.finest && k > 1 {
+        let next = if k > params.finest_level && k > 1 {
             refine(params, picture, &cells, &nodes, k, &list)
         } else {
             Vec::new()

@@ -57,7 +57,7 @@ impl SubtractShadowParams {
 }
 
 /// The share of the lights' light that is missing at (x, n), per channel, 0 to 1. Returns `None`
-/// where no function covers the place. `occluded_irradiances` is what
+/// where no function covers the position. `occluded_irradiances` is what
 /// [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
 #[must_use]
 pub fn missing(
@@ -110,7 +110,7 @@ pub struct LtcTables {
 }
 
 impl LtcTables {
-    /// Layer `layer` at a place between its texels, both coordinates from 0 to 1.
+    /// Layer `layer` at a position between its texels, both coordinates from 0 to 1.
     fn at(&self, layer: usize, u: f32, v: f32) -> Vec4 {
         let last = self.size - 1;
         let place = |v: f32| {
@@ -149,7 +149,7 @@ pub struct LitSurface {
 impl LitSurface {
     /// The surface of a G-buffer's texel, with a normal in the space that `v` is in.
     #[must_use]
-    pub fn of(texel: [u32; 4], n: Vec3, v: Vec3) -> Self {
+    pub fn from_texel(texel: [u32; 4], n: Vec3, v: Vec3) -> Self {
         Self {
             n,
             v,
@@ -248,7 +248,7 @@ pub fn subtract_shadow_pixel(
     if share == Vec3::ZERO {
         return [0.0, 0.0, 0.0, 1.0];
     }
-    let surface = LitSurface::of(texel, n, eye_from(view, pixel, x));
+    let surface = LitSurface::from_texel(texel, n, eye_from(view, pixel, x));
     let drawn = drawn(params, tables, lights, x, &surface);
     let radiance = TAKEN * view.scale * share * drawn;
     radiance

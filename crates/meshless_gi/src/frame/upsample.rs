@@ -164,10 +164,10 @@ fn between(
 
 impl Between {
     /// State bits: known where enough of the weight is of one surface, and all of that has light.
-    /// That there is none takes all nodes around: single places that no function covers must not
+    /// That there is none takes all nodes around: single positions that no function covers must not
     /// spread over surroundings that are not known.
     fn state(&self, params: &SubsplatParams) -> u32 {
-        if self.weight <= params.alike {
+        if self.weight <= params.min_similarity {
             0
         } else if self.covered > 0.99 {
             state::KNOWN | state::COVERED

@@ -169,7 +169,7 @@ fn on_a_wall(
 ) -> Option<Vec3> {
     let wall_samples = places.wall_samples();
     let mut best = (if in_air { FACING } else { -2.0 }, None);
-    for face in wall_samples.of(voxel) {
+    for face in wall_samples.samples_of(voxel) {
         let cosine = Vec3::from_array(wall_samples.wall_samples[face].normal).dot(n);
         if cosine > best.0 + SAME {
             best = (cosine, Some(face));

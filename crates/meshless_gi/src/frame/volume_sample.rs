@@ -2,9 +2,9 @@
 //! (`shaders/engine/irradiance_volume.wgsl`). It runs at each pixel that is drawn forward. Kernel
 //! [`fog`](super::fog) uses it too.
 //!
-//! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place
-//! (`volume_distance`) are left out. So neither a thin wall nor a floor between two storeys lets
-//! light through, and no place is dark because the next room is.
+//! Between eight voxels as a sampler reads them, but those that have a wall nearer than the
+//! position (`volume_distance`) are left out. So neither a thin wall nor a floor between two
+//! storeys lets light through, and no position is dark because the next room is.
 
 use glam::{UVec3, Vec3};
 

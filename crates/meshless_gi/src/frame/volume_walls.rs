@@ -87,18 +87,18 @@ impl WallSamples {
         self.weights.extend(other.weights);
     }
 
-    /// The faces of a voxel, as indices.
+    /// Indices of the wall samples of a voxel.
     #[must_use]
-    pub fn of(&self, voxel: u32) -> std::ops::Range<usize> {
+    pub fn samples_of(&self, voxel: u32) -> std::ops::Range<usize> {
         let end = |i: u32| self.ends[i as usize] as usize;
         voxel.checked_sub(1).map_or(0, end)..end(voxel)
     }
 
-    /// The shares of a face.
+    /// Weights of a wall sample.
     #[must_use]
-    pub fn weights_of(&self, face: usize) -> &[WallWeight] {
-        let end = self.wall_samples.get(face + 1).map(|f| f.start as usize);
-        &self.weights[self.wall_samples[face].start as usize..end.unwrap_or(self.weights.len())]
+    pub fn weights_of(&self, sample: usize) -> &[WallWeight] {
+        let end = self.wall_samples.get(sample + 1).map(|f| f.start as usize);
+        &self.weights[self.wall_samples[sample].start as usize..end.unwrap_or(self.weights.len())]
     }
 
     /// Adds the wall samples of the next voxel, whose center is `x`, from the points `beside` it.
@@ -125,7 +125,7 @@ impl WallSamples {
         looks
     }
 
-    /// Adds a face at `x`, a place on a wall with this normal, if functions cover it well.
+    /// Adds a face at `x`, a position on a wall with this normal, if functions cover it well.
     fn add(&mut self, points: &[Point], display: &FlatBasis, x: Vec3, n: Vec3) -> bool {
         let mut cover = 0.0;
         let mut weights: Vec<WallWeight> = Vec::new();

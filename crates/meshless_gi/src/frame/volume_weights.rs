@@ -224,7 +224,7 @@ impl VoxelWeights {
                 self.weights.extend(run.weights);
                 self.wall_samples.append(run.wall_samples);
                 self.wall_distances.extend(run.wall_distances);
-                // A place that is looked up costs something too.
+                // A position that is looked up costs something too.
                 looks += run.looks + run.ends.len() as u64;
             }
         }
@@ -347,7 +347,7 @@ impl Run {
         run
     }
 
-    /// Adds the shares of one place, of the probes that reach it and their weights.
+    /// Adds the shares of one position, of the probes that reach it and their weights.
     fn weights_of(&mut self, reaching: &mut Vec<(u32, f32)>) {
         if reaching.iter().map(|r| r.1).sum::<f32>() <= NO_COVER {
             return;
@@ -411,8 +411,8 @@ mod tests {
             wall_distances: Vec::new(),
             looks: 0,
         };
-        // Every third is strong, and there are more of them than a place takes; the weak ones would
-        // round to nothing.
+        // Every third is strong, and there are more of them than a position takes; the weak ones
+        // would round to nothing.
         let mut reaching: Vec<(u32, f32)> = (0..120)
             .map(|j| {
                 (
@@ -433,7 +433,7 @@ mod tests {
             run.weights[1] & FULL_WEIGHT,
             (0.985f32.powi(2) * 4095.0).round() as u32
         );
-        // What says next to nothing is left out, and so is a place that is hardly covered.
+        // What says next to nothing is left out, and so is a position that is hardly covered.
         run.weights.clear();
         run.weights_of(&mut vec![(7, 0.5), (9, 0.004)]);
         assert_eq!(run.weights, [7 << WEIGHT_BITS | FULL_WEIGHT]);

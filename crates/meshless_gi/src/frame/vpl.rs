@@ -1,6 +1,6 @@
 //! Kernel `vpl`: irradiance from virtual point lights, \[N09\] Eq. (2) with diffuse reflection at
 //! both ends: E = Σ Φ ⟨V̂, N_l⟩ ⟨−V̂, N_s⟩ / (π r²), with or without a shadow ray through a baked
-//! scene, which \[N09\] lacks (§5, Fig. 13). On the screen, one place a pixel: the reference
+//! scene, which \[N09\] lacks (§5, Fig. 13). On the screen, one position a pixel: the reference
 //! display.
 //!
 //! A light here stands for a piece of surface, not for a point, and two terms say so:
@@ -239,7 +239,7 @@ pub fn vpl_pixel(
         .to_array()
 }
 
-/// Place of a pixel in the space of the lights.
+/// Position of a pixel in the space of the lights.
 #[must_use]
 pub fn pixel_position(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
@@ -305,7 +305,7 @@ mod tests {
             let whole = sum * 4.0 / f64::from(steps);
             assert!((whole - 1.0).abs() < 0.02, "{m}: {whole}");
         }
-        // Exact where all normals face the place.
+        // Exact where all normals face the position.
         assert_eq!(mean_clamped_cosine(Vec3::Y * 0.9, Vec3::Y), 0.9);
         assert_eq!(mean_clamped_cosine(Vec3::Y, -Vec3::Y), 0.0);
     }

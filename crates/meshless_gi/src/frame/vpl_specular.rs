@@ -58,7 +58,7 @@ pub const ROUGHNESS_TOLERANCE: f32 = 0.1;
 /// less with roughness.
 #[must_use]
 pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
-    let smooth = (params.roughest - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
+    let smooth = (params.max_roughness - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
     gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
 }
 
@@ -86,7 +86,7 @@ struct Glossy {
     shown: f32,
 }
 
-/// A node around a place: its light, how much it weighs, and its surface.
+/// A node around a position: its light, how much it weighs, and its surface.
 #[derive(Clone, Copy)]
 struct Around {
     weight: f32,
@@ -94,7 +94,7 @@ struct Around {
     at: Receiver,
 }
 
-/// All nodes that say something of a place. Weights add up to one, or there is none.
+/// All nodes that say something of a position. Weights add up to one, or there is none.
 #[derive(Default)]
 struct Prediction {
     light: SpecularRadiance,
@@ -153,7 +153,7 @@ impl SpecularView<'_> {
                 out.around[slot] = Some(Around { weight, light, at });
             }
         }
-        out.known = total > self.screen.alike;
+        out.known = total > self.screen.min_similarity;
         if out.known {
             for a in out.around.iter_mut().flatten() {
                 a.weight /= total;
@@ -172,7 +172,7 @@ impl SpecularView<'_> {
         k: u32,
         [x, y]: [u32; 2],
     ) -> [u32; 4] {
-        if k + 1 == self.screen.coarsest {
+        if k + 1 == self.screen.coarsest_level {
             return [u32::MAX; 4];
         }
         let [w, h] = levels.grid(k + 1).map(|edge| edge as i32);
@@ -206,7 +206,7 @@ impl SpecularView<'_> {
             return nothing;
         };
         let all = u64::from(self.lights.lit.vpls);
-        if k == self.screen.coarsest {
+        if k == self.screen.coarsest_level {
             return (self.whole(pixel, &here), none.0, all);
         }
         if x % 2 == 0 && y % 2 == 0 {
@@ -215,7 +215,7 @@ impl SpecularView<'_> {
         }
         let before = self.predict(levels, nodes, k, [x, y], &here);
         let asked = self.asked(levels, refine_masks, k, [x, y]);
-        let finer = k >= self.screen.finest;
+        let finer = k >= self.screen.finest_level;
         if before.known && (asked == [0; 4] || !finer) {
             return (SpecularNode::new(&before.light), none.0, none.1);
         }
@@ -223,12 +223,12 @@ impl SpecularView<'_> {
             return nothing;
         }
         let f0 = gbuffer::f0(here.texel);
-        let seen_before = LUMINANCE.dot(before.light.of(f0));
-        let most = self.screen.light * (seen_before + FLOOR * FRAC_1_PI);
+        let seen_before = LUMINANCE.dot(before.light.evaluate(f0));
+        let most = self.screen.radiance_threshold * (seen_before + FLOOR * FRAC_1_PI);
         if before.known && self.params.together == 1 {
             let node = self.whole(pixel, &here);
             let found = node.light().unwrap_or_default();
-            let off = (LUMINANCE.dot(found.of(f0)) - seen_before).abs();
+            let off = (LUMINANCE.dot(found.evaluate(f0)) - seen_before).abs();
             let bits = if off > most { u32::MAX } else { 0 };
             return (node, [bits; 4], all);
         }
@@ -254,7 +254,7 @@ impl SpecularView<'_> {
                 change.f90 += found.f90 * flux;
             }
             light.add(1.0, &change);
-            if LUMINANCE.dot(change.of(f0)).abs() > most {
+            if LUMINANCE.dot(change.evaluate(f0)).abs() > most {
                 bits[(g / 32) as usize] |= 1 << (g % 32);
             }
         }
@@ -310,8 +310,8 @@ impl SpecularView<'_> {
         let mut nodes = vec![SpecularNode::default(); levels.starts[0] as usize];
         let surprised = levels.starts[0] - levels.starts[2];
         let mut refine_masks = vec![[0; 4]; surprised as usize];
-        let mut evaluated = vec![0; levels.coarsest as usize + 1];
-        for k in (1..=levels.coarsest).rev() {
+        let mut evaluated = vec![0; levels.coarsest_level as usize + 1];
+        for k in (1..=levels.coarsest_level).rev() {
             let [w, h] = levels.grid(k);
             let found: Vec<_> = (0..w * h)
                 .into_par_iter()
@@ -396,7 +396,7 @@ fn surface_similarity(a: &Glossy, b: &Glossy) -> f32 {
 fn texel(here: &Glossy, light: &SpecularRadiance) -> [f32; 4] {
     let f0 = gbuffer::f0(here.texel);
     let again = brdf::multiscatter_compensation(gbuffer::roughness(here.texel), f0);
-    (here.shown * again * light.of(f0))
+    (here.shown * again * light.evaluate(f0))
         .min(Vec3::splat(LARGEST_HALF))
         .extend(1.0)
         .to_array()

@@ -1,4 +1,4 @@
-//! A flat hashed grid: which functions cover a place. One look-up is one hash and one contiguous
+//! A flat hashed grid: which functions cover a position. One look-up is one hash and one contiguous
 //! list; the arrays are the GPU's own layout, so that a kernel and its CPU twin walk the same bytes
 //! (design: no R-tree, [L08] §2.1 "Efficient Reconstruction" replaced).
 //!

@@ -1,9 +1,9 @@
-//! A place that light is projected onto, as the bake, the file and the GPU hold it.
+//! A position that light is projected onto, as the bake, the file and the GPU hold it.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
-/// A surface place and its normal. 16 bytes, the layout of `LightSample` in the shaders.
+/// A surface point and its normal. 16 bytes, the layout of `LightSample` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LightSample {
@@ -15,7 +15,7 @@ pub struct LightSample {
 }
 
 impl LightSample {
-    /// A place with a unit normal.
+    /// A position with a unit normal.
     #[must_use]
     pub fn new(position: Vec3, normal: Vec3) -> Self {
         let sum = normal.abs().element_sum();

@@ -9,7 +9,7 @@ use glam::Vec3;
 /// Steps along each axis.
 const STEPS: f32 = 2_097_151.0;
 
-/// The place of `x` on Morton's curve through `bounds`.
+/// The position of `x` on Morton's curve through `bounds`.
 #[must_use]
 pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
     let size = bounds.size().max(Vec3::splat(f32::MIN_POSITIVE));
@@ -25,7 +25,7 @@ pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
     spread(at.x) | spread(at.y) << 1 | spread(at.z) << 2
 }
 
-/// Puts candidates in that order; equal places keep theirs.
+/// Puts candidates in that order; equal positions keep theirs.
 pub fn order(candidates: &mut [Candidate], bounds: &Bounds) {
     candidates.sort_by_cached_key(|c| morton(c.surface.position, bounds));
 }
@@ -53,7 +53,7 @@ mod tests {
                 assert_eq!(high - low, Vec3::splat(edge - 1.0));
             }
         }
-        // Outside of the box and in a flat one: a place, and no panic.
+        // Outside of the box and in a flat one: a position, and no panic.
         assert_eq!(
             morton(Vec3::splat(9.0), &bounds),
             morton(Vec3::ONE, &bounds)

@@ -12,12 +12,12 @@ const BOUNCES: u32 = 30;
 /// Bounces that leave no candidate, so that the distribution forgets the start ([L08]: 3).
 const DROPPED: u32 = 3;
 
-/// A place on a surface that light reaches.
+/// A position on a surface that light reaches.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
     /// The surface there, on the side that was reached.
     pub surface: Surface,
-    /// Half-way back along the ray that found it: a place in free space.
+    /// Half-way back along the ray that found it: a position in free space.
     pub free: Vec3,
 }
 
@@ -109,10 +109,10 @@ fn trace_one(
     (out, rays)
 }
 
-/// Candidates around the given points of `surfaces`: what rays meet that start above a random place
-/// near each, no farther from it than `reach` meters. `rounds` rays for each point; round after
-/// round over all points, so that any first part of the result is spread over all of them. Also
-/// says how many rays it took.
+/// Candidates around the given points of `surfaces`: what rays meet that start above a random
+/// position near each, no farther from it than `reach` meters. `rounds` rays for each point; round
+/// after round over all points, so that any first part of the result is spread over all of them.
+/// Also says how many rays it took.
 #[must_use]
 pub fn local_candidates(
     geometry: &dyn Geometry,

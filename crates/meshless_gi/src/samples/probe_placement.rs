@@ -40,9 +40,9 @@ pub struct ProbePlacementSettings {
 /// Placed probes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProbePlacement {
-    /// The probes' places, meters.
+    /// The probes' positions, meters.
     pub probes: Vec<Vec3>,
-    /// Other places in free space, meters.
+    /// Other positions in free space, meters.
     pub crossed: Vec<Vec3>,
     /// `true` if the limit was reached.
     pub truncated: bool,

@@ -1,7 +1,7 @@
-//! Viewpoints for a level that names none: places in free space from which light can be seen.
+//! Viewpoints for a level that names none: positions in free space from which light can be seen.
 //!
 //! [L08] §2.3 asks the user for one valid viewpoint, so that the inside of solid things gets no
-//! points. We try places all over the scene's box and keep those that see mostly the front of
+//! points. We try positions all over the scene's box and keep those that see mostly the front of
 //! surfaces: from within a solid one sees backs. A level whose winding says nothing (every side
 //! counts as back as often as front) is judged by how far one sees instead, and a level that is
 //! open all around (a single object) is looked at from outside.
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 /// Positions tried.
 const TRIED: u64 = 2048;
-/// Rays a place.
+/// Rays per position.
 const RAYS: u32 = 32;
 /// Viewpoints kept at most.
 const KEPT: usize = 64;
@@ -109,7 +109,7 @@ fn look_around(
         .collect()
 }
 
-/// At most `count` of the places, each as far as possible from those before it (farthest point
+/// At most `count` of the positions, each as far as possible from those before it (farthest point
 /// first).
 fn spread(places: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
     let mut left: Vec<(Vec3, f32)> = places.map(|p| (p, f32::INFINITY)).collect();

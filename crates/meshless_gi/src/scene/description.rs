@@ -2,7 +2,7 @@
 //! of accuracy.
 //!
 //! Fields that are not known are ignored; values that light can't have are errors that name their
-//! place.
+//! position.
 
 use super::{InputBudget, Light, SceneError, SkyRadiance};
 use glam::Vec3;

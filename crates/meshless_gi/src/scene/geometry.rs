@@ -158,7 +158,7 @@ pub trait Geometry: Sync {
     /// The surface where `ray` met `hit`.
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface;
 
-    /// The place and side of [`surface`](Self::surface) alone, with the same bits.
+    /// The position and side of [`surface`](Self::surface) alone, with the same bits.
     fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
         let surface = self.surface(ray, hit);
         HitPoint {

@@ -217,7 +217,7 @@ impl ImplicitScene {
         best
     }
 
-    /// The first place along the ray where the sign of the distance changes.
+    /// The first position along the ray where the sign of the distance changes.
     fn march(&self, ray: &Ray) -> Option<f32> {
         let size = self.bounds.size().length();
         let center = self.bounds.center();

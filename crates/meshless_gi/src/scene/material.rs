@@ -69,7 +69,7 @@ impl Texture {
     /// The four texels around `uv` and the weights between them: bilinear filtering.
     fn around(&self, uv: Vec2) -> ([[u8; 4]; 4], Vec2) {
         let at = uv * Vec2::new(self.width as f32, self.height as f32) - Vec2::splat(0.5);
-        // Coordinates beyond what a texel index holds are no place in particular.
+        // Coordinates beyond what a texel index holds are no position in particular.
         let at = if at.is_finite() {
             at.clamp(Vec2::splat(-1e9), Vec2::splat(1e9))
         } else {

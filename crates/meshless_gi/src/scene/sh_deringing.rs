@@ -137,7 +137,7 @@ fn best(terms: &Terms) -> f64 {
     let value = |t: f64| SymmetricEigen::new(matrix(terms, t)).eigenvalues.min();
     let size = 1.0 + terms.iter().map(|t| t.abs()).sum::<f64>();
     let (mut low, mut high) = (-size, size);
-    // It is concave: of two places inside the higher says which end is nearer to the top.
+    // It is concave: of two positions inside the higher says which end is nearer to the top.
     for _ in 0..60 {
         let (a, b) = ((2.0 * low + high) / 3.0, (low + 2.0 * high) / 3.0);
         match value(a) < value(b) {

@@ -66,7 +66,7 @@ fn small() -> Recipe {
 fn bake_of_one_version_has_recorded_hash() {
     let mut scene = baked(&small(), 2);
     // Facts about the bake are no part of it.
-    let tiers = TierInfo::of(&scene);
+    let tiers = TierInfo::all_of(&scene);
     scene.info = BakeInfo::default();
     scene.info.tiers = tiers;
     let digest = fingerprint(&[&scene.to_bytes().unwrap()]);

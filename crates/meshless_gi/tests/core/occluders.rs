@@ -119,7 +119,7 @@ fn light_source() -> Vec<FrameLight> {
     FrameLight::expand(&light_source, 1)
 }
 
-/// Places on walls, floor and ceiling from x to x, with their normals, centimeters from the door
+/// Positions on walls, floor and ceiling from x to x, with their normals, centimeters from the door
 /// and far.
 fn places(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
     let mut out = Vec::new();
@@ -163,8 +163,8 @@ fn dark_room() -> Vec<(Vec3, Vec3)> {
     out
 }
 
-/// Direct and indirect light together at the places, and the mean over all around at probes' height
-/// in the second room.
+/// Direct and indirect light together at the positions, and the mean over all around at probes'
+/// height in the second room.
 fn light(frame: &CpuFrame, scene: &BakedScene, places: &[(Vec3, Vec3)]) -> Vec<f32> {
     let at = |&(x, n): &(Vec3, Vec3)| {
         let e = frame.irradiance(scene, x, n).expect("a function there");
@@ -331,7 +331,7 @@ fn frame_follows_door_transmittance_and_returns() {
     let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
     let settings = FrameSettings::bounces(4);
     let mut frame = lit(&scene, &[]);
-    let open = frame.values().to_vec();
+    let open = frame.vector_irradiance().to_vec();
     assert!(!frame.set_occluders(&scene, &[1.0]), "nothing changed");
     assert!(
         !frame.set_occluders(&scene, &[7.0, 3.0]),
@@ -346,10 +346,10 @@ fn frame_follows_door_transmittance_and_returns() {
         "its shadow moved"
     );
     assert!(frame.solve(&scene, &settings));
-    assert_ne!(frame.values(), open);
+    assert_ne!(frame.vector_irradiance(), open);
     assert!(frame.set_occluders(&scene, &[1.0]));
     frame.solve(&scene, &settings);
-    assert_eq!(frame.values(), open, "open again, to the bit");
+    assert_eq!(frame.vector_irradiance(), open, "open again, to the bit");
     assert_eq!(frame.links(&scene)[0], scene.operator.links);
     // A level without a door has none to shut.
     let bytes = scene.to_bytes().unwrap();
@@ -412,7 +412,7 @@ fn closed_door_blocks_sky() {
         frame.set_lights(&scene, &lights);
         frame.set_occluders(&scene, gains);
         frame.solve(&scene, &settings);
-        let all = frame.values().iter().zip(&scene.points);
+        let all = frame.vector_irradiance().iter().zip(&scene.points);
         let sum: f64 = all.map(|(e, p)| f64::from(e.dot(p.n()).x)).sum();
         // The second of a probe's three rows starts with what comes from all around.
         let around = frame.probes().chunks_exact(3).map(|e| f64::from(e[1].x[0]));

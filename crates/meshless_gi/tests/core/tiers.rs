@@ -53,7 +53,7 @@ fn solve(scene: &BakedScene, lights: &[FrameLight], tier: u32) -> CpuFrame {
     frame
 }
 
-/// Irradiance at places where light lands, drawn without regard to the bake's points.
+/// Irradiance at positions where light lands, drawn without regard to the bake's points.
 fn seen(scene: &BakedScene, level: &Level, tier: u32) -> Vec<Vec3> {
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
     let frame = solve(scene, &level.lights, tier);
@@ -150,7 +150,7 @@ fn tier_operator_is_prefix_of_links() {
         part.info.tiers.truncate(tier as usize);
         part.validate().unwrap();
         let values = |scene: &BakedScene, t: u32| -> Vec<VectorIrradiance> {
-            solve(scene, &level.lights, t).values().to_vec()
+            solve(scene, &level.lights, t).vector_irradiance().to_vec()
         };
         assert!(values(&part, FrameSettings::ALL_TIERS) == values(&scene, tier));
         if tier > 1 {
@@ -158,7 +158,7 @@ fn tier_operator_is_prefix_of_links() {
         }
     }
     // What is beyond the tiers is all of them, and there is none below the first.
-    let values = |t| solve(&scene, &level.lights, t).values().to_vec();
+    let values = |t| solve(&scene, &level.lights, t).vector_irradiance().to_vec();
     assert!(values(99) == values(TIERS) && values(0) == values(1));
     // The same tiers again, whatever the threads.
     let alone = rayon::ThreadPoolBuilder::new()

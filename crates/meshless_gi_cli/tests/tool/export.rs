@@ -97,7 +97,7 @@ fn export_texels_match_kernel() {
     let shape = VoxelGrid::around(&scene, None, 1 << 16).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
-        points: frame.values(),
+        points: frame.vector_irradiance(),
         probes: frame.probes(),
     };
     let expected = volume_texels(&params, &VoxelWeights::from_scene(shape, &scene), values);

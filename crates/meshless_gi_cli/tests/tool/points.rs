@@ -89,7 +89,7 @@ fn point_box_matches_triangle_box() {
         for (found, bound) in found.into_iter().zip(bounds) {
             assert!(found < bound, "{what}: {found}, at most {bound}");
         }
-        // The same light on the wrong places is far off.
+        // The same light on the wrong positions is far off.
         let turned: Vec<Vec3> = i.iter().rev().copied().collect();
         assert!(nrmse(&turned, &truth, indirect) > 0.2);
         // Walls bleed: the floor beside the red wall is redder than beside the green one.

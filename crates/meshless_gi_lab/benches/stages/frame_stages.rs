@@ -23,8 +23,8 @@ pub fn bench(criterion: &mut Criterion, fixture: &Fixture) {
     frame.solve(scene, &settings);
     project(criterion, fixture);
     apply(criterion, fixture, &frame);
-    flatten(criterion, fixture, frame.values());
-    splat(criterion, fixture, frame.values());
+    flatten(criterion, fixture, frame.vector_irradiance());
+    splat(criterion, fixture, frame.vector_irradiance());
 }
 
 fn project(criterion: &mut Criterion, fixture: &Fixture) {

@@ -42,7 +42,7 @@ fn overtakes(sizes: &[Size], ours: impl Fn(&Size) -> f64) -> Option<f64> {
     Some((la + t * (lb - la)).exp())
 }
 
-fn of(sizes: &[Size], value: impl Fn(&Size) -> f64) -> Vec<(f64, f64)> {
+fn points(sizes: &[Size], value: impl Fn(&Size) -> f64) -> Vec<(f64, f64)> {
     sizes.iter().map(|s| (s.points as f64, value(s))).collect()
 }
 
@@ -91,12 +91,20 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
                 x: Axis::log("points", Format::Si),
                 y: Axis::log("seconds", Format::Number),
                 series: vec![
-                    Series::new("all pairs", Style::LineAndPoints, of(sizes, |s| s.direct)),
-                    Series::new("up and down", Style::LineAndPoints, of(sizes, Size::pass)),
+                    Series::new(
+                        "all pairs",
+                        Style::LineAndPoints,
+                        points(sizes, |s| s.direct),
+                    ),
+                    Series::new(
+                        "up and down",
+                        Style::LineAndPoints,
+                        points(sizes, Size::pass),
+                    ),
                     Series::new(
                         "with tree and lists",
                         Style::LineAndPoints,
-                        of(sizes, Size::whole),
+                        points(sizes, Size::whole),
                     ),
                 ],
                 guides: Vec::new(),
@@ -110,11 +118,15 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
                 x: Axis::log("points", Format::Si),
                 y: Axis::log("seconds", Format::Number),
                 series: vec![
-                    Series::new("upward", Style::LineAndPoints, of(sizes, |s| s.seconds[2])),
+                    Series::new(
+                        "upward",
+                        Style::LineAndPoints,
+                        points(sizes, |s| s.seconds[2]),
+                    ),
                     Series::new(
                         "downward",
                         Style::LineAndPoints,
-                        of(sizes, |s| s.seconds[3]),
+                        points(sizes, |s| s.seconds[3]),
                     ),
                 ],
                 guides: Vec::new(),
@@ -145,8 +157,8 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     let sizes = &found.sizes;
     // Below a thousand points leaves and threads decide, not the method.
     let fitted = &sizes[sizes.partition_point(|s| s.points < MIN_FITTED)..];
-    let pass = exponent(&of(fitted, Size::pass));
-    let whole = exponent(&of(fitted, Size::whole));
+    let pass = exponent(&points(fitted, Size::pass));
+    let whole = exponent(&points(fitted, Size::whole));
     writeln!(
         w,
         "# Fast multipole method\n\n\
@@ -218,10 +230,13 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
          ## Points that face away from each other\n",
         from.map_or(0, |s| s.points),
         to.map_or(0, |s| s.points),
-        exponent(&of(fitted, |s| s.direct)),
-        exponent(&of(lower, Size::pass)),
-        exponent(&of(upper, Size::pass)),
-        exponent(&of(&fitted[..fitted.len().saturating_sub(4)], Size::pass)),
+        exponent(&points(fitted, |s| s.direct)),
+        exponent(&points(lower, Size::pass)),
+        exponent(&points(upper, Size::pass)),
+        exponent(&points(
+            &fitted[..fitted.len().saturating_sub(4)],
+            Size::pass
+        )),
         said(overtakes(sizes, Size::pass)),
         said(overtakes(sizes, Size::whole)),
         percent(to.map_or(0.0, |s| s.seconds[2] / s.pass())),

@@ -101,8 +101,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Rays beside memory at draft on a level, below a panel at the first place that light can be seen
-/// from, and what it is to cut clusters.
+/// Rays beside memory at draft on a level, below a panel at the first position that light can be
+/// seen from, and what it is to cut clusters.
 fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,

@@ -13,7 +13,7 @@ use std::error::Error;
 const COEFFICIENTS: [u32; 7] = [1, 3, 10, 20, 30, 50, 100];
 /// Senders of a cluster.
 const CLUSTERS: [u32; 3] = [50, 120, 400];
-/// The reference: lights that no bake has seen, and places that they light.
+/// The reference: lights that no bake has seen, and positions that they light.
 const EXAM: TestSetSize = TestSetSize {
     light_sources: 4,
     places: 150,

@@ -69,7 +69,7 @@ pub fn other_lights(name: &str) -> [(&'static str, Light); 2] {
 }
 
 /// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is
-/// splatted, (ii) what is missing is splatted and taken from the unshadowed light of the place,
+/// splatted, (ii) what is missing is splatted and taken from the unshadowed light of the position,
 /// (iii) what is missing and what would be there without shadows are splatted, and their quotient,
 /// the missing share, is taken, as the kernel `subtract_shadow` does.
 fn compare(
@@ -195,7 +195,7 @@ pub struct Cut {
     /// NRMSE in the penumbra, and by rays at the same points.
     pub penumbra: f64,
     pub rays: f64,
-    /// Places in the penumbra.
+    /// Positions in the penumbra.
     pub places: usize,
 }
 

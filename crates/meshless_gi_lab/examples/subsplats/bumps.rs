@@ -123,9 +123,9 @@ pub fn measure() -> Vec<Bumpy> {
     for normal in [0.25, 1.0, 1.4] {
         let settings = SubsplatSettings {
             normal: NormalTest::MinMax(normal),
-            light: f32::INFINITY,
+            radiance_threshold: f32::INFINITY,
             // No direct evaluation at pixels, as in [N09].
-            alike: 0.0,
+            min_similarity: 0.0,
             ..SubsplatSettings::default()
         };
         out.push(Bumpy {

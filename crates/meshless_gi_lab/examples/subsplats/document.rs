@@ -151,9 +151,9 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
         "# Multiresolution splatting\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports SCENE_FOLDER...`, with the CPU twins of the kernels. Do not edit.\n\
          The cluttered room is built in. Further scenes ({}) are folders that the command names.\n\n\
-         **Recommendation: the defaults**: coarsest level {}, finest {}, depth {} {}, normals {} {}, light {}, minimum similarity {}.\n\
+         **Recommendation: the defaults**: coarsest level {}, finest {}, depth {} {}, normals {} {}, radiance threshold {}, minimum similarity {}.\n\
          Over all {} views they evaluate at most 1/{:.1} of the pixels, with FLIP at most {flip:.4}. In {holds} of {} views they evaluate at most 1/8 of the pixels with FLIP at most 0.01.\n\n\
-         - For fewer evaluations raise `light`. It is the only setting with a large effect. A table below has its cost.\n\
+         - For fewer evaluations raise `radiance_threshold`. It is the only setting with a large effect. A table below has its cost.\n\
          - Keep the depth test at `Plane`: floors at a grazing angle are not edges to it.\n\
          - Keep `detail` at 0: nodes store vectors, so that bumps are shaded correctly without it.\n",
         if levels.len() > 1 {
@@ -161,14 +161,14 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
         } else {
             "none".into()
         },
-        d.coarsest,
-        d.finest,
+        d.coarsest_level,
+        d.finest_level,
         depth_name(d.depth).0,
         depth_name(d.depth).1,
         normal_name(d.normal).0,
         normal_name(d.normal).1,
-        d.light,
-        d.alike,
+        d.radiance_threshold,
+        d.min_similarity,
         found.rows.len(),
         1.0 / share,
         found.rows.len(),

@@ -11,7 +11,7 @@ use std::error::Error;
 pub const SCREEN: [u32; 2] = [1920, 1080];
 /// Pictures along the path.
 pub const SMALL: [u32; 2] = [960, 540];
-/// Places of the path.
+/// Positions of the path.
 pub const PLACES: u32 = 8;
 /// Finest levels that are compared.
 pub const FINEST: [u32; 3] = [1, 2, 3];
@@ -33,7 +33,7 @@ pub struct Row {
 pub struct Pair {
     pub depth: DepthTest,
     pub normal: NormalTest,
-    /// Place by place.
+    /// Position by position.
     pub places: Vec<Measured>,
     /// Mean number of subsplats without the test of diagonals, and mean FLIP.
     pub straight: (f64, f64),
@@ -101,7 +101,10 @@ pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
                 lights.extend(LIGHTS.map(|light| Light {
                     level: stage.level.name.clone(),
                     light,
-                    measured: view.measure(&SubsplatSettings { light, ..settings }),
+                    measured: view.measure(&SubsplatSettings {
+                        radiance_threshold: light,
+                        ..settings
+                    }),
                 }));
                 if s + 1 == stages.len() {
                     cells = table(&view, full);
@@ -130,7 +133,7 @@ fn by_shape(depth: DepthTest, normal: NormalTest) -> SubsplatSettings {
     SubsplatSettings {
         depth,
         normal,
-        light: f32::INFINITY,
+        radiance_threshold: f32::INFINITY,
         ..SubsplatSettings::default()
     }
 }
@@ -141,7 +144,7 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
         for normal in NORMALS {
             let plain = SubsplatSettings::default();
             let settings = SubsplatSettings {
-                finest,
+                finest_level: finest,
                 ..by_shape(plain.depth, NormalTest::MinMax(normal))
             };
             out.push(Cell {

@@ -146,8 +146,8 @@ fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64,
 
 fn column(scene: &Scene, passes: u32) -> Column {
     let settings = SpecularSettings {
-        coarsest: COARSEST,
-        finest: COARSEST - passes,
+        coarsest_level: COARSEST,
+        finest_level: COARSEST - passes,
         ..SpecularSettings::default()
     };
     let params = scene.params(&settings);
@@ -163,7 +163,7 @@ fn column(scene: &Scene, passes: u32) -> Column {
     let each = every.iter().map(|t| Vec3::new(t[0], t[1], t[2]));
     let sum: f32 = each.map(|color| LUMINANCE.dot(color)).sum();
     let mean = sum / every.len().max(1) as f32;
-    let most = view.screen.light * (mean + FLOOR * FRAC_1_PI) / lights as f32;
+    let most = view.screen.radiance_threshold * (mean + FLOOR * FRAC_1_PI) / lights as f32;
     let mut theirs = vec![(0, 0.0); passes as usize + 1];
     let lists: Vec<_> = (0..lights)
         .into_par_iter()
@@ -224,8 +224,8 @@ fn diffuse(scene: &Scene) -> Diffuse {
         .map(|&finest| {
             let params = SubsplatParams::new(
                 &SubsplatSettings {
-                    coarsest: 5,
-                    finest,
+                    coarsest_level: 5,
+                    finest_level: finest,
                     ..SubsplatSettings::default()
                 },
                 scene.view_from_clip,

@@ -21,7 +21,7 @@ const SEVERAL: [Basis; 6] = [
     Basis::LehtinenLevels,
     Basis::NarrowGaussian,
 ];
-/// Places of a curve.
+/// Positions of a curve.
 const STEPS: usize = 320;
 /// Azimuths of a mean.
 const AROUND: usize = 48;
@@ -90,7 +90,7 @@ impl Curve {
         }
     }
 
-    /// The field at a place of the axis and an azimuth in turns.
+    /// The field at a position of the axis and an azimuth in turns.
     fn value(self, solution: &Solution, field: &SurfaceField<'_>, at: f64, turns: f64) -> f64 {
         let (s, c) = (TAU * turns).sin_cos();
         let scene = &solution.scene;

@@ -35,8 +35,8 @@ pub struct PointSample {
     pub vector: [DVec3; 3],
 }
 
-/// A function on surfaces: three channels at a place and for its unit normal. None where it is not
-/// defined.
+/// A function on surfaces: three channels at a position and for its unit normal. None where it is
+/// not defined.
 pub type SurfaceField<'a> = Box<dyn Fn(Vec3, Vec3) -> Option<DVec3> + Sync + 'a>;
 
 /// Reason why no function interpolates the samples.
@@ -277,7 +277,7 @@ pub struct MultilevelBasis<'a>(pub &'a [LevelBasis]);
 
 impl MultilevelBasis<'_> {
     /// F_l(p) of \[L08\] Eq. (6) over `levels`, whose coefficients lie behind one another. None
-    /// where no level covers the place.
+    /// where no level covers the position.
     fn sum(
         levels: &[LevelBasis],
         coefficients: &[DVec3],

@@ -62,7 +62,7 @@ pub struct SurfaceErrors {
     pub unevenness: f64,
     /// Mean error over the mean.
     pub bias: f64,
-    /// Share of the places without a value, which count as 0.
+    /// Share of the positions without a value, which count as 0.
     pub uncovered: f64,
 }
 
@@ -112,7 +112,7 @@ fn direct_vector(scene: &SphereOverDisk, site: Site) -> DVec3 {
     DVec3::Y * if lit { scene.albedo * scene.light } else { 0.0 }
 }
 
-/// A place of the grid on both surfaces.
+/// A position of the grid on both surfaces.
 struct Place {
     x: Vec3,
     n: Vec3,
@@ -155,7 +155,7 @@ fn grid(scene: &SphereOverDisk) -> [Vec<Place>; 2] {
     [sphere.collect(), disk.collect()]
 }
 
-/// The field at the places, None as None.
+/// The field at the positions, None as None.
 fn evaluate(field: &SurfaceField<'_>, places: &[Place]) -> Vec<Option<DVec3>> {
     places.par_iter().map(|p| field(p.x, p.n)).collect()
 }

@@ -3,7 +3,7 @@
 //!
 //! Form factors are those of Howell's catalog \[H10\], by its numbers; enclosures follow from the
 //! geometric series of reflections, integrating spheres from the constant form factor between any
-//! two places inside a sphere. Angles in radians, lengths in meters, irradiances in W/m².
+//! two positions inside a sphere. Angles in radians, lengths in meters, irradiances in W/m².
 
 use core::f64::consts::PI;
 use glam::DVec3;
@@ -59,10 +59,11 @@ pub fn perpendicular_rectangles(edge: f64, from: f64, to: f64) -> f64 {
     (arcs + 0.25 * logs) / (PI * w)
 }
 
-/// Irradiance at place `x` with unit normal `n` from a convex polygon of uniform `radiance` (W/(m²
-/// sr)) that is wholly above the place's tangent plane and in full view: half the radiance times
-/// the sum over its edges of the angle under which an edge is seen, times the cosine between n and
-/// the normal of the plane of edge and place (\[L60\]). Whichever way the corners go around.
+/// Irradiance at position `x` with unit normal `n` from a convex polygon of uniform `radiance`
+/// (W/(m² sr)) that is wholly above the position's tangent plane and in full view: half the
+/// radiance times the sum over its edges of the angle under which an edge is seen, times the cosine
+/// between n and the normal of the plane of edge and position (\[L60\]). Whichever way the corners
+/// go around.
 #[must_use]
 pub fn polygon(x: DVec3, n: DVec3, corners: &[DVec3], radiance: f64) -> f64 {
     let to: Vec<DVec3> = corners.iter().map(|&c| (c - x).normalize()).collect();
@@ -78,8 +79,8 @@ pub fn polygon(x: DVec3, n: DVec3, corners: &[DVec3], radiance: f64) -> f64 {
 }
 
 /// Irradiance everywhere inside a closed surface that emits `emitted` (radiosity, W/m²) and
-/// reflects `albedo` at each of its places, after at most so many reflections: M Σ ρ^i for i up to
-/// `bounces`; without a limit M / (1 − ρ), infinite for a reflectance of one. It equals the
+/// reflects `albedo` at each of its positions, after at most so many reflections: M Σ ρ^i for i up
+/// to `bounces`; without a limit M / (1 − ρ), infinite for a reflectance of one. It equals the
 /// radiosity there.
 #[must_use]
 pub fn enclosure(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
@@ -97,9 +98,9 @@ pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f
 }
 
 /// Reflected irradiance anywhere inside a sphere of `radius` in which lights send `power` (W) in
-/// whatever directions, after one to `bounces` reflections. The form factor between two places of a
-/// sphere is the share of its area, so the first reflection is even already: Φ / (4π R²) · (ρ + ρ²
-/// + …).
+/// whatever directions, after one to `bounces` reflections. The form factor between two positions
+/// of a sphere is the share of its area, so the first reflection is even already: Φ / (4π R²) · (ρ
+/// + ρ² + …).
 #[must_use]
 pub fn integrating_sphere(power: f64, radius: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     enclosure_reflected(power / (4.0 * PI * radius * radius), albedo, bounces)

@@ -87,7 +87,7 @@ fn rgb_of(opponent: [f32; 3]) -> [f32; 3] {
     .map(|v| v.clamp(0.0, 1.0))
 }
 
-/// L*a*b* with the Hunt effect: colors of dark places count less.
+/// L*a*b* with the Hunt effect: colors of dark positions count less.
 fn hunt_lab(rgb: [f32; 3]) -> [f32; 3] {
     let v = xyz(rgb);
     let f = |t: f32| {

@@ -1,4 +1,4 @@
-//! Ground truth that another program computed, read from a table: irradiance at surface places, by
+//! Ground truth that another program computed, read from a table: irradiance at surface points, by
 //! numbers of diffuse reflections.
 
 use super::{Errors, errors};
@@ -15,7 +15,7 @@ pub const BOUNCES: [Option<u32>; 4] = [Some(1), Some(2), Some(4), None];
 /// A table of ground truth. All lists are of equal length.
 #[derive(Clone, Debug, Default)]
 pub struct GroundTruth {
-    /// Places and their unit normals.
+    /// Positions and their unit normals.
     pub places: Vec<(Vec3, Vec3)>,
     /// Irradiance straight from the lights, W/m² on the side of the normal.
     pub direct: Vec<Vec3>,
@@ -55,7 +55,7 @@ pub struct Comparison {
     pub indirect: Errors,
     /// Errors of direct irradiance.
     pub direct: Errors,
-    /// Places that no function covers.
+    /// Positions that no function covers.
     pub uncovered: usize,
 }
 

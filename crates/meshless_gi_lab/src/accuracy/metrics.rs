@@ -15,8 +15,8 @@ pub struct Errors {
     /// 99th percentile of |x − ref| over the root mean square of the reference.
     pub p99: f64,
     /// Mean of (x − ref)² / (ref² + ε), the reference's own variance subtracted, with ε a hundredth
-    /// of the reference's mean square: dim places count as much as bright ones (\[RKZ11\], whose ε
-    /// is 0.01 for pictures of values about one; ours has a unit).
+    /// of the reference's mean square: dim positions count as much as bright ones (\[RKZ11\], whose
+    /// ε is 0.01 for pictures of values about one; ours has a unit).
     pub rel_mse: f64,
 }
 
@@ -132,7 +132,7 @@ mod tests {
             dark[2] = Vec3::splat(0.4);
             dark
         });
-        // One place of four at a tenth: √(1/4) / 10.
+        // One position of four at a tenth: √(1/4) / 10.
         assert!((leak_ratio(&one, &black, &lit) - 0.05).abs() < 1e-7);
         assert!((leak_ratio(&black, &one, &lit) - 0.05).abs() < 1e-7);
         assert_eq!(leak_ratio(&one, &one, &lit), 0.0);

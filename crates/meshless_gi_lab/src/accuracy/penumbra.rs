@@ -1,4 +1,4 @@
-//! Soft shadows of a rectangle, measured: places in its penumbra with the irradiance that the
+//! Soft shadows of a rectangle, measured: positions in its penumbra with the irradiance that the
 //! reference integrator finds there, and how far a baked scene with visibility is from it ([P14]
 //! §5). Sits beside the other measures: it reads the frame's kernels, nothing reads it but tests
 //! and documents.
@@ -15,14 +15,14 @@ use meshless_gi::internals::samples::{Random, trace_particles};
 use meshless_gi::{BakedScene, Geometry, Light, TriangleMesh};
 use rayon::prelude::*;
 
-/// Visible fractions between which a place lies in the penumbra.
+/// Visible fractions between which a position lies in the penumbra.
 pub const PENUMBRA: [f32; 2] = [0.02, 0.98];
 /// The reference cuts the rectangle into so many strata along each edge.
 const STRATA: i32 = 16;
-/// Irradiance, W/m², below which a place is not lit.
+/// Irradiance, W/m², below which a position is not lit.
 const MIN: f32 = 1e-4;
 
-/// A place that a light would light, in the bake's local space.
+/// A position that a light would light, in the bake's local space.
 #[derive(Clone, Copy, Debug)]
 pub struct PenumbraSample {
     /// Meters.
@@ -79,8 +79,8 @@ pub fn shadowed_irradiance(
     sum
 }
 
-/// Places where importance particles of `paths` paths land, that the rectangle `light` of radiance
-/// one lights or would light.
+/// Positions where importance particles of `paths` paths land, that the rectangle `light` of
+/// radiance one lights or would light.
 #[must_use]
 pub fn penumbra_samples(
     scene: &BakedScene,

@@ -169,7 +169,7 @@ impl PointSet {
     }
 }
 
-/// Places from which all that is lit is seen.
+/// Positions from which all that is lit is seen.
 fn viewpoints(scene: &SphereOverDisk) -> Vec<Vec3> {
     let around = (0..6).map(|k| {
         let (s, c) = (TAU * f64::from(k) / 6.0).sin_cos();

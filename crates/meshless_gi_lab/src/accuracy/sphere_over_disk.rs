@@ -8,7 +8,7 @@
 //! dζ,
 //!
 //! F = max(0, n_p·(q − p)) max(0, n_q·(p − q)) / (π |q − p|⁴) for p on the sphere and q on the
-//! disk. Neither surface sees itself, and what a place of the one does not see of the other lies
+//! disk. Neither surface sees itself, and what a position of the one does not see of the other lies
 //! behind its own horizon, so there is no other visibility ([V11] §VIII).
 //!
 //! [`SphereOverDisk::solve`] has the inner integral in closed form, and the outer ones by the
@@ -99,7 +99,7 @@ pub struct Solution {
     pub iterations: usize,
 }
 
-/// A place on one of the two surfaces by the number that counts.
+/// A position on one of the two surfaces by the number that counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Site {
     /// On the sphere: its latitude, radians.
@@ -193,8 +193,8 @@ impl SphereOverDisk {
         }]
     }
 
-    /// ∮ (a + b cos τ) / |q − p|⁴ dτ over the azimuths τ at which the sphere's place at `latitude`
-    /// and the disk's at `u` see each other.
+    /// ∮ (a + b cos τ) / |q − p|⁴ dτ over the azimuths τ at which the sphere's position at
+    /// `latitude` and the disk's at `u` see each other.
     ///
     /// |q − p|² = c − e cos τ. With J = ∫ dτ / (c − e cos τ) = 2 / √(c² − e²) · atan(√((c + e) / (c − e)) tan(τ/2)) and s = sin τ / (c − e cos τ):
     /// ∫ dτ / (c − e cos τ)² = (e s + c J) / (c² − e²) and ∫ cos τ dτ / (c − e cos τ)² = (c s + e
@@ -228,7 +228,7 @@ impl SphereOverDisk {
     }
 
     /// Irradiance from a ring of the disk of one W/m² and one meter of circumference per radian on
-    /// the sphere's place as vector irradiance: outwards and up.
+    /// the sphere's position as vector irradiance: outwards and up.
     fn vector(&self, latitude: f64, u: f64) -> DVec2 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
@@ -385,7 +385,7 @@ fn rows<T: Send>(latitudes: &[f64], row: impl Fn(f64) -> T + Sync) -> Vec<T> {
     latitudes.par_iter().map(|&z| row(z)).collect()
 }
 
-/// Linear between the places, and beyond the outermost as between the last two.
+/// Linear between the positions, and beyond the outermost as between the last two.
 fn between<T>(places: &[f64], values: &[T], at: f64) -> T
 where
     T: Copy
@@ -417,8 +417,8 @@ impl Solution {
     }
 
     /// The vector irradiance of the reflected light at `x`, W/m²: what arrives over the hemisphere
-    /// of the place's own normal. On the disk, whose places all face up, only the part that faces
-    /// up is returned.
+    /// of the position's own normal. On the disk, whose positions all face up, only the part that
+    /// faces up is returned.
     #[must_use]
     pub fn vector(&self, x: Vec3) -> DVec3 {
         match self.scene.site(x) {
@@ -435,8 +435,8 @@ impl Solution {
         }
     }
 
-    /// The largest difference of the reflected light to a finer solution at this one's own places,
-    /// relative to that solution's largest value: on the sphere, on the disk.
+    /// The largest difference of the reflected light to a finer solution at this one's own
+    /// positions, relative to that solution's largest value: on the sphere, on the disk.
     #[must_use]
     pub fn difference(&self, finer: &Self) -> [f64; 2] {
         let most = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));

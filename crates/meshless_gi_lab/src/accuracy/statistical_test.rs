@@ -1,26 +1,28 @@
 //! Test if two estimates agree. It is two-sided and uses the noise of both, for irradiances at many
-//! places.
+//! positions.
 //!
 //! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three
-//! questions are asked of each color channel: is a single place too far off (the largest |z|, by
-//! Šidák's rule for independent places), are they all together (Σz² against χ²), and do they lean
-//! to one side (Σz / √k against the normal distribution, which finds a small bias that no single
-//! place shows). Channels share their paths and are not independent, so that the smallest of the
-//! nine probabilities counts nine-fold (Bonferroni's rule, which holds whatever the dependence).
+//! questions are asked of each color channel: is a single position too far off (the largest |z|, by
+//! Šidák's rule for independent positions), are they all together (Σz² against χ²), and do they
+//! lean to one side (Σz / √k against the normal distribution, which finds a small bias that no
+//! single position shows). Channels share their paths and are not independent, so that the smallest
+//! of the nine probabilities counts nine-fold (Bonferroni's rule, which holds whatever the
+//! dependence).
 //!
-//! A place that few paths light has a skewed estimate, and a standard error that is itself a guess
-//! (none at all where no path found the light). Such places are summed up, in their order, until
-//! both sums are known to a tenth, which takes some hundred paths; a sum counts as one place.
+//! A position that few paths light has a skewed estimate, and a standard error that is itself a
+//! guess (none at all where no path found the light). Such positions are summed up, in their order,
+//! until both sums are known to a tenth, which takes some hundred paths; a sum counts as one
+//! position.
 
 use glam::Vec3;
 
-/// Relative standard error above which places are summed up.
+/// Relative standard error above which positions are summed up.
 const COARSE: f64 = 0.1;
 
 /// Values with their standard errors, of equal length.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimates<'a> {
-    /// A value a place.
+    /// One value per position.
     pub values: &'a [Vec3],
     /// Standard errors, none below 0; 0 for what is exact.
     pub errors: &'a [Vec3],
@@ -32,7 +34,7 @@ pub struct TestStatistics {
     /// Probability of such or larger differences if both estimate the same. 0 where a
     /// value is not finite.
     pub p: f64,
-    /// Places and sums of places compared, for each channel.
+    /// Positions and sums of positions compared, for each channel.
     pub count: [usize; 3],
     /// Mean of z over them.
     pub mean_z: [f64; 3],
@@ -40,7 +42,7 @@ pub struct TestStatistics {
     pub mean_square_z: [f64; 3],
     /// Largest |z|.
     pub largest: f64,
-    /// The place it is at, or the last one of the sum.
+    /// The position it is at, or the last one of the sum.
     pub at: usize,
 }
 
@@ -99,7 +101,7 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
     out
 }
 
-/// Two values with their variances: of one place, or of several summed up.
+/// Two values with their variances: of one position, or of several summed up.
 #[derive(Clone, Copy, Default)]
 struct Pair {
     values: [f64; 2],
@@ -149,7 +151,7 @@ impl Pair {
     }
 }
 
-/// Values to compare in channel `c`: places, and sums of places that are known coarsely.
+/// Values to compare in channel `c`: positions, and sums of positions that are known coarsely.
 fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
     let mut out = Vec::new();
     let (mut open, mut summed): (Option<Pair>, Option<usize>) = (None, None);
@@ -219,7 +221,7 @@ mod tests {
         (0..12).map(|_| random.unit()).sum::<f32>() - 6.0
     }
 
-    /// Two noisy estimates of the same at 200 places, the second off by `change` of a place's
+    /// Two noisy estimates of the same at 200 positions, the second off by `change` of a position's
     /// standard error; all channels alike, as gray light has it.
     fn p(run: u64, change: impl Fn(usize) -> f32) -> f64 {
         let mut random = Random::new(1, run, 2);
@@ -245,7 +247,7 @@ mod tests {
         assert!((1..=60).contains(&by_chance), "{by_chance} of {runs}");
         assert_eq!(failed(1e-4, &|_| 0.0), 0);
         // A bias of seven tenths of a standard error everywhere; noise that is half as large again
-        // as it says; and one place that is ten off.
+        // as it says; and one position that is ten off.
         let biased = failed(1e-3, &|_| 0.7);
         let noisier = failed(1e-3, &|i| if i % 2 == 0 { 1.5 } else { -1.5 });
         let single = failed(1e-3, &|i| if i == 77 { 12.0 } else { 0.0 });
@@ -256,7 +258,7 @@ mod tests {
         );
     }
 
-    /// Places at which three paths of a thousand find light, as often as not none.
+    /// Positions at which three paths of a thousand find light, as often as not none.
     #[test]
     fn equality_test_pools_rarely_lit_samples() {
         let found = |run: u64, brightness: f32| {

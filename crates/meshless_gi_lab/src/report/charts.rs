@@ -29,7 +29,7 @@ const GROUPS: [(&str, &[Factor]); 7] = [
             Factor::Levels,
             Factor::Added,
             Factor::Senders,
-            Factor::Places,
+            Factor::SamplesPerSender,
         ],
     ),
     (

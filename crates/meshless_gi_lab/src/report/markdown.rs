@@ -238,7 +238,7 @@ fn factors(rows: &[Row]) -> String {
             all.retain(|r| r.settings.baked == base.settings.baked);
             all.sort_by_key(|r| r.settings.tier);
         }
-        if factor == Factor::Places {
+        if factor == Factor::SamplesPerSender {
             all.sort_by_key(|r| r.settings.baked.samples_per_sender);
         }
         let (first, last) = (all[0], all[all.len() - 1]);
@@ -322,7 +322,7 @@ fn ratio(r: Ratio) -> String {
     }
 }
 
-/// Both ratios at each place of the paper's front, and whether the goals are met.
+/// Both ratios at each position of the paper's front, and whether the goals are met.
 fn rules(compared: &[Compared]) -> String {
     if compared.is_empty() {
         return "The method `l08` was not measured.\n".into();

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const FRAMES: usize = 9;
 /// Time after which no more frames are measured; three are in any case.
 const LONG_ENOUGH: Duration = Duration::from_secs(2);
-/// Places that the time of the display is measured on.
+/// Positions that the time of the display is measured on.
 const DISPLAYED: usize = 20_000;
 
 /// Baked and measured configuration.
@@ -46,7 +46,7 @@ pub struct Row {
     /// A frame after one light has moved, on the CPU: projection, all reflections, the operator,
     /// flattening. The median of several.
     pub frame_ms: f64,
-    /// The display of a thousand places, on one thread.
+    /// The display of a thousand positions, on one thread.
     pub splat_ms_per_1000: f64,
     /// The container.
     pub bytes: u64,
@@ -67,7 +67,7 @@ pub struct Row {
     pub bias: f64,
     /// Error against the reference with all reflections.
     pub nrmse_all: f64,
-    /// Share of the places that no basis function covers.
+    /// Share of the positions that no basis function covers.
     pub uncovered: f64,
     /// The bake's own estimate.
     pub estimated_nrmse: f64,
@@ -103,7 +103,7 @@ pub struct Measured<'a> {
     pub settings: &'a BakeSettings,
     /// Bytes of its container.
     pub bytes: u64,
-    /// Display of a thousand places, milliseconds.
+    /// Display of a thousand positions, milliseconds.
     pub splat_ms_per_1000: f64,
 }
 
@@ -192,7 +192,7 @@ impl<'a> Measured<'a> {
 }
 
 impl Row {
-    /// The error, or what it is at most where the reference's places and noise allow no better
+    /// The error, or what it is at most where the reference's positions and noise allow no better
     /// answer.
     #[must_use]
     pub fn sure_error(&self) -> f64 {
@@ -264,7 +264,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64
     median(&mut times)
 }
 
-/// Milliseconds for the display of a thousand places.
+/// Milliseconds for the display of a thousand positions.
 fn splat_ms_per_1000(scene: &BakedScene, exam: &TestSet) -> f64 {
     let places: Vec<_> = exam.places().collect();
     let frame = CpuFrame::new(scene);

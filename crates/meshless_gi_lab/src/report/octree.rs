@@ -40,7 +40,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
      | `fmm` | error | entries | file | bake, s | frame, ms | file of `bounded` | bake of `bounded`, s | frame of `bounded`, ms |\n\
      |---|---|---|---|---|---|---|---|---|\n"
         .to_string();
-    // In how many places `bounded` is cheaper: file, bake, frame.
+    // In how many positions `bounded` is cheaper: file, bake, frame.
     let (mut cheaper, mut met) = ([0usize; 3], 0usize);
     for row in &ours {
         let costs: [fn(&Row) -> f64; 3] = [|r| r.bytes as f64, |r| r.bake_seconds, |r| r.frame_ms];

@@ -28,7 +28,7 @@ impl Ratio {
     }
 }
 
-/// Two rules compared at one place of the other rule's front.
+/// Two rules compared at one position of the other rule's front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
     /// The row of the bake by the other rule.
@@ -70,13 +70,14 @@ pub fn comparable(row: &Row) -> bool {
     row.settings.factor != Factor::Bounces
 }
 
-/// Compares the default rule with that of \[L08\] at each place of its front, fewest links first.
+/// Compares the default rule with that of \[L08\] at each position of its front, fewest links
+/// first.
 #[must_use]
 pub fn compare(rows: &[Row]) -> Vec<Compared> {
     compare_with(rows, TransportMethod::L08)
 }
 
-/// Compares the default rule with `rule` at each place of its front, fewest links first.
+/// Compares the default rule with `rule` at each position of its front, fewest links first.
 #[must_use]
 pub fn compare_with(rows: &[Row], rule: TransportMethod) -> Vec<Compared> {
     let ours: Vec<(f64, f64)> = front(rows, TransportMethod::Bounded)

@@ -27,7 +27,7 @@ pub struct Sweep {
     pub limit: Duration,
     /// Ground truth of another program. Presets are compared with it too.
     pub known: Vec<ExternalReference>,
-    /// Places from which light can be seen, as in a recipe; found where empty.
+    /// Positions from which light can be seen, as in a recipe; found where empty.
     pub viewpoints: Vec<[f32; 3]>,
     /// Threads; 0 for one a processor.
     pub threads: usize,
@@ -145,7 +145,7 @@ pub struct Report {
     pub bounces: u32,
     /// Standard error of the reference over its values, with as many reflections and with all.
     pub noise: (f64, f64),
-    /// Places and lights of the reference.
+    /// Positions and lights of the reference.
     pub places: usize,
     /// See `places`.
     pub light_sources: usize,

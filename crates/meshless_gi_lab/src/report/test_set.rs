@@ -1,4 +1,4 @@
-//! The exam that every bake of a report sits: irradiance at surface places under lights that no
+//! The exam that every bake of a report sits: irradiance at surface points under lights that no
 //! bake has seen, by the reference integrator. It is computed once for all bakes, so that they
 //! differ by their own errors and not by the reference's noise.
 
@@ -12,11 +12,11 @@ use meshless_gi::{
 };
 use rayon::prelude::*;
 
-/// Drawn from by nothing else: no place or light of the exam is one of a bake's.
+/// Drawn from by nothing else: no position or light of the exam is one of a bake's.
 const SEED: u64 = 0x65_78_61_6d;
-/// Free places of which the one with the most room around it becomes a light.
+/// Free positions of which the one with the most room around it becomes a light.
 const TRIED: usize = 6;
-/// Paths that find out how noisy a place is. They count for nothing else.
+/// Paths that find out how noisy a position is. They count for nothing else.
 const PILOT: u32 = 256;
 
 /// Effort of the reference.
@@ -24,9 +24,9 @@ const PILOT: u32 = 256;
 pub struct TestSetSize {
     /// Lights, one shining at a time.
     pub light_sources: usize,
-    /// Surface places for each light.
+    /// Surface points for each light.
     pub places: usize,
-    /// Paths of the reference for each place, in the mean: noisy places get more of them.
+    /// Paths of the reference for each position, in the mean: noisy positions get more of them.
     pub paths: u32,
 }
 
@@ -67,7 +67,7 @@ impl ReferenceValues {
     }
 }
 
-/// Places, lights and what is true there.
+/// Positions, lights and what is true there.
 pub struct TestSet {
     questions: Vec<Question>,
     bounces: u32,
@@ -79,11 +79,11 @@ pub struct TestScore {
     /// Against the reference with as many reflections as the exam has.
     pub errors: Errors,
     /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other
-    /// places.
+    /// positions.
     pub interval: f64,
     /// Against the reference with all reflections.
     pub all: Errors,
-    /// Share of places that no basis function covers; they count as dark.
+    /// Share of positions that no basis function covers; they count as dark.
     pub uncovered: f64,
 }
 
@@ -162,7 +162,7 @@ impl TestSet {
         self.questions.iter().map(|q| q.light_source).collect()
     }
 
-    /// All places, those of one light after the other's: position in meters and unit normal.
+    /// All positions, those of one light after the other's: position in meters and unit normal.
     pub fn places(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
         self.questions.iter().flat_map(|q| q.places.iter().copied())
     }
@@ -240,14 +240,14 @@ fn allot(
     noise
         .iter()
         .map(|n| {
-            // No more than so many times the mean: a single place must not be all the work.
+            // No more than so many times the mean: a single position must not be all the work.
             let share = if mean > 0.0 { n / mean } else { 1.0 };
             (paths as f32 * share.clamp(0.25, 16.0)) as u32
         })
         .collect()
 }
 
-/// The reference at all places, with so many paths at each.
+/// The reference at all positions, with so many paths at each.
 fn reference(
     geometry: &dyn Geometry,
     light_source: Light,
@@ -267,7 +267,7 @@ fn reference(
     places.par_iter().zip(paths).enumerate().map(one).collect()
 }
 
-/// Half width of the 95 % confidence interval of an NRMSE over places drawn at random.
+/// Half width of the 95 % confidence interval of an NRMSE over positions drawn at random.
 fn interval(values: &[Vec3], truth: &ReferenceValues, nrmse: f64) -> f64 {
     let square = |v: Vec3| f64::from(v.length_squared());
     let count = values.len().max(2) as f64;

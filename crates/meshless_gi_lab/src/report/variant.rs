@@ -38,8 +38,8 @@ pub enum Factor {
     Rays,
     /// Levels that send.
     Senders,
-    /// Places that each sender is lit at.
-    Places,
+    /// Positions that each sender is lit at.
+    SamplesPerSender,
     /// More than one at once.
     Several,
     /// The operator's tier that a frame uses.
@@ -62,7 +62,7 @@ impl Factor {
         Self::Added,
         Self::Rays,
         Self::Senders,
-        Self::Places,
+        Self::SamplesPerSender,
         Self::Several,
         Self::Tier,
         Self::Bounces,
@@ -83,7 +83,7 @@ impl Factor {
             Self::Rays => "rays per point",
             Self::Added => "refinement levels",
             Self::Senders => "sender levels",
-            Self::Places => "samples per sender",
+            Self::SamplesPerSender => "samples per sender",
             Self::Several => "several settings",
             Self::Tier => "tier of the frame",
             Self::Bounces => "bounces",
@@ -276,7 +276,7 @@ fn pca_preset(preset: Preset, cost: f64) -> Variant {
     Variant::new(Factor::RulePca, name, cost, recipe)
 }
 
-/// Rule `fmm` with as many levels that send as a preset has, or more, from so many places each.
+/// Rule `fmm` with as many levels that send as a preset has, or more, from so many positions each.
 fn fmm(preset: Preset, sender_levels: Option<u32>, sources: Option<u32>, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
@@ -447,7 +447,7 @@ pub fn full(base: &BakeSettings) -> Vec<Variant> {
             samples_per_sender: Some(places),
             ..draft()
         };
-        with(Factor::Places, name, 1.0, recipe)
+        with(Factor::SamplesPerSender, name, 1.0, recipe)
     };
     all.extend([
         lit(1, "1 sample per sender"),

@@ -4,7 +4,7 @@
 use super::support::{build, makes};
 use meshless_gi::internals::samples::GridSlot;
 use meshless_gi::internals::transport::Link;
-use meshless_gi::internals::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
+use meshless_gi::internals::transport::fmm::{FmmNode, FmmOperator, FmmOperatorPoint};
 use meshless_gi::internals::transport::pca::Compression;
 use meshless_gi::{AssetError, BakedScene, Limits};
 
@@ -35,7 +35,7 @@ fn reproducible_grid_is_not_stored() {
     assert_eq!(sections(&stored), sections(&plain) + 4);
 }
 
-/// Breaks a valid scene in one place; validation must name that place.
+/// Breaks a valid scene in one position; validation must name that position.
 #[test]
 fn validation_detects_each_broken_field() {
     type Break = fn(&mut BakedScene);
@@ -175,20 +175,20 @@ fn validation_detects_broken_octree() {
             let entry = o.nodes[at].far as usize;
             o.entries[entry].source = at as u32;
         }),
-        ("octree places", |o| o.places[0].position[1] = 50.0),
-        ("octree places", |o| o.places[0].normal = [0.0; 3]),
-        ("octree places", |o| o.places[0].share = -1.0),
-        ("octree places", |o| o.places[0].factor = f32::INFINITY),
-        ("octree places", |o| {
+        ("octree points", |o| o.points[0].position[1] = 50.0),
+        ("octree points", |o| o.points[0].normal = [0.0; 3]),
+        ("octree points", |o| o.points[0].share = -1.0),
+        ("octree points", |o| o.points[0].factor = f32::INFINITY),
+        ("octree points", |o| {
             // Two that receive for one sender.
-            let found = |p: &FmmPlace| p.share == 0.0;
-            let first = o.places.iter().position(found).unwrap();
-            let last = o.places.iter().rposition(found).unwrap();
-            o.places[first].point = o.places[last].point;
+            let found = |p: &FmmOperatorPoint| p.share == 0.0;
+            let first = o.points.iter().position(found).unwrap();
+            let last = o.points.iter().rposition(found).unwrap();
+            o.points[first].point = o.points[last].point;
         }),
-        ("octree places", |o| o.places[0].point = 1000),
-        ("octree places", |o| {
-            o.places.iter_mut().for_each(|p| p.point += 40)
+        ("octree points", |o| o.points[0].point = 1000),
+        ("octree points", |o| {
+            o.points.iter_mut().for_each(|p| p.point += 40)
         }),
     ];
     let good = || build(&makes()[6]);
@@ -332,7 +332,9 @@ fn read_errors_name_cause() {
     *flipped.last_mut().unwrap() ^= 1;
     assert!(matches!(
         read(&flipped),
-        AssetError::Checksum { place: "places" }
+        AssetError::Checksum {
+            place: "light samples"
+        }
     ));
     let small = Limits { max_bytes: 1000 };
     assert!(matches!(

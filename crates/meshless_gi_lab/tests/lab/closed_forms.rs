@@ -77,7 +77,7 @@ fn cavity(albedo: Vec3, radiance: Vec3) -> ImplicitScene {
     }])
 }
 
-/// Places on the inside of a ball of 2 m around the origin.
+/// Positions on the inside of a ball of 2 m around the origin.
 fn on_the_cavity(count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count)
         .map(|k| {
@@ -238,7 +238,7 @@ fn light_under_ceiling_matches_closed_form() {
     check("ceiling", &indirect(&all)[..1], &[returned], 1.1);
 }
 
-/// Emitting rectangles, as surfaces and as lights, at tilted and aligned places.
+/// Emitting rectangles, as surfaces and as lights, at tilted and aligned positions.
 #[test]
 fn rectangle_emitters_match_polygon_formula() {
     let nothing = TriangleMesh::new(

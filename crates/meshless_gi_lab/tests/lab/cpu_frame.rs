@@ -47,7 +47,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         ],
         level_starts: vec![0, SENDERS as u32, POINTS as u32],
         sender_levels: 1,
-        places: LightSamples::default(),
+        light_samples: LightSamples::default(),
         pull: Weights::from_rows((0..SENDERS).map(|_| [])),
         parents: Weights::from_rows((0..POINTS).map(|_| [])),
         operator: Operator {
@@ -84,20 +84,20 @@ fn furnace(to_sky: bool) -> BakedScene {
     scene
 }
 
-/// A sender's light is the mean over its places: with one of four in the shadow it is three
+/// A sender's light is the mean over its positions: with one of four in the shadow it is three
 /// quarters, and none of its own point's.
 #[test]
 fn sender_light_is_mean_over_samples() {
     let mut scene = furnace(false);
     let place = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
-    scene.places = LightSamples {
+    scene.light_samples = LightSamples {
         per_sender: 4,
         list: (0..4 * SENDERS)
             .map(|k| LightSample::new(place(k), Vec3::Y))
             .collect(),
     };
     scene.validate().expect("valid");
-    // A blocker above the first place of the first sender alone.
+    // A blocker above the first position of the first sender alone.
     let above = place(0) + 0.5 * Vec3::Y;
     let corners = [
         above + Vec3::new(-0.04, 0.0, -0.04),
@@ -113,7 +113,7 @@ fn sender_light_is_mean_over_samples() {
     for e in &found[1..] {
         assert!((e - 1.0).abs() < 1e-6, "{found:?}");
     }
-    scene.places = LightSamples::default();
+    scene.light_samples = LightSamples::default();
     let mut own = CpuFrame::new(&scene);
     own.set_lights(&scene, &[sun]);
     assert!(
@@ -124,7 +124,7 @@ fn sender_light_is_mean_over_samples() {
 
 /// Irradiance at point `i` for its normal.
 fn irradiance(scene: &BakedScene, frame: &CpuFrame, i: usize) -> f32 {
-    frame.values()[i].dot(scene.points[i].n()).y
+    frame.vector_irradiance()[i].dot(scene.points[i].n()).y
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn sky_light_uses_sky_links() {
     frame.solve(&scene, &settings);
     let e = irradiance(&scene, &frame, 3);
     assert!((e - 2.0 * PI).abs() < 1e-2, "{e}");
-    assert!(frame.values()[3].x[0] == 0.0, "red");
+    assert!(frame.vector_irradiance()[3].x[0] == 0.0, "red");
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn frame_recomputes_only_changes() {
     assert!(frame.solve(&scene, &settings));
     let counters = frame.counters();
     assert_eq!(
-        (counters.projected, counters.solves, counters.rested),
+        (counters.projected, counters.solves, counters.skipped_solves),
         (shining as u64 + 1, 3, 1)
     );
 
@@ -225,18 +225,18 @@ fn frame_recomputes_only_changes() {
     let mut fresh = CpuFrame::new(&scene);
     fresh.set_lights(&scene, &lights);
     fresh.solve(&scene, &settings);
-    assert_eq!(fresh.values(), frame.values());
+    assert_eq!(fresh.vector_irradiance(), frame.vector_irradiance());
     // Fewer lights: the others no longer shine; and back again.
     frame.set_lights(&scene, &lights[..1]);
     frame.solve(&scene, &settings);
-    assert_ne!(fresh.values(), frame.values());
+    assert_ne!(fresh.vector_irradiance(), frame.vector_irradiance());
     assert_eq!(
         frame.set_lights(&scene, &lights),
         0,
         "the slots are still projected"
     );
     frame.solve(&scene, &settings);
-    assert_eq!(fresh.values(), frame.values());
+    assert_eq!(fresh.vector_irradiance(), frame.vector_irradiance());
 }
 
 #[test]
@@ -252,7 +252,7 @@ fn frame_any_thread_count_has_equal_bits() {
                 let mut frame = CpuFrame::new(&scene);
                 frame.set_lights(&scene, &synthetic::lights());
                 frame.solve(&scene, &FrameSettings::bounces(3));
-                frame.values().to_vec()
+                frame.vector_irradiance().to_vec()
             })
         };
         assert_eq!(solve(1), solve(2));
@@ -295,7 +295,7 @@ fn direct_light_matches_inverse_square_law() {
         cosine * cosine / square,
     );
     near(&FrameLight::patch(light_source, Vec3::Y, Vec3::ONE), 0.0);
-    // Straight down: the place is 26.6° off the axis of the cone.
+    // Straight down: the position is 26.6° off the axis of the cone.
     let spot = |inner: f32, outer: f32| {
         FrameLight::spot(
             light_source,

@@ -179,7 +179,7 @@ fn fmm_any_thread_count_has_equal_bits() {
 }
 
 /// The Cornell box as points, blocks in the way, lit by a light: many bounces against the reference
-/// integrator at the same places.
+/// integrator at the same positions.
 #[test]
 fn fmm_cornell_box_matches_reference() {
     let room = cornell(8000);
@@ -275,8 +275,8 @@ fn fmm_degenerate_input_stays_finite() {
     assert!(pair[0] == pair[1] && pair[0].x > 0.0, "{pair:?}");
     let mut random = Random::new(1, 2, 3);
     let mut any = || Vec3::from_array([0; 3].map(|_| random.unit() - 0.5));
-    // In one place, looking everywhere: they exchange nothing, and are evenly lit by one that looks
-    // at them.
+    // In one position, looking everywhere: they exchange nothing, and are evenly lit by one that
+    // looks at them.
     let mut spot: Vec<_> = (0..20_000).map(|_| point(Vec3::ONE, any())).collect();
     let dark = finite(&spot, "one place");
     assert!(dark.iter().all(|e| *e == Vec3::ZERO));

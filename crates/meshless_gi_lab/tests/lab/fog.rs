@@ -1,5 +1,5 @@
-//! Light in fog: what a place in the air scatters toward an eye of a level's indirect light, beside
-//! the reference integrator; and none of the next room's.
+//! Light in fog: what a position in the air scatters toward an eye of a level's indirect light,
+//! beside the reference integrator; and none of the next room's.
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::internals::basis::PROBE_OVERLAP;
@@ -24,7 +24,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Reflections that count, as the frame has them.
 const REFLECTIONS: u32 = 4;
-/// Directions that light of a place comes from in the reference.
+/// Directions that light of a position comes from in the reference.
 const AROUND: u32 = 512;
 
 /// A room with a light, an opening in its wall, and a second room.
@@ -66,7 +66,7 @@ impl Air {
         let shape = VoxelGrid::new([low, high], voxels_of(high - low, edge, u32::MAX)).unwrap();
         let places = VoxelWeights::from_scene(shape, scene);
         let values = VolumeValues {
-            points: frame.values(),
+            points: frame.vector_irradiance(),
             probes: frame.probes(),
         };
         let texels = volume_texels(&VolumeParams::new(&shape, &Mat4::IDENTITY), &places, values);
@@ -91,7 +91,8 @@ impl Air {
     }
 }
 
-/// Places in the air of both rooms and of the door between them, and where a ray goes through each.
+/// Positions in the air of both rooms and of the door between them, and where a ray goes through
+/// each.
 fn places() -> Vec<(Vec3, Vec3)> {
     (0..80)
         .map(|k| {
@@ -112,8 +113,8 @@ fn phase(asymmetry: f32, w: Vec3, d: Vec3) -> f32 {
     (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * w.dot(d)).powf(1.5))
 }
 
-/// Radiance of the surfaces around each place after one reflection and more, by rays from there, as
-/// the reference integrator has it.
+/// Radiance of the surfaces around each position after one reflection and more, by rays from there,
+/// as the reference integrator has it.
 fn around(
     mesh: &TriangleMesh,
     lights: &[Light],
@@ -145,7 +146,7 @@ fn around(
     seen.into_iter().zip(&lit).map(radiance).collect()
 }
 
-/// The integral at each place of that radiance times what `weight` says of the place and the
+/// The integral at each position of that radiance times what `weight` says of the position and the
 /// direction that light comes from.
 fn integrals(
     around: &[(usize, Vec3, Vec3)],
@@ -171,7 +172,7 @@ fn fog_matches_reference() {
     let around = around(&mesh, &lights, &places);
     let all = places.len();
     let right = asymmetries.map(|g| integrals(&around, all, |k, w| phase(g, w, places[k].1)));
-    // What the six irradiances of that light say, at the places themselves.
+    // What the six irradiances of that light say, at the positions themselves.
     let faces = [0, 1, 2, 3, 4, 5].map(|side| {
         let n = Vec3::AXES[side / 2] * [1.0, -1.0][side % 2];
         integrals(&around, all, |_, w| FRAC_1_PI * w.dot(n).max(0.0))
@@ -215,7 +216,7 @@ fn fog_matches_reference() {
         for k in [1, 2] {
             assert!(off[k] < 0.5 * even[k], "{name}: {off:?}, {even:?}");
         }
-        // Must fail: light of the wrong side, and of other places.
+        // Must fail: light of the wrong side, and of other positions.
         let turned: Vec<Vec3> = (places.iter())
             .map(|&(x, d)| air.scattered(x, 0.5, -d))
             .collect();

@@ -182,7 +182,13 @@ fn solved(scene: &BakedScene, gain: f32) -> CpuFrame {
 /// Light of a frame at a pixel.
 fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || frame.probe_irradiance(scene, x, n).map(|l| l.irradiance(n));
-    let found = splat_covered(&scene.points, &scene.display, frame.values(), x, n);
+    let found = splat_covered(
+        &scene.points,
+        &scene.display,
+        frame.vector_irradiance(),
+        x,
+        n,
+    );
     let found = found.map(|(e, cover)| (e.dot(n).max(Vec3::ZERO), share(cover, SEAM)));
     match found {
         Some((e, share)) if share < 1.0 => space().map_or(e, |space| space.lerp(e, share)),
@@ -323,7 +329,7 @@ fn volume_at_closed_door_has_light_of_its_side() {
     let places = VoxelWeights::from_scene(shape, &scene);
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
-        points: frame.values(),
+        points: frame.vector_irradiance(),
         probes: frame.probes(),
     };
     let texels = volume_texels(&params, &places, values);

@@ -1,6 +1,6 @@
 //! Soft shadows of rectangles from baked visibility, beside the reference integrator: ten per cent
-//! in the penumbra at fifty coefficients, for panels of several sizes in several places, with the
-//! same constants, and not with five coefficients. On a bake without the finest levels;
+//! in the penumbra at fifty coefficients, for panels of several sizes in several positions, with
+//! the same constants, and not with five coefficients. On a bake without the finest levels;
 //! `examples/pca` measures those of the usual size, and the level whose penumbrae lie behind a
 //! door.
 

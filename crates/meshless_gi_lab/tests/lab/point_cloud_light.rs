@@ -174,7 +174,7 @@ fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
     (TriangleMesh::joined(vec![room, cloud.mesh().0]), count)
 }
 
-/// Places on the walls and on the statue, as cameras in front, on the left and on the right see
+/// Positions on the walls and on the statue, as cameras in front, on the left and on the right see
 /// them.
 fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2] {
     let mut found = [Vec::new(), Vec::new()];
@@ -242,7 +242,7 @@ fn point_statue_and_triangle_room_exchange_light() {
                 sum(&own)
             );
             assert!(error < bound, "{what}, {name}: {error}");
-            // The same light on the wrong places is far off.
+            // The same light on the wrong positions is far off.
             let turned: Vec<Vec3> = found.iter().rev().copied().collect();
             assert!(nrmse(&turned, &truth, indirect) > 0.25, "{what}, {name}");
         }

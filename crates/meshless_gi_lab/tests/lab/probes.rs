@@ -35,7 +35,7 @@ fn draft() -> Recipe {
     }
 }
 
-/// Places on balls of `radius` around `centers`, with their outward normals.
+/// Positions on balls of `radius` around `centers`, with their outward normals.
 fn balls(centers: &[Vec3], radius: f32, each: u32) -> Vec<(Vec3, Vec3)> {
     centers
         .iter()
@@ -106,7 +106,7 @@ fn moving_ball_through_two_rooms_matches_reference() {
     );
     assert_eq!(missing, 0);
     assert!(found.nrmse <= 0.10, "{found:?}");
-    // Must fail: light from another place.
+    // Must fail: light from another position.
     let moved: Vec<Light> = lights
         .iter()
         .map(|light| match *light {
@@ -283,7 +283,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
     let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
     let [from, to] = scene.info.bounds.map(Vec3::from);
     let values = VolumeValues {
-        points: frame.values(),
+        points: frame.vector_irradiance(),
         probes: frame.probes(),
     };
     let leaning = Mat4::from_euler(glam::EulerRot::XYZ, 0.5, 0.8, 0.3);
@@ -307,7 +307,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         );
         let params = VolumeParams::new(&shape, &turn);
         let texels = volume_texels(&params, &places, values);
-        // Normals are the world's, places the bake's.
+        // Normals are the world's, positions the bake's.
         let read = |x: Vec3, n: Vec3| {
             let place = (x - from) / shape.voxel();
             read_volume(
@@ -325,7 +325,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
             let mut unit = || random.unit();
             let mut x = size * Vec3::new(unit(), unit(), unit());
             let mut n = uniform_sphere(Vec2::new(unit(), unit()));
-            // Every other place lies on one of the walls, and faces the room.
+            // Every other position lies on one of the walls, and faces the room.
             let wall = k % 2 == 0;
             if wall {
                 let (axis, far) = (k / 2 % 3, k / 6 % 2 == 1);
@@ -365,8 +365,8 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
     }
 }
 
-/// The light of each place by its shares beside the look-up that they stand for, and found in many
-/// calls beside all at once.
+/// The light of each position by its shares beside the look-up that they stand for, and found in
+/// many calls beside all at once.
 fn shares_say_what_probes_say(
     places: &VoxelWeights,
     scene: &BakedScene,
@@ -626,12 +626,18 @@ fn surface_and_probe_light_join_continuously() {
     let meshes = std::slice::from_ref(&mesh);
     let lights = [light_source];
     let lit = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
-    // Nearly all places of the level itself have cover enough to be left alone.
+    // Nearly all positions of the level itself have cover enough to be left alone.
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(&mesh, &viewpoints, 0..4000, 5, false).candidates;
     let covers = landed.iter().map(|c| {
         let (x, n) = (c.surface.position, c.surface.normal);
-        let found = splat_covered(&scene.points, &scene.display, frame.values(), x, n);
+        let found = splat_covered(
+            &scene.points,
+            &scene.display,
+            frame.vector_irradiance(),
+            x,
+            n,
+        );
         found.map_or(0.0, |(_, cover)| cover)
     });
     let mut covers: Vec<f32> = covers.collect();

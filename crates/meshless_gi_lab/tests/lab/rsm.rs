@@ -16,7 +16,7 @@ use meshless_gi_lab::accuracy::errors;
 use room::{Aim, Grid, ORANGE, Room, ball, choose, cuboid, mesh};
 
 const PATHS: u32 = 16_384;
-/// Places nearer to the object are compared by themselves, meters.
+/// Positions nearer to the object are compared by themselves, meters.
 const NEAR: f32 = 0.5;
 
 fn light_source(position: Vec3) -> Light {
@@ -112,11 +112,11 @@ struct Case {
     /// Bounds of the NRMSE with 128 lights of 64² texels, at [`NEAR`] or farther: with and without
     /// visibility.
     bounds: [f64; 2],
-    /// Bound at all places, with visibility.
+    /// Bound at all positions, with visibility.
     near: f64,
 }
 
-/// Raw errors (the reference's noise is in them) at places far from the object, and at all.
+/// Raw errors (the reference's noise is in them) at positions far from the object, and at all.
 fn nrmse(room: &Room, truth: &[(Vec3, Vec3)], values: &[Vec3]) -> [f64; 2] {
     let corners = || room.object.iter().flatten().copied();
     let (min, max) = (
@@ -274,7 +274,7 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
         let places = room.places.iter();
         grid.push(places.map(|&(x, n)| rival.light_at(x, n)).collect());
     }
-    // Second differences, the worst frame's RMS over the places, and the worst place of all;
+    // Second differences, the worst frame's RMS over the positions, and the worst position of all;
     // relative to the RMS of the light.
     let flicker = |light: &[Vec<Vec3>]| {
         let whole = rms(&mut light.iter().flatten().map(|e| e.x));
@@ -375,7 +375,7 @@ fn rsm_selection_conserves_flux() {
             assert!((sum(l) - 1.0).abs() < 1e-3, "{vpls}: {}", sum(l));
         }
     }
-    // One texel for all lights: each has a part of it, at the same place.
+    // One texel for all lights: each has a part of it, at the same position.
     let mut one = vec![RsmTexel::default(); 4096];
     one[1234] = *texels.iter().find(|t| t.flux[0] > 0.0).unwrap();
     for l in choose(&one, 128) {
@@ -512,7 +512,8 @@ fn rsm_degenerate_input_stays_finite() {
 /// Far from the world's origin, in a space whose origin is near by, the lights are the same.
 #[test]
 fn rsm_far_from_origin_is_unchanged() {
-    // A power of two, so that the test's own camera is not rounded: places there are known to 8 mm.
+    // A power of two, so that the test's own camera is not rounded: positions there are known to 8
+    // mm.
     let far = Vec3::new(131_072.0, 0.0, -131_072.0);
     let (eye, center) = (Vec3::new(0.5, 2.5, 0.75), Vec3::new(2.25, 1.0, 2.0));
     let object = mesh(ball(center, 0.5), ORANGE);
@@ -537,7 +538,7 @@ fn rsm_far_from_origin_is_unchanged() {
     );
     for (a, b) in a.iter().zip(&b) {
         let distance = Vec3::from_array(a.position).distance(b.position.into());
-        // The camera's place is rounded to 1/128 m there.
+        // The camera's position is rounded to 1/128 m there.
         assert!(distance < 0.02, "{distance}");
         assert!((b.flux[0] / a.flux[0] - 1.0).abs() < 0.02);
     }

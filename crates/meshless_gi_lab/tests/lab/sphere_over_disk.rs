@@ -119,8 +119,8 @@ fn cells_converge_and_hundred_cells_exceed_half_percent_error() {
 
 #[test]
 fn sphere_over_disk_matches_closed_forms_of_figure_10() {
-    // Without further reflection the lowest place sees a disk of 40 m less one of 5 m from 15 m: F
-    // = R²/(R² + d²) − r²/(r² + d²).
+    // Without further reflection the lowest position sees a disk of 40 m less one of 5 m from 15 m:
+    // F = R²/(R² + d²) − r²/(r² + d²).
     let faint = SphereOverDisk {
         albedo: 1e-4,
         light: 1.0,

@@ -30,7 +30,7 @@ fn quad(origin: Vec3, u: Vec3, v: Vec3) -> Quad {
     }
 }
 
-/// Light that slopes, and bends near one place.
+/// Light that slopes, and bends near one position.
 fn sloping(x: Vec3) -> VectorIrradiance {
     let to = Vec3::new(2.5, 2.6, 2.5) - x;
     let square = to.length_squared() + 1.0;
@@ -108,7 +108,7 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
         }
     }
     assert!(
-        count as u32 >= params.levels().cells(params.coarsest) / 2,
+        count as u32 >= params.levels().cells(params.coarsest_level) / 2,
         "{count}"
     );
     most
@@ -136,8 +136,8 @@ fn holds(stage: &Stage, views: &[usize], flip: f32, share: f64) {
         let blind = view.measure(&SubsplatSettings {
             depth: DepthTest::Plane(f32::INFINITY),
             normal: NormalTest::MinMax(2.0),
-            light: f32::INFINITY,
-            alike: 0.0,
+            radiance_threshold: f32::INFINITY,
+            min_similarity: 0.0,
             ..settings
         });
         println!(
@@ -187,10 +187,10 @@ fn subsplats_in_clutter_match_full_resolution_in_motion() {
     pops_at_most(&stage, 2, 0.06, 0.015, 0.0012);
 }
 
-/// A camera that goes 2 mm a frame: how much more a place that stays in view changes from one frame
-/// to the next than it does at full resolution, in parts of white: what a picture of subsplats
-/// flickers by. The largest of all, the largest but for one place in a thousand, and the root mean
-/// square.
+/// A camera that goes 2 mm a frame: how much more a position that stays in view changes from one
+/// frame to the next than it does at full resolution, in parts of white: what a picture of
+/// subsplats flickers by. The largest of all, the largest but for one position in a thousand, and
+/// the root mean square.
 fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
@@ -317,7 +317,7 @@ fn subsplats_do_not_leak_across_distant_edges() {
     for (eye, clip_from_view) in views {
         let stage = ahead(mesh(), light);
         let view_from_world = Mat4::look_at_rh(eye, Vec3::ZERO, Vec3::Y);
-        let mut view = View::of(
+        let mut view = View::with_matrices(
             &stage,
             view_from_world,
             clip_from_view * view_from_world,
@@ -366,7 +366,7 @@ fn subsplats_of_flat_view_stay_coarse() {
     let settings = SubsplatSettings::default();
     let shown = view.subsplats(&settings);
     finite(&shown);
-    let c = settings.coarsest as usize;
+    let c = settings.coarsest_level as usize;
     println!("{:?}", shown.counts);
     assert!(
         shown.counts.evaluated[..c - 1].iter().all(|&n| n <= 40),
@@ -416,7 +416,7 @@ fn subsplats_divide_cells_diagonal_to_edge() {
     let view = stage.view(0, SIZE);
     let of = |diagonal| SubsplatSettings {
         diagonal,
-        light: f32::INFINITY,
+        radiance_threshold: f32::INFINITY,
         ..SubsplatSettings::default()
     };
     let (with, without) = (view.params(&of(true)), view.params(&of(false)));
@@ -424,7 +424,7 @@ fn subsplats_divide_cells_diagonal_to_edge() {
     let cells = pyramid(&with, &picture);
     let nodes = vec![SubsplatNode::UNKNOWN; levels.total() as usize];
     let mut only = 0;
-    for k in 2..with.coarsest {
+    for k in 2..with.coarsest_level {
         let [w, h] = levels.grid(k);
         for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
             let broken = |dx: i32, dy: i32| {
@@ -534,7 +534,7 @@ fn normal_tests_detect_creases() {
     }
 }
 
-/// \[N09\] Eq. (3), pixel by pixel, from the camera's place.
+/// \[N09\] Eq. (3), pixel by pixel, from the camera's position.
 #[test]
 fn detail_test_matches_equation_3_at_grazing_angles() {
     let stage = ahead(floor(), even);
@@ -578,27 +578,27 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
     let wild = [
         plain,
         SubsplatSettings {
-            light: f32::INFINITY,
-            alike: f32::NAN,
+            radiance_threshold: f32::INFINITY,
+            min_similarity: f32::NAN,
             detail: f32::NAN,
             ..plain
         },
         SubsplatSettings {
-            light: f32::NAN,
+            radiance_threshold: f32::NAN,
             depth: DepthTest::Plane(f32::NAN),
             normal: NormalTest::Curvature(f32::NAN),
             ..plain
         },
         SubsplatSettings {
-            coarsest: 0,
-            finest: 0,
+            coarsest_level: 0,
+            finest_level: 0,
             depth: DepthTest::Derivative(0.0),
-            alike: 2.0,
+            min_similarity: 2.0,
             ..plain
         },
         SubsplatSettings {
-            coarsest: 99,
-            finest: 99,
+            coarsest_level: 99,
+            finest_level: 99,
             depth: DepthTest::MinMax(f32::INFINITY),
             normal: NormalTest::Curvature(-1.0),
             detail: 9.0,
@@ -630,7 +630,7 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
     // Everything refined, everything right.
     let view = View::new(&stage, eye, target, [120, 68]);
     let all = view.subsplats(&SubsplatSettings {
-        light: f32::NAN,
+        radiance_threshold: f32::NAN,
         ..plain
     });
     let few = view.subsplats(&plain);

@@ -242,7 +242,7 @@ fn light_source(at: Vec3) -> SoftLight {
 
 #[test]
 fn pca_visibility_of_rank_zero_clusters_matches_rays() {
-    // Points at one place have one row, and nothing is left when the mean is taken off.
+    // Points at one position have one row, and nothing is left when the mean is taken off.
     let mesh = level();
     let place = Vec3::new(-0.5, 0.0, 0.6);
     let by_rays = |light: &SoftLight| {

@@ -57,7 +57,7 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
 fn specular_full_refinement_equals_sum_of_lights() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 40), 0.25);
     let settings = SpecularSettings {
-        light: 0.0,
+        radiance_threshold: 0.0,
         ..SpecularSettings::default()
     };
     let params = scene.params(&settings);
@@ -178,17 +178,17 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
     let wild = [
         SpecularSettings::default(),
         SpecularSettings {
-            coarsest: 99,
-            finest: 99,
-            light: f32::NAN,
-            roughest: f32::NAN,
+            coarsest_level: 99,
+            finest_level: 99,
+            radiance_threshold: f32::NAN,
+            max_roughness: f32::NAN,
             together: true,
         },
         SpecularSettings {
-            coarsest: 0,
-            finest: 0,
-            light: f32::INFINITY,
-            roughest: f32::INFINITY,
+            coarsest_level: 0,
+            finest_level: 0,
+            radiance_threshold: f32::INFINITY,
+            max_roughness: f32::INFINITY,
             together: false,
         },
     ];
@@ -222,7 +222,7 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
             scene.drawn.depth[i],
             texel,
         );
-        let found = specular_at(&lights, &at).of(Vec3::ONE).max_element();
+        let found = specular_at(&lights, &at).evaluate(Vec3::ONE).max_element();
         assert!(found < 4.0 * most, "{found} of {most}");
     }
 }

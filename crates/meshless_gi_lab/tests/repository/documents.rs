@@ -4,7 +4,7 @@ use crate::{files, none, read, root};
 use std::collections::BTreeSet;
 use std::fs;
 
-/// Citation keys such as L08 in square brackets, alone or before a place in the paper.
+/// Citation keys such as L08 in square brackets, alone or before a position in the paper.
 fn cited(text: &str) -> BTreeSet<String> {
     let key_of = |t: &str| {
         let letters = t.find(|c: char| !c.is_ascii_alphabetic())?;

@@ -63,7 +63,7 @@ pub struct Make {
     /// Cells larger than the bake makes them, so that the grid has to be stored.
     pub own_grid: bool,
     pub triangles: usize,
-    /// An octree, with links beside it or in their place.
+    /// An octree, with links beside it or instead.
     pub octree: Option<bool>,
     /// Links to the terms of a sky that varies.
     pub sky: bool,
@@ -368,7 +368,7 @@ pub fn build(make: &Make) -> BakedScene {
         surfaces,
         level_starts: starts,
         sender_levels: make.sender_levels,
-        places,
+        light_samples: places,
         pull: Weights::from_rows(pull),
         parents: Weights::from_rows(parents),
         bounces,
@@ -406,7 +406,7 @@ pub fn build(make: &Make) -> BakedScene {
         );
         scene.visibility = Some(remember(&scene.points[..known], &mesh));
     }
-    scene.info.tiers = TierInfo::of(&scene);
+    scene.info.tiers = TierInfo::all_of(&scene);
     scene
 }
 
@@ -452,8 +452,8 @@ fn occlude(scene: &mut BakedScene) {
     });
 }
 
-/// An octree whose four lists all have entries, over a place that has nothing to do with the scene:
-/// two walls that face each other, and a floor.
+/// An octree whose four lists all have entries, over a position that has nothing to do with the
+/// scene: two walls that face each other, and a floor.
 fn octree(scene: &BakedScene) -> FmmOperator {
     let r = &mut Random(99);
     let (finest, senders) = (scene.finest_senders(), scene.senders());
@@ -487,7 +487,7 @@ fn octree(scene: &BakedScene) -> FmmOperator {
     };
     let fmm = Fmm::new(&points, &settings, None).unwrap();
     let mut operator = fmm.operator(|at| of[at as usize]);
-    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
+    for place in operator.points.iter_mut().filter(|p| p.share == 0.0) {
         place.sky = scene.surfaces[place.point as usize].sky;
         place.factor = 0.9;
     }

@@ -1,4 +1,4 @@
-//! Effect `bounce_from_dynamic`: reflective shadow maps of dynamic objects, and the virtual point
+//! Effect `rsm`: reflective shadow maps of dynamic objects, and the virtual point
 //! lights chosen from them.
 //!
 //! Reads: the lights with reflective shadow maps, the views that they may light, and whether the
@@ -20,7 +20,7 @@ use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
 
 pub(super) const EFFECT: Effect = Effect {
-    name: "bounce_from_dynamic",
+    name: "rsm",
     summary: "draws dynamic objects from the lights that ask for it, and creates virtual point lights",
     schedule,
     passes: &[

@@ -123,7 +123,7 @@ impl CpuFrame {
 
     /// Vector irradiance at every point, W/m².
     #[must_use]
-    pub fn values(&self) -> &[VectorIrradiance] {
+    pub fn vector_irradiance(&self) -> &[VectorIrradiance] {
         &self.values
     }
 

@@ -167,5 +167,5 @@ fn operate(
 /// Room for the passes, where the octree carries the light.
 pub(super) fn octree<'a>(scene: &'a BakedScene, steps: &SolveSchedule) -> Option<Passes<'a, f32>> {
     let operator = scene.fmm.as_ref().filter(|_| steps.octree)?;
-    Some(Passes::new(Field::of(operator)))
+    Some(Passes::new(Field::from_operator(operator)))
 }

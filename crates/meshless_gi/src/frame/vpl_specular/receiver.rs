@@ -62,7 +62,7 @@ pub fn receiver(
     }
 }
 
-/// From a pixel's surface to the eye, unit: along the line of the pixel's places of all depths,
+/// From a pixel's surface to the eye, unit: along the line of the pixel's positions of all depths,
 /// whatever the projection.
 fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
     let [left, top, width, height] = view.viewport;
@@ -71,7 +71,7 @@ fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
     let m = Mat4::from_cols_array_2d(&view.space_from_clip);
     let far = m * Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0);
     let near = far + m.z_axis;
-    // The difference of the two places, times both w: the far one may be infinite.
+    // The difference of the two positions, times both w: the far one may be infinite.
     (near.truncate() * far.w - far.truncate() * near.w).normalize_or_zero()
 }
 

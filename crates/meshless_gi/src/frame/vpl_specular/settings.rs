@@ -18,16 +18,16 @@ use half::f16;
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SpecularSettings {
-    /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to
+    /// Level at which every node evaluates every light: cells of 2^coarsest_level pixels, 2 to
     /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
-    pub coarsest: u32,
+    pub coarsest_level: u32,
     /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
-    pub finest: u32,
+    pub finest_level: u32,
     /// A light is evaluated further where it is this far from what was predicted, in parts of the
     /// gloss of all lights.
-    pub light: f32,
+    pub radiance_threshold: f32,
     /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
-    pub roughest: f32,
+    pub max_roughness: f32,
     /// Refine by the sum of the lights: one list for all of them. For comparison.
     pub together: bool,
 }
@@ -35,10 +35,10 @@ pub struct SpecularSettings {
 impl Default for SpecularSettings {
     fn default() -> Self {
         Self {
-            coarsest: 4,
-            finest: 1,
-            light: 0.02,
-            roughest: 0.6,
+            coarsest_level: 4,
+            finest_level: 1,
+            radiance_threshold: 0.02,
+            max_roughness: 0.6,
             together: false,
         }
     }
@@ -56,13 +56,13 @@ impl SpecularSettings {
     ) -> (SubsplatParams, SpecularParams) {
         let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
         let screen = SubsplatSettings {
-            coarsest: self.coarsest.clamp(2, COARSEST),
-            finest: self.finest,
-            light: positive(self.light),
+            coarsest_level: self.coarsest_level.clamp(2, COARSEST),
+            finest_level: self.finest_level,
+            radiance_threshold: positive(self.radiance_threshold),
             ..SubsplatSettings::default()
         };
         let params = SpecularParams {
-            roughest: positive(self.roughest).min(1.0 + ROUGHNESS_FADE),
+            max_roughness: positive(self.max_roughness).min(1.0 + ROUGHNESS_FADE),
             together: u32::from(self.together),
             ..SpecularParams::default()
         };
@@ -75,8 +75,8 @@ impl SpecularSettings {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SpecularParams {
-    /// See [`SpecularSettings::roughest`].
-    pub roughest: f32,
+    /// See [`SpecularSettings::max_roughness`].
+    pub max_roughness: f32,
     /// 1 to refine by the sum of the lights.
     pub together: u32,
     /// Not used.
@@ -139,7 +139,7 @@ impl SpecularRadiance {
 
     /// Radiance for a surface with this f₀.
     #[must_use]
-    pub fn of(&self, f0: Vec3) -> Vec3 {
+    pub fn evaluate(&self, f0: Vec3) -> Vec3 {
         f0 * self.f0 + brdf::f90(f0) * self.f90
     }
 }

@@ -32,7 +32,7 @@ pub(super) struct TexturePlacement {
 }
 
 impl TexturePlacement {
-    fn of(info: Option<&Info>) -> Self {
+    fn from_info(info: Option<&Info>) -> Self {
         let Some(info) = info else {
             return Self::default();
         };
@@ -125,9 +125,9 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
             name: m.name.clone().unwrap_or_default(),
         },
         placements: [
-            TexturePlacement::of(base_info.as_ref()),
-            TexturePlacement::of(metallic_info.as_ref()),
-            TexturePlacement::of(m.emissive_texture.as_ref()),
+            TexturePlacement::from_info(base_info.as_ref()),
+            TexturePlacement::from_info(metallic_info.as_ref()),
+            TexturePlacement::from_info(m.emissive_texture.as_ref()),
         ],
     })
 }

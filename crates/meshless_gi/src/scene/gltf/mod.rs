@@ -413,7 +413,7 @@ impl<'a> Builder<'a> {
             && direction != Vec3::ZERO)
         {
             return Err(self.wrong(format!(
-                "light {index}: its strength or its place is not a number that light can have"
+                "light {index}: its strength or its position is not finite or out of range"
             )));
         }
         let range = light.range.filter(|r| *r > 0.0).unwrap_or(f32::INFINITY);

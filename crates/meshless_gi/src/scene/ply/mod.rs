@@ -13,7 +13,7 @@
 //! | faces, other elements, other properties, lists | passed over; faces are counted and noted: a `.ply` is taken for points |
 //!
 //! The reader is ours and no crate's: the maintained ones of the registry (ply-rs-bw 4.0) merge
-//! properties of the same name, so that such a body is read at wrong places, never end on an
+//! properties of the same name, so that such a body is read at wrong positions, never end on an
 //! element without properties, refuse comments that are not UTF-8, and say of binary bodies not
 //! where they break. The whole format is a header of words and a list of numbers.
 

@@ -141,8 +141,8 @@ struct Plane {
     creases: Vec<Bound>,
 }
 
-/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbor's place
-/// in `own`, a crease, or nothing.
+/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbor's
+/// position in `own`, a crease, or nothing.
 type Polygon = Vec<(DVec2, u8)>;
 /// The tag of an edge on a crease.
 const CREASE: u8 = u8::MAX - 1;

@@ -36,7 +36,7 @@ const FARTHEST: f32 = 1e9;
 const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
 /// Albedo of a point without a color.
 const GRAY: Vec3 = Vec3::splat(0.5);
-/// Normals of one place that enclose an angle with a cosine above this are of one point.
+/// Normals of one position that enclose an angle with a cosine above this are of one point.
 const SAME: f32 = 0.766;
 
 /// Points around a corner of a cell whose normals it may have a part of.
@@ -46,16 +46,16 @@ const AROUND: usize = 8;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PointsError {
-    /// Fewer than three places.
+    /// Fewer than three positions.
     #[error(
-        "{usable} usable points at different places ({not_finite} not finite, {coincident} coincident): three at least make a surface"
+        "{usable} usable points at different positions ({not_finite} not finite, {coincident} coincident): three at least make a surface"
     )]
     TooFew {
         /// Points that could be used.
         usable: u64,
         /// Points with a coordinate that is not finite, or beyond 10⁹ m.
         not_finite: u64,
-        /// Points at the place of another one with its normal.
+        /// Points at the position of another one with its normal.
         coincident: u64,
     },
     /// More points than indices of 32 bits reach, with all corners of their cells.
@@ -349,8 +349,8 @@ fn fan(corners: &[Vec3]) -> impl Iterator<Item = [Vec3; 3]> + '_ {
     others.windows(2).map(|pair| [corners[0], pair[0], pair[1]])
 }
 
-/// Points that are finite, and of those at one place with similar normals the first: their indices
-/// in order.
+/// Points that are finite, and of those at one position with similar normals the first: their
+/// indices in order.
 fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
     let fine = |x: &Vec3| x.is_finite() && x.abs().max_element() < FARTHEST;
     let mut order: Vec<u32> = (0..points.positions.len() as u32)
@@ -370,7 +370,8 @@ fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
             .as_ref()
             .map_or(Vec3::ZERO, |n| unit(n[i as usize]))
     };
-    // Of points at one place those with a normal come first: one without must not stand for them.
+    // Of points at one position those with a normal come first: one without must not stand for
+    // them.
     order.sort_unstable_by_key(|i| (key(*i), normal(*i) == Vec3::ZERO, *i));
     let mut kept = Vec::with_capacity(order.len());
     for place in order.chunk_by(|a, b| key(*a) == key(*b)) {
@@ -472,7 +473,10 @@ fn cloud_of(
     let notes = [
         (faces, "faces were passed over: a .ply is taken for points"),
         (p.not_finite, "points without numbers were left out"),
-        (p.coincident, "points at the place of others were left out"),
+        (
+            p.coincident,
+            "points at the position of others were left out",
+        ),
         (p.no_normal, "points without a normal were left out"),
         (
             p.normal_estimated,

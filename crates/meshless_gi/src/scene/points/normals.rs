@@ -35,14 +35,14 @@ const LINKS: usize = 8;
 const PROBES: usize = 32;
 
 /// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbors at
-/// another place.
+/// another position.
 pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -> Vec<Vec3> {
     let fits: Vec<Fit> = points
         .par_iter()
         .enumerate()
         .map_init(Vec::new, |near, (i, x)| {
             tree.nearest(*x, PLANE, Some(i as u32), near);
-            Fit::of(*x, near, points)
+            Fit::fit(*x, near, points)
         })
         .collect();
     let mut normals: Vec<Vec3> = (0..points.len())
@@ -68,8 +68,8 @@ struct Fit {
 }
 
 impl Fit {
-    /// Through `x` and its neighbors; a zero normal where they are all at one place.
-    fn of(x: Vec3, near: &[Neighbor], points: &[Vec3]) -> Self {
+    /// Through `x` and its neighbors; a zero normal where they are all at one position.
+    fn fit(x: Vec3, near: &[Neighbor], points: &[Vec3]) -> Self {
         let square = near.last().map_or(0.0, |n| n.square);
         let mut fit = Self {
             normal: Vec3::ZERO,
@@ -141,7 +141,7 @@ pub(super) fn complete(
     let mut near = Vec::new();
     for i in (0..points.len()).filter(|i| given[*i] == Vec3::ZERO) {
         tree.nearest(points[i], PLANE, Some(i as u32), &mut near);
-        let normal = Fit::of(points[i], &near, points).normal;
+        let normal = Fit::fit(points[i], &near, points).normal;
         let known = near
             .iter()
             .map(|n| n.index as usize)

@@ -32,7 +32,7 @@ fn divide(points: &[Vec3], part: &mut [u32], most: usize, parts: &mut Vec<Vec<u3
         });
     let axis = (high - low).max_position();
     let middle = part.len() / 2;
-    // Where places are equal the index decides: the same parts each time.
+    // Where positions are equal the index decides: the same parts each time.
     part.select_nth_unstable_by(middle, |a, b| {
         of(a)[axis].total_cmp(&of(b)[axis]).then(a.cmp(b))
     });
@@ -64,7 +64,7 @@ mod tests {
         }
         assert!(found.iter().all(|p| p.is_sorted() && p.len() <= 300));
         assert_eq!(parts(&points, 1000).len(), 1);
-        // One place, and nothing at all.
+        // One position, and nothing at all.
         assert_eq!(parts(&[Vec3::ONE; 5], 1).len(), 5);
         assert!(parts(&[], 3).is_empty());
     }

@@ -34,7 +34,7 @@ fn square(count: u64) -> PointCloud {
 #[test]
 fn point_without_normal_does_not_replace_oriented_point() {
     let at: Vec<Vec3> = (0..200).map(|i| unit_square(i).extend(0.0)).collect();
-    // Each place twice, first without a normal; what is known looks another way than an estimate
+    // Each position twice, first without a normal; what is known looks another way than an estimate
     // would.
     let known = Vec3::new(0.6, 0.0, 0.8);
     let positions = at.iter().flat_map(|x| [*x, *x]).collect();
@@ -301,7 +301,7 @@ fn point_cloud_degenerate_input_builds() {
         ),
     );
     check(
-        "two and a half places",
+        "two and a half positions",
         of(vec![Vec3::ZERO, Vec3::X, Vec3::Y], None),
     );
     for scale in [1e-18, 1e-12, 1e-6, 1e3, 1e6, 9e8] {

@@ -1,5 +1,5 @@
 //! The sum over all pairs, O(N²): what the fast multipole method is measured against. Shares
-//! nothing with it but the definition of the kernel and of what counts as one place
+//! nothing with it but the definition of the kernel and of what counts as one position
 //! ([`COINCIDENT`]).
 
 use super::settings::FmmPoint;
@@ -69,7 +69,7 @@ struct Source<'a> {
 }
 
 struct Rules<'a> {
-    /// Square of the distance within which two points are one place.
+    /// Square of the distance within which two points are one position.
     nearest: f64,
     disks: bool,
     geometry: Option<&'a dyn Geometry>,

@@ -83,10 +83,10 @@ impl Expansions {
     #[inline(always)]
     fn powers<T: Real>(&self, v: [T; 3], out: &mut Vec<T>) {
         out.clear();
-        out.push(T::of(1.0));
+        out.push(T::from_f64(1.0));
         for step in &self.terms.steps()[1..] {
             let power = out[step.from as usize] * v[step.axis as usize];
-            out.push(power * T::of(1.0 / step.exponent));
+            out.push(power * T::from_f64(1.0 / step.exponent));
         }
     }
 
@@ -117,7 +117,7 @@ impl Expansions {
         out: &mut [Term<T>],
     ) {
         self.powers(v, &mut scratch.powers);
-        let mut shrink = T::of(1.0);
+        let mut shrink = T::from_f64(1.0);
         let mut first = 0;
         for degree in 0..=self.terms.order() {
             for (a, term) in child.iter().enumerate().take(count(degree)).skip(first) {
@@ -142,7 +142,7 @@ impl Expansions {
         out: &mut [Term<T>],
     ) {
         self.powers(v, &mut scratch.powers);
-        let mut shrink = T::of(1.0);
+        let mut shrink = T::from_f64(1.0);
         let mut first = 0;
         for degree in 0..=self.terms.order() {
             for (a, term) in out.iter_mut().enumerate().take(count(degree)).skip(first) {

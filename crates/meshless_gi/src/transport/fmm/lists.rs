@@ -45,7 +45,7 @@ pub struct List {
 impl List {
     /// The entries of one node.
     #[must_use]
-    pub fn of(&self, node: usize) -> &[Entry] {
+    pub fn entries_of(&self, node: usize) -> &[Entry] {
         &self.entries[self.starts[node] as usize..self.starts[node + 1] as usize]
     }
 
@@ -221,8 +221,8 @@ impl Search<'_> {
         }
         out.counts.visited += 1;
         let distance = nt.center.distance(ns.center);
-        // One place exchanges no light with itself, and a node that faces one way none with its own
-        // plane.
+        // One position exchanges no light with itself, and a node that faces one way none with its
+        // own plane.
         if distance + nt.radius + ns.radius <= COINCIDENT || surely_away(nt, ns) {
             out.counts.away += 1;
             return;

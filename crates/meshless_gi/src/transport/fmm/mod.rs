@@ -38,7 +38,7 @@ pub mod tree;
 pub mod visibility;
 
 pub use direct::direct;
-pub use operator::{FmmNode, FmmOperator, FmmPlace};
+pub use operator::{FmmNode, FmmOperator, FmmOperatorPoint};
 pub use settings::{FmmError, FmmPoint, FmmSettings, check_points};
 pub use solve::{Fmm, FmmSolution};
 pub use threads::{PassTimes, Passes};

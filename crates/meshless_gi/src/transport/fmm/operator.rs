@@ -84,7 +84,7 @@ impl FmmNode {
 /// A point of the octree. 48 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct FmmPlace {
+pub struct FmmOperatorPoint {
     /// Position.
     pub position: [f32; 3],
     /// Its surface over π; 0 where it gives no light.
@@ -114,7 +114,7 @@ pub struct FmmOperator {
     /// List entries, node after node: far, local, multipole, near.
     pub entries: Vec<Entry>,
     /// Points, leaf after leaf.
-    pub places: Vec<FmmPlace>,
+    pub points: Vec<FmmOperatorPoint>,
 }
 
 impl FmmOperator {
@@ -137,7 +137,7 @@ impl FmmOperator {
         let nodes = tree.nodes.iter().enumerate().map(|(i, n)| {
             let [far, local, multipole, near] =
                 [&lists.far, &lists.local, &lists.multipole, &lists.near]
-                    .map(|list| put(list.of(i)));
+                    .map(|list| put(list.entries_of(i)));
             FmmNode {
                 center: n.center.as_vec3().to_array(),
                 size: n.size as f32,
@@ -150,7 +150,7 @@ impl FmmOperator {
                 local,
                 multipole,
                 near,
-                finish: near + lists.near.of(i).len() as u32,
+                finish: near + lists.near.entries_of(i).len() as u32,
                 sources: n.source_range().end as u32,
                 receivers: n.receiver_range().start as u32,
             }
@@ -160,7 +160,7 @@ impl FmmOperator {
             .points
             .iter()
             .zip(&tree.order)
-            .map(|(p, &at)| FmmPlace {
+            .map(|(p, &at)| FmmOperatorPoint {
                 position: p.position.as_vec3().to_array(),
                 share: (p.weight / core::f64::consts::PI) as f32,
                 normal: p.normal.as_vec3().to_array(),
@@ -174,7 +174,7 @@ impl FmmOperator {
             level_starts: tree.level_starts.clone(),
             nodes,
             entries,
-            places: places.collect(),
+            points: places.collect(),
         }
     }
 
@@ -208,7 +208,7 @@ impl FmmOperator {
         (size_of_val(&self.level_starts[..])
             + size_of_val(&self.nodes[..])
             + size_of_val(&self.entries[..])
-            + size_of_val(&self.places[..])) as u64
+            + size_of_val(&self.points[..])) as u64
     }
 
     /// Bytes of the expansions of all nodes, of one kind: the largest array of a solve.

@@ -69,7 +69,7 @@ impl<'a, T: Real> Field<'a, T> {
     pub fn new(tree: &'a Tree, lists: &Lists, expansions: &'a Expansions, disks: bool) -> Self {
         let order = expansions.terms.order();
         let operator = FmmOperator::new(tree, lists, order, disks, |at| at);
-        let wide = |v: glam::DVec3| v.to_array().map(T::of);
+        let wide = |v: glam::DVec3| v.to_array().map(T::from_f64);
         let points = tree
             .points
             .iter()
@@ -77,10 +77,13 @@ impl<'a, T: Real> Field<'a, T> {
             .map(|(p, &at)| FieldPoint {
                 position: wide(p.position),
                 normal: wide(p.normal),
-                share: T::of(p.weight / core::f64::consts::PI),
+                share: T::from_f64(p.weight / core::f64::consts::PI),
                 point: at,
             });
-        let centers = tree.nodes.iter().map(|n| (wide(n.center), T::of(n.size)));
+        let centers = tree
+            .nodes
+            .iter()
+            .map(|n| (wide(n.center), T::from_f64(n.size)));
         Self {
             centers: centers.collect(),
             points: points.collect(),
@@ -94,15 +97,16 @@ impl<'a, T: Real> Field<'a, T> {
 
     /// Creates the field of a baked octree.
     #[must_use]
-    pub fn of(operator: &'a FmmOperator) -> Self {
-        let narrow = |v: [f32; 3]| v.map(|c| T::of(c.into()));
-        let points = operator.places.iter().map(|p| FieldPoint {
+    pub fn from_operator(operator: &'a FmmOperator) -> Self {
+        let narrow = |v: [f32; 3]| v.map(|c| T::from_f64(c.into()));
+        let points = operator.points.iter().map(|p| FieldPoint {
             position: narrow(p.position),
             normal: narrow(p.normal),
-            share: T::of(p.share.into()),
+            share: T::from_f64(p.share.into()),
             point: p.point,
         });
-        let centers = (operator.nodes.iter()).map(|n| (narrow(n.center), T::of(n.size.into())));
+        let centers =
+            (operator.nodes.iter()).map(|n| (narrow(n.center), T::from_f64(n.size.into())));
         Self {
             centers: centers.collect(),
             points: points.collect(),
@@ -220,13 +224,13 @@ impl<'a, T: Real> Field<'a, T> {
             let s = entry.source as usize;
             let r = minus(center, self.center(s));
             let sizes = [self.size(s), size];
-            let weight = T::of(f64::from(entry.weight));
+            let weight = T::from_f64(f64::from(entry.weight));
             let source = &sources[s * n..(s + 1) * n];
             self.expansions
                 .s_to_r(r, sizes, weight, source, scratch, out);
         }
         for entry in self.list(node, 1) {
-            let weight = T::of(f64::from(entry.weight));
+            let weight = T::from_f64(f64::from(entry.weight));
             for i in self.nodes[entry.source as usize].source_range() {
                 let r = minus(center, self.points[i].position);
                 let source = self.source(i, radiosity);
@@ -267,14 +271,14 @@ impl<'a, T: Real> Field<'a, T> {
                 let r = minus(x.position, self.center(s));
                 let source = &sources[s * n..(s + 1) * n];
                 let f = self.expansions.s_at(r, self.size(s), source, scratch);
-                add(e, T::of(f64::from(entry.weight)), &f);
+                add(e, T::from_f64(f64::from(entry.weight)), &f);
             }
         }
         // A leaf of sources after the other, for all receivers: it stays in the cache.
         for entry in self.list(node, 3) {
             let range = self.nodes[entry.source as usize].source_range();
             let (places, radiosity) = (&self.points[range.clone()], &radiosity[range]);
-            let weight = T::of(f64::from(entry.weight));
+            let weight = T::from_f64(f64::from(entry.weight));
             for (x, e) in receivers.iter().zip(out.iter_mut()) {
                 add(e, weight, &self.near(x, places, radiosity));
             }
@@ -285,7 +289,7 @@ impl<'a, T: Real> Field<'a, T> {
     #[inline(always)]
     fn near(&self, x: &FieldPoint<T>, sources: &[FieldPoint<T>], radiosity: &[[T; 4]]) -> Term<T> {
         let zero = T::default();
-        let nearest = T::of(COINCIDENT * COINCIDENT);
+        let nearest = T::from_f64(COINCIDENT * COINCIDENT);
         let mut sum = Term::default();
         for (y, b) in sources.iter().zip(radiosity) {
             let r = minus(x.position, y.position);

@@ -17,7 +17,7 @@ pub trait Real:
     + 'static
 {
     /// The nearest number of this width.
-    fn of(value: f64) -> Self;
+    fn from_f64(value: f64) -> Self;
     /// The same number, wide.
     fn wide(self) -> f64;
     /// The square root; correctly rounded on every machine.
@@ -28,7 +28,7 @@ pub trait Real:
 
 impl Real for f64 {
     #[inline(always)]
-    fn of(value: f64) -> Self {
+    fn from_f64(value: f64) -> Self {
         value
     }
     #[inline(always)]
@@ -47,7 +47,7 @@ impl Real for f64 {
 
 impl Real for f32 {
     #[inline(always)]
-    fn of(value: f64) -> Self {
+    fn from_f64(value: f64) -> Self {
         value as f32
     }
     #[inline(always)]

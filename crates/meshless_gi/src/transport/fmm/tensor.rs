@@ -25,8 +25,8 @@ pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 
 /// Steps of [`Derivatives::at`], prepared once per order: the indices of γ − e_i and γ − 2e_i.
 #[derive(Clone, Debug)]
 pub struct Derivatives {
-    /// For each γ: places of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`] where
-    /// there is no such term.
+    /// For each γ: positions of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`]
+    /// where there is no such term.
     down: Vec<[u16; 9]>,
     /// For each γ: the recurrence's two factors, and γ!.
     factors: Vec<[f64; 3]>,
@@ -87,14 +87,14 @@ impl Derivatives {
         out.clear();
         out.resize(none, [T::default(); 6]);
         let square = PAIRS.map(|[i, j]| r[i] * r[j]);
-        scalar[0] = T::of(1.0);
+        scalar[0] = T::from_f64(1.0);
         out[0] = square;
         for (k, (down, factors)) in self.down.iter().zip(&self.factors).enumerate().skip(1) {
             let below = |i: usize| scalar[usize::from(down[i]).min(none)];
             let (x, y, z) = (below(0), below(1), below(2));
             let (xx, yy, zz) = (below(3), below(4), below(5));
             let (xy, xz, yz) = (below(6), below(7), below(8));
-            let [one, two, f] = factors.map(T::of);
+            let [one, two, f] = factors.map(T::from_f64);
             let t = one * (r[0] * x + r[1] * y + r[2] * z) + two * (xx + yy + zz);
             scalar[k] = t;
             out[k] = [

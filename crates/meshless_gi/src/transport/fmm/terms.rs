@@ -14,7 +14,7 @@ pub const fn count(order: usize) -> usize {
     (order + 1) * (order + 2) * (order + 3) / 6
 }
 
-/// The place of exponents (a, b, c) in the order of the terms.
+/// The position of exponents (a, b, c) in the order of the terms.
 #[must_use]
 pub const fn place(e: [usize; 3]) -> usize {
     let (n, m) = (e[0] + e[1] + e[2], e[1] + e[2]);

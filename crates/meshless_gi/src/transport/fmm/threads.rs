@@ -257,6 +257,6 @@ mod tests {
             &radiosity,
         );
         let narrow: Vec<[f32; 4]> = radiosity.iter().map(|b| b.map(|c| c as f32)).collect();
-        same_bits(Field::of(&fmm.operator(|at| at)), &narrow);
+        same_bits(Field::from_operator(&fmm.operator(|at| at)), &narrow);
     }
 }

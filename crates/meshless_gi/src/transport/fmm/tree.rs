@@ -16,7 +16,7 @@ use std::ops::Range;
 /// Deepest division in space. Its cells are below the resolution of single precision over the
 /// scene.
 pub const DEEPEST: u32 = 21;
-/// Points nearer to each other than this count as one place, and exchange no light: six cells of
+/// Points nearer to each other than this count as one position, and exchange no light: six cells of
 /// the deepest division. The radii of two leaves of one such cell each, farther apart than that,
 /// are 0.41 of the distance of their centers at most, so that from that separation on leaves of any
 /// number of points that (nearly) coincide meet by expansions.

@@ -57,7 +57,7 @@ impl Visibility<'_> {
         if wanted > u64::from(self.rays) || pairs > most {
             let mut random = Random::new(self.seed, a as u64, b as u64);
             // Pairs that look away from each other, or the wrong way round, say nothing: others are
-            // drawn in their place.
+            // drawn instead.
             for _ in 0..most {
                 let pair = (random.below(xs.len()), random.below(ys.len()));
                 self.add(

@@ -197,7 +197,7 @@ mod tests {
         assert!(cluster(&[], 10, 0).is_empty());
         let one = cluster(&[(Vec3::ONE, Vec3::Y)], 1000, 0);
         assert_eq!((one.len(), one.members_of(0)), (1, &[0u32][..]));
-        // All at one place: as many clusters as there are ways to face.
+        // All at one position: as many clusters as there are ways to face.
         let place: Vec<_> = (0..10)
             .map(|i| (Vec3::ZERO, [Vec3::X, -Vec3::X][i % 2]))
             .collect();

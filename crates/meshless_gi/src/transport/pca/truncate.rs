@@ -89,7 +89,7 @@ impl Visibility {
             kept.extend((0..point.count()).map(|k| self.coefficient(point.first + k)));
         }
         out.coefficients = pack(&kept).collect();
-        // Shorter than what had its place.
+        // Shorter than what had its position.
         let _ = out.place();
         out
     }

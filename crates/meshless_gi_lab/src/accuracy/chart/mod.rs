@@ -38,14 +38,14 @@ pub struct Series {
     pub name: String,
     /// Drawing style.
     pub style: Style,
-    /// Its places, in the order in which a line joins them.
+    /// Its positions, in the order in which a line joins them.
     pub points: Vec<Mark>,
     /// Color and marker of the series of this number, instead of its own: for a front or a fit that
     /// belongs to another series.
     pub like: Option<usize>,
 }
 
-/// A place on a chart.
+/// A position on a chart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mark {
     /// On the horizontal axis.
@@ -69,13 +69,13 @@ pub enum Style {
     Line,
     /// A line with markers.
     LineAndPoints,
-    /// A Pareto front: steps that bound what is not better anywhere, with a ring around each place.
-    /// Give it the places of the front alone, see [`super::pareto_front`].
+    /// A Pareto front: steps that bound what is not better anywhere, with a ring around each
+    /// position. Give it the positions of the front alone, see [`super::pareto_front`].
     Front,
 }
 
 impl Mark {
-    /// A place without a label.
+    /// A position without a label.
     #[must_use]
     pub fn new(x: f64, y: f64) -> Self {
         Self {
@@ -85,7 +85,7 @@ impl Mark {
         }
     }
 
-    /// The same place with a label.
+    /// The same position with a label.
     #[must_use]
     pub fn labeled(self, label: impl Into<String>) -> Self {
         Self {
@@ -96,7 +96,7 @@ impl Mark {
 }
 
 impl Series {
-    /// A series of places without labels.
+    /// A series of positions without labels.
     #[must_use]
     pub fn new(
         name: impl Into<String>,

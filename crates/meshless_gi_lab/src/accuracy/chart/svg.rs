@@ -257,7 +257,7 @@ fn line(out: &mut String, placed: &Placed) {
                 let _ = write!(path, "M{} {}", n(*x), n(*y));
                 before = true;
             }
-            // What costs as much as this place is as good as the one before it.
+            // What costs as much as this position is as good as the one before it.
             Some((x, y)) if front => {
                 let _ = write!(path, "H{}V{}", n(*x), n(*y));
             }
@@ -351,7 +351,7 @@ fn marker(out: &mut String, style: Style, look: usize, (x, y): (f64, f64), hint:
     };
 }
 
-/// The labels of the places.
+/// The labels of the positions.
 fn texts(out: &mut String, placed: &[Placed]) {
     let mut taken: Vec<Area> = placed
         .iter()

@@ -118,8 +118,8 @@ fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
     out
 }
 
-/// Inside a sphere every place gets the same of what any other reflects: whatever the light's
-/// place, E = ρ Φ / (A (1 − ρ)) everywhere.
+/// Inside a sphere every position gets the same of what any other reflects: whatever the light's
+/// position, E = ρ Φ / (A (1 − ρ)) everywhere.
 #[test]
 fn light_in_sphere_gives_uniform_irradiance() {
     let triangles = sphere(4);

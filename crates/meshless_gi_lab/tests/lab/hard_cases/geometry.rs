@@ -87,7 +87,7 @@ fn invalid_triangles_are_skipped_and_counted() {
     assert_eq!((problems.no_area, problems.not_finite), (3, 12));
     let (a, b) = (baked(&clean, &small()).scene, baked(&dirty, &small()).scene);
     // Bit by bit what the clean level has.
-    assert!(a.operator == b.operator && a.points == b.points && a.places == b.places);
+    assert!(a.operator == b.operator && a.points == b.points && a.light_samples == b.light_samples);
     let indices = [[0, 1, 2], [0, 1, 3], [7, 0, 1]];
     let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
     let few = TriangleMesh::indexed(&corners, &indices, &[0, 0, 0], vec![half()]);
@@ -122,7 +122,7 @@ fn materials_out_of_range_are_clamped() {
     irradiances(&frame, &scene);
 }
 
-/// Errors of the indirect light at places that rays find, three bounces, against the reference.
+/// Errors of the indirect light at positions that rays find, three bounces, against the reference.
 fn compared(
     level: TriangleMesh,
     recipe: &Recipe,
@@ -326,7 +326,7 @@ fn sheet_under_light_has_only_floor_light_below() {
             f32::INFINITY,
         )],
     );
-    // The senders' own light: the sheet's two sides lie in the same places.
+    // The senders' own light: the sheet's two sides lie in the same positions.
     frame.solve(&scene, &FrameSettings::bounces(1));
     let (mut above, mut below) = (0.0f32, 0.0f32);
     for j in scene.finest_senders() {

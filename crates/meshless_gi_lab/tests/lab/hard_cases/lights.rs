@@ -194,7 +194,7 @@ fn bright_lights_stay_finite_in_f16() {
     let e = splat::splat(
         &scene.points,
         &scene.display,
-        frame.values(),
+        frame.vector_irradiance(),
         Vec3::new(1.0, 0.0, 1.0),
         Vec3::Y,
     );
@@ -239,7 +239,7 @@ fn many_lights_equal_their_sum() {
     eprintln!("{LIGHT_SOURCES} lights: {share:.4} of their light");
     // With senders a quarter of a meter apart.
     assert!((share - 1.0).abs() < 0.03, "{share}");
-    // All in one place, they are one light.
+    // All in one position, they are one light.
     let place = Vec3::new(0.7, 1.1, 1.3);
     let together = solved(&vec![
         light_source(place, 1.0 / LIGHT_SOURCES as f32);

@@ -2,8 +2,8 @@
 //! precision loses at each stage.
 //!
 //! Stage by stage each gets the single-precision result of the one before, so that its own loss
-//! shows alone; in the end the chain runs in double precision from the light to the place. A digit
-//! lost is a factor of ten over half a unit in the last place, 6e-8.
+//! shows alone; in the end the chain runs in double precision from the light to the position. A
+//! digit lost is a factor of ten over half a unit in the last position, 6e-8.
 
 use super::support::{baked, cornell, irradiances, small};
 use glam::{DVec3, DVec4, Vec3};
@@ -34,7 +34,7 @@ fn stage(name: &str, found: &[f64], right: &[f64], most: f64) {
     assert!(lost <= most, "{name}: {lost} digits lost, at most {most}");
 }
 
-/// Red irradiance of the light at a place, shadows left out.
+/// Red irradiance of the light at a position, shadows left out.
 fn unshadowed(light_source: DVec3, x: DVec3, n: DVec3) -> f64 {
     let to = light_source - x;
     n.dot(to).max(0.0) / to.length().powi(3)
@@ -54,10 +54,11 @@ impl Exact<'_> {
         self.scene.points[i].n().as_dvec3()
     }
 
-    /// Light at the senders' places; what `visible` says is dark in single precision is dark here.
+    /// Light at the senders' positions; what `visible` says is dark in single precision is dark
+    /// here.
     fn project(&self, light_source: DVec3, single: &[f32]) -> Vec<f64> {
         let scene = self.scene;
-        let count = scene.places.per_sender as usize;
+        let count = scene.light_samples.per_sender as usize;
         let finest = scene.finest_senders().start;
         (0..scene.senders())
             .map(|j| {
@@ -71,7 +72,7 @@ impl Exact<'_> {
                         self.normal(j),
                     );
                 }
-                let own = &scene.places.list[(j - finest) * count..][..count];
+                let own = &scene.light_samples.list[(j - finest) * count..][..count];
                 let all = own
                     .iter()
                     .map(|p| unshadowed(light_source, p.x().as_dvec3(), p.n().as_dvec3()));
@@ -177,7 +178,7 @@ fn single_precision_error_is_bounded() {
         real.map(|s| f64::from(s[0])).collect()
     };
     let vectors = |frame: &CpuFrame| -> Vec<DVec3> {
-        let each = frame.values().iter();
+        let each = frame.vector_irradiance().iter();
         each.map(|v| Vec3::new(v.x[0], v.y[0], v.z[0]).as_dvec3())
             .collect()
     };

@@ -29,7 +29,7 @@ fn truth(places: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
     irradiance_at_all(&level, &light_source(1.0, Vec3::ZERO), places, &settings)
 }
 
-/// Errors of a bake's direct and indirect light at the places, scaled and moved with the level.
+/// Errors of a bake's direct and indirect light at the positions, scaled and moved with the level.
 fn measured(bake: &Baked, scale: f32, by: Vec3) -> [Errors; 2] {
     let places = cornell_places();
     assert!(places.len() > 150, "{}", places.len());

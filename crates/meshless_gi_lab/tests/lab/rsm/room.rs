@@ -117,7 +117,7 @@ pub struct Room {
     pub color: Vec3,
     pub light: Light,
     pub aim: Aim,
-    /// Places on the walls, meters, and their normals.
+    /// Positions on the walls, meters, and their normals.
     pub places: Vec<(Vec3, Vec3)>,
 }
 
@@ -185,7 +185,7 @@ impl Room {
         choose(&self.texels(side), vpls)
     }
 
-    /// Their light at the places.
+    /// Their light at the positions.
     pub fn light_of(&self, lights: &[Vpl], visibility: bool) -> Vec<Vec3> {
         let count = lights.len() as u32;
         let params = match visibility {
@@ -214,7 +214,7 @@ pub fn choose(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
     rsm::select_vpls(&params, texels)
 }
 
-/// Places on triangles, as many a square meter everywhere; a hair's breadth off them.
+/// Positions on triangles, as many a square meter everywhere; a hair's breadth off them.
 fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
     let area = |t: &[Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
     let all: f32 = triangles.iter().map(area).sum();

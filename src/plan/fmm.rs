@@ -55,7 +55,7 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
     let arrays = [
         ("fmm nodes", size_of_val(&octree.nodes[..]) as u64),
         ("fmm lists", size_of_val(&octree.entries[..]) as u64),
-        ("fmm points", size_of_val(&octree.places[..]) as u64),
+        ("fmm points", size_of_val(&octree.points[..]) as u64),
         ("fmm expansions", octree.expansion_bytes()),
     ];
     match arrays.into_iter().find(|(_, bytes)| *bytes > largest) {
