@@ -388,8 +388,8 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
     run(&mut app, 20);
     assert_eq!(ran(&app), [0, 1]);
     assert!(counters(&app).plan.to_string().contains("nothing changed"));
-    let rested = picture(&mut app, &image);
-    assert!(drawn.mean() > 0.0 && rested.pixels == drawn.pixels);
+    let idle = picture(&mut app, &image);
+    assert!(drawn.mean() > 0.0 && idle.pixels == drawn.pixels);
 
     // Whatever may change what the maps show wakes them, in the same frame.
     type Change = fn(&mut App, Entity, Entity);

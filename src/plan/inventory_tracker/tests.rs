@@ -225,7 +225,7 @@ fn scene_snapshot_reports_changes() {
     };
     let found = look(vec![changed.clone()]);
     assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
-    assert_eq!((found.live_materials, found.materials_changed), (1, 1));
+    assert_eq!((found.dynamic_materials, found.materials_changed), (1, 1));
     assert_eq!((found.doors, found.doors_moved), (2, 2));
     assert_eq!((found.glowing, found.glow_changed), (1, 1));
     assert_eq!((found.bakes, found.bakes_moved), (1, 1));

@@ -47,7 +47,7 @@ use std::path::PathBuf;
 ///
 /// The name of an entity (`Name`, or the name of its
 /// [`GiOccluder`](super::super::GiOccluder)) is the node name for the recipe's
-/// `occluders`. With `live_materials` the materials get names (from
+/// `occluders`. With `dynamic_materials` the materials get names (from
 /// [`GiDynamicMaterials`](super::super::GiDynamicMaterials) on the root, else `GltfMaterialName`,
 /// else the asset path, else `material N`), and `GiDynamicMaterials` is inserted with all of them,
 /// so that indirect light follows the assets.

@@ -39,6 +39,50 @@ const BANNED: [&str; 14] = [
     "bouncers",
 ];
 
+/// Former identifiers with their replacements. They do not come back.
+const REFUSED_NAMES: [(&str, &str); 20] = [
+    ("GiBakeStage", "BakeStage"),
+    ("FmmPlace", "FmmOperatorPoint"),
+    ("live_materials", "dynamic_materials"),
+    ("live_surface", "dynamic_surface"),
+    ("live_surfaces", "dynamic_surfaces"),
+    ("live_gain", "max_spectral_radius"),
+    ("roughest", "max_roughness"),
+    ("rested", "skipped_solves"),
+    ("free_space", "probes"),
+    ("bounce_from_dynamic", "rsm"),
+    ("gloss_from_dynamic", "vpl_specular"),
+    ("fmm_places", "fmm_points"),
+    ("places_per_sender", "samples_per_sender"),
+    ("place_normal", "sample_normal"),
+    ("gain_found", "spectral_radius_estimate"),
+    ("guard_factor", "albedo_scale"),
+    ("yardstick", "ray_baseline"),
+    ("keep_frames", "unload_after_frames"),
+    ("roomy_places", "sample_open_positions"),
+    ("free_places", "sample_light_positions"),
+];
+
+/// Former members: a field or function in a file whose name ends so, with its replacement.
+const REFUSED_MEMBERS: [(&str, &str, &str); 16] = [
+    ("frame/subsplat.rs", "coarsest", "coarsest_level"),
+    ("frame/subsplat.rs", "finest", "finest_level"),
+    ("frame/subsplat.rs", "alike", "min_similarity"),
+    ("frame/subsplat.rs", "light", "radiance_threshold"),
+    ("vpl_specular/settings.rs", "coarsest", "coarsest_level"),
+    ("vpl_specular/settings.rs", "finest", "finest_level"),
+    ("vpl_specular/settings.rs", "light", "radiance_threshold"),
+    ("frame/layout.rs", "places", "samples_per_sender"),
+    ("asset/baked.rs", "places", "light_samples"),
+    ("cpu_frame/results.rs", "values", "vector_irradiance"),
+    ("plan/tier_controller.rs", "calm", "stable_solves"),
+    ("plan/tier_controller.rs", "wait", "required_stable_solves"),
+    ("plan/tier_controller.rs", "settle", "settle_samples"),
+    ("plan/tier_controller.rs", "picked", "selection"),
+    ("plan/tier_controller.rs", "measured", "record_sample"),
+    ("plan/tier_controller.rs", "go", "switch_to"),
+];
+
 /// Paragraphs of documentation comments that start with one of `OPENERS`.
 fn wrong_openers(path: &str, text: &str) -> Vec<String> {
     let mut found = Vec::new();
@@ -103,6 +147,42 @@ fn banned(path: &str, text: &str) -> Vec<String> {
     found
 }
 
+/// Returns `true` if `line` declares a field or function called `name`.
+fn declares(line: &str, name: &str) -> bool {
+    let line = line.trim_start().trim_start_matches("pub ");
+    let field = line.strip_prefix(name);
+    let function = line
+        .strip_prefix("fn ")
+        .and_then(|rest| rest.strip_prefix(name));
+    field.is_some_and(|rest| rest.starts_with(": "))
+        || function.is_some_and(|rest| rest.starts_with(['(', '<']))
+}
+
+/// Former names in code. Old spellings that files and command lines may still use are exempt.
+fn refused(path: &str, text: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (i, line) in text.lines().enumerate() {
+        if line.contains("alias") || path.ends_with("bake/recipe.rs") {
+            continue;
+        }
+        let mut names = line.split(|c: char| !c.is_alphanumeric() && c != '_');
+        let name = names.find_map(|n| REFUSED_NAMES.iter().find(|(old, _)| *old == n));
+        let members = REFUSED_MEMBERS.iter();
+        let member = members
+            .filter(|(file, ..)| path.ends_with(file))
+            .find(|(_, old, _)| declares(line, old));
+        let member = member.map(|(_, old, new)| (*old, *new));
+        for (old, new) in name.copied().into_iter().chain(member) {
+            found.push(format!("{path}:{}: `{old}` is `{new}`", i + 1));
+        }
+        // A constructor is `new` or `from_x`, an accessor has a noun (R7).
+        if declares(line, "of") {
+            found.push(format!("{path}:{}: `of` is no name", i + 1));
+        }
+    }
+    found
+}
+
 /// All texts that the rules hold for. This file has the words as examples.
 fn texts() -> Vec<(String, String)> {
     let mut all = Vec::new();
@@ -155,4 +235,18 @@ fn comments_have_no_verbs_of_people() {
         .collect();
     none(found);
     assert_eq!(people("a", "// It knows.\nlet knows = 1;\n").len(), 1);
+}
+
+#[test]
+fn code_has_no_former_names() {
+    let found: Vec<String> = texts()
+        .iter()
+        .filter(|(path, _)| path.ends_with(".rs") || path.ends_with(".wgsl"))
+        .flat_map(|(path, text)| refused(path, text))
+        .collect();
+    none(found);
+    assert_eq!(refused("a.rs", "let x = live_surfaces(1);").len(), 1);
+    assert_eq!(refused("src/frame/subsplat.rs", "    pub alike: f32,").len(), 1);
+    assert_eq!(refused("a.rs", "    pub alike: f32,").len(), 0);
+    assert_eq!(refused("a.rs", "    pub fn of(x: u32) -> Self {").len(), 1);
 }
