@@ -8,7 +8,7 @@
 //! Cameras whose targets have the same size share their textures (Bevy keys them by target).
 //! Therefore a map is read before the next one is drawn, in the same schedule.
 
-use super::extract::{ExtractedGi, LightKey, LightKind};
+use super::extract::{ExtractedGi, LightKey};
 use super::record::{MapDrawContext, MapOfLight, MapReadContext, draw_light_map, read_light_map};
 use super::render_state::GiRender;
 use super::rsm::{AskingLight, AskingLights};
