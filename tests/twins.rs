@@ -344,7 +344,13 @@ fn frame_of_averages_matches_twin() {
 #[test]
 fn frame_of_differences_matches_twin() {
     const PUSHED: Checked = ("push", Pass::Push, |f| flat(f.differences()), 4, Scale::Rms);
-    const APPLIED: Checked = ("apply", Pass::Apply, |f| flat(f.applied()), 12, Scale::Rms);
+    const APPLIED: Checked = (
+        "apply",
+        Pass::Apply,
+        |f| flat(f.applied_irradiance()),
+        12,
+        Scale::Rms,
+    );
     const FLAT: Checked = (
         "flatten",
         Pass::Differences,
@@ -741,7 +747,7 @@ fn unused_buffers_are_not_created() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
-    assert_eq!(kernels.created(), 0);
+    assert_eq!(kernels.pipeline_count(), 0);
     frame
         .set_lights(&kernels, &harness.queue, &synthetic::lights())
         .unwrap();
@@ -752,7 +758,7 @@ fn unused_buffers_are_not_created() {
         })
         .unwrap();
     assert_eq!(
-        (kernels.created(), frame.counters().total()),
+        (kernels.pipeline_count(), frame.counters().total()),
         (0, 0),
         "no slot moved"
     );
@@ -765,7 +771,7 @@ fn unused_buffers_are_not_created() {
         made,
         [Pass::Radiosity, Pass::Pull, Pass::Apply, Pass::Averages]
     );
-    assert_eq!(kernels.created(), 4);
+    assert_eq!(kernels.pipeline_count(), 4);
     assert_eq!(
         frame.buffers().bytes(),
         bytes,
@@ -774,7 +780,7 @@ fn unused_buffers_are_not_created() {
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
         .unwrap();
-    assert_eq!(kernels.created(), 5);
+    assert_eq!(kernels.pipeline_count(), 5);
     assert!(kernels.has(Pass::Sweep) && frame.buffers().bytes() > bytes);
     let counters = frame.counters();
     assert_eq!(counters.solves, 2);

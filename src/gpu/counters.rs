@@ -49,7 +49,7 @@ impl GpuCounters {
 
     /// Returns the work recorded since the counters were `before`.
     #[must_use]
-    pub fn since(&self, before: &Self) -> Self {
+    pub fn difference_from(&self, before: &Self) -> Self {
         Self {
             dispatches: core::array::from_fn(|i| self.dispatches[i] - before.dispatches[i]),
             projected: self.projected - before.projected,

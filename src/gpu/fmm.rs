@@ -122,7 +122,7 @@ impl GpuFmm {
     }
 
     /// Records the upward pass from the `radiosity` of the senders and the sky.
-    pub fn up(
+    pub fn record_upward(
         &self,
         kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
@@ -138,7 +138,7 @@ impl GpuFmm {
 
     /// Records the downward pass and the evaluation, to the vector irradiance of the points that
     /// receive.
-    pub fn down(
+    pub fn record_downward(
         &self,
         kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
@@ -163,7 +163,7 @@ impl GpuFmm {
     }
 
     /// Its buffers with their names.
-    pub(super) fn named(&self) -> [(&'static str, &wgpu::Buffer); 8] {
+    pub(super) fn named_buffers(&self) -> [(&'static str, &wgpu::Buffer); 8] {
         [
             ("fmm parameters", &self.params),
             ("fmm levels", &self.spans),
@@ -179,7 +179,10 @@ impl GpuFmm {
     /// Bytes on the device.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.named().iter().map(|(_, buffer)| buffer.size()).sum()
+        self.named_buffers()
+            .iter()
+            .map(|(_, buffer)| buffer.size())
+            .sum()
     }
 
     fn bind(
@@ -198,7 +201,7 @@ impl GpuFmm {
             (0, self.params.as_entire_binding()),
             (1, span),
             (2, self.nodes.as_entire_binding()),
-            (3, self.places.as_entire_binding()),
+            (3, self.points.as_entire_binding()),
             (4, self.terms.as_entire_binding()),
             (5, radiosity.as_entire_binding()),
             (6, self.expansions.as_entire_binding()),

@@ -79,7 +79,7 @@ impl FogBuffers {
         }
     }
 
-    /// Records kernel `fog_inscatter` for each of the lights from the volumes of their levels,
+    /// Records kernel `fog_inscatter` for each of the lights from the volumes of their scenes,
     /// which kernel `volume` wrote.
     #[must_use]
     pub fn record(

@@ -77,7 +77,7 @@ impl OccluderBuffers {
     }
 
     /// Every buffer with its name.
-    pub fn named(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
+    pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         let passages = self.links.passages.iter().chain(&self.probes.passages);
         (passages.map(|b| ("passages", b)))
             .chain(std::iter::once(("what passes occluders", &self.passing)))

@@ -141,7 +141,7 @@ impl KernelPipelines {
 
     /// Returns the number of pipelines created so far.
     #[must_use]
-    pub fn created(&self) -> u32 {
+    pub fn pipeline_count(&self) -> u32 {
         self.created.load(Ordering::Relaxed)
     }
 

@@ -59,7 +59,7 @@ impl ProbeBuffers {
     }
 
     /// Every buffer with its name.
-    pub fn named(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
+    pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         [
             ("probe rows", &self.rows),
             ("probe row order", &self.order),

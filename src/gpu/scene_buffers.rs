@@ -235,7 +235,7 @@ impl SceneBuffers {
 
     /// Returns the buffer that kernels bind as the sky's terms. If the bake has none, this is the
     /// buffer of surfaces, as a valid stand-in.
-    pub(super) fn seen(&self) -> &wgpu::Buffer {
+    pub(super) fn sky_visibility(&self) -> &wgpu::Buffer {
         self.sky.as_ref().unwrap_or(&self.surfaces)
     }
 
@@ -303,13 +303,13 @@ impl SceneBuffers {
     /// Returns the number of buffers on the device.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.named().count()
+        self.named_buffers().count()
     }
 
     /// Bytes on the device.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.named().map(|(_, b)| b.size()).sum()
+        self.named_buffers().map(|(_, b)| b.size()).sum()
     }
 
     /// A buffer that a pass fills, for tests and tools.
@@ -339,7 +339,7 @@ impl SceneBuffers {
     }
 
     /// Every buffer with its name.
-    pub(super) fn named(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
+    pub(super) fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         let own = [
             ("params", &self.params),
             ("spans", &self.spans),
@@ -389,9 +389,13 @@ impl SceneBuffers {
             .chain(self.sky.iter().map(|b| ("sky terms", b)))
             .chain(differences)
             .chain(components)
-            .chain(self.fmm.iter().flat_map(GpuFmm::named))
-            .chain(self.probes.iter().flat_map(ProbeBuffers::named))
-            .chain(self.occluders.iter().flat_map(OccluderBuffers::named))
+            .chain(self.fmm.iter().flat_map(GpuFmm::named_buffers))
+            .chain(self.probes.iter().flat_map(ProbeBuffers::named_buffers))
+            .chain(
+                self.occluders
+                    .iter()
+                    .flat_map(OccluderBuffers::named_buffers),
+            )
     }
 }
 

@@ -257,7 +257,7 @@ impl SoftShadowBuffers {
     }
 
     /// Its buffers.
-    fn all(&self) -> [&wgpu::Buffer; 10] {
+    fn buffers(&self) -> [&wgpu::Buffer; 10] {
         [
             &self.params,
             &self.solve,
@@ -275,13 +275,13 @@ impl SoftShadowBuffers {
     /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
-        self.all().len() as u32
+        self.buffers().len() as u32
     }
 
     /// Bytes on the device.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.all().into_iter().map(wgpu::Buffer::size).sum()
+        self.buffers().into_iter().map(wgpu::Buffer::size).sum()
     }
 
     /// Dispatches so far.

@@ -36,7 +36,7 @@ impl Recorder<'_> {
                 (4, b.points.as_entire_binding()),
                 (5, b.surfaces.as_entire_binding()),
                 (6, b.senders.as_entire_binding()),
-                (7, b.seen().as_entire_binding()),
+                (7, b.sky_visibility().as_entire_binding()),
             ],
         );
         // The sky's coefficient is written even where there are no points.
@@ -75,9 +75,9 @@ impl Recorder<'_> {
     ) {
         let b = self.b;
         if let Some(octree) = b.fmm.as_ref().filter(|_| steps.octree) {
-            octree.up(self.kernels, pass, self.counters, &b.senders);
+            octree.record_upward(self.kernels, pass, self.counters, &b.senders);
             let (from, to) = (&b.senders, &b.values);
-            octree.down(self.kernels, pass, self.counters, from, to);
+            octree.record_downward(self.kernels, pass, self.counters, from, to);
             return;
         }
         let [coefficients, applied] = operands(b);
@@ -245,7 +245,7 @@ impl Recorder<'_> {
                 (5, direct.as_entire_binding()),
                 (6, b.values.as_entire_binding()),
                 (7, b.senders.as_entire_binding()),
-                (13, b.seen().as_entire_binding()),
+                (13, b.sky_visibility().as_entire_binding()),
             ],
         );
         self.dispatch(pass, Pass::Sweep, &bind, &[], b.shape.senders() as u32);

@@ -71,16 +71,16 @@ impl VolumeBuffers {
     /// Returns the number of buffers.
     #[must_use]
     pub fn count(&self) -> u32 {
-        self.all().len() as u32
+        self.buffers().len() as u32
     }
 
     /// Bytes on the device, without the texture.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.all().iter().map(|b| b.size()).sum()
+        self.buffers().iter().map(|b| b.size()).sum()
     }
 
-    fn all(&self) -> [&wgpu::Buffer; 7] {
+    fn buffers(&self) -> [&wgpu::Buffer; 7] {
         [
             &self.params,
             &self.starts,

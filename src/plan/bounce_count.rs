@@ -30,7 +30,7 @@ pub struct BounceSelection {
 impl BounceSelection {
     /// Returns the reason of the choice.
     #[must_use]
-    pub fn why(&self) -> String {
+    pub fn reason(&self) -> String {
         match (self.forced, self.gain) {
             (true, _) => "so many are asked for".into(),
             (false, None) => "the bake does not say what surfaces return".into(),
@@ -45,7 +45,7 @@ impl BounceSelection {
 
 impl fmt::Display for BounceSelection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} reflections: {}", self.bounces, self.why())
+        write!(f, "{} reflections: {}", self.bounces, self.reason())
     }
 }
 
@@ -172,6 +172,6 @@ mod tests {
         );
         let asked = picked(2, true, Some(0.58)).to_string();
         assert_eq!(asked, "2 reflections: so many are asked for");
-        assert!(picked(4, false, None).why().contains("does not say"));
+        assert!(picked(4, false, None).reason().contains("does not say"));
     }
 }

@@ -116,12 +116,12 @@ mod tests {
 
     const WARM: Vec3 = Vec3::new(1.0, 0.8, 0.5);
 
-    fn found(colors: ColorUniformity) -> SceneChromaticity {
+    fn chromaticity_of(colors: ColorUniformity) -> SceneChromaticity {
         SceneChromaticity { colors, hue: WARM }
     }
 
     fn auto(picker: &mut ColorModeSelector, colors: ColorUniformity) -> Channels {
-        let picked = picker.pick(GiColorMode::Auto, found(colors));
+        let picked = picker.pick(GiColorMode::Auto, chromaticity_of(colors));
         assert!(!picked.forced && !picked.why.is_empty());
         picked.channels
     }
@@ -189,9 +189,9 @@ mod tests {
             ColorUniformity::One,
             ColorUniformity::Lights,
         ] {
-            let three = picker.pick(GiColorMode::Rgb, found(colors));
+            let three = picker.pick(GiColorMode::Rgb, chromaticity_of(colors));
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
-            let one = picker.pick(GiColorMode::Monochrome, found(colors));
+            let one = picker.pick(GiColorMode::Monochrome, chromaticity_of(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
             assert_eq!(one.to_string(), "one channel: it is asked for");
         }

@@ -254,7 +254,7 @@ impl CostModel {
     }
 
     /// Notes that a frame with this plan was recorded.
-    pub fn ran(&mut self, plan: &Plan) {
+    pub fn record_plan(&mut self, plan: &Plan) {
         self.plans += 1;
         for (timed, cost) in &plan.costs {
             let (means, seen) = self.groups.entry(*timed).or_default();
@@ -277,7 +277,7 @@ impl CostModel {
 
     /// Adds a measurement of one of the last frames, ms. Ignores scopes that no plan had, and
     /// values that are no valid time.
-    pub fn measured(&mut self, timed: TimingScope, ms: f32) {
+    pub fn record_time(&mut self, timed: TimingScope, ms: f32) {
         let Some((means, _)) = self.groups.get_mut(&timed) else {
             return;
         };

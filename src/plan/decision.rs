@@ -114,7 +114,7 @@ impl SkipReason {
     /// The setting that alone keeps this from running; `None` if the reason is in the world or the
     /// device.
     #[must_use]
-    pub fn forced(self) -> Option<&'static str> {
+    pub fn forced_reason(self) -> Option<&'static str> {
         match self {
             Self::Hidden => Some("the visibility of the scene"),
             Self::ViewDisabled => Some("the camera setting"),
@@ -158,7 +158,7 @@ impl Plan {
         for (scene, picked) in &self.reflections {
             let kind = DecisionKind::Bounces(*scene);
             let forced = picked.forced.then_some("the bounce setting");
-            push(kind, picked.bounces.to_string(), picked.why(), forced);
+            push(kind, picked.bounces.to_string(), picked.reason(), forced);
         }
         for (scene, why) in &self.linked {
             let kind = DecisionKind::Octree(*scene);
@@ -171,7 +171,12 @@ impl Plan {
         for &(view, display) in &self.displays {
             let forced = (display == DisplayUse::Full).then_some("the display setting");
             let kind = DecisionKind::Display(view);
-            push(kind, display.choice().into(), display.why().into(), forced);
+            push(
+                kind,
+                display.choice().into(),
+                display.description().into(),
+                forced,
+            );
         }
         for pass in &self.passes {
             let kind = DecisionKind::Effect(pass.effect, pass.scene, pass.view);
@@ -180,7 +185,7 @@ impl Plan {
         for &(scene, view, why) in &self.skipped {
             if why != SkipReason::AtRest {
                 let kind = DecisionKind::Skipped(scene, view, why);
-                push(kind, "off".into(), why.to_string(), why.forced());
+                push(kind, "off".into(), why.to_string(), why.forced_reason());
             }
         }
         out

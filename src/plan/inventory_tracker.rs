@@ -91,7 +91,7 @@ impl Hues {
         }
     }
 
-    fn all(colors: impl IntoIterator<Item = Vec3>) -> Self {
+    fn from_colors(colors: impl IntoIterator<Item = Vec3>) -> Self {
         (colors.into_iter()).fold(Self::None, |hues, c| hues.with(Self::from_color(c)))
     }
 
@@ -110,7 +110,7 @@ impl Hues {
 
     /// Returns the colors of a scene with light of these chromaticities. `gray` is `true` if all
     /// its surfaces are gray.
-    fn on(self, gray: bool) -> SceneChromaticity {
+    fn on_surfaces(self, gray: bool) -> SceneChromaticity {
         let (colors, hue) = match (self, gray) {
             (Self::None, _) => (ColorUniformity::Dark, Vec3::ONE),
             (_, false) => (ColorUniformity::Surfaces, Vec3::ONE),
@@ -172,7 +172,7 @@ impl Facts {
 
     /// Returns the reflected and emitted colors with these factors of the materials. All are as
     /// baked if there are no factors.
-    fn now(&self, materials: &[MaterialFactors]) -> [Hues; 2] {
+    fn surface_hues(&self, materials: &[MaterialFactors]) -> [Hues; 2] {
         if materials.is_empty() {
             return self.all;
         }
@@ -301,12 +301,12 @@ impl<K: Copy + Ord> InventoryTracker<K> {
                     .filter(|(k, _)| unlit.binary_search(k).is_err())
                     .fold(Hues::None, all),
             };
-            (self.colors).insert(scene.id, lit.with(hue).on(reflects_gray));
+            (self.colors).insert(scene.id, lit.with(hue).on_surfaces(reflects_gray));
             hues = hues.with(hue);
             gray &= reflects_gray;
         }
         out.bakes_moved += before.len() as u32;
-        out.colors = hues.on(gray).colors;
+        out.colors = hues.on_surfaces(gray).colors;
         out
     }
 
@@ -356,7 +356,7 @@ fn count_scene(
         let same = a.iter().zip(b).filter(|(x, y)| x == y).count();
         (a.len() - same) as u32
     };
-    let sky = Hues::all(scene.sky.terms).with(Hues::from_color(scene.sky.mean));
+    let sky = Hues::from_colors(scene.sky.terms).with(Hues::from_color(scene.sky.mean));
     let skies = match (sky, scene.sky.is_uniform()) {
         (Hues::None, _) => SkyKind::None,
         (_, true) => SkyKind::Uniform,
@@ -372,7 +372,7 @@ fn count_scene(
     };
     let [reflected, emitted] = facts
         .as_ref()
-        .map_or([Hues::None; 2], |f| f.now(scene.materials));
+        .map_or([Hues::None; 2], |f| f.surface_hues(scene.materials));
     let glow = match scene.emission <= 0.0 {
         true => Hues::None,
         false => emitted,

@@ -187,7 +187,7 @@ impl fmt::Display for Plan {
             writeln!(f, "use  {scene} with {sky}")?;
         }
         for (view, display) in &self.displays {
-            let (choice, why) = (display.choice(), display.why());
+            let (choice, why) = (display.choice(), display.description());
             writeln!(f, "use  view {:x} with {choice}: {why}", view.0)?;
         }
         for scene in &self.release {

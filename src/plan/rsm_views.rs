@@ -94,7 +94,7 @@ pub fn map_views(
 }
 
 /// Returns the smallest power of [`RSM_SIZE_STEP`] that is not below `value`.
-fn stepped(value: f32) -> f32 {
+fn round_to_step(value: f32) -> f32 {
     let exponent = (libm::logf(value.clamp(1e-12, 1e12)) / libm::logf(RSM_SIZE_STEP)).ceil();
     libm::powf(RSM_SIZE_STEP, exponent).max(value)
 }
@@ -134,7 +134,7 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
     let extent = joint.max - joint.min;
     // One texel on each side, because the view moves by whole texels.
     let texels = resolution.max(4) as f32;
-    let size = stepped(extent.x.max(extent.y).max(RSM_NEAR_PLANE) * texels / (texels - 2.0));
+    let size = round_to_step(extent.x.max(extent.y).max(RSM_NEAR_PLANE) * texels / (texels - 2.0));
     let texel = size / texels;
     let snap = |v: f32| (v / texel).round() * texel;
     let margin = 0.01 * extent.z + RSM_NEAR_PLANE;
@@ -227,7 +227,7 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         .sum::<Vec3>()
         .normalize_or_zero();
     let half = seen.iter().map(|s| s.angle(axis)).fold(0.0, f32::max);
-    let aimed = stepped(half);
+    let aimed = round_to_step(half);
     if axis != Vec3::ZERO && aimed <= cone.min(MAX_RSM_HALF_ANGLE) {
         return vec![view(looking(axis), aimed)];
     }
@@ -449,10 +449,10 @@ mod tests {
     fn rsm_size_steps_contain_requested_size() {
         for i in 1..2000 {
             let v = 0.001 * i as f32;
-            let s = stepped(v);
+            let s = round_to_step(v);
             assert!(s >= v && s <= v * RSM_SIZE_STEP * 1.0001, "{v}: {s}");
         }
-        assert!(stepped(f32::INFINITY).is_infinite() && stepped(0.0) > 0.0);
+        assert!(round_to_step(f32::INFINITY).is_infinite() && round_to_step(0.0) > 0.0);
     }
 
     #[test]

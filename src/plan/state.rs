@@ -212,7 +212,7 @@ impl DisplayUse {
 
     /// Returns the reason of the choice.
     #[must_use]
-    pub fn why(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::Subsplats => "light varies less than pixels do",
             Self::Full => "it is asked for",

@@ -28,7 +28,7 @@ impl AssetFolders {
             Some(assets) if matches!(assets.mode, AssetMode::Processed) => Self {
                 source: Some(base.join(&assets.file_path)),
                 store: processing
-                    .then(|| BakeStore::beside(&base.join(&assets.processed_file_path)))
+                    .then(|| BakeStore::next_to(&base.join(&assets.processed_file_path)))
                     .flatten(),
                 processing,
             },

@@ -14,7 +14,7 @@ pub enum GiBakeError {
     /// No usable triangle below the root.
     #[error(
         "{root}: no usable mesh on it or below it{}; spawn the meshes before the bake is requested",
-        listed(.warnings)
+        list_warnings(.warnings)
     )]
     Empty {
         /// The root: entity and name.
@@ -44,7 +44,7 @@ impl From<BakeSceneError> for GiBakeError {
 }
 
 /// The first warnings, for an error message.
-fn listed(warnings: &[GiBakeWarning]) -> String {
+fn list_warnings(warnings: &[GiBakeWarning]) -> String {
     let first: Vec<String> = warnings.iter().take(3).map(ToString::to_string).collect();
     match (first.is_empty(), warnings.len().saturating_sub(3)) {
         (true, _) => String::new(),

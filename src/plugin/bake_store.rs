@@ -27,7 +27,7 @@ pub(crate) struct BakeStore {
 impl BakeStore {
     /// Store of a folder of processed assets: `imported_assets/meshless_gi/Default` next to
     /// `imported_assets/Default`. Returns `None` if the folder has no name.
-    pub fn beside(processed: &Path) -> Option<Self> {
+    pub fn next_to(processed: &Path) -> Option<Self> {
         let parent = processed.parent()?;
         Some(Self {
             folder: parent.join("meshless_gi").join(processed.file_name()?),
@@ -90,7 +90,7 @@ mod tests {
     #[test]
     fn load_returns_only_whole_entries_of_the_key() {
         let folder = tempfile::tempdir().unwrap();
-        let store = BakeStore::beside(&folder.path().join("Default")).unwrap();
+        let store = BakeStore::next_to(&folder.path().join("Default")).unwrap();
         assert!(store.folder().ends_with("meshless_gi/Default"));
         let recipe = AssetPath::from("levels/room.gi.ron");
         let (key, other) = ([1; 32], [2; 32]);
@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn save_outside_the_folder_writes_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let store = BakeStore::beside(&folder.path().join("Default")).unwrap();
+        let store = BakeStore::next_to(&folder.path().join("Default")).unwrap();
         for path in ["../room.gi.ron", "/room.gi.ron"] {
             let path = AssetPath::from_path(Path::new(path));
             store.save(&path, &[1; 32], b"container");
@@ -133,7 +133,7 @@ mod tests {
     fn save_to_a_folder_that_is_a_file_is_no_error() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("meshless_gi"), b"in the way").unwrap();
-        let store = BakeStore::beside(&folder.path().join("Default")).unwrap();
+        let store = BakeStore::next_to(&folder.path().join("Default")).unwrap();
         let recipe = AssetPath::from("room.gi.ron");
         store.save(&recipe, &[1; 32], b"container");
         assert_eq!(store.load(&recipe, &[1; 32]), None);

@@ -16,7 +16,10 @@ impl GiRender {
         let mut total = self.retired;
         let mut counters = FrameRecord {
             frame: self.frame,
-            pipelines: self.kernels.as_ref().map_or(0, KernelPipelines::created),
+            pipelines: self
+                .kernels
+                .as_ref()
+                .map_or(0, KernelPipelines::pipeline_count),
             active_scenes: self.plan.active_scenes().len() as u32,
             plan: self.plan.clone(),
             solved: self.solved_tiers(),
@@ -40,7 +43,7 @@ impl GiRender {
             counters.buffers += buffers.count();
             counters.bytes += buffers.bytes();
         }
-        let recorded = total.since(&self.counted);
+        let recorded = total.difference_from(&self.counted);
         counters.dispatches = count_stages(self.effects, &self.plan, &recorded);
         counters.projected_slots = recorded.projected as u32;
         self.counted = total;

@@ -282,7 +282,7 @@ impl SceneSources<'_, '_> {
             layers: root.layers.cloned().unwrap_or_default(),
             solver: root.solver.clone(),
             emissive_luminance: root.environment.emissive_luminance.max(0.0),
-            tier: root.tier.picked(),
+            tier: root.tier.selection(),
             channels: None,
             bounces: None,
         }

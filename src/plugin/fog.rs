@@ -66,7 +66,7 @@ pub(crate) struct ExtractedFogs {
 
 impl ExtractedFogs {
     /// Returns `true` if a camera shows fog that this scene lights.
-    pub fn sees(&self, scene: SceneId) -> bool {
+    pub fn shows_scene(&self, scene: SceneId) -> bool {
         let lights = |fog: &LitFog| self.scenes[fog.scene].scene == scene;
         self.views.iter().any(|view| view.lit.iter().any(lights))
     }

@@ -72,7 +72,7 @@ pub(crate) fn learn(
     }
     *last = counters.frame;
     let mut model = costs.model();
-    model.ran(&counters.plan);
+    model.record_plan(&counters.plan);
     for (timed, cost) in &counters.plan.costs {
         if let (
             SolveCostSource::Given(of),
@@ -80,7 +80,7 @@ pub(crate) fn learn(
             Work::Links(links) | Work::OneChannel(links),
         ) = (&*given, timed.stage, cost.work)
         {
-            model.measured(*timed, of(links));
+            model.record_time(*timed, of(links));
             continue;
         }
         let measurement = (store.as_ref()).and_then(|s| s.get(&path(timed)?)?.measurement());
@@ -90,7 +90,7 @@ pub(crate) fn learn(
                 .map(|s| s.0)
                 != Some(found.time)
         {
-            model.measured(*timed, found.value as f32);
+            model.record_time(*timed, found.value as f32);
         }
     }
     // Spans that no plan had for long are removed.

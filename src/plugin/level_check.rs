@@ -148,7 +148,7 @@ impl LevelChecker {
         let files = match LevelFiles::read(&report.path, &level, &mut reader).await {
             Ok(files) => files,
             Err(error) => {
-                debug!("`{}` is not compared with its level: {error}", report.path);
+                debug!("`{}` is not compared with its scene: {error}", report.path);
                 return self.reports.push(report);
             }
         };
@@ -169,13 +169,13 @@ impl LevelChecker {
                     };
                     report.differs.content = Staleness::compare(&info, &now).content;
                 }
-                Err(error) => debug!("`{}` is not compared with its level: {error}", report.path),
+                Err(error) => debug!("`{}` is not compared with its scene: {error}", report.path),
             }
             reports.push(report);
         };
         // Without a thread there is no comparison; the next start makes it.
         let _ = std::thread::Builder::new()
-            .name("meshless gi level check".into())
+            .name("meshless gi scene check".into())
             .spawn(compare);
     }
 }
@@ -223,10 +223,10 @@ pub(crate) fn warn_stale(
 /// Text of the warning.
 fn advice(entity: &str, report: &LevelReport) -> String {
     let path = &report.path;
-    let level = report.level.as_deref().unwrap_or("its level");
+    let scene = report.level.as_deref().unwrap_or("its scene");
     let mut reasons = Vec::new();
     if report.differs.content {
-        reasons.push(format!("`{level}` has changed since it was baked"));
+        reasons.push(format!("`{scene}` has changed since it was baked"));
     }
     if report.differs.settings {
         reasons.push("its recipe has changed since".into());
@@ -238,7 +238,7 @@ fn advice(entity: &str, report: &LevelReport) -> String {
         true => "Run the build step (`process_assets`), or the app with Bevy's asset processor."
             .to_string(),
         false => format!(
-            "Run `meshless_gi bake {level} -o {}` with the options of that bake.",
+            "Run `meshless_gi bake {scene} -o {}` with the options of that bake.",
             path.path().display()
         ),
     };

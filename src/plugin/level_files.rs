@@ -101,7 +101,7 @@ impl LevelFiles {
             other => Err(SceneError::Io {
                 path: name.into(),
                 source: io::Error::other(other.map_or_else(
-                    || "the level does not name it".into(),
+                    || "the scene does not name it".into(),
                     |error| format!("{error:?}"),
                 )),
             }),

@@ -155,7 +155,7 @@ pub fn process_assets(
     let processed = root.join(&build.processed);
     let step = Step {
         source: root.join(&build.source),
-        store: BakeStore::beside(&processed),
+        store: BakeStore::next_to(&processed),
         processed,
         until: Instant::now().checked_add(build.time_limit),
         time_limit: build.time_limit,

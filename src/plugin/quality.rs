@@ -257,7 +257,7 @@ pub(crate) fn select_tiers(
             continue;
         };
         if let Some(sample) = costs.sample(root, solved.as_deref(), selection) {
-            selection.controller.measured(sample);
+            selection.controller.record_sample(sample);
             tier.set_if_neq((&selection.controller).into());
         }
     }

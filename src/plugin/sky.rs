@@ -73,7 +73,7 @@ impl GiSky {
     /// # Errors
     /// [`GiSkyError`], for example for compressed texels.
     pub fn from_cubemap(image: &Image, brightness: f32) -> Result<Self, GiSkyError> {
-        Self::turned(image, brightness, Quat::IDENTITY)
+        Self::from_image(image, brightness, Quat::IDENTITY)
     }
 
     /// Creates the sky of one of Bevy's environment lights from the largest level of its
@@ -88,11 +88,11 @@ impl GiSky {
     ) -> Result<Self, GiSkyError> {
         let map = images.get(&light.specular_map);
         let map = map.ok_or(GiSkyError::NotLoaded)?;
-        Self::turned(map, light.intensity, light.rotation)
+        Self::from_image(map, light.intensity, light.rotation)
     }
 
     /// Creates the sky of a cubemap with this rotation.
-    fn turned(image: &Image, brightness: f32, rotation: Quat) -> Result<Self, GiSkyError> {
+    fn from_image(image: &Image, brightness: f32, rotation: Quat) -> Result<Self, GiSkyError> {
         let size = image.texture_descriptor.size;
         let (n, layers) = (size.width, size.depth_or_array_layers);
         if layers != 6 || n != size.height || n == 0 {
@@ -111,7 +111,7 @@ impl GiSky {
         for (k, radiance) in (0..).zip(texels) {
             let (x, y, face) = (k % n, k / n % n, k / (n * n));
             let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-            let way = toward(face, at(x), at(y));
+            let way = texel_direction(face, at(x), at(y));
             // A texel's solid angle falls with the cube of its distance. Every texel counts: a sun
             // may be a few of them.
             let angle = way.length().powi(-3);
@@ -198,7 +198,7 @@ fn shared_exponent(word: u32) -> Vec3 {
 
 /// Direction from the center of a cube through position (s, t) of a face, both within ±1 and t
 /// downwards. Cubemaps are left-handed, the world is right-handed.
-fn toward(face: u32, s: f32, t: f32) -> Vec3 {
+fn texel_direction(face: u32, s: f32, t: f32) -> Vec3 {
     let way = match face {
         0 => Vec3::new(1.0, -t, -s),
         1 => Vec3::new(-1.0, -t, s),
@@ -221,7 +221,7 @@ mod tests {
             for y in 0..n {
                 for x in 0..n {
                     let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-                    let c = color(toward(face, at(x), at(y)).normalize());
+                    let c = color(texel_direction(face, at(x), at(y)).normalize());
                     data.extend([c.x, c.y, c.z, 1.0].iter().flat_map(|v| v.to_le_bytes()));
                 }
             }
@@ -325,7 +325,7 @@ mod tests {
         let (mut mean, mut way) = (Vec3::ZERO, Vec3::ZERO);
         for (x, y) in at {
             let place = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-            let to = toward(2, place(x), place(y));
+            let to = texel_direction(2, place(x), place(y));
             let angle = 4.0 / (n * n) as f32 * to.length().powi(-3);
             let share = angle / (4.0 * std::f32::consts::PI);
             mean += 3.0 * share * Vec3::new(1024.0, 512.0, 0.0);

@@ -129,7 +129,7 @@ fn sphere(light: &Light, radius: f32, soft: &GiSoftShadow) -> SoftLight {
 fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
     // Bevy's shortest range is a centimeter.
     SoftLight::from_light(light, soft.samples)
-        .map_or_else(SoftLight::default, |l| l.within(range.max(0.01)))
+        .map_or_else(SoftLight::default, |l| l.with_range(range.max(0.01)))
 }
 
 /// Warns once about missing requirements of lights with [`GiSoftShadow`]. Runs in

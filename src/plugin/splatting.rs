@@ -90,7 +90,7 @@ impl ViewSubsplats {
 
     /// Counts of subsplats of a recent frame.
     pub fn counts(&self) -> Option<SubsplatCounts> {
-        self.counted.latest()
+        self.counted.latest_counts()
     }
 
     /// Records the view and returns the counters of the recorded work.
@@ -135,7 +135,7 @@ impl ViewSubsplats {
         self.buffers
             .record(kernels, encoder, targets, scenes, lit.as_ref());
         self.counted.copy(encoder, &self.buffers);
-        self.buffers.counters().since(&before)
+        self.buffers.counters().difference_from(&before)
     }
 
     /// Maps the counts. Call it after the submission.
@@ -172,7 +172,7 @@ impl CountReadback {
         }
     }
 
-    fn latest(&self) -> Option<SubsplatCounts> {
+    fn latest_counts(&self) -> Option<SubsplatCounts> {
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -89,7 +89,7 @@ pub(crate) struct Voxels {
 }
 
 /// Returns the key of the bake that an asset holds now.
-fn which(id: AssetId<GiBakedScene>, asset: &GiBakedScene) -> (AssetId<GiBakedScene>, usize) {
+fn bake_key(id: AssetId<GiBakedScene>, asset: &GiBakedScene) -> (AssetId<GiBakedScene>, usize) {
     (id, Arc::as_ptr(&asset.scene) as usize)
 }
 
@@ -101,8 +101,8 @@ impl Voxels {
         id: AssetId<GiBakedScene>,
     ) -> Option<Self> {
         Some(Self {
-            shape: VoxelGrid::around(&asset.scene, asked.voxel_size, asked.max_voxels)?,
-            bake: which(id, asset),
+            shape: VoxelGrid::from_scene(&asset.scene, asked.voxel_size, asked.max_voxels)?,
+            bake: bake_key(id, asset),
             asked: *asked,
         })
     }
@@ -141,7 +141,7 @@ pub(crate) fn update_irradiance_volumes(
         let root = parent.parent();
         let still =
             |(_, gi, asked, own): &(_, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)| {
-                let now = assets.get(&gi.0).map(|asset| which(gi.0.id(), asset));
+                let now = assets.get(&gi.0).map(|asset| bake_key(gi.0.id(), asset));
                 (now == Some(voxels.bake) && asked.same_voxels(&voxels.asked))
                     .then(|| own.cloned().unwrap_or_default())
             };
@@ -307,7 +307,7 @@ pub(crate) fn extract_volumes(
         let shows = |(id, _, seen, _): (Entity, _, &VisibleEntities, _)| {
             out.display(id) == Some(true) && seen.get(class).contains(&entity)
         };
-        let seen = cameras.iter().any(sees) || displays.iter().any(shows) || fogs.sees(id);
+        let seen = cameras.iter().any(sees) || displays.iter().any(shows) || fogs.shows_scene(id);
         out.all.push(ExtractedVolume {
             scene: id,
             voxels: *voxels,

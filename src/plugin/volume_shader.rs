@@ -67,13 +67,13 @@ pub(crate) fn replace(
         add_warnings(vec![GiWarning::VolumeShader], &mut findings);
         return;
     }
-    let ours = ours(theirs, display);
+    let ours = replace_shader(theirs, display);
     *module = Module::Ours { display };
     // The id exists, so the insertion cannot fail.
     let _ = shaders.insert(id, ours);
 }
 
-fn ours(theirs: &Shader, display: bool) -> Shader {
+fn replace_shader(theirs: &Shader, display: bool) -> Shader {
     let mut defs = theirs.shader_defs.clone();
     defs.extend(display.then(|| DISPLAY.into()));
     Shader::from_wgsl_with_defs(OURS, &theirs.path, defs)

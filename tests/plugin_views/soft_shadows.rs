@@ -66,7 +66,7 @@ fn core_panel(at: Transform, samples: u32) -> SoftLight {
         at.rotation * Vec3::X * HALF.x,
         at.rotation * Vec3::NEG_Y * HALF.y,
     );
-    SoftLight::rectangle(at.translation, u, v, radiance, samples).within(RANGE)
+    SoftLight::rectangle(at.translation, u, v, radiance, samples).with_range(RANGE)
 }
 
 /// Spawns the room on `root` with `bake`, and a camera that shows it without indirect light.
@@ -157,7 +157,7 @@ fn expected(
         let surface = LitSurface::from_texel(texel, n, (eye - x).normalize());
         let bright = exposure() * subtract_shadow::drawn(&params, None, &lights, x, &surface);
         out.bright.pixels.push(bright.to_array());
-        let missing = subtract_shadow::missing(bake, &occluded_irradiances, x, n);
+        let missing = subtract_shadow::occluded_radiance(bake, &occluded_irradiances, x, n);
         out.taken
             .push(subtract_shadow::TAKEN * missing.unwrap_or_default());
         let rays = RayVisibility {

@@ -194,7 +194,7 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
             draw_fog(&kernels, &mut pass, half4, &buffers, which, 0, &textures);
         })
         .unwrap();
-    assert_eq!(kernels.created(), 2);
+    assert_eq!(kernels.pipeline_count(), 2);
     wide(&harness.read_texture::<[f16; 4]>(&picture).unwrap())
 }
 

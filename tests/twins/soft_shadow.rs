@@ -44,7 +44,7 @@ pub fn lights() -> [SoftLight; 4] {
             Vec3::new(5.0, 4.0, 3.0),
             25,
         )
-        .within(6.0),
+        .with_range(6.0),
         SoftLight::sphere(Vec3::new(-0.5, 1.2, 0.5), 0.15, Vec3::ONE, 5.0, 9),
         SoftLight::sphere(Vec3::new(0.6, 0.9, 0.7), 0.0, Vec3::X, f32::INFINITY, 1),
         SoftLight::default(),

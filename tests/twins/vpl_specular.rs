@@ -104,7 +104,7 @@ fn on_gpu(
     );
     assert_eq!(counters.of(Pass::VplSpecularPixels), 2);
     assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
-    assert_eq!(kernels.created(), 2);
+    assert_eq!(kernels.pipeline_count(), 2);
 
     // Onto a picture.
     let gray = vec![[f16::from_f32(GRAY); 4]; (SIZE[0] * SIZE[1]) as usize];
@@ -139,9 +139,9 @@ fn on_gpu(
         })
         .unwrap();
     // The same pipeline again.
-    let before = kernels.created();
+    let before = kernels.pipeline_count();
     kernels.drawing(half4, Draw::Specular);
-    assert_eq!(kernels.created(), before);
+    assert_eq!(kernels.pipeline_count(), before);
     OnGpu {
         nodes: harness
             .read(buffers.nodes(), levels.starts[0] as usize)

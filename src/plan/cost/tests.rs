@@ -100,9 +100,9 @@ fn cost_measured_on_one_scene_predicts_other() {
     model.price(&mut first);
     assert_eq!(cost(&first, FrameStage::APPLY).predicted, None);
     for _ in 0..5 {
-        model.ran(&first);
+        model.record_plan(&first);
         for (timed, _) in &first.costs {
-            model.measured(*timed, 2.0);
+            model.record_time(*timed, 2.0);
         }
     }
     model.price(&mut first);
@@ -137,11 +137,11 @@ fn cost_rate_with_delayed_timings_and_changed_slots_is_correct() {
     let mut late = std::collections::VecDeque::new();
     for k in 0..200 {
         let plan = plan_frame(&moving(state(), 0, 1 + k % 4));
-        model.ran(&plan);
+        model.record_plan(&plan);
         late.push_back(1 + k % 4);
         if late.len() > 3 {
             let slots = late.pop_front().expect("four") as f32;
-            model.measured(plan.costs[0].0, slots);
+            model.record_time(plan.costs[0].0, slots);
         }
     }
     let mut plan = plan_frame(&moving(state(), 0, 4));
@@ -157,17 +157,17 @@ fn cost_of_removed_scene_is_dropped_and_invalid_time_skipped() {
     let mut model = CostModel::new();
     let plan = plan_frame(&moving(state(), 0, 1));
     let project = plan.costs[0].0;
-    model.measured(project, 1.0);
+    model.record_time(project, 1.0);
     assert!(model.rates.is_empty(), "no plan had it yet");
-    model.ran(&plan);
-    model.measured(project, f32::NAN);
-    model.measured(project, -1.0);
+    model.record_plan(&plan);
+    model.record_time(project, f32::NAN);
+    model.record_time(project, -1.0);
     assert!(model.rates.is_empty());
-    model.measured(project, 1.0);
+    model.record_time(project, 1.0);
     assert_eq!(model.rates.len(), 1);
     let rest = plan_frame(&state());
     for _ in 0..=KEPT {
-        model.ran(&rest);
+        model.record_plan(&rest);
     }
     assert_eq!(model.groups.len(), rest.costs.len());
     // The rate stays, because it belongs to the device.
@@ -190,10 +190,10 @@ fn cost_rate_of_monochrome_is_separate() {
     assert_eq!(cost(&one, FrameStage::APPLY).work, Work::OneChannel(50_000));
     let run = |model: &mut CostModel, plan: &mut Plan, ms: f32| {
         for _ in 0..20 {
-            model.ran(plan);
+            model.record_plan(plan);
             let timed = plan.costs.iter().map(|(t, _)| *t);
             let apply = timed.into_iter().find(|t| t.stage == FrameStage::APPLY);
-            model.measured(apply.expect("it runs"), ms);
+            model.record_time(apply.expect("it runs"), ms);
         }
         model.price(plan);
         cost(plan, FrameStage::APPLY)
@@ -206,13 +206,13 @@ fn cost_rate_of_monochrome_is_separate() {
         ..Cost::default()
     };
     for _ in 0..LATE {
-        model.ran(&one);
+        model.record_plan(&one);
         let timed = one
             .costs
             .iter()
             .map(|(t, _)| *t)
             .find(|t| t.stage == FrameStage::APPLY);
-        model.measured(timed.expect("it runs"), 4.0);
+        model.record_time(timed.expect("it runs"), 4.0);
     }
     model.price(&mut one);
     assert_eq!(cost(&one, FrameStage::APPLY), late);

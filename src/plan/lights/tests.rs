@@ -185,7 +185,7 @@ fn different_lights_have_different_projections() {
 
 #[test]
 fn changed_soft_shadow_lights_are_detected() {
-    let panel = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ONE, 16).within(20.0);
+    let panel = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ONE, 16).with_range(20.0);
     let bulb = SoftLight::sphere(Vec3::Y, 0.1, Vec3::X, 5.0, 16);
     let both = [panel, bulb];
     assert!(same_soft_shadow(&both, &both, 1e-4));
@@ -198,7 +198,7 @@ fn changed_soft_shadow_lights_are_detected() {
         (|l| l.radius += 0.1, false),
         (|l| l.color[0] *= 1.000_005, true),
         (|l| l.color[0] *= 1.01, false),
-        (|l| *l = l.within(6.0), false),
+        (|l| *l = l.with_range(6.0), false),
     ];
     for (k, (change, alike)) in changes.into_iter().enumerate() {
         for at in 0..2 {

@@ -70,7 +70,7 @@ fn tier_is_selected_by_number_or_error() {
 #[test]
 fn tier_within_budget_stays_full() {
     let mut picker = budget(10.0);
-    assert!(picker.picked().why.contains("not measured"));
+    assert!(picker.selection().why.contains("not measured"));
     run(&mut picker, 5000, |i, work| (8.0 + noise(i)) * work);
     assert_eq!((picker.tier(), picker.changes()), (4, 0));
     let why = picker.selection().why;
@@ -87,12 +87,15 @@ fn tier_above_budget_steps_down_once() {
     let seen = run(&mut picker, 20_000, |i, work| {
         20.0 * work * (1.0 + 0.1 * noise(i))
     });
-    assert_eq!(seen.iter().position(|&t| t < 4), Some(OVER as usize - 1));
+    assert_eq!(
+        seen.iter().position(|&t| t < 4),
+        Some(LOWER_AFTER_SOLVES as usize - 1)
+    );
     assert_eq!((picker.tier(), picker.changes()), (2, 1));
     assert!(
-        picker.picked().why.contains("tier 3 would take"),
+        picker.selection().why.contains("tier 3 would take"),
         "{}",
-        picker.picked()
+        picker.selection()
     );
 }
 
@@ -132,7 +135,7 @@ fn tier_follows_load_steps_both_ways() {
     assert!(picker.changes() <= 4, "{}", picker.changes());
     let over = (0..12_000)
         .filter(|&i| load(i) * tiers()[seen[i as usize] as usize - 1].work as f32 / 8000.0 > 10.0);
-    assert!(over.count() <= OVER as usize);
+    assert!(over.count() <= LOWER_AFTER_SOLVES as usize);
 }
 
 #[test]
@@ -141,7 +144,7 @@ fn tier_trials_after_wrong_prediction_become_rare() {
     let mut picker = budget(4.0);
     run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
     assert_eq!(picker.tier(), 1);
-    assert!(picker.changes() <= 3 && picker.picked().why.contains("over 4 ms"));
+    assert!(picker.changes() <= 3 && picker.selection().why.contains("over 4 ms"));
     // Most of the cost does not depend on the links. After the first step down, the controller can
     // raise the tier until it fits.
     let mut picker = budget(10.0);
@@ -202,7 +205,7 @@ fn bake_without_tiers_has_single_tier() {
     let mut picker =
         TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), Vec::new());
     picker.record_sample(f32::NAN);
-    assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));
+    assert_eq!((picker.tier(), picker.selection().tiers), (1, 1));
     let one = vec![TierCandidate {
         work: 0,
         error: 0.1,

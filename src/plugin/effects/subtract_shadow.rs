@@ -157,7 +157,8 @@ impl ViewShadow {
                 &targets,
                 tables,
             );
-            ctx.counters.add(&buffers.counters().since(&before));
+            ctx.counters
+                .add(&buffers.counters().difference_from(&before));
         }
         let radiance = view.radiance[last].clone();
         ctx.runtime.shadow = Some(view);

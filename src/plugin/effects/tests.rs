@@ -519,8 +519,8 @@ fn an_effect_is_one_file_and_one_row() {
     let scope = pass.timing.expect("it is timed");
     let mut costs = CostModel::new();
     for _ in 0..3 {
-        costs.ran(&plan);
-        costs.measured(scope, 2.0);
+        costs.record_plan(&plan);
+        costs.record_time(scope, 2.0);
     }
     costs.price(&mut plan);
     let cost = plan.cost_of(&pass).expect("it is priced");

@@ -80,7 +80,8 @@ fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) {
             shadows: lights.shadows,
         },
     );
-    ctx.counters.add(&view.buffers.counters().since(&before));
+    ctx.counters
+        .add(&view.buffers.counters().difference_from(&before));
     draw_over_picture(ctx, Draw::Specular, &view.radiance);
     ctx.runtime.specular = Some(view);
 }

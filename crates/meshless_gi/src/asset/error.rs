@@ -40,7 +40,7 @@ pub enum AssetError {
     NotMgi,
     /// Written in another layout.
     #[error(
-        "format version {found}, but this program reads version {expected}: bake the level again"
+        "format version {found}, but this program reads version {expected}: bake the scene again"
     )]
     Version {
         /// In the file.

@@ -55,7 +55,7 @@ pub struct BakeInfo {
     /// BLAKE3, as hex, of the geometry and its materials. Empty in files older than this field.
     #[serde(default)]
     pub content_hash: String,
-    /// Level that the recipe names, relative to the recipe. `None` for geometry that was given
+    /// Scene that the recipe names, relative to the recipe. `None` for geometry that was given
     /// without a name.
     #[serde(default)]
     pub level: Option<String>,
@@ -118,7 +118,7 @@ pub struct EnergyInfo {
     /// Estimate of the spectral radius by power iteration.
     #[serde(alias = "gain_found")]
     pub spectral_radius_estimate: f32,
-    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so
+    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the scene is so closed and so
     /// white that light would not die away.
     #[serde(alias = "guarded")]
     pub clamped_senders: u64,

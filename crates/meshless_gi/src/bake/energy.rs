@@ -304,7 +304,7 @@ impl Senders {
 
     /// Row `j` of a whole step in the form of differences, over the senders that `pull` does not
     /// fill: apply, flatten, push and pull in reverse.
-    fn resolved(&self, scene: &BakedScene, j: usize, row: &mut [f64]) {
+    fn resolve_row(&self, scene: &BakedScene, j: usize, row: &mut [f64]) {
         row.fill(0.0);
         let n = scene.points[j].n();
         let mut add = |i: usize, weight: f64| {
@@ -372,7 +372,7 @@ impl Senders {
                     if averages {
                         self.links(scene, j, scene.points[j].n(), 1.0, &mut add);
                     } else {
-                        self.resolved(scene, j, row);
+                        self.resolve_row(scene, j, row);
                         row.iter().enumerate().for_each(|(k, &f)| add(k, f));
                     }
                     (sum, from)

@@ -66,7 +66,7 @@ pub(super) fn enforce_energy_bound(
 }
 
 /// Irradiance at the senders along their normals, clamped to zero.
-fn arriving(
+fn arriving_sums(
     scene: &BakedScene,
     octree: &FmmOperator,
     passes: &mut Passes<'_, f32>,
@@ -92,7 +92,7 @@ fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) 
     light[finest.clone()].fill([1.0, 1.0, 1.0, 0.0]);
     let mut found = 0.0;
     for _ in 0..STEPS {
-        let e = arriving(scene, octree, passes, &light);
+        let e = arriving_sums(scene, octree, passes, &light);
         let (mut before, mut after) = ([0.0f64; 3], [0.0f64; 3]);
         for j in finest.clone() {
             for c in 0..3 {
@@ -133,7 +133,7 @@ fn reciprocity(
         for j in finest.clone().filter(|&j| run(j) / 3 == three) {
             light[j][run(j) % 3] = 1.0;
         }
-        let e = arriving(scene, octree, passes, &light);
+        let e = arriving_sums(scene, octree, passes, &light);
         for j in finest.clone() {
             for c in 0..3 {
                 between[run(j)][3 * three + c] += f64::from(areas[j]) * f64::from(e[j][c]);

@@ -39,7 +39,7 @@ pub(super) fn cover(
             let mut shares: Vec<MaterialCoverage> = Vec::new();
             let part = 1.0 / at.len().max(1) as f32;
             for &(x, n) in &at {
-                let Some(coating) = below(geometry, x, n) else {
+                let Some(coating) = material_below(geometry, x, n) else {
                     continue;
                 };
                 let known = shares.iter().position(|s| s.material == coating.material);
@@ -74,7 +74,7 @@ pub(super) fn cover(
 }
 
 /// Material at a surface point, seen from its side.
-fn below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<MaterialTerms> {
+fn material_below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<MaterialTerms> {
     let up = 2.0 * geometry.ray_offset(x);
     let ray = Ray::segment(x + n * up, -n, 2.0 * up);
     let hit = geometry.cast(&ray)?;

@@ -13,7 +13,7 @@ const LOOKS: u32 = 96;
 pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
 /// Positions in free space for lights, each the one with the most room around it of `tried`: what a
-/// light a hair's breadth from a wall lights says little of the level, and no reference is sure of
+/// light a hair's breadth from a wall lights says little of the scene, and no reference is sure of
 /// it. As many as `count`, or none where there are no candidates.
 #[must_use]
 pub fn sample_open_positions(

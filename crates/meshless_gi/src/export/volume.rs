@@ -52,12 +52,12 @@ impl Default for VolumeExport {
 pub enum ExportError {
     /// The bake has no light in free space.
     #[error(
-        "the bake has no light in free space: bake the level with `--probes`, or with `probes: ()` in its recipe"
+        "the bake has no light in free space: bake the scene with `--probes`, or with `probes: ()` in its recipe"
     )]
     NoFreeSpace,
     /// A sky varies, and the bake has a uniform one.
     #[error(
-        "the bake has a uniform sky: bake the level with `--sky harmonics` for one that varies"
+        "the bake has a uniform sky: bake the scene with `--sky harmonics` for one that varies"
     )]
     UniformSky,
 }
@@ -89,7 +89,7 @@ impl ExportedVolume {
         lights: &[Light],
         export: &VolumeExport,
     ) -> Result<Self, ExportError> {
-        let shape = VoxelGrid::around(scene, export.voxel, export.max_voxels)
+        let shape = VoxelGrid::from_scene(scene, export.voxel, export.max_voxels)
             .ok_or(ExportError::NoFreeSpace)?;
         let sky: SkyRadiance = (lights.iter())
             .filter_map(|light| match light {

@@ -1,14 +1,14 @@
-//! Kernel `fog`: what a fog volume sends to the eye of a level's indirect light, pixel by pixel,
+//! Kernel `fog`: what a fog volume sends to the eye of a scene's indirect light, pixel by pixel,
 //! beside what an engine's own fog shows of its lights. Drawn behind that, and added to the
 //! picture. It reads the volume that kernel [`volume`](super::volume) wrote, with its walls in mind
 //! ([`read_voxels`]).
 //!
 //! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the
-//! level. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is
+//! scene. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is
 //! left of light on the way to the eye (Beer and Lambert), h the part's length. Light changes as
 //! slowly as the voxels are wide, so parts are two of them long, and there is no noise.
 //!
-//! J is what fog at a position sends there of the level's light:
+//! J is what fog at a position sends there of the scene's light:
 //! [`fog_inscatter`](super::fog_inscatter) has it for the middle of each voxel. Between eight of
 //! them as everything reads that volume, those behind a wall left out.
 //!
@@ -20,7 +20,7 @@ use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
-/// Most other levels that may lie in the same position and come first.
+/// Most other scenes that may lie in the same position and come first.
 pub const MAX_EARLIER: usize = 4;
 /// Transmittance below which the rest of the ray is skipped.
 pub const MIN_TRANSMITTANCE: f32 = 1e-3;
@@ -32,7 +32,7 @@ pub const PARALLEL: f32 = 1e-9;
 /// Length of a ray without a surface behind it, meters.
 pub const MAX_RAY_LENGTH: f32 = 3.4e38;
 
-/// One fog volume before one level in one view, for `fog`. 560 bytes.
+/// One fog volume before one scene in one view, for `fog`. 560 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogParams {
@@ -41,9 +41,9 @@ pub struct FogParams {
     /// From the view's space to the fog volume, a cube with edges of 1 around the origin. Lengths
     /// in the view's space are the world's.
     pub fog_from_view: [[f32; 4]; 4],
-    /// From the view's space to voxels from the corner of the level's volume.
+    /// From the view's space to voxels from the corner of the scene's volume.
     pub voxels_from_view: [[f32; 4]; 4],
-    /// The same as for the fog, for levels that come first: fog that lies in them is not lit by
+    /// The same as for the fog, for scenes that come first: fog that lies in them is not lit by
     /// this one.
     pub earlier: [[[f32; 4]; 4]; MAX_EARLIER],
     /// The view's corner and size on its target, pixels.
@@ -113,8 +113,8 @@ pub struct Fog {
 }
 
 impl FogParams {
-    /// For a level with these bounds whose volume is of `shape`, both in its local space, with
-    /// levels that come first: where their bounds are, as cubes with edges of 1 around their
+    /// For a scene with these bounds whose volume is of `shape`, both in its local space, with
+    /// scenes that come first: where their bounds are, as cubes with edges of 1 around their
     /// origins.
     #[must_use]
     pub fn new(
@@ -130,10 +130,10 @@ impl FogParams {
         let seen = |place: &Mat4| place.as_dmat4().inverse() * world_from_view;
         let fog_from_view = seen(&fog.world_from_local).as_mat4();
         let voxels_from_view = Mat4::from_scale(1.0 / shape.voxel())
-            * Mat4::from_translation(-shape.low())
+            * Mat4::from_translation(-shape.origin())
             * seen(world_from_local).as_mat4();
         let scale = world_from_local.transform_vector3(Vec3::X).length();
-        let [low, high] = bounds.map(|b| ((b - shape.low()) / shape.voxel()).to_array());
+        let [low, high] = bounds.map(|b| ((b - shape.origin()) / shape.voxel()).to_array());
         let mut params = Self {
             view_from_clip: view.view_from_clip.to_cols_array_2d(),
             fog_from_view: fog_from_view.to_cols_array_2d(),
@@ -185,7 +185,7 @@ pub fn fog(
     let density = |t: f32| match params.textured {
         0 => params.density,
         _ => {
-            let at = fog_from_view.transform_point3(ray.at(t));
+            let at = fog_from_view.transform_point3(ray.point_at(t));
             params.density * texture(at + 0.5 + Vec3::from(params.offset))
         }
     };
@@ -201,7 +201,7 @@ pub fn fog(
             break;
         }
         let t = lit[0] + (k as f32 + 0.5) * part;
-        let x = ray.at(t);
+        let x = ray.point_at(t);
         let density = density(t);
         let lost = density * params.extinction;
         if !is_earlier(params, x) {
@@ -298,7 +298,7 @@ impl Ray {
         }
     }
 
-    fn at(&self, t: f32) -> Vec3 {
+    fn point_at(&self, t: f32) -> Vec3 {
         self.origin + t * self.direction
     }
 
@@ -375,7 +375,7 @@ mod tests {
         )
     }
 
-    /// ∫ e^(−σₜ (t − a)) dt from where the ray enters the level to where it leaves it.
+    /// ∫ e^(−σₜ (t − a)) dt from where the ray enters the scene to where it leaves it.
     fn closed(fog: &Fog, from: f32, to: f32) -> Vec3 {
         let lost = fog.density * (fog.absorption + fog.scattering);
         let radius = 10.0 * 3f32.sqrt();
@@ -389,7 +389,7 @@ mod tests {
         let fog = plain();
         for steps in [1, 2, 64] {
             let params = scene(fog, steps);
-            // From the near plane at −1.9: the level is crossed from 1.9 to 5.9.
+            // From the near plane at −1.9: the scene is crossed from 1.9 to 5.9.
             for (depth, to) in [(0.0, 5.9), (0.1 / 4.0, 3.9)] {
                 let (found, right) = (middle(&params, depth), closed(&fog, 1.9, to));
                 assert!(
@@ -398,7 +398,7 @@ mod tests {
                 );
             }
         }
-        // What is before the level is not lit by it.
+        // What is before the scene is not lit by it.
         assert_eq!(middle(&scene(fog, 64), 0.1 / 1.5), Vec3::ZERO);
         // Thin as air.
         let thin = Fog {
@@ -413,7 +413,7 @@ mod tests {
             (found / right - 1.0).abs().max_element() < 1e-3,
             "{found} {right}"
         );
-        // A texture that says as much everywhere, and one that has nothing before the level.
+        // A texture that says as much everywhere, and one that has nothing before the scene.
         let textured = Fog {
             texture: Some(Vec3::ZERO),
             ..fog

@@ -50,12 +50,12 @@ pub struct FogInscatterParams {
 }
 
 impl FogInscatterParams {
-    /// For a level whose volume is of `shape`.
+    /// For a scene whose volume is of `shape`.
     #[must_use]
     pub fn new(view: &FogView, asymmetry: f32, shape: &VoxelGrid, world_from_local: &Mat4) -> Self {
         let volume = VolumeParams::new(shape, &world_from_local.inverse());
         let world_from_voxels = *world_from_local
-            * Mat4::from_translation(shape.low())
+            * Mat4::from_translation(shape.origin())
             * Mat4::from_scale(shape.voxel());
         // All rays of a projection meet where depth alone is left of clip space.
         let eye = view.world_from_view * (view.view_from_clip * Vec4::Z);

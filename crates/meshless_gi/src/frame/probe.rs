@@ -37,7 +37,7 @@ impl ProbeIrradiance {
 
     /// Vector irradiance that gives E(n) at n and has its gradient there. Subsplats store it.
     #[must_use]
-    pub fn around(&self, n: Vec3) -> VectorIrradiance {
+    pub fn mean_around(&self, n: Vec3) -> VectorIrradiance {
         let [linear, a, m] = &self.parts;
         let v = Vec4::from_array;
         // The gradient of d·n + n·Q n.
@@ -147,14 +147,14 @@ pub fn probe_node(
     node: &mut SubsplatNode,
 ) {
     let missing = node.probe_fraction();
-    if missing <= 0.0 || !node.is(state::KNOWN) {
+    if missing <= 0.0 || !node.has_bits(state::KNOWN) {
         return;
     }
     let (x, n) = pixel_position(params, pixel, depth, texel);
     if let Some(light) = probe(probes, values, x, n) {
         let mut sum = VectorIrradiance::default();
         sum.add_scaled(1.0 - missing, &node.light());
-        sum.add_scaled(missing, &to_world(params, &light.around(n)));
+        sum.add_scaled(missing, &to_world(params, &light.mean_around(n)));
         *node = SubsplatNode::new(
             &sum,
             node.predicted_luminance(),
@@ -188,7 +188,7 @@ mod tests {
             let n =
                 crate::samples::uniform_sphere(crate::samples::lattice(k, 30, glam::Vec2::ZERO))
                     .normalize();
-            let e = light.around(n);
+            let e = light.mean_around(n);
             assert!((e.dot(n) - light.irradiance(n)).length() < 1e-5);
             let (t, b) = crate::samples::tangents(n);
             for beside in [t, b] {

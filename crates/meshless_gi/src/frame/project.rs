@@ -30,7 +30,7 @@ pub fn ray_offset(x: Vec3, extent: f32) -> f32 {
 }
 
 /// Square of the distance below which a light grows no brighter, m²: Bevy's square centimeter, and
-/// in levels below two meters as much less.
+/// in scenes below two meters as much less.
 #[must_use]
 #[inline]
 pub fn min_distance_squared(extent: f32) -> f32 {
@@ -148,7 +148,7 @@ pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<R
 #[must_use]
 #[inline]
 pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
-    shadowed(
+    apply_shadow(
         bvh,
         extent,
         light,
@@ -160,7 +160,7 @@ pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) 
 
 /// Part of `e` that reaches (x, n) from `light`, through occluders.
 #[inline]
-fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32) -> f32 {
+fn apply_shadow(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32) -> f32 {
     if e <= 0.0 {
         return 0.0;
     }
@@ -202,7 +202,7 @@ pub fn project_sender(
     let at = |x, n| project_at(bvh, extent, light, x, n);
     let near = |x, n| {
         let e = unshadowed_within(light, x, n, extent, sample_spacing);
-        shadowed(bvh, extent, light, x, n, e)
+        apply_shadow(bvh, extent, light, x, n, e)
     };
     let count = scene.light_samples.per_sender as usize;
     let finest = scene.finest_senders().start;

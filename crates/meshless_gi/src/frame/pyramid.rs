@@ -126,7 +126,7 @@ fn linear(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> f32 {
 }
 
 /// The pixel (dx, dy) further, or the last before the picture ends.
-fn beside(size: [u32; 2], pixel: [u32; 2], dx: i32, dy: i32) -> [u32; 2] {
+fn neighbors_of(size: [u32; 2], pixel: [u32; 2], dx: i32, dy: i32) -> [u32; 2] {
     let step = |at: u32, by: i32, edge: u32| at.saturating_add_signed(by).min(edge - 1);
     [step(pixel[0], dx, size[0]), step(pixel[1], dy, size[1])]
 }
@@ -141,7 +141,10 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
         0 => {
             let mut most = 0.0f32;
             for (dx, dy) in [(1, 0), (0, 1)] {
-                let (a, b) = (beside(size, pixel, -dx, -dy), beside(size, pixel, dx, dy));
+                let (a, b) = (
+                    neighbors_of(size, pixel, -dx, -dy),
+                    neighbors_of(size, pixel, dx, dy),
+                );
                 // At the picture's edge there is one neighbor only.
                 if d > 0.0 && a != pixel && b != pixel {
                     // Depth is linear on the screen over a plane, in both kinds of projection.
@@ -154,7 +157,7 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
         1 => (z, z),
         _ => {
             let change = |dx, dy| {
-                let p = beside(size, pixel, dx, dy);
+                let p = neighbors_of(size, pixel, dx, dy);
                 let other = linear(params, p, depth(p));
                 // From something to nothing it is as steep as can be.
                 ((other - z).abs() / other.min(z)).min(STEEPEST)
@@ -171,7 +174,7 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
         (packed, packed)
     } else {
         let curvature = |dx, dy| {
-            let p = beside(size, pixel, dx, dy);
+            let p = neighbors_of(size, pixel, dx, dy);
             if depth(p) <= 0.0 {
                 return 0.0;
             }
@@ -193,7 +196,7 @@ pub const EMPTY: (u32, u32) = (0x007f_7f7f, 0x0081_8181);
 
 fn join(params: &SubsplatParams, a: &CellRange, b: &CellRange) -> CellRange {
     let (low, high) = if params.normal_test == 0 {
-        (least(a.low, b.low), most(a.high, b.high))
+        (min_bytes(a.low, b.low), max_bytes(a.high, b.high))
     } else {
         // Bits of positive floats are in the order of the floats; what is empty measures nothing.
         let of = |cell: &CellRange| if cell.low == EMPTY.0 { 0 } else { cell.high };
@@ -216,11 +219,11 @@ fn each(a: u32, b: u32, of: fn(i8, i8) -> i8) -> u32 {
     u32::from_le_bytes(core::array::from_fn(|i| of(a[i], b[i]) as u8))
 }
 
-fn least(a: u32, b: u32) -> u32 {
+fn min_bytes(a: u32, b: u32) -> u32 {
     each(a, b, i8::min)
 }
 
-fn most(a: u32, b: u32) -> u32 {
+fn max_bytes(a: u32, b: u32) -> u32 {
     each(a, b, i8::max)
 }
 

@@ -39,7 +39,7 @@ fn exceeds_prediction(
     node: &SubsplatNode,
     pixel: [u32; 2],
 ) -> bool {
-    if !node.is(state::EVALUATED | state::COVERED) {
+    if !node.has_bits(state::EVALUATED | state::COVERED) {
         return false;
     }
     let found = luminance(node, gbuffer::normal(picture.texel(params.size, pixel)));

@@ -3,7 +3,7 @@
 //! same; `tests/checks/shader_layout.rs` compares the two.
 //!
 //! All of them speak of one *space*: the world's axes and meters, with the origin moved to a
-//! position near by ([`space_from_clip`]), so that single precision serves a level far from the
+//! position near by ([`space_from_clip`]), so that single precision serves a scene far from the
 //! world's origin too. Whoever has several lights or views takes one origin for all of them.
 
 use super::FrameLight;

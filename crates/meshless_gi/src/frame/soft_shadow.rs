@@ -123,7 +123,7 @@ pub const DEPTH_RAMP_SIGMAS: f32 = 3.0;
 pub const ROUNDING: f32 = 1e-3;
 
 impl SoftShadowParams {
-    /// The parameters for a level as large as `extent` meters.
+    /// The parameters for a scene as large as `extent` meters.
     #[must_use]
     pub fn new(visibility: &Visibility, extent: f32, lights: usize) -> Self {
         Self {

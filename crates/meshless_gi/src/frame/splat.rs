@@ -147,7 +147,7 @@ pub fn splat_node(
     texel: [u32; 4],
     node: &mut SubsplatNode,
 ) {
-    if node.is(state::EVALUATED | state::COVERED) {
+    if node.has_bits(state::EVALUATED | state::COVERED) {
         return;
     }
     let predicted_luminance = node.predicted_luminance();

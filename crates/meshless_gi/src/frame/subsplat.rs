@@ -245,7 +245,7 @@ impl SubsplatNode {
     /// covers.
     #[must_use]
     pub fn probe_fraction(&self) -> f32 {
-        if self.is(state::COVERED) {
+        if self.has_bits(state::COVERED) {
             ((self.words[5] & state::PROBE_FRACTION) >> 8) as f32 / 255.0
         } else {
             1.0
@@ -254,7 +254,7 @@ impl SubsplatNode {
 
     /// True where all of `bits` are set.
     #[must_use]
-    pub fn is(&self, bits: u32) -> bool {
+    pub fn has_bits(&self, bits: u32) -> bool {
         self.words[5] & bits == bits
     }
 }
@@ -407,7 +407,7 @@ mod tests {
         assert_eq!((back.x, back.z), (e.x, e.z));
         assert_eq!(back.y, [0.25, LARGEST_HALF, -LARGEST_HALF, 0.0]);
         assert_eq!(node.predicted_luminance(), 0.75);
-        assert!(node.is(state::COVERED) && !node.is(state::EVALUATED | state::KNOWN));
+        assert!(node.has_bits(state::COVERED) && !node.has_bits(state::EVALUATED | state::KNOWN));
     }
 
     #[test]

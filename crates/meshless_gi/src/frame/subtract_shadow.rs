@@ -60,7 +60,7 @@ impl SubtractShadowParams {
 /// where no function covers the position. `occluded_irradiances` is what
 /// [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
 #[must_use]
-pub fn missing(
+pub fn occluded_radiance(
     scene: &BakedScene,
     occluded_irradiances: &[VectorIrradiance],
     x: Vec3,
@@ -111,7 +111,7 @@ pub struct LtcTables {
 
 impl LtcTables {
     /// Layer `layer` at a position between its texels, both coordinates from 0 to 1.
-    fn at(&self, layer: usize, u: f32, v: f32) -> Vec4 {
+    fn sample_layer(&self, layer: usize, u: f32, v: f32) -> Vec4 {
         let last = self.size - 1;
         let place = |v: f32| {
             let at = v.clamp(0.0, 1.0) * last as f32;
@@ -172,8 +172,8 @@ impl Lobe {
         let (n, v) = (surface.n, surface.v);
         let nv = n.dot(v).clamp(MIN_NDOTV, 1.0);
         let slant = (1.0 - nv).sqrt();
-        let m = tables.at(0, surface.roughness, slant);
-        let f = tables.at(1, surface.roughness, slant);
+        let m = tables.sample_layer(0, surface.roughness, slant);
+        let f = tables.sample_layer(1, surface.roughness, slant);
         let across = v - n * v.dot(n);
         let t = across / across.length().max(f32::MIN_POSITIVE);
         Self {
@@ -183,7 +183,7 @@ impl Lobe {
     }
 
     /// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
-    fn mirrored(&self, light: &SoftLight, to: Vec3) -> f32 {
+    fn mirror_radiance(&self, light: &SoftLight, to: Vec3) -> f32 {
         let turned = |p: Vec3| Vec3::from_array(self.rows.map(|row| row.dot(p)));
         let quad = corners(light, to).map(turned);
         FRAC_1_PI * lambert(quad, Vec3::Z)
@@ -221,7 +221,8 @@ pub fn drawn(
             && light.kind == SoftLight::RECTANGLE
             && light.normal().dot(to) < 0.0
         {
-            sum += lobe.mirrored(light, to) * window(light, to.dot(to)) * lobe.weight * color;
+            sum +=
+                lobe.mirror_radiance(light, to) * window(light, to.dot(to)) * lobe.weight * color;
         }
     }
     sum
@@ -242,7 +243,7 @@ pub fn subtract_shadow_pixel(
     let Some((x, n)) = lit_pixel(view, pixel, depth, texel) else {
         return [0.0; 4];
     };
-    let Some(share) = missing(scene, occluded_irradiances, x, n) else {
+    let Some(share) = occluded_radiance(scene, occluded_irradiances, x, n) else {
         return [0.0; 4];
     };
     if share == Vec3::ZERO {
@@ -293,7 +294,7 @@ mod tests {
             Vec3::new(3.0, 2.0, 1.0),
             16,
         )
-        .within(5.0);
+        .with_range(5.0);
         let n = Vec3::new(0.2, 0.9, 0.1).normalize();
         let surface = LitSurface {
             n,

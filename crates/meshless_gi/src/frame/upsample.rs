@@ -90,7 +90,7 @@ fn between(
     };
     let node = |dx: i32, dy: i32| -> Option<(SubsplatNode, f32)> {
         let (pixel, node) = place(dx, dy)?;
-        if !node.is(state::KNOWN) {
+        if !node.has_bits(state::KNOWN) {
             return None;
         }
         visible_surface(params, picture, pixel)
@@ -98,7 +98,7 @@ fn between(
     };
     let unknown = |dx: i32, dy: i32| {
         place(dx, dy).is_some_and(|(pixel, node)| {
-            !node.is(state::KNOWN) && picture.depth(params.size, pixel) > 0.0
+            !node.has_bits(state::KNOWN) && picture.depth(params.size, pixel) > 0.0
         })
     };
     let (odd_x, odd_y) = (x % 2 == 1, y % 2 == 1);
@@ -119,7 +119,7 @@ fn between(
         let (dx, dy, weight) = tap(i);
         match node(dx, dy) {
             Some((node, likeness))
-                if node.is(state::COVERED) && likeness >= CUBIC_MIN_SIMILARITY =>
+                if node.has_bits(state::COVERED) && likeness >= CUBIC_MIN_SIMILARITY =>
             {
                 out.light.add_scaled(weight, &node.light());
             }
@@ -143,7 +143,7 @@ fn between(
         if let Some((node, likeness)) = node(dx, dy) {
             let weight = share * likeness;
             total += weight;
-            if node.is(state::COVERED) {
+            if node.has_bits(state::COVERED) {
                 covered += weight;
                 sum.add_scaled(weight, &node.light());
             }
@@ -248,7 +248,7 @@ pub fn resolve(
     let [x, y] = pixel;
     let (light, bits, some) = if x % 2 == 0 && y % 2 == 0 {
         let node = nodes[levels.index(1, x / 2, y / 2)];
-        (node.light(), node.state(), node.is(state::COVERED))
+        (node.light(), node.state(), node.has_bits(state::COVERED))
     } else {
         let found = between(params, &levels, picture, nodes, 0, pixel, &here);
         let bits = found.state(params);
@@ -276,7 +276,7 @@ pub fn fill(
     pixel: [u32; 2],
 ) -> [f32; 4] {
     match visible_surface(params, picture, pixel) {
-        Some(here) if node.is(state::COVERED) => {
+        Some(here) if node.has_bits(state::COVERED) => {
             texel(params, picture, pixel, &here, &node.light())
         }
         _ => [0.0; 4],

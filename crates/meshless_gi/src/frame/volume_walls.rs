@@ -222,7 +222,7 @@ impl WallIndex {
     }
 
     /// Wall points next to a voxel with center `x`.
-    pub fn beside(
+    pub fn points_next_to(
         &self,
         voxel: u32,
         points: &[Point],
@@ -248,7 +248,7 @@ impl WallIndex {
         let reach = n.abs().dot(shape.voxel());
         let aside = CORE * point.radius * (1.0 - n * n).max(Vec3::ZERO).map(f32::sqrt);
         let around = shape.voxel() + aside;
-        let Some([from, to]) = shape.between(point.x() - around, point.x() + around) else {
+        let Some([from, to]) = shape.voxel_range(point.x() - around, point.x() + around) else {
             return 0;
         };
         let size = shape.size();

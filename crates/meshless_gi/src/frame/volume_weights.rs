@@ -68,7 +68,7 @@ impl VoxelGrid {
     /// between its probes for `None` or what is no length, and into at most `max_voxels`. `None`
     /// for a bake without probe irradiance.
     #[must_use]
-    pub fn around(scene: &BakedScene, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
+    pub fn from_scene(scene: &BakedScene, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
         let probes = scene.probes.as_ref()?;
         let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
         let edge = voxel.filter(|e| e.is_finite() && *e > 0.0);
@@ -93,7 +93,7 @@ impl VoxelGrid {
 
     /// The corner where the first voxel is, meters.
     #[must_use]
-    pub fn low(&self) -> Vec3 {
+    pub fn origin(&self) -> Vec3 {
         self.low
     }
 
@@ -124,7 +124,7 @@ impl VoxelGrid {
     /// The first and the last voxel whose middle lies in the box from `low` to `high`, along each
     /// edge; `None` where there are none.
     #[must_use]
-    pub fn between(&self, low: Vec3, high: Vec3) -> Option<[UVec3; 2]> {
+    pub fn voxel_range(&self, low: Vec3, high: Vec3) -> Option<[UVec3; 2]> {
         let at = |x: Vec3| (x - self.low) / self.voxel - 0.5;
         let (from, to) = (
             at(low).ceil().max(Vec3::ZERO),
@@ -317,7 +317,7 @@ impl Run {
         let mut reaching: Vec<(u32, f32)> = Vec::new();
         for place in places {
             let x = shape.voxel_center(place);
-            let (beside, count) = walls.beside(place, points, &display.planes, x);
+            let (beside, count) = walls.points_next_to(place, points, &display.planes, x);
             let beside = &beside[..count];
             run.looks += run.wall_samples.find(beside, points, display, x);
             let behind = (beside.iter())

@@ -84,7 +84,8 @@ pub fn vpl_contribution(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
     if flat > 0.0 && square < NEAR_SQUARES[1] * light.square {
         let far = step(NEAR_SQUARES[0], NEAR_SQUARES[1], square / light.square);
         beside = 1.0 - flat * (1.0 - far);
-        out = (1.0 - beside) * near(toward, normal / normal.length(), light.square, n);
+        out = (1.0 - beside)
+            * near_field_direction(toward, normal / normal.length(), light.square, n);
     }
     let to = toward / square.sqrt();
     if n.dot(to) > 0.0 {
@@ -106,7 +107,7 @@ fn step(low: f32, high: f32, v: f32) -> f32 {
 /// equal form factor, whose cosines are spread as those of [`mean_clamped_cosine`]. What hardly
 /// rises above the horizon of a surface that looks the same way fades, so that rounding lights no
 /// flat surface by itself.
-fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
+fn near_field_direction(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
     if normal.dot(toward) >= 0.0 {
         return Vec3::ZERO;
     }
@@ -263,7 +264,7 @@ pub fn vpl_node(
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
         return;
     }
-    let (mut light, mut bits) = if node.is(state::EVALUATED) {
+    let (mut light, mut bits) = if node.has_bits(state::EVALUATED) {
         (node.light(), node.state())
     } else {
         (VectorIrradiance::default(), 0)

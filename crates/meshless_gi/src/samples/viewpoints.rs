@@ -1,9 +1,9 @@
-//! Viewpoints for a level that names none: positions in free space from which light can be seen.
+//! Viewpoints for a scene that names none: positions in free space from which light can be seen.
 //!
 //! [L08] §2.3 asks the user for one valid viewpoint, so that the inside of solid things gets no
 //! points. We try positions all over the scene's box and keep those that see mostly the front of
-//! surfaces: from within a solid one sees backs. A level whose winding says nothing (every side
-//! counts as back as often as front) is judged by how far one sees instead, and a level that is
+//! surfaces: from within a solid one sees backs. A scene whose winding says nothing (every side
+//! counts as back as often as front) is judged by how far one sees instead, and a scene that is
 //! open all around (a single object) is looked at from outside.
 
 use super::{Random, uniform_sphere};

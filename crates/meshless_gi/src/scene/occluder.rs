@@ -9,7 +9,7 @@ use super::{
 };
 use glam::Vec3;
 
-/// A part of a level that comes and goes.
+/// A part of a scene that comes and goes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluder {
     /// Name.
@@ -184,7 +184,7 @@ struct Shut<'a> {
     of: Vec<Option<(u32, bool)>>,
 }
 
-/// Marks hits of occluders among those of the level, which has fewer triangles.
+/// Marks hits of occluders among those of the scene, which has fewer triangles.
 const DOOR: u32 = 1 << 31;
 
 impl<'a> OccluderGeometry<'a> {

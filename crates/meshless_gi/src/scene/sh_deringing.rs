@@ -1,5 +1,5 @@
 //! A sky without ringing: the radiance of [`SkyRadiance`] that is nowhere below zero and otherwise
-//! as it was, for levels that see the sky through openings.
+//! as it was, for scenes that see the sky through openings.
 //!
 //! Nine numbers that are fitted to a sky with something bright on one side fall below zero on the
 //! other. A surface in the open is not affected, because the cosine takes what rings away \[RH01\];
@@ -40,7 +40,7 @@ impl SkyRadiance {
     /// channel by channel (see the module); itself where nothing of it is negative. Radiance in
     /// W/(m² sr), as before.
     ///
-    /// For levels that see the sky through windows, streets and courts. In the open it takes some
+    /// For scenes that see the sky through windows, streets and courts. In the open it takes some
     /// per cent of accuracy away. A channel of negative mean becomes black; a sky with coefficients
     /// that are no numbers is given back as it is.
     #[must_use]

@@ -94,7 +94,7 @@ fn export_texels_match_kernel() {
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(&scene, &lights);
     frame.solve(&scene, &FrameSettings::bounces(scene.info.bounces));
-    let shape = VoxelGrid::around(&scene, None, 1 << 16).unwrap();
+    let shape = VoxelGrid::from_scene(&scene, None, 1 << 16).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.vector_irradiance(),

@@ -464,7 +464,8 @@ fn picture(
     let extent = extent(scene);
     let memory = |_: &Ray, s: &Surface, _: &mut Random| {
         let e = unshadowed(&soft_light, s.position, s.normal, extent);
-        let missing = subtract_shadow::missing(scene, &occluded_irradiances, s.position, s.normal);
+        let missing =
+            subtract_shadow::occluded_radiance(scene, &occluded_irradiances, s.position, s.normal);
         e * (Vec3::ONE - missing.unwrap_or_default())
     };
     let truth = |_: &Ray, s: &Surface, random: &mut Random| {

@@ -152,8 +152,8 @@ pub fn shadow_errors(
     let got: Vec<Vec3> = places
         .par_iter()
         .map(|p| {
-            let missing =
-                subtract_shadow::missing(scene, occluded_irradiances, p.x, p.n).unwrap_or_default();
+            let missing = subtract_shadow::occluded_radiance(scene, occluded_irradiances, p.x, p.n)
+                .unwrap_or_default();
             p.unshadowed * (Vec3::ONE - missing)
         })
         .collect();

@@ -48,7 +48,7 @@ pub struct Figure {
     pub chart: Chart,
 }
 
-/// All charts of a report on the level `name`.
+/// All charts of a report on the scene `name`.
 #[must_use]
 pub fn figures(name: &str, report: &Report) -> Vec<Figure> {
     let rows = &report.rows;

@@ -38,7 +38,7 @@ fn cheapest_of(
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// The whole text of a report on the level `name`, with its charts beside it.
+/// The whole text of a report on the scene `name`, with its charts beside it.
 #[must_use]
 pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!("# Cost of accuracy: {}\n\n", cell(name));
@@ -46,7 +46,7 @@ pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     out
 }
 
-/// The same without a title, for a document of several levels: charts are in the folder `charts`
+/// The same without a title, for a document of several scenes: charts are in the folder `charts`
 /// (with its slash), headings of this level.
 #[must_use]
 pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize) -> String {

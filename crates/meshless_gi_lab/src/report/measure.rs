@@ -41,7 +41,7 @@ pub struct RowSettings {
 pub struct Row {
     /// Baked and measured configuration.
     pub settings: RowSettings,
-    /// The whole bake, without reading the level and writing the file.
+    /// The whole bake, without reading the scene and writing the file.
     pub bake_seconds: f64,
     /// A frame after one light has moved, on the CPU: projection, all reflections, the operator,
     /// flattening. The median of several.
@@ -171,7 +171,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// Compares the bake with what another program says of `level`.
+    /// Compares the bake with what another program says of `scene`.
     #[must_use]
     pub fn compare(&self, level: &TriangleMesh, known: &ExternalReference) -> Beside {
         let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));

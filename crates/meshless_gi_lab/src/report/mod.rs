@@ -1,4 +1,4 @@
-//! Cost of accuracy in time: one level baked by many recipes, every bake examined against one
+//! Cost of accuracy in time: one scene baked by many recipes, every bake examined against one
 //! reference, and what follows for who has to choose.
 //!
 //! [`sweep`] computes the reference once, then bakes a baseline and its variants, one factor at a

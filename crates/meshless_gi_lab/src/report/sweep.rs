@@ -68,7 +68,7 @@ impl Sweep {
     }
 }
 
-/// Another program's truth of the level under some lights.
+/// Another program's truth of the scene under some lights.
 #[derive(Clone, Debug)]
 pub struct ExternalReference {
     /// A word for the lights.
@@ -112,7 +112,7 @@ pub enum ReportError {
         /// Reason.
         source: RecipeError,
     },
-    /// A measurement is no number: a defect of this crate. Please report it with the level.
+    /// A measurement is no number: a defect of this crate. Please report it with the scene.
     #[error("{name}: the measured error is not finite")]
     NotFinite {
         /// Name of the variant.
@@ -151,7 +151,7 @@ pub struct Report {
     pub light_sources: usize,
     /// Threads that baked and ran the frames.
     pub threads: usize,
-    /// Triangles of the level.
+    /// Triangles of the scene.
     pub triangles: usize,
     /// Seconds of the reference.
     pub reference_seconds: f64,

@@ -246,7 +246,10 @@ fn code_has_no_former_names() {
         .collect();
     none(found);
     assert_eq!(refused("a.rs", "let x = live_surfaces(1);").len(), 1);
-    assert_eq!(refused("src/frame/subsplat.rs", "    pub alike: f32,").len(), 1);
+    assert_eq!(
+        refused("src/frame/subsplat.rs", "    pub alike: f32,").len(),
+        1
+    );
     assert_eq!(refused("a.rs", "    pub alike: f32,").len(), 0);
     assert_eq!(refused("a.rs", "    pub fn of(x: u32) -> Self {").len(), 1);
 }

@@ -117,7 +117,7 @@ impl CpuFrame {
 
     /// Vector irradiance of the operator alone at each point, for the form of differences, W/m².
     #[must_use]
-    pub fn applied(&self) -> &[VectorIrradiance] {
+    pub fn applied_irradiance(&self) -> &[VectorIrradiance] {
         &self.applied
     }
 

@@ -57,7 +57,7 @@ impl SoftLight {
             rows: one,
             ..Self::default()
         }
-        .within(range)
+        .with_range(range)
     }
 
     /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about
@@ -106,7 +106,7 @@ impl SoftLight {
 
     /// The light with a range, meters: Bevy lets lights fade out there. Infinite for none.
     #[must_use]
-    pub fn within(self, range: f32) -> Self {
+    pub fn with_range(self, range: f32) -> Self {
         Self {
             inverse_square_range: match range.is_finite() {
                 true => 1.0 / (range * range).max(1e-30),
@@ -275,7 +275,7 @@ mod tests {
             Vec3::new(-0.4, 0.0, 0.3),
             Vec3::new(0.2, 0.9, 0.1).normalize(),
         );
-        for light in [panel.within(7.0), bulb] {
+        for light in [panel.with_range(7.0), bulb] {
             for scale in [Vec3::splat(2.5), Vec3::new(-0.5, 0.5, 0.5)] {
                 let root = Mat4::from_scale_rotation_translation(scale, turn, moved);
                 let inverse = root.inverse();

@@ -1,4 +1,4 @@
-//! Reading `.glb` and `.gltf` levels (glTF 2.0): triangles of the default scene in world space,
+//! Reading `.glb` and `.gltf` scenes (glTF 2.0): triangles of the default scene in world space,
 //! materials, lights.
 //!
 //! The gltf crate parses the JSON; everything behind an index, an offset or a length is checked
@@ -57,7 +57,7 @@ const READABLE: [&str; 4] = [
 /// Supplies the bytes of a file that a scene names, by its name relative to the scene.
 pub type Resolver<'a> = dyn FnMut(&str) -> Result<Vec<u8>, SceneError> + 'a;
 
-/// A level as it was read.
+/// A scene as it was read.
 #[derive(Debug)]
 pub struct LoadedScene {
     /// Its triangles, in meters.
@@ -72,7 +72,7 @@ pub struct LoadedScene {
     pub notes: Vec<String>,
 }
 
-/// Reads a level. What can't be read at all is [`SceneError::Io`]; all other errors are about what
+/// Reads a scene. What can't be read at all is [`SceneError::Io`]; all other errors are about what
 /// is in the files.
 pub fn load_gltf(path: impl AsRef<Path>) -> Result<LoadedScene, SceneError> {
     load_gltf_within(path, &mut InputBudget::default())
@@ -98,7 +98,7 @@ pub fn load_gltf_within(
     })
 }
 
-/// Reads a level from bytes. `file` is what errors call it; `resolve` supplies the files that it
+/// Reads a scene from bytes. `file` is what errors call it; `resolve` supplies the files that it
 /// names.
 pub fn load_gltf_bytes(
     bytes: &[u8],

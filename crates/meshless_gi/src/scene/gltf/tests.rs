@@ -1,4 +1,4 @@
-//! Levels written here, byte by byte, and what becomes of them; and files that are damaged on
+//! Scenes written here, byte by byte, and what becomes of them; and files that are damaged on
 //! purpose.
 
 use super::*;

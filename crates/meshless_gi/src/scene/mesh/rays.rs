@@ -39,7 +39,7 @@ pub(super) fn power_of_two(x: f32) -> f32 {
 /// behind.
 ///
 /// Distances are in `unit`s, a power of two: the walk looks into no box that ends before 1e-4 of
-/// them, whatever the size of the level.
+/// them, whatever the size of the scene.
 fn traversal_ray(ray: &Ray, unit: f32) -> obvhs::ray::Ray {
     const SMALLEST: f32 = 1e-18;
     let guarded = |d: f32| {

@@ -28,7 +28,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 
-/// Coordinates from here on, in meters, are taken for damage: no level is as large, and what is
+/// Coordinates from here on, in meters, are taken for damage: no scene is as large, and what is
 /// left of single precision there is 64 m.
 const FARTHEST: f32 = 1e9;
 /// Most points of a cloud: the corners of their cells, [`cells::MAX_CORNERS`] each at most, are
