@@ -69,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let bytes = bytemuck::cast_slice(&light);
         harness.queue.write_buffer(&from, 0, bytes);
         let mut counters = GpuCounters::default();
-        let mut passes = Passes::new(Field::new(&operator));
+        let mut passes = Passes::new(Field::from_operator(&operator));
         let mut values = vec![VectorIrradiance::default(); radiosity.len()];
         let mut least = [f64::INFINITY; 4];
         for _ in 0..3 {
@@ -85,13 +85,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             let start = Instant::now();
             harness.run(|encoder| {
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-                gpu.up(&kernels, &mut pass, &mut counters, &from);
+                gpu.record_upward(&kernels, &mut pass, &mut counters, &from);
             })?;
             note(2, start);
             let start = Instant::now();
             harness.run(|encoder| {
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-                gpu.down(&kernels, &mut pass, &mut counters, &from, &to);
+                gpu.record_downward(&kernels, &mut pass, &mut counters, &from, &to);
             })?;
             note(3, start);
         }

@@ -299,7 +299,7 @@ impl RsmBuffers {
 
     /// Returns the number of virtual point lights of this frame's lights.
     #[must_use]
-    pub fn vpl_capacity(&self) -> u32 {
+    pub fn vpl_count(&self) -> u32 {
         self.used
     }
 

@@ -84,7 +84,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
                 "| {} | {} | {} | {:.1} | {:.1} | {:.1} |",
                 f.name,
                 o.what,
-                o.points,
+                o.places,
                 100.0 * o.penumbra[0],
                 100.0 * o.penumbra[1],
                 100.0 * o.rays

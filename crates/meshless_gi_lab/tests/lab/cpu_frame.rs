@@ -80,7 +80,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         bvh: Bvh::default(),
         info: BakeInfo::default(),
     });
-    scene.info.tiers = TierInfo::of(&scene);
+    scene.info.tiers = TierInfo::all_of(&scene);
     scene
 }
 

@@ -84,7 +84,7 @@ impl Air {
             steps: 1,
         };
         let params = FogInscatterParams::new(&alike, asymmetry, &self.shape, &Mat4::IDENTITY);
-        let place = (x - self.shape.low()) / self.shape.voxel();
+        let place = (x - self.shape.origin()) / self.shape.voxel();
         read_voxels(params.size, &self.texels, place, |voxel| {
             Vec3::from_slice(&fog_inscatter(&params, &self.texels, voxel)[..3])
         })

@@ -334,7 +334,7 @@ fn volume_at_closed_door_has_light_of_its_side() {
     };
     let texels = volume_texels(&params, &places, values);
     let read = |p: &Pixel| {
-        let place = (p.x - shape.low()) / shape.voxel();
+        let place = (p.x - shape.origin()) / shape.voxel();
         std::f32::consts::PI * read_volume(params.size, &texels, place, p.n)
     };
     let of = |view: usize| stage().poses[0][view].iter().flatten();

@@ -201,7 +201,7 @@ impl Reflections {
             pad: 0,
         };
         // An even share for each, as the irradiance of a white surface.
-        let share = DIM / self.maps.used().max(1) as f32;
+        let share = DIM / self.maps.vpl_count().max(1) as f32;
         let dim = share * std::f32::consts::PI / exposure.max(1e-30);
         let shadows = (bake.filter(|_| self.visibility)).map(|(local, scene)| VplShadows {
             local_from_space: local_from_space(local, self.origin),
