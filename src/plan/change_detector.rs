@@ -159,8 +159,8 @@ impl<L, S> Default for MapChangeDetector<L, S> {
 }
 
 impl<L: Clone + PartialEq, S: PartialEq> MapChangeDetector<L, S> {
-    /// Sets the lights of a frame. `objects_changed` is `true` if the content of the maps may differ
-    /// from the last frame. Called once per frame.
+    /// Sets the lights of a frame. `objects_changed` is `true` if the content of the maps may
+    /// differ from the last frame. Called once per frame.
     pub fn observe(&mut self, lights: &[L], objects_changed: bool) {
         self.unchanged_frames = match objects_changed || self.lights != lights {
             true => 0,
@@ -169,8 +169,8 @@ impl<L: Clone + PartialEq, S: PartialEq> MapChangeDetector<L, S> {
         self.lights = lights.to_vec();
     }
 
-    /// Returns `true` if the maps of `lights`, drawn now with these scenes, would give other virtual
-    /// lights.
+    /// Returns `true` if the maps of `lights`, drawn now with these scenes, would give other
+    /// virtual lights.
     #[must_use]
     pub fn changed(
         &self,

@@ -4,6 +4,7 @@
 //! The inventory lists the objects that exist, not the passes that run. A light that moves out of
 //! view is in the inventory, and no pass is in the plan.
 
+use super::LightKind;
 use std::fmt;
 
 /// Counts of one kind of object, and of its changes since the previous frame. Added and removed
@@ -18,36 +19,6 @@ pub struct ChangeCounts {
     pub moved: u32,
     /// Number of objects with another color or intensity, or that were turned on or off.
     pub recolored: u32,
-}
-
-/// Kind of light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[cfg_attr(feature = "bevy", derive(bevy::reflect::Reflect))]
-pub enum LightKind {
-    /// Point light.
-    Point,
-    /// Spot light.
-    Spot,
-    /// Directional light.
-    Directional,
-    /// Rectangular area light.
-    Rect,
-}
-
-impl LightKind {
-    /// All kinds.
-    pub const ALL: [Self; 4] = [Self::Point, Self::Spot, Self::Directional, Self::Rect];
-
-    /// Returns the name of one light of this kind.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Point => "point light",
-            Self::Spot => "spot light",
-            Self::Directional => "directional light",
-            Self::Rect => "rectangle light",
-        }
-    }
 }
 
 /// Kind of the skies of the baked scenes.

@@ -64,7 +64,7 @@ pub use cost::{Cost, CostModel, SolveCost, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
 pub use effect::{Effect, PassKind, kind_of};
 pub use fmm::{FmmLimit, falls_back, octree_fits};
-pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, LightKind, SkyKind};
+pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, SkyKind};
 pub use inventory_tracker::{InventoryTracker, SceneSnapshot, WorldSnapshot};
 pub use lights::{
     SlotTable, Slots, light_affects, same_color, same_projection, same_soft_shadow,
@@ -73,7 +73,7 @@ pub use lights::{
 pub use pass::{Pass, RunReason, SkipReason};
 pub use passes::Plan;
 pub use rsm_views::{Lens, MAX_RSM_HALF_ANGLE, MapView, RSM_NEAR_PLANE, RSM_SIZE_STEP, map_views};
-pub use settings::{GiBounceCount, GiColorMode, GiQuality};
+pub use settings::{GiBounceCount, GiColorMode, GiQuality, LightKind};
 pub use stage::FrameStage;
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,

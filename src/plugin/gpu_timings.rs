@@ -35,8 +35,8 @@ impl DeviceCosts {
     }
 }
 
-/// Names of the spans that time a scope, outermost first, below the span of its point of the frame. Projection
-/// and transport of a scene share the span of its solve.
+/// Names of the spans that time a scope, outermost first, below the span of its point of the frame.
+/// Projection and transport of a scene share the span of its solve.
 pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
     let solve =
         scope.view.is_none() && matches!(scope.stage, FrameStage::PROJECT | FrameStage::APPLY);

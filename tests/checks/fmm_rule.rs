@@ -253,7 +253,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
         let octree = picker.tiers()[tiers as usize].work;
         picker.record_sample(2.0 * work as f32 / octree as f32);
     }
-    assert!(picker.tier() <= tiers, "{}", picker.picked());
+    assert!(picker.tier() <= tiers, "{}", picker.selection());
 }
 
 #[test]

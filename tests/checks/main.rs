@@ -1,4 +1,4 @@
-//! What needs neither a device nor a window: layouts, rules of the plan, and the package.
+//! Tests without a device and a window: layouts, rules of the plan, and the package.
 
 mod bounce_count;
 mod fmm_rule;

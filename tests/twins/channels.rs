@@ -105,8 +105,8 @@ fn monochrome_of_gray_scene_equals_rgb() {
         );
         assert!(found.is_empty(), "{form:?}: {} differ", found.len());
         let counters = frame.counters();
-        assert_eq!(counters.of(Pass::Apply), 0);
-        assert!(counters.of(Pass::ApplyOne) >= 3);
+        assert_eq!(counters.dispatches_of(Pass::Apply), 0);
+        assert!(counters.dispatches_of(Pass::ApplyOne) >= 3);
 
         // Another color of light or wall is no longer gray.
         assert!(off(&scene, &lights, &right, Vec3::ONE) > 100, "{form:?}");

@@ -62,9 +62,9 @@ pub fn differing<T: NoUninit>(
     })
 }
 
-/// Returns the items, of `count`, that a comparison reports in ascending order. Panics where it does
-/// not report exactly one more if one more is wrong. `differing` gets the index of that item. The
-/// first, the middle and the last item are wrong in turn.
+/// Returns the items, of `count`, that a comparison reports in ascending order. Panics where it
+/// does not report exactly one more if one more is wrong. `differing` gets the index of that item.
+/// The first, the middle and the last item are wrong in turn.
 pub fn reported(count: usize, differing: impl Fn(Option<usize>) -> Vec<usize>) -> Vec<usize> {
     let found = differing(None);
     let last = count - 1;

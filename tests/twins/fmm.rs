@@ -64,8 +64,8 @@ fn device(
     harness
         .run(|encoder| {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            gpu.up(kernels, &mut pass, &mut counters, &light);
-            gpu.down(kernels, &mut pass, &mut counters, &light, &values);
+            gpu.record_upward(kernels, &mut pass, &mut counters, &light);
+            gpu.record_downward(kernels, &mut pass, &mut counters, &light, &values);
         })
         .unwrap();
     let terms = 12 * operator.terms() * operator.nodes.len();
@@ -221,8 +221,8 @@ fn fmm_order_above_limit_and_empty_input_are_handled() {
     harness
         .run(|encoder| {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            gpu.up(&kernels, &mut pass, &mut counters, &buffer);
-            gpu.down(&kernels, &mut pass, &mut counters, &buffer, &values);
+            gpu.record_upward(&kernels, &mut pass, &mut counters, &buffer);
+            gpu.record_downward(&kernels, &mut pass, &mut counters, &buffer, &values);
         })
         .unwrap();
     assert_eq!(counters.total(), 0);

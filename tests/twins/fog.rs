@@ -171,7 +171,7 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
     harness
         .run(|encoder| {
             let counted = buffers.record(&kernels, encoder, &[&voxels]);
-            assert_eq!(counted.of(Pass::FogInscatter), 1);
+            assert_eq!(counted.dispatches_of(Pass::FogInscatter), 1);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                     view: &canvas,

@@ -167,8 +167,8 @@ fn splat_and_composite_match_twin() {
         &params(0.5),
         (&put, false),
     );
-    assert_eq!(drawn.frame.counters().of(Pass::Splat), 1);
-    assert_eq!(drawn.frame.counters().of(Pass::SplatOver), 1);
+    assert_eq!(drawn.frame.counters().dispatches_of(Pass::Splat), 1);
+    assert_eq!(drawn.frame.counters().dispatches_of(Pass::SplatOver), 1);
     assert_eq!(drawn.frame.counters().composites, 1);
 
     // splat. The one freedom: a position within rounding of a clip plane may lie on either side of

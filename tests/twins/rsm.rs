@@ -281,7 +281,7 @@ fn rsm_matches_twin() {
             }
             expected.push(gpu);
         }
-        assert_eq!(maps.used(), all);
+        assert_eq!(maps.vpl_count(), all);
         // From the GPU's own texels, because a stratum may depend on one of them.
         let gpu: Vec<Vpl> = harness.read(maps.vpls(), all as usize).unwrap();
         for (gpu, texels) in gpu.chunks(VPLS as usize).zip(&expected) {
@@ -346,8 +346,8 @@ fn rsm_without_request_is_not_created() {
             )
         })
         .unwrap();
-    assert_eq!((maps.counters().total(), kernels.created()), (0, 0));
-    assert_eq!(maps.used(), 0);
+    assert_eq!((maps.counters().total(), kernels.pipeline_count()), (0, 0));
+    assert_eq!(maps.vpl_count(), 0);
     assert!(maps.bytes() < 64 * 48 + 16 * 48 + 200);
 }
 
@@ -475,5 +475,11 @@ fn vpl_matches_twin() {
         assert!(wrong(&picture(&scaled, &lit, &lights)) > 20, "scale");
     }
     let counters = maps.counters();
-    assert_eq!((counters.of(Pass::Vpl), counters.of(Pass::VplOver)), (2, 1));
+    assert_eq!(
+        (
+            counters.dispatches_of(Pass::Vpl),
+            counters.dispatches_of(Pass::VplOver)
+        ),
+        (2, 1)
+    );
 }

@@ -68,7 +68,7 @@ fn soft_shadows_match_twin() {
                 .unwrap();
         })
         .unwrap();
-    assert_eq!(soft_buffers.counters().of(Pass::SoftShadow), 1);
+    assert_eq!(soft_buffers.counters().dispatches_of(Pass::SoftShadow), 1);
     assert!(soft_buffers.count() == 10 && soft_buffers.bytes() > visibility.bytes() as u64 / 2);
     let gpu: Vec<VectorIrradiance> = harness
         .read(soft_buffers.occluded_irradiances(), scene.points.len())

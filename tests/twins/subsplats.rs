@@ -240,9 +240,9 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
             .unwrap();
     }
     let counters = buffers.counters();
-    assert_eq!(counters.of(Pass::PyramidBase), 2);
-    assert_eq!(counters.of(Pass::Fill), 2);
-    let nodes = [Pass::SplatNodes, Pass::ProbeNodes].map(|p| counters.of(p));
+    assert_eq!(counters.dispatches_of(Pass::PyramidBase), 2);
+    assert_eq!(counters.dispatches_of(Pass::Fill), 2);
+    let nodes = [Pass::SplatNodes, Pass::ProbeNodes].map(|p| counters.dispatches_of(p));
     assert_eq!(nodes[1], if frame.has_probes() { nodes[0] } else { 0 });
     let all: Vec<u32> = harness
         .read(buffers.lists(), levels.total() as usize)
@@ -522,7 +522,7 @@ fn probe_kernel_matches_twin() {
             frame.probe(&kernels, encoder, &view, &targets(Some(&before), &after));
         })
         .unwrap();
-    assert_eq!(frame.counters().of(Pass::ProbeOver), 1);
+    assert_eq!(frame.counters().dispatches_of(Pass::ProbeOver), 1);
     let before = wide(&harness.read_texture::<[f16; 4]>(&earlier).unwrap());
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&output).unwrap());
     let of_probes = |probes, values: &[VectorIrradiance], params: &SplatParams| -> Vec<[f32; 4]> {

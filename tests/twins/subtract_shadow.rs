@@ -207,7 +207,7 @@ fn on_gpu(
         .unwrap();
     let counters = buffers.counters();
     assert_eq!(
-        [Pass::SubtractShadow, Pass::SubtractShadowOver].map(|p| counters.of(p)),
+        [Pass::SubtractShadow, Pass::SubtractShadowOver].map(|p| counters.dispatches_of(p)),
         [1, 1]
     );
     [&out[0], &out[1], &picture].map(|t| wide(&harness.read_texture::<[f16; 4]>(t).unwrap()))
@@ -296,7 +296,7 @@ fn compare(gloss: bool) {
     let spoils: [(&str, Spoil); 8] = [
         ("color", |s| s.lights[0].color[1] *= 1.02),
         ("place", |s| s.lights[0].center[0] += 0.05),
-        ("range", |s| s.lights[1] = s.lights[1].within(4.0)),
+        ("range", |s| s.lights[1] = s.lights[1].with_range(4.0)),
         ("roughness", |s| {
             for texel in &mut s.drawn.gbuffer {
                 texel[0] ^= 32 << 24;

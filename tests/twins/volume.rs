@@ -72,7 +72,7 @@ fn volumes_match_twin() {
             frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);
         })
         .unwrap();
-    assert_eq!(frame.counters().of(Pass::Volume), 1);
+    assert_eq!(frame.counters().dispatches_of(Pass::Volume), 1);
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
     assert_eq!(gpu.len() as u32, texels.element_product());
     type Voxels<'a> = (VolumeParams, &'a VoxelWeights, VolumeValues<'a>);

@@ -41,7 +41,7 @@ const GRAY: f32 = 0.25;
 
 fn on_gpu(
     harness: &HeadlessDevice,
-    of: &Scene,
+    scene: &Scene,
     settings: &SpecularSettings,
     passes: &[u8],
     by: Option<&BakedScene>,
@@ -50,16 +50,16 @@ fn on_gpu(
     let frame = by.map(|scene| GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap());
     let read = TextureUsages::TEXTURE_BINDING;
     let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
-    let depth = look(&depth_texture(harness, SIZE, &of.drawn.depth));
+    let depth = look(&depth_texture(harness, SIZE, &scene.drawn.depth));
     let format = TextureFormat::Rgba32Uint;
-    let gbuffer = look(&harness.texture(SIZE, format, read, Some(&of.drawn.gbuffer)));
+    let gbuffer = look(&harness.texture(SIZE, format, read, Some(&scene.drawn.gbuffer)));
     let half4 = TextureFormat::Rgba16Float;
     let usage = read | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
     let output = harness.texture::<[f16; 4]>(SIZE, half4, usage, None);
     let target = look(&output);
-    let maps = RsmBuffers::new(&harness.device, 1, of.vpls.len() as u32).unwrap();
+    let maps = RsmBuffers::new(&harness.device, 1, scene.vpls.len() as u32).unwrap();
     let queue = &harness.queue;
-    queue.write_buffer(maps.vpls(), 0, bytemuck::cast_slice(&of.vpls));
+    queue.write_buffer(maps.vpls(), 0, bytemuck::cast_slice(&scene.vpls));
     let uniform = |bytes: &[u8]| {
         let buffer = harness.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -70,19 +70,19 @@ fn on_gpu(
         queue.write_buffer(&buffer, 0, bytes);
         buffer
     };
-    let view = uniform(bytemuck::bytes_of(&of.view));
-    let lit = uniform(bytemuck::bytes_of(&of.lit));
+    let view = uniform(bytemuck::bytes_of(&scene.view));
+    let lit = uniform(bytemuck::bytes_of(&scene.lit));
     let lights = NodeLights {
         maps: &maps,
         view: &view,
         lit: &lit,
         shadows: frame.as_ref().map(|frame| VplShadows {
-            local_from_space: Mat4::from_cols_array_2d(&of.lit.local_from_space),
+            local_from_space: Mat4::from_cols_array_2d(&scene.lit.local_from_space),
             scene: frame.buffers(),
             dim: 0.0,
         }),
     };
-    let (screen, wanted) = of.params(settings);
+    let (screen, wanted) = scene.params(settings);
     let levels = screen.levels();
     let mut buffers = SpecularBuffers::new(&harness.device, queue, levels).unwrap();
     let targets = SubsplatTargets {
@@ -99,10 +99,10 @@ fn on_gpu(
     }
     let counters = buffers.counters();
     assert_eq!(
-        counters.of(Pass::VplSpecular),
+        counters.dispatches_of(Pass::VplSpecular),
         2 * u64::from(levels.coarsest_level)
     );
-    assert_eq!(counters.of(Pass::VplSpecularPixels), 2);
+    assert_eq!(counters.dispatches_of(Pass::VplSpecularPixels), 2);
     assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
     assert_eq!(kernels.pipeline_count(), 2);
 

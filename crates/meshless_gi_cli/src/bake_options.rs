@@ -48,7 +48,8 @@ pub struct Options {
     /// Number of diffuse bounces, 1 to 64. Default 4.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     bounces: Option<u32>,
-    /// Stage that computes later bounces: runtime (default) or baked. Baked requires method bounded.
+    /// Stage that computes later bounces: runtime (default) or baked. Baked requires method
+    /// bounded.
     #[arg(long, hide_possible_values = true, value_name = "STAGE", value_parser = bounce_mode())]
     bounce_mode: Option<BounceMode>,
     /// Representation of the transport operator: bounded (default), l08, pca or fmm.

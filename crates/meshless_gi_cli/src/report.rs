@@ -64,7 +64,12 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     }
     let report = progress::watch_steps(|progress, say| {
         sweep(&mesh, &plan, progress, &|step| {
-            say(format!("{} of {}, {}: ", step.done + 1, step.of, step.what));
+            say(format!(
+                "{} of {}, {}: ",
+                step.done + 1,
+                step.steps,
+                step.what
+            ));
         })
     })
     .map_err(|error| report_error(&scene, &error))?;

@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let name = name.to_string_lossy().into_owned();
         eprintln!("{name}");
         let report = sweep(&mesh, &plan, &Progress::default(), &|step| {
-            eprintln!("  {} of {}: {}", step.done + 1, step.of, step.what);
+            eprintln!("  {} of {}: {}", step.done + 1, step.steps, step.what);
         })?;
         let figures = figures(&name, &report);
         for figure in &figures {

@@ -1,6 +1,6 @@
 //! Emissive surfaces and pictures, the sky, a rectangular light, and base colors that change after
-//! the bake, on two scenes, compared with the reference integrator. Four reflections. All cases of a
-//! scene share one bake. At preset `Medium` the error is at most 4 % of the indirect irradiance,
+//! the bake, on two scenes, compared with the reference integrator. Four reflections. All cases of
+//! a scene share one bake. At preset `Medium` the error is at most 4 % of the indirect irradiance,
 //! which takes minutes and runs on request (`-- --ignored --nocapture`), at `Draft` at most 10 %
 //! (20 % of emissive surfaces). [`max_nrmse`] has the exceptions. Every comparison is repeated with
 //! a wrong input, where it must fail.
@@ -17,8 +17,8 @@ use meshless_gi::{
 use meshless_gi_lab::accuracy::{Errors, errors};
 use meshless_gi_lab::fixtures::data::published_mesh;
 
-/// Largest NRMSE of a case. A panel lights the wall that it hangs on, within centimeters: too little
-/// for `Draft`.
+/// Largest NRMSE of a case. A panel lights the wall that it hangs on, within centimeters: too
+/// little for `Draft`.
 ///
 /// A picture shows on the wall behind it, and in what the wall reflects onto the back of the panel,
 /// with details as fine as their distance, here 9 cm. Senders show the mean of their support, and

@@ -286,7 +286,7 @@ fn quads(gray: bool) -> Vec<Quad> {
 /// Bakes of the box.
 pub struct Bakes {
     /// Bakes with and without probes and visibility, with and without a screen.
-    of: [[Arc<BakedScene>; 2]; 2],
+    by_content: [[Arc<BakedScene>; 2]; 2],
     /// Gray bake without probes, visibility and screen.
     gray: Arc<BakedScene>,
 }
@@ -320,7 +320,7 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
         made.map(|b| Arc::new(b.scene)).map_err(|e| e.to_string())
     };
     Ok(Bakes {
-        of: [
+        by_content: [
             [bake(false, false, false)?, bake(false, true, false)?],
             [bake(true, false, false)?, bake(true, true, false)?],
         ],
@@ -340,7 +340,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     }
     let bake = match scene.gray {
         true => &bakes.gray,
-        false => &bakes.of[usize::from(scene.rich)][usize::from(scene.screen)],
+        false => &bakes.by_content[usize::from(scene.rich)][usize::from(scene.screen)],
     };
     let scene_data = bake.clone();
     let asset = (world.resource_mut::<Assets<_>>()).add(GiBakedScene { scene: scene_data });

@@ -33,9 +33,9 @@ impl SolveCost {
     }
 
     /// Predicts the cost of a solve with `other` links from the `cost` of one with `links`, ms.
-    /// Without a previous number of links, all of the cost is attributed to the links. With one, the
-    /// part that does not grow with the links is separated (shadow rays of lights that move). That
-    /// part is limited to nine tenths, because the load may have changed in between.
+    /// Without a previous number of links, all of the cost is attributed to the links. With one,
+    /// the part that does not grow with the links is separated (shadow rays of lights that move).
+    /// That part is limited to nine tenths, because the load may have changed in between.
     #[must_use]
     pub fn predict(&self, other: u64, links: u64, cost: f32) -> f32 {
         let [other, links] = [other, links].map(|n| n.max(1) as f64);

@@ -153,13 +153,13 @@ impl<'a> FogDraws<'a> {
         kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         buffers: &FogBuffers,
-        of: &PostProcessView<'_>,
+        view: &PostProcessView<'_>,
     ) {
         let mut pass = encoder.begin_render_pass(&RenderPassDescriptor {
             label: Some("meshless_gi fog"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                 // Multisampled pictures are resolved by now.
-                view: of.target.main_texture_view(),
+                view: view.target.main_texture_view(),
                 depth_slice: None,
                 resolve_target: None,
                 ops: wgpu::Operations {
@@ -172,14 +172,14 @@ impl<'a> FogDraws<'a> {
             occlusion_query_set: None,
             multiview_mask: None,
         });
-        let [x, y, width, height] = of.view.viewport.to_array();
+        let [x, y, width, height] = view.view.viewport.to_array();
         pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(x, y, width, height);
-        let format = of.view.target_format;
+        let format = view.view.target_format;
         for (index, draw) in self.draws.iter().enumerate() {
             let textures = FogTextures {
-                depth: of.depth.view(),
-                sampled: of.sampled,
+                depth: view.depth.view(),
+                sampled: view.sampled,
                 voxels: draw.volume,
                 between: draw.sampler,
                 density: (&draw.density.texture_view, &draw.density.sampler),
@@ -193,8 +193,8 @@ impl<'a> FogDraws<'a> {
 
 /// Records the fog of a view, from the volumes of the scenes whose passes are planned.
 fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) {
-    let (of, world) = (ctx.view, ctx.world);
-    let Some(fogged) = world.fogs.view(of.id) else {
+    let (view, world) = (ctx.view, ctx.world);
+    let Some(fogged) = world.fogs.view(view.id) else {
         return;
     };
     let ready = passes.iter().filter_map(|pass| {
@@ -204,23 +204,23 @@ fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) {
     });
     let ready: ReadyVolumes = ready.collect();
     let seen = FogView {
-        view_from_clip: of.clip_from_view().inverse(),
-        world_from_view: of.view.world_from_view.to_matrix(),
-        viewport: of.view.viewport.as_vec4().to_array(),
-        exposure: of.camera.exposure * fogged.intensity,
+        view_from_clip: view.clip_from_view().inverse(),
+        world_from_view: view.view.world_from_view.to_matrix(),
+        viewport: view.view.viewport.as_vec4().to_array(),
+        exposure: view.camera.exposure * fogged.intensity,
         steps: fogged.steps,
     };
     let draws = FogDraws::new(fogged, &seen, world, &ready);
     let readable = wgpu::TextureUsages::TEXTURE_BINDING;
-    if draws.params.is_empty() || !of.depth.texture.usage().contains(readable) {
+    if draws.params.is_empty() || !view.depth.texture.usage().contains(readable) {
         return;
     }
     let mut buffers = ctx.fog.take().unwrap_or_default();
     let device = ctx.kernels.device();
     buffers.write(device, ctx.queue, &draws.inscatter, &draws.params);
     let recorded = buffers.record(ctx.kernels, ctx.encoder, &draws.volumes);
-    draws.draw(ctx.kernels, ctx.encoder, &buffers, of);
-    ctx.fogs.insert(of.id, buffers);
+    draws.draw(ctx.kernels, ctx.encoder, &buffers, view);
+    ctx.fogs.insert(view.id, buffers);
     ctx.counters.add(&recorded);
     ctx.counters.fogs += draws.params.len() as u64;
 }

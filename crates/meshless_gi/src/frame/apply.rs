@@ -39,7 +39,7 @@ pub(super) fn over_rows(
     rows: &[Row],
     points: Range<usize>,
     out: &mut [VectorIrradiance],
-    of: impl Fn(&Row) -> VectorIrradiance + Sync,
+    value_of: impl Fn(&Row) -> VectorIrradiance + Sync,
 ) {
     let first = points.start;
     out[points]
@@ -49,7 +49,7 @@ pub(super) fn over_rows(
         .for_each(|(i, e)| {
             let row = &rows[first + i];
             *e = match row.used(params.tier) {
-                true => of(row),
+                true => value_of(row),
                 false => VectorIrradiance::default(),
             };
         });

@@ -181,7 +181,7 @@ struct Shut<'a> {
     /// The boxes, and for each of the doors' triangles the one that it is of, with whether it is a
     /// side.
     shutters: Vec<Shutter>,
-    of: Vec<Option<(u32, bool)>>,
+    occluder_of: Vec<Option<(u32, bool)>>,
 }
 
 /// Marks hits of occluders among those of the scene, which has fewer triangles.
@@ -194,16 +194,16 @@ impl<'a> OccluderGeometry<'a> {
     pub fn new(open: &'a dyn Geometry, occluders: &[Occluder]) -> Self {
         let occluders = &occluders[..occluders.len().min(Bvh::MAX_OCCLUDERS)];
         let shapes: Vec<Vec<[Vec3; 3]>> = occluders.iter().map(Occluder::shapes).collect();
-        let (mut all, mut of, mut shutters) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut all, mut occluder_of, mut shutters) = (Vec::new(), Vec::new(), Vec::new());
         for occluder in occluders {
             let own = occluder.triangles.iter().filter(|t| is_usable(t));
             all.extend(own.copied());
-            of.resize(all.len(), None);
+            occluder_of.resize(all.len(), None);
             for shutter in &occluder.boxes {
                 let number = shutters.len() as u32;
                 for (triangle, side) in shutter.triangles() {
                     all.push(triangle);
-                    of.push(Some((number, side)));
+                    occluder_of.push(Some((number, side)));
                 }
                 shutters.push(*shutter);
             }
@@ -215,9 +215,9 @@ impl<'a> OccluderGeometry<'a> {
         Self {
             shut: Shut {
                 open,
-                doors: TriangleMesh::new(all, vec![0; of.len()], vec![material]),
+                doors: TriangleMesh::new(all, vec![0; occluder_of.len()], vec![material]),
                 shutters,
-                of,
+                occluder_of,
             },
             bvh: Bvh::default().with_occluders(&shapes),
         }
@@ -234,7 +234,12 @@ impl Shut<'_> {
             position: surface.position,
             half_thickness: None,
         };
-        match self.of.get(hit.primitive as usize).copied().flatten() {
+        match self
+            .occluder_of
+            .get(hit.primitive as usize)
+            .copied()
+            .flatten()
+        {
             Some((k, side)) => {
                 let shutter = &self.shutters[k as usize];
                 // From inside, a side is the frame beside the door.

@@ -261,7 +261,7 @@ fn report_errors_fall_with_quality_on_common_axes() {
     let level = mesh_of_quads(&cornell_box());
     let steps = Mutex::new(Vec::new());
     let made = sweep(&level, &tiny_sweep(), &Progress::default(), &|step| {
-        assert!(step.done < step.of);
+        assert!(step.done < step.steps);
         steps.lock().unwrap().push(step.what.clone());
     })
     .unwrap();

@@ -270,7 +270,7 @@ pub fn measure(folder: &Path) -> Result<String, Box<dyn Error>> {
             ..Sweep::quick()
         };
         let report = sweep(&scene, &plan, &Progress::default(), &|step| {
-            eprintln!("{name}: {} of {}: {}", step.done + 1, step.of, step.what);
+            eprintln!("{name}: {} of {}: {}", step.done + 1, step.steps, step.what);
         })?;
         let mut all = figures(name, &report);
         all.retain(|f| ["error_frame_time.svg", "error_bake_time.svg"].contains(&&*f.file));

@@ -48,7 +48,7 @@ pub fn measure(name: &str, level: &TriangleMesh) -> Result<Report, Box<dyn Error
         ..Sweep::quick()
     };
     Ok(sweep(level, &plan, &Progress::default(), &|step| {
-        eprintln!("{name}: {} of {}: {}", step.done + 1, step.of, step.what);
+        eprintln!("{name}: {} of {}: {}", step.done + 1, step.steps, step.what);
     })?)
 }
 

@@ -129,7 +129,7 @@ pub struct Step {
     /// Steps done.
     pub done: usize,
     /// Steps in all.
-    pub of: usize,
+    pub steps: usize,
     /// Current step.
     pub what: String,
 }
@@ -198,8 +198,8 @@ fn run(
     watch: &(dyn Fn(&Step) + Sync),
 ) -> Result<Report, ReportError> {
     let began = Instant::now();
-    let tell = |done: usize, of: usize, what: String| {
-        watch(&Step { done, of, what });
+    let tell = |done: usize, steps: usize, what: String| {
+        watch(&Step { done, steps, what });
     };
     tell(0, 2, "reference".into());
     let exam =

@@ -1,5 +1,6 @@
 //! Bakes and frames on the CPU against closed forms, the reference integrator and each other. One
-//! program, so that it links once and its tests run in parallel. `--test lab SUBJECT` runs a module.
+//! program, so that it links once and its tests run in parallel. `--test lab SUBJECT` runs a
+//! module.
 
 mod asset_roundtrip;
 mod closed_forms;

@@ -1,7 +1,7 @@
 //! One bounce from what moves, against the reference integrator's: reflective shadow maps drawn
 //! from the light, their virtual point lights, and the light of these on the walls. Beside it
-//! \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test lab rsm -- --nocapture`
-//! prints the tables.
+//! \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test lab rsm --
+//! --nocapture` prints the tables.
 
 mod room;
 

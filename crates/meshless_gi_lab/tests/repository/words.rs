@@ -64,14 +64,12 @@ const REFUSED_NAMES: [(&str, &str); 20] = [
 ];
 
 /// Former members: a field or function in a file whose name ends so, with its replacement.
-const REFUSED_MEMBERS: [(&str, &str, &str); 16] = [
+const REFUSED_MEMBERS: [(&str, &str, &str); 14] = [
     ("frame/subsplat.rs", "coarsest", "coarsest_level"),
     ("frame/subsplat.rs", "finest", "finest_level"),
     ("frame/subsplat.rs", "alike", "min_similarity"),
-    ("frame/subsplat.rs", "light", "radiance_threshold"),
     ("vpl_specular/settings.rs", "coarsest", "coarsest_level"),
     ("vpl_specular/settings.rs", "finest", "finest_level"),
-    ("vpl_specular/settings.rs", "light", "radiance_threshold"),
     ("frame/layout.rs", "places", "samples_per_sender"),
     ("asset/baked.rs", "places", "light_samples"),
     ("cpu_frame/results.rs", "values", "vector_irradiance"),

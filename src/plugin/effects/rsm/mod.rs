@@ -84,8 +84,8 @@ pub(super) fn schedule_in_view(state: &FrameState, view: &ViewState, plan: &mut 
     }
 }
 
-/// Draws the deferred meshes in the camera of a map. Bevy's deferred prepass is not public. This one
-/// has the same bindings (format of Bevy 0.19).
+/// Draws the deferred meshes in the camera of a map. Bevy's deferred prepass is not public. This
+/// one has the same bindings (format of Bevy 0.19).
 fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, _: &Pass) {
     let recorder = ctx.ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
