@@ -42,7 +42,7 @@ pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -
         .enumerate()
         .map_init(Vec::new, |near, (i, x)| {
             tree.nearest(*x, PLANE, Some(i as u32), near);
-            Fit::fit(*x, near, points)
+            Fit::from_neighbors(*x, near, points)
         })
         .collect();
     let mut normals: Vec<Vec3> = (0..points.len())
@@ -69,7 +69,7 @@ struct Fit {
 
 impl Fit {
     /// Through `x` and its neighbors; a zero normal where they are all at one position.
-    fn fit(x: Vec3, near: &[Neighbor], points: &[Vec3]) -> Self {
+    fn from_neighbors(x: Vec3, near: &[Neighbor], points: &[Vec3]) -> Self {
         let square = near.last().map_or(0.0, |n| n.square);
         let mut fit = Self {
             normal: Vec3::ZERO,
@@ -141,7 +141,7 @@ pub(super) fn complete(
     let mut near = Vec::new();
     for i in (0..points.len()).filter(|i| given[*i] == Vec3::ZERO) {
         tree.nearest(points[i], PLANE, Some(i as u32), &mut near);
-        let normal = Fit::fit(points[i], &near, points).normal;
+        let normal = Fit::from_neighbors(points[i], &near, points).normal;
         let known = near
             .iter()
             .map(|n| n.index as usize)
