@@ -80,7 +80,7 @@ pub(super) struct BakedProbes {
     pub occluded: Vec<UnindexedLinkTerm>,
 }
 
-/// Positions probes in open space and gathers their rows.
+/// Places probes in open space and gathers their rows.
 pub(super) fn bake_probes(
     recipe: &ProbeSettings,
     input: &ProbeInput<'_>,
