@@ -384,23 +384,25 @@ const OFF: [Emission; 2] = [Emission::Off; 2];
 /// A panel that emits in one color, and both panels with a picture. Spoiled: it is darker, or the
 /// picture is mirrored.
 fn panels_match(case: &Case) {
-    let wall = |emission| [emission, Emission::Off];
-    let free = |emission| [Emission::Off, emission];
-    let lit = case.baked(wall(Emission::Uniform));
+    let on = |panel: usize, emission| {
+        let mut emissions = OFF;
+        emissions[panel] = emission;
+        emissions
+    };
+    let lit = case.baked(on(0, Emission::Uniform));
     let mut dimmer = lit.clone();
     for surface in &mut dimmer.surfaces {
         surface.emission = surface.emission.map(|e| 0.7 * e);
     }
-    let mesh = case.parts.mesh(wall(Emission::Uniform), |_| {});
+    let mesh = case.parts.mesh(on(0, Emission::Uniform), |_| {});
     case.holds("emissive surface", &mesh, [&lit, &dimmer], [&[], &[]]);
-    let cases: [(&str, &dyn Fn(Emission) -> [Emission; 2]); 2] = [
-        ("picture on the wall", &wall),
-        ("free-standing picture", &free),
-    ];
-    for (what, on) in cases {
+    for (panel, what) in ["picture on the wall", "free-standing picture"]
+        .into_iter()
+        .enumerate()
+    {
         let [scene, mirrored] =
-            [Emission::Picture, Emission::Mirrored].map(|emission| case.baked(on(emission)));
-        let mesh = case.parts.mesh(on(Emission::Picture), |_| {});
+            [Emission::Picture, Emission::Mirrored].map(|emission| case.baked(on(panel, emission)));
+        let mesh = case.parts.mesh(on(panel, Emission::Picture), |_| {});
         case.holds(what, &mesh, [&scene, &mirrored], [&[], &[]]);
     }
 }
