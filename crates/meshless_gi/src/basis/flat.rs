@@ -5,8 +5,8 @@
 //! light asks for them, so a function's radius follows from the points around it: it reaches every
 //! position that has it among its [`NEAREST`] nearest points. Where points are even that is the
 //! same radius for all; beside denser points it is as wide as the other side needs, and no position
-//! between levels is left without functions. The positions asked are the points themselves, one
-//! beside each of them, and where importance particles land.
+//! between levels is left without functions. The positions tested are the points themselves, one
+//! beside each of them, and hits of importance particles.
 
 use super::clip::with_planes;
 use super::kernel::{before, leans};

@@ -21,7 +21,7 @@ pub(super) struct Anderson {
 
 impl Anderson {
     /// Takes `x` and G(`x`), both of the same length every time, and replaces `x` by the next
-    /// position to ask. Returns ‖G(x) − x‖ / ‖G(x)‖; 0 where G(x) is 0.
+    /// iterate. Returns ‖G(x) − x‖ / ‖G(x)‖; 0 where G(x) is 0.
     pub fn step(&mut self, x: &mut [f32], g: &[f32]) -> f64 {
         let residual: Vec<f32> = g.iter().zip(&*x).map(|(g, x)| g - x).collect();
         let (norm, size) = (dot(&residual, &residual).sqrt(), dot(g, g).sqrt());

@@ -1,13 +1,12 @@
 //! Test if two estimates agree. It is two-sided and uses the noise of both, for irradiances at many
 //! positions.
 //!
-//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three
-//! questions are asked of each color channel: is a single position too far off (the largest |z|, by
-//! Šidák's rule for independent positions), are they all together (Σz² against χ²), and do they
-//! lean to one side (Σz / √k against the normal distribution, which finds a small bias that no
-//! single position shows). Channels share their paths and are not independent, so that the smallest
-//! of the nine probabilities counts nine-fold (Bonferroni's rule, which holds whatever the
-//! dependence).
+//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²). Each color
+//! channel has three tests. The largest |z| finds a single position that is too far off (Šidák's
+//! rule for independent positions). Σz² against χ² tests all positions together. Σz / √k against
+//! the normal distribution finds a small bias that no single position shows. Channels share their
+//! paths and are not independent. So the smallest of the nine probabilities counts nine-fold
+//! (Bonferroni's rule, which holds for any dependence).
 //!
 //! A position that few paths light has a skewed estimate, and a standard error that is itself a
 //! guess (none at all where no path found the light). Such positions are summed up, in their order,
