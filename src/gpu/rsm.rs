@@ -113,7 +113,7 @@ impl RsmBuffers {
 
     /// Begins a frame with the virtual lights of the previous frame. Only views may be recorded. Do
     /// not call it between recording a frame and its submission.
-    pub fn rest(&mut self) {
+    pub fn reuse_frame(&mut self) {
         (self.filled, self.taken) = (0, 0);
     }
 

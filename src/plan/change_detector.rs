@@ -55,7 +55,7 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
         }
     }
 
-    /// Forgets all values but the bake, after the device released the scene.
+    /// Clears all values but the bake, after the device released the scene.
     pub fn forget(&mut self) {
         self.slots.forget();
         self.solved = None;
@@ -202,7 +202,7 @@ impl<L: Clone + PartialEq, S: PartialEq> MapChangeDetector<L, S> {
         self.shadowers = shadowers;
     }
 
-    /// Forgets the virtual lights, after the device released them.
+    /// Clears the virtual lights, after the device released them.
     pub fn forget(&mut self) {
         self.complete.clear();
         self.complete_frames = 0;

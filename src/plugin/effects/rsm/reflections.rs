@@ -79,7 +79,7 @@ impl Reflections {
             .sum();
         let before = match before {
             Some(mut held) if !plan.resting.is_empty() => {
-                held.maps.rest();
+                held.maps.reuse_frame();
                 return Ok(Some(held));
             }
             before => before,
