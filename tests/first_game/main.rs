@@ -1,9 +1,8 @@
-//! The first hour of a Bevy developer, as a test: the programs of README.md are built as packages
-//! of their own in an empty folder, run in a window under Xvfb, and must show the light that
-//! `CpuFrame` computes from the same bake.
+//! The first hour of a Bevy developer, as a test: the programs of README.md are compiled against
+//! the libraries of the tests, run in a window under Xvfb, and must show the light that `CpuFrame`
+//! computes from the same bake.
 //!
-//! The packages share profile, features and target folder with the tests, so that no package of the
-//! engine is built twice. `MGI_TEST_PICTURES` names a folder that keeps the pictures.
+//! `MGI_TEST_PICTURES` names a folder that keeps the pictures.
 
 #[path = "../support/mod.rs"]
 mod support;
@@ -94,7 +93,7 @@ fn field(line: &str, name: &str) -> f32 {
 #[track_caller]
 fn assert_lit(name: &str, program: &Path, asset_root: Option<&Path>) -> String {
     let out = tempfile::tempdir().expect("a folder");
-    let text = screen::run(program, asset_root, out.path());
+    let text = screen::run(program, name, asset_root, out.path());
     if let Some(keep) = std::env::var_os("MGI_TEST_PICTURES") {
         for picture in ["window.png", "pictures.png"] {
             let kept = Path::new(&keep).join(format!("first_game_{name}_{picture}"));
@@ -116,26 +115,26 @@ fn assert_lit(name: &str, program: &Path, asset_root: Option<&Path>) -> String {
 
 #[test]
 fn first_game_from_bevy_meshes_is_lit() {
-    let program = programs().program("meshes");
+    let program = programs().path();
     let root = tempfile::tempdir().expect("a folder");
-    assert_lit("meshes", &program, Some(root.path()));
+    assert_lit("meshes", program, Some(root.path()));
 }
 
 #[test]
 fn first_game_from_a_recipe_is_lit() {
     let root = level_folder();
-    let program = programs().program("recipe");
-    assert_lit("recipe", &program, Some(root.path()));
+    let program = programs().path();
+    assert_lit("recipe", program, Some(root.path()));
 }
 
 #[test]
 fn first_game_from_processed_assets_is_lit_and_bakes_once() {
     let root = level_folder();
-    let program = programs().program("processed");
+    let program = programs().path();
     let baked = |text: &str| text.matches("baked `").count();
-    let first = assert_lit("processed", &program, Some(root.path()));
+    let first = assert_lit("processed", program, Some(root.path()));
     assert_eq!(baked(&first), 1, "{first}");
-    let second = assert_lit("processed", &program, Some(root.path()));
+    let second = assert_lit("processed", program, Some(root.path()));
     assert_eq!(baked(&second), 0, "{second}");
 }
 
@@ -152,7 +151,7 @@ fn first_game_from_shipped_assets_is_lit() {
     // What a player gets: the program and the processed assets, without their sources.
     let shipped = tempfile::tempdir().expect("a folder");
     let program = shipped.path().join("game");
-    std::fs::copy(programs().program("shipped"), &program).expect("the program is copied");
+    std::fs::copy(programs().path(), &program).expect("the program is copied");
     let processed = shipped.path().join("imported_assets");
     std::fs::rename(root.path().join("imported_assets"), processed).expect("assets are moved");
     drop(root);

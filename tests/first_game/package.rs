@@ -1,105 +1,131 @@
-//! A package in an empty folder with one program a binary, built like the tests.
+//! README's programs in one executable, linked with the libraries that the tests use.
 
+use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 
-/// The built package; its folder goes with it.
+/// Crates that the programs and `measure.rs` name.
+const CRATES: [&str; 6] = [
+    "bevy",
+    "bevy_meshless_gi",
+    "meshless_gi",
+    "meshless_gi_lab",
+    "half",
+    "image",
+];
+
+/// The built executable; its folder is removed with the value.
 pub struct Package {
     _folder: tempfile::TempDir,
-    target: PathBuf,
-    prefix: String,
+    program: PathBuf,
 }
 
 impl Package {
-    /// Builds `programs`, pairs of a name and a program's text. The plugin of `measure.rs` is added
-    /// to each; nothing else is changed.
+    /// Builds `programs`, pairs of a name and a program's text, as modules of one executable. Its
+    /// first argument names the program. The plugin of `measure.rs` is added to each; nothing else
+    /// is changed.
     pub fn build(programs: &[(&str, &str)]) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let prefix = "meshless_gi_first_game_".to_string();
-        let source = folder.path().join("src/bin");
-        std::fs::create_dir_all(&source).expect("a folder");
-        let measure = root.join("tests/first_game/measure.rs");
+        let measure = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/first_game/measure.rs");
+        let mut main = format!("#[path = {measure:?}]\nmod measure;\n");
+        let mut arms = String::new();
         for (name, text) in programs {
-            let runs = "\n        .run();";
-            assert_eq!(
-                text.matches(runs).count(),
-                1,
-                "{name} runs one app:\n{text}"
-            );
-            let added = format!("\n        .add_plugins(measure::MeasurePlugin){runs}");
-            let text = text.replacen(runs, &added, 1);
-            let text = format!("#[path = {measure:?}]\nmod measure;\n\n{text}");
-            std::fs::write(source.join(format!("{prefix}{name}.rs")), text).expect("a program");
+            let text = replace_one(text, "\nfn main() {", "\npub fn main() {");
+            let added = "\n        .add_plugins(crate::measure::MeasurePlugin)\n        .run();";
+            let text = replace_one(&text, "\n        .run();", added);
+            std::fs::write(folder.path().join(format!("{name}.rs")), text).expect("a program");
+            main += &format!("mod {name};\n");
+            arms += &format!("        Some({name:?}) => {name}::main(),\n");
         }
-        std::fs::write(folder.path().join("Cargo.toml"), manifest(root)).expect("a manifest");
-        std::fs::copy(root.join("Cargo.lock"), folder.path().join("Cargo.lock")).expect("a lock");
-        let target = target_folder();
-        let output = Command::new(env!("CARGO"))
-            .args(["build", "--offline", "--bins", "--message-format=short"])
-            .current_dir(folder.path())
-            .env("CARGO_TARGET_DIR", &target)
-            .output()
-            .expect("cargo starts");
-        let text = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{text}");
-        // The engine is not built a second time.
-        let again: Vec<&str> = text
-            .lines()
-            .filter(|line| line.trim_start().starts_with("Compiling bevy_"))
-            .filter(|line| !line.contains("bevy_meshless_gi"))
-            .collect();
-        assert!(again.is_empty(), "built a second time: {again:#?}");
+        main += &format!(
+            "fn main() {{\n    match std::env::args().nth(1).as_deref() {{\n{arms}        \
+             other => panic!(\"no program {{other:?}}\"),\n    }}\n}}\n"
+        );
+        let source = folder.path().join("main.rs");
+        std::fs::write(&source, main).expect("a program");
+        let name = format!("first_game{}", std::env::consts::EXE_SUFFIX);
+        let program = folder.path().join(name);
+        succeed(
+            Command::new(Path::new(env!("CARGO")).with_file_name("rustc"))
+                .args(["--edition", "2024", "-A", "dead_code"])
+                .args(library_arguments())
+                .arg("-o")
+                .args([&program, &source]),
+        );
         Self {
             _folder: folder,
-            target,
-            prefix,
+            program,
         }
     }
 
-    /// The path of a program.
-    pub fn program(&self, name: &str) -> PathBuf {
-        let name = format!("{}{name}{}", self.prefix, std::env::consts::EXE_SUFFIX);
-        self.target.join("debug").join(name)
+    /// The path of the executable.
+    pub fn path(&self) -> &Path {
+        &self.program
     }
 }
 
-/// The target folder of the tests: they lie in `target/debug/deps`.
-fn target_folder() -> PathBuf {
+/// `text` with the one `from` in it replaced.
+#[track_caller]
+fn replace_one(text: &str, from: &str, to: &str) -> String {
+    assert_eq!(text.matches(from).count(), 1, "one `{from}` in\n{text}");
+    text.replacen(from, to, 1)
+}
+
+/// Runs a command and returns its output.
+#[track_caller]
+fn succeed(command: &mut Command) -> Output {
+    let output = command.output().expect("the command starts");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{command:?}\n{errors}");
+    output
+}
+
+/// Arguments of the compiler that name the libraries with which this test was built.
+fn library_arguments() -> Vec<String> {
     let test = std::env::current_exe().expect("the test has a path");
-    let folder = test.ancestors().nth(3).expect("target/debug/deps/test");
-    folder.to_path_buf()
-}
-
-/// A section of this package's manifest, without its heading.
-fn section<'a>(manifest: &'a str, heading: &str) -> &'a str {
-    let at = manifest
-        .find(heading)
-        .expect("the manifest has the section")
-        + heading.len();
-    let rest = &manifest[at..];
-    &rest[..rest.find("\n[").unwrap_or(rest.len())]
-}
-
-/// The manifest of the package. All dependencies of the workspace are named too, so that every
-/// package has the features with which the tests were built.
-fn manifest(root: &Path) -> String {
-    let own = include_str!("../../Cargo.toml");
-    let shared: String = section(own, "\n[workspace.dependencies]")
+    let target = test.ancestors().nth(3).expect("target/debug/deps/test");
+    let output = succeed(
+        Command::new(env!("CARGO"))
+            .args([
+                "test",
+                "--workspace",
+                "--offline",
+                "--no-run",
+                "--test",
+                "first_game",
+            ])
+            .arg("--message-format=json")
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .env("CARGO_TARGET_DIR", target),
+    );
+    let text = String::from_utf8(output.stdout).expect("cargo prints UTF-8");
+    let messages = text
         .lines()
-        .map(|line| line.replace("path = \"", &format!("path = \"{}/", root.display())) + "\n")
-        .collect();
-    let engine = section(own, "\n[dev-dependencies.bevy]");
-    let profiles = own.find("\n[profile.").map_or("", |at| &own[at..]);
-    let dev = section(own, "\n[profile.dev]");
-    let members = ["meshless_gi", "meshless_gi_lab"];
-    let members = members.map(|name| format!("[profile.dev.package.{name}]{dev}\n"));
-    let plugin = section(own, "\n[profile.dev.package.bevy_meshless_gi]");
-    format!(
-        "[package]\nname = \"meshless_gi_first_game\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\
-         publish = false\n\n[workspace]\n\n[dependencies]\n\
-         bevy_meshless_gi = {{ path = {root:?} }}\n{shared}\n[dependencies.bevy]{engine}\n\
-         {profiles}\n{}[profile.dev.package.meshless_gi_first_game]{plugin}\n",
-        members.concat()
-    )
+        .filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let deps = target.join("debug/deps");
+    let mut arguments = vec![format!("-Ldependency={}", deps.display())];
+    let mut found = Vec::new();
+    for message in messages {
+        let strings = |value: &Value| -> Vec<String> {
+            let values = value.as_array().into_iter().flatten();
+            values
+                .filter_map(|v| v.as_str().map(String::from))
+                .collect()
+        };
+        let folders = strings(&message["linked_paths"]);
+        arguments.extend(folders.iter().map(|folder| format!("-L{folder}")));
+        let name = message["target"]["name"].as_str().unwrap_or_default();
+        let is_library = strings(&message["target"]["kind"]).contains(&"lib".to_string());
+        let files = strings(&message["filenames"]);
+        let library = files.iter().find(|file| file.ends_with(".rlib"));
+        if let (true, true, Some(file)) = (CRATES.contains(&name), is_library, library) {
+            found.push(name.to_string());
+            arguments.push(format!("--extern={name}={file}"));
+        }
+    }
+    found.sort_unstable();
+    let mut expected = CRATES.map(String::from);
+    expected.sort_unstable();
+    assert_eq!(found, expected, "each library once");
+    arguments
 }

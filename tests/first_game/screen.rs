@@ -37,12 +37,13 @@ impl Drop for Screen {
     }
 }
 
-/// Runs a program to its end and returns what it printed. Bevy looks for assets in `asset_root`, or
-/// beside the program.
-pub fn run(program: &Path, asset_root: Option<&Path>, out: &Path) -> String {
+/// Runs an executable with one argument to its end and returns what it printed. Bevy reads assets
+/// from `asset_root`, or from the folder of the executable.
+pub fn run(program: &Path, argument: &str, asset_root: Option<&Path>, out: &Path) -> String {
     let screen = Screen::start();
     let mut command = Command::new(program);
     command
+        .arg(argument)
         .env("DISPLAY", &screen.display)
         .env("MGI_FIRST_GAME", out)
         .env("NO_COLOR", "1")

@@ -179,7 +179,7 @@ pub struct Options {
     /// Seed of all random numbers. Default 0.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     seed: Option<u64>,
-    /// Clip planes that end basis functions at walls (design D7): true (default) or false.
+    /// Clip planes that end basis functions at walls (design D7). Values: true (default) or false.
     #[arg(long, value_name = "BOOL", hide_possible_values = true)]
     clip_planes: Option<bool>,
 }
