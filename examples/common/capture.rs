@@ -199,8 +199,8 @@ fn capture(
     mut frame: Local<u32>,
 ) {
     if !capture.while_baking && !bakes.is_empty() {
-        // Frames are slowed down so that the bake gets the processor.
-        std::thread::sleep(Duration::from_millis(200));
+        // Few frames are drawn, so that the bake gets the processor.
+        std::thread::sleep(Duration::from_secs(1));
         return;
     }
     let pressed = *frame as usize / 2;
