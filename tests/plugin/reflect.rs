@@ -248,6 +248,8 @@ fn full_world() -> App {
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     let eye = (camera(&image, view()), GiCamera::default());
+    let image = target(&mut app);
+    let forward = (camera(&image, view()), GiForwardCamera::default());
     let light_source = spawn_light_source(&mut app, Vec3::new(-0.3, 1.5, 0.3));
     let ball = Mesh::from(Sphere::new(0.2));
     let ball = app.world_mut().resource_mut::<Assets<Mesh>>().add(ball);
@@ -282,7 +284,6 @@ fn full_world() -> App {
     // The point cloud has one part: its own. This one has no cloud.
     world.spawn(GiPointCloudPart);
     world.spawn(GiBakeExclude);
-    let forward = (camera(&image, view()), GiForwardCamera::default());
     world.spawn(forward);
     // Bakes that last longer than the test.
     let mesh = mesh_of_quads(&cornell_box());
