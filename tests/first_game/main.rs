@@ -7,13 +7,13 @@
 #[path = "../support/mod.rs"]
 mod support;
 
-mod package;
+mod executable;
 mod readme;
 mod screen;
 
 use bevy::math::Vec3;
 use bevy_meshless_gi::loader::{GiProcessAssetsOptions, process_assets};
-use package::Package;
+use executable::Executable;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use support::glb::glb;
@@ -23,9 +23,9 @@ use support::scenes::{Quad, Room};
 const MAX_FLIP: f32 = 0.02;
 
 /// The programs, built once.
-fn programs() -> &'static Package {
-    static PACKAGE: OnceLock<Package> = OnceLock::new();
-    PACKAGE.get_or_init(|| {
+fn programs() -> &'static Executable {
+    static BUILT: OnceLock<Executable> = OnceLock::new();
+    BUILT.get_or_init(|| {
         let recipe = readme::program("GiScene(assets.load(");
         let assets = |processor: bool| {
             let plugin = format!(
@@ -34,7 +34,7 @@ fn programs() -> &'static Package {
             );
             recipe.replacen("DefaultPlugins", &plugin, 1)
         };
-        Package::build(&[
+        Executable::build(&[
             ("meshes", &readme::program(".bake_gi(")),
             ("recipe", &recipe),
             ("processed", &assets(true)),

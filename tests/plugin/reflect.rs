@@ -248,8 +248,8 @@ fn full_world() -> App {
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     let eye = (camera(&image, view()), GiCamera::default());
-    let image = target(&mut app);
-    let forward = (camera(&image, view()), GiForwardCamera::default());
+    let forward_image = target(&mut app);
+    let forward = (camera(&forward_image, view()), GiForwardCamera::default());
     let light_source = spawn_light_source(&mut app, Vec3::new(-0.3, 1.5, 0.3));
     let ball = Mesh::from(Sphere::new(0.2));
     let ball = app.world_mut().resource_mut::<Assets<Mesh>>().add(ball);

@@ -15,12 +15,12 @@ const CRATES: [&str; 6] = [
 ];
 
 /// The built executable; its folder is removed with the value.
-pub struct Package {
+pub struct Executable {
     _folder: tempfile::TempDir,
     program: PathBuf,
 }
 
-impl Package {
+impl Executable {
     /// Builds `programs`, pairs of a name and a program's text, as modules of one executable. Its
     /// first argument names the program. The plugin of `measure.rs` is added to each; nothing else
     /// is changed.
@@ -47,7 +47,7 @@ impl Package {
         let program = folder.path().join(name);
         succeed(
             Command::new(Path::new(env!("CARGO")).with_file_name("rustc"))
-                .args(["--edition", "2024", "-A", "dead_code"])
+                .args(["--edition", "2024"])
                 .args(library_arguments())
                 .arg("-o")
                 .args([&program, &source]),
