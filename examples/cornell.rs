@@ -159,10 +159,10 @@ fn ball_at(seconds: f32) -> Vec3 {
 }
 
 fn roll(mut ball: Single<&mut Transform, With<Ball>>, clock: Res<Clock>) {
-    let place = ball_at(clock.now);
+    let position = ball_at(clock.now);
     // A ball at rest must not be marked as changed.
-    if place != ball.translation {
-        ball.translation = place;
+    if position != ball.translation {
+        ball.translation = position;
     }
 }
 

@@ -117,8 +117,8 @@ fn set_up(
     let mut root = commands.spawn((Transform::default(), Visibility::default()));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.bake_gi(recipe);
-    let place = Vec3::new(-1.9, 2.05, -1.9);
-    spawn_light(&mut commands, &mut meshes, &mut materials, place)
+    let transform = Vec3::new(-1.9, 2.05, -1.9);
+    spawn_light(&mut commands, &mut meshes, &mut materials, transform)
         .insert(GiReflectiveShadowMap::default());
     let mut paint = |r, g, b| {
         materials.add(StandardMaterial {
@@ -234,9 +234,9 @@ fn walk(
     // The body moves up and down slightly.
     let (step, _) = (4.2 * x).sin_cos();
     let high = 0.02 * (1.0 - step * step);
-    let place = Transform::from_xyz(x, high, 0.5 * (DOORWAY.0 + DOORWAY.1))
+    let transform = Transform::from_xyz(x, high, 0.5 * (DOORWAY.0 + DOORWAY.1))
         .with_rotation(Quat::from_rotation_y(turned));
-    character.set_if_neq(place);
+    character.set_if_neq(transform);
     for (swings, mut limb) in &mut limbs {
         limb.rotation = Quat::from_rotation_z(swings.0 * step);
     }
@@ -244,14 +244,14 @@ fn walk(
 
 fn slide(mut door: Single<(&mut Transform, &mut GiOccluder), With<Door>>, clock: Res<Clock>) {
     let open = transmittance(clock.now);
-    let (place, occluder) = &mut *door;
+    let (transform, occluder) = &mut *door;
     if occluder.transmittance != open {
         occluder.transmittance = open;
     }
     // The open door is inside the wall.
     let slid = DOOR.0 - Vec3::Z * open * DOOR.1.z;
-    if place.translation != slid {
-        place.translation = slid;
+    if transform.translation != slid {
+        transform.translation = slid;
     }
 }
 

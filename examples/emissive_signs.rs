@@ -127,8 +127,8 @@ fn strength(sign: usize, t: f32) -> Vec3 {
         }
         // One after the other.
         1..=3 => {
-            let place = (2.0 * t).rem_euclid(4.0);
-            let after = (place - (sign - 1) as f32).rem_euclid(4.0);
+            let offset = (2.0 * t).rem_euclid(4.0);
+            let after = (offset - (sign - 1) as f32).rem_euclid(4.0);
             Vec3::splat(if after < 2.0 { 1.0 } else { 0.04 })
         }
         // On and off.

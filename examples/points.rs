@@ -188,9 +188,9 @@ fn circle(
     if keys.any_pressed(by_hand) || buttons.pressed(MouseButton::Left) {
         clock.on = false;
     }
-    let place = light_at(clock.now);
+    let position = light_at(clock.now);
     // A light at rest must not be marked as changed.
-    if clock.on && place != light.translation {
-        light.translation = place;
+    if clock.on && position != light.translation {
+        light.translation = position;
     }
 }

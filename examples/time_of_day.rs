@@ -275,20 +275,20 @@ fn follow(
     }
     let sun = sun_at(clock.now);
     let [r, g, b] = (SUN * through_air(sun)).to_array();
-    let (light, place) = &mut *light;
-    let most = r.max(g).max(b);
-    light.illuminance = most;
-    light.color = match most > 0.0 {
-        true => Color::linear_rgb(r / most, g / most, b / most),
+    let (light, transform) = &mut *light;
+    let max = r.max(g).max(b);
+    light.illuminance = max;
+    light.color = match max > 0.0 {
+        true => Color::linear_rgb(r / max, g / max, b / max),
         false => Color::BLACK,
     };
-    **place = Transform::default().looking_to(-sun, Vec3::Y);
+    **transform = Transform::default().looking_to(-sun, Vec3::Y);
     environment.sky = nine(sun).without_ringing().into();
     let exposure = exposure(sun);
-    for (camera, place) in &cameras {
+    for (camera, transform) in &cameras {
         commands.entity(camera).insert(exposure);
         // The background above the roofs is about as bright as the sky there.
-        let above = (*place.forward() + 0.4 * Vec3::Y).normalize();
+        let above = (*transform.forward() + 0.4 * Vec3::Y).normalize();
         let [r, g, b] = (sky(sun, above) * exposure.exposure()).to_array();
         clear.0 = Color::linear_rgb(r, g, b);
     }

@@ -94,9 +94,9 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
     let image = target(&mut app);
     let eye = (camera(&image, view()), indirect(), Name::new("Eye"));
     let eye = app.world_mut().spawn(eye).id();
-    let place = Vec3::new(-0.3, 1.5, 0.3);
-    let first = spawn_light_source(&mut app, place);
-    let second = spawn_light_source(&mut app, place - 6.0 * Vec3::Z);
+    let position = Vec3::new(-0.3, 1.5, 0.3);
+    let first = spawn_light_source(&mut app, position);
+    let second = spawn_light_source(&mut app, position - 6.0 * Vec3::Z);
     move_lights(&mut app, [first, second], 40);
 
     let info = lines.at(Level::INFO);

@@ -134,10 +134,10 @@ fn projection_problems(
             return is(project::unshadowed(light, point.x(), point.n()));
         }
         let own = &scene.light_samples.list[(j - finest) * count..(j - finest + 1) * count];
-        let mut places = project::samples_for_light(light, own);
-        let used = places.len() as f32;
+        let mut positions = project::samples_for_light(light, own);
+        let used = positions.len() as f32;
         let (extent, apart) = (project::extent(scene), project::sample_spacing(scene));
-        places.any(|p| is(project::unshadowed_within(light, p.x(), p.n(), extent, apart) / used))
+        positions.any(|p| is(project::unshadowed_within(light, p.x(), p.n(), extent, apart) / used))
     });
     (found.len(), flips.count())
 }

@@ -63,7 +63,7 @@ pub fn spawn_light<'a>(
     commands: &'a mut Commands,
     meshes: &mut Assets<Mesh>,
     materials: &mut Assets<StandardMaterial>,
-    place: Vec3,
+    position: Vec3,
 ) -> EntityCommands<'a> {
     let bulb = materials.add(StandardMaterial {
         base_color: Color::BLACK,
@@ -80,7 +80,7 @@ pub fn spawn_light<'a>(
             shadow_map_near_z: 0.01,
             ..default()
         },
-        Transform::from_translation(place),
+        Transform::from_translation(position),
         Mesh3d(meshes.add(Sphere::new(0.03))),
         MeshMaterial3d(bulb),
         bevy::light::NotShadowCaster,
@@ -149,21 +149,21 @@ fn move_light(
         axis(KeyCode::PageUp, KeyCode::PageDown),
         axis(KeyCode::ArrowDown, KeyCode::ArrowUp),
     );
-    let mut place = light.translation + step * time.delta_secs();
+    let mut position = light.translation + step * time.delta_secs();
     let on_panel = panel.iter().any(|over| *over != Interaction::None);
     if buttons.pressed(MouseButton::Left)
         && !on_panel
         && let Some(cursor) = windows.iter().find_map(Window::cursor_position)
         && let Ok((camera, at)) = camera.single()
         && let Ok(ray) = camera.viewport_to_world(at, cursor)
-        && let Some(distance) = ray.intersect_plane(place, InfinitePlane3d::new(Vec3::Z))
+        && let Some(distance) = ray.intersect_plane(position, InfinitePlane3d::new(Vec3::Z))
     {
-        place = ray.get_point(distance);
+        position = ray.get_point(distance);
     }
-    let place = place.clamp(low, high);
+    let position = position.clamp(low, high);
     // A light at rest must not be marked as changed.
-    if place != light.translation {
-        light.translation = place;
+    if position != light.translation {
+        light.translation = position;
     }
 }
 

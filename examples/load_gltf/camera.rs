@@ -225,7 +225,7 @@ impl Lit {
                 let found = around(&seen, outlook.toward);
                 let mean = found.iter().sum::<f32>() / found.len().max(1) as f32;
                 let score = found.len() as f32 * (mean + 1e-6).powf(0.25);
-                if found.len() >= 8 && best.is_none_or(|(most, _)| score > most) {
+                if found.len() >= 8 && best.is_none_or(|(max, _)| score > max) {
                     best = Some((score, *outlook));
                 }
             }

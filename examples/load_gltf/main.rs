@@ -164,9 +164,9 @@ fn switch(
     if keys.just_pressed(KeyCode::KeyG) {
         common::next_gizmos(&mut gizmos);
     }
-    for (mut place, mut visibility) in &mut default_light {
+    for (mut transform, mut visibility) in &mut default_light {
         if keys.just_pressed(KeyCode::KeyF) {
-            place.translation = camera.1.translation;
+            transform.translation = camera.1.translation;
         }
         if keys.just_pressed(KeyCode::KeyL) {
             visibility.toggle_visible_hidden();

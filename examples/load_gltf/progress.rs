@@ -84,14 +84,14 @@ pub fn show(
     bakes: Query<Ref<GiBakeTask>>,
     camera: Single<&GiCamera>,
     (saving, notice): (Option<Res<Saving>>, Res<Notice>),
-    mut most: Local<f32>,
+    mut max: Local<f32>,
 ) {
     let baking = bakes.iter().next().map(|bake| {
         let (stage, done) = bake.progress();
         // A bake repeats stages. The bar must not go back.
-        let before = if bake.is_added() { 0.0 } else { *most };
-        *most = before.max(overall(stage, done));
-        (stage, *most)
+        let before = if bake.is_added() { 0.0 } else { *max };
+        *max = before.max(overall(stage, done));
+        (stage, *max)
     });
     if let Some((_, done)) = baking {
         bar.0.width = percent(100.0 * done);

@@ -71,10 +71,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut counters = GpuCounters::default();
         let mut passes = Passes::new(Field::from_operator(&operator));
         let mut values = vec![VectorIrradiance::default(); radiosity.len()];
-        let mut least = [f64::INFINITY; 4];
+        let mut min = [f64::INFINITY; 4];
         for _ in 0..3 {
             let mut note = |k: usize, start: Instant| {
-                least[k] = least[k].min(1e3 * start.elapsed().as_secs_f64());
+                min[k] = min[k].min(1e3 * start.elapsed().as_secs_f64());
             };
             let start = Instant::now();
             fmm_up(&mut passes, &light);
@@ -101,7 +101,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let largest = pairs.fold(0.0f32, |m, (a, b)| m.max((a - b).abs()));
         // The fourth component is unused.
         let rms = (all.iter().map(|e| e * e).sum::<f32>() / (0.75 * all.len() as f32)).sqrt();
-        let [a, b, c, d] = least;
+        let [a, b, c, d] = min;
         println!(
             "| {} | {a:.2} | {b:.2} | {c:.2} | {d:.2} | {:.2} | {:.2} | {:.1e} |",
             room.points.len(),

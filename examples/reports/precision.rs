@@ -68,12 +68,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         let scalars: Vec<[f32; 4]> = (scene.points.iter().zip(values))
             .map(|(p, e)| e.dot(p.n()).extend(0.0).to_array())
             .collect();
-        let mut places = walls(&quads, PLACES);
-        display(name, &scene, values, &scalars, &places);
-        errors += &apart(name, "walls", &scene, values, &scalars, &places, 0.0);
+        let mut positions = walls(&quads, PLACES);
+        display(name, &scene, values, &scalars, &positions);
+        errors += &apart(name, "walls", &scene, values, &scalars, &positions, 0.0);
         if ball {
-            places = on_ball();
-            errors += &apart(name, "the ball", &scene, values, &scalars, &places, 0.0);
+            positions = on_ball();
+            errors += &apart(name, "the ball", &scene, values, &scalars, &positions, 0.0);
         }
         errors += &apart(
             name,
@@ -200,15 +200,15 @@ fn scalar(scene: &BakedScene, values: &[[f32; 4]], x: Vec3, n: Vec3) -> Option<V
 
 /// Returns the minimum seconds of each, run alternately so that other load affects all alike.
 fn fastest<const N: usize>(mut all: [&mut dyn FnMut(); N]) -> [f64; N] {
-    let mut least = [f64::INFINITY; N];
+    let mut min = [f64::INFINITY; N];
     for _ in 0..RUNS {
-        for (run, least) in all.iter_mut().zip(&mut least) {
+        for (run, min) in all.iter_mut().zip(&mut min) {
             let start = Instant::now();
             run();
-            *least = least.min(start.elapsed().as_secs_f64());
+            *min = min.min(start.elapsed().as_secs_f64());
         }
     }
-    least
+    min
 }
 
 fn display(
@@ -216,10 +216,10 @@ fn display(
     scene: &BakedScene,
     values: &[VectorIrradiance],
     scalars: &[[f32; 4]],
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
 ) {
     let (mut looked, mut count, mut planes) = (0usize, 0usize, 0usize);
-    for &(x, n) in places {
+    for &(x, n) in positions {
         for &j in scene.display.grid.near(x) {
             let point = &scene.points[j as usize];
             looked += 1;
@@ -229,16 +229,16 @@ fn display(
             }
         }
     }
-    let a_place = |n: usize| n as f64 / places.len() as f64;
+    let a_place = |n: usize| n as f64 / positions.len() as f64;
     let read = |value: usize| a_place(looked * 36 + planes * 16 + count * value);
     let [of_vector, of_scalar] = fastest([
         &mut || {
-            for &(x, n) in places {
+            for &(x, n) in positions {
                 black_box(vector(scene, values, x, n, n));
             }
         },
         &mut || {
-            for &(x, n) in places {
+            for &(x, n) in positions {
                 black_box(scalar(scene, scalars, x, n));
             }
         },
@@ -260,24 +260,24 @@ fn display(
         a_place(count),
         read(48),
         read(16),
-        1e6 * of_vector / places.len() as f64,
-        1e6 * of_scalar / places.len() as f64,
+        1e6 * of_vector / positions.len() as f64,
+        1e6 * of_scalar / positions.len() as f64,
     );
 }
 
 /// Returns the difference of scalar and vector irradiance for normals bent by an angle in radians.
 fn apart(
     name: &str,
-    place: &str,
+    position: &str,
     scene: &BakedScene,
     values: &[VectorIrradiance],
     scalars: &[[f32; 4]],
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
     bend: f32,
 ) -> String {
     let mut off = Vec::new();
     let mut all = 0.0f64;
-    for (i, &(x, n)) in places.iter().enumerate() {
+    for (i, &(x, n)) in positions.iter().enumerate() {
         let along = n.any_orthonormal_vector();
         let across = n.cross(along);
         let phi = TAU * number(i, 7);
@@ -294,7 +294,7 @@ fn apart(
     let squared: f64 = off.iter().map(|d| f64::from(d * d)).sum();
     off.sort_by(f32::total_cmp);
     format!(
-        "| {name} | {place} | {:.2} % | {:.1} % | {:.1} % |\n",
+        "| {name} | {position} | {:.2} % | {:.1} % | {:.1} % |\n",
         100.0 * (squared / off.len() as f64).sqrt() / rms,
         100.0 * f64::from(off[off.len() * 99 / 100]) / rms,
         100.0 * f64::from(off[off.len() - 1]) / rms,

@@ -150,13 +150,13 @@ fn time(
     mut record: impl FnMut(&mut wgpu::CommandEncoder),
 ) -> Result<f64, Box<dyn Error>> {
     harness.run(&mut record)?;
-    let mut least = f64::INFINITY;
+    let mut min = f64::INFINITY;
     for _ in 0..RUNS {
         let began = Instant::now();
         harness.run(&mut record)?;
-        least = least.min(began.elapsed().as_secs_f64());
+        min = min.min(began.elapsed().as_secs_f64());
     }
-    Ok(1000.0 * least)
+    Ok(1000.0 * min)
 }
 
 /// Returns the evaluations of the last frame by the device's counters.

@@ -13,12 +13,12 @@ pub struct LinkChunk {
     pub links: Range<u32>,
 }
 
-/// Cuts the rows, which are in the order of their links, into parts of at most `most` bytes of
+/// Cuts the rows, which are in the order of their links, into parts of at most `max` bytes of
 /// links.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] where one row alone has more.
-pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkChunk>, GpuError> {
+pub fn cut(rows: &[Row], max: u64) -> Result<Vec<LinkChunk>, GpuError> {
     let size = size_of::<Link>() as u64;
     let mut parts: Vec<LinkChunk> = Vec::new();
     let mut part = LinkChunk {
@@ -32,7 +32,7 @@ pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkChunk>, GpuError> {
             part.links = row_links;
         } else if row.count > 0 {
             let end = part.links.end.max(row_links.end);
-            if row_links.start < part.links.start || u64::from(end - part.links.start) * size > most
+            if row_links.start < part.links.start || u64::from(end - part.links.start) * size > max
             {
                 parts.push(part);
                 part = LinkChunk {
@@ -44,11 +44,11 @@ pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkChunk>, GpuError> {
             }
         }
         let bytes = u64::from(row.count) * size;
-        if bytes > most {
+        if bytes > max {
             return Err(GpuError::TooLarge {
                 what: "the links of one row",
                 bytes,
-                limit: most,
+                limit: max,
             });
         }
         part.rows.end = i + 1;
@@ -83,13 +83,13 @@ mod tests {
     #[test]
     fn link_chunks_contain_each_row_once_within_limit() {
         let rows = rows(&[3, 0, 5, 8, 0, 0, 1, 7, 2]);
-        for most in [64, 80, 1000] {
-            let parts = cut(&rows, most).unwrap();
+        for max in [64, 80, 1000] {
+            let parts = cut(&rows, max).unwrap();
             let mut next = 0;
             for part in &parts {
                 assert_eq!(part.rows.start, next);
                 next = part.rows.end;
-                assert!(part.links.len() as u64 * 8 <= most);
+                assert!(part.links.len() as u64 * 8 <= max);
                 for row in &rows[part.rows.start as usize..part.rows.end as usize] {
                     assert!(
                         row.count == 0

@@ -78,7 +78,7 @@ impl KernelPipelines {
         let entries = KERNELS
             .iter()
             .flat_map(|k| k.entries.iter().map(move |e| (k, e)));
-        let most = entries
+        let max = entries
             .map(|(k, e)| storage(e.bindings, k))
             .max()
             .unwrap_or(0);
@@ -86,7 +86,7 @@ impl KernelPipelines {
             (
                 "maxStorageBuffersPerShaderStage",
                 u64::from(limits.max_storage_buffers_per_shader_stage),
-                most as u64,
+                max as u64,
             ),
             (
                 "maxStorageTexturesPerShaderStage",

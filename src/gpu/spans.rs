@@ -20,11 +20,11 @@ pub(super) fn span(range: Range<usize>) -> Span {
     }
 }
 
-/// Rows of a chunk that are among the first `most` rows.
-pub(super) fn part_span(part: &LinkChunk, most: u32) -> Span {
+/// Rows of a chunk that are among the first `max` rows.
+pub(super) fn part_span(part: &LinkChunk, max: u32) -> Span {
     Span {
         first: part.rows.start,
-        count: part.rows.end.min(most).saturating_sub(part.rows.start),
+        count: part.rows.end.min(max).saturating_sub(part.rows.start),
         base: part.links.start,
         pad: 0,
     }

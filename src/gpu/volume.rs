@@ -35,14 +35,14 @@ impl VolumeBuffers {
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        places: &VoxelWeights,
+        weights: &VoxelWeights,
     ) -> Result<Self, GpuError> {
         assert!(
-            places.is_whole(),
+            weights.is_whole(),
             "a volume whose voxel weights are incomplete"
         );
         let make = Maker::new(device, queue);
-        let found = places.wall_samples();
+        let found = weights.wall_samples();
         let wall_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
         // Shares of the last one end where those of this one start.
         let mut wall_samples = found.wall_samples.clone();
@@ -51,14 +51,14 @@ impl VolumeBuffers {
             ..WallSample::default()
         });
         Ok(Self {
-            shape: *places.shape(),
+            shape: *weights.shape(),
             params: uniform(device, "volume", size_of::<VolumeParams>() as u64),
-            starts: make.upload("starts of a volume's shares", places.starts())?,
-            weights: make.upload("shares of a volume", places.weights())?,
+            starts: make.upload("starts of a volume's shares", weights.starts())?,
+            weights: make.upload("shares of a volume", weights.weights())?,
             wall_starts: make.upload("starts of a volume's faces", &wall_starts)?,
             wall_samples: make.upload("faces of a volume", &wall_samples)?,
             wall_weights: make.upload("shares of a volume's faces", &found.weights)?,
-            wall_distances: make.upload("ways of a volume", places.wall_distances())?,
+            wall_distances: make.upload("ways of a volume", weights.wall_distances())?,
         })
     }
 

@@ -99,10 +99,10 @@ impl BounceSelector {
             self.gain = self.gain.max(max_spectral_radius(bake, factors));
         }
         let gain = known.then_some(self.gain);
-        let most = FrameSettings::MAX_SWEEPS + 1;
+        let max = FrameSettings::MAX_SWEEPS + 1;
         Some(BounceSelection {
             bounces: match (asked, gain) {
-                (GiBounceCount::Fixed(bounces), _) => bounces.clamp(1, most),
+                (GiBounceCount::Fixed(bounces), _) => bounces.clamp(1, max),
                 (GiBounceCount::Auto, Some(gain)) => bounces_for_spectral_radius(gain),
                 (GiBounceCount::Auto, None) => UNKNOWN,
             },

@@ -72,9 +72,9 @@ impl Hues {
     const GRAY: Self = Self::One(Vec3::ONE);
 
     fn from_color(color: Vec3) -> Self {
-        let most = color.abs().max_element();
-        match most > 0.0 && most.is_finite() {
-            true => Self::One(color / most),
+        let max = color.abs().max_element();
+        match max > 0.0 && max.is_finite() {
+            true => Self::One(color / max),
             false => Self::None,
         }
     }
@@ -219,8 +219,8 @@ impl<K> Default for InventoryTracker<K> {
 
 /// Returns kind, color and geometry of a light. `None` for a sky.
 fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
-    let mut place = [0.0; 9];
-    let mut put = |at: usize, v: Vec3| place[at..at + 3].copy_from_slice(&v.to_array());
+    let mut placement = [0.0; 9];
+    let mut put = |at: usize, v: Vec3| placement[at..at + 3].copy_from_slice(&v.to_array());
     let (sort, color) = match *light {
         Light::Point {
             position,
@@ -228,7 +228,7 @@ fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
             range,
         } => {
             put(0, position);
-            place[8] = range;
+            placement[8] = range;
             (LightKind::Point, intensity)
         }
         Light::Spot {
@@ -241,7 +241,7 @@ fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
         } => {
             put(0, position);
             put(3, direction);
-            [place[6], place[7], place[8]] = [inner, outer, range];
+            [placement[6], placement[7], placement[8]] = [inner, outer, range];
             (LightKind::Spot, intensity)
         }
         Light::Directional {
@@ -264,7 +264,7 @@ fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
         }
         _ => return None,
     };
-    Some((sort, color, place))
+    Some((sort, color, placement))
 }
 
 impl<K: Copy + Ord> InventoryTracker<K> {
@@ -322,7 +322,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
         let mut hues = vec![Hues::None; found.lights.len()];
         let mut before = std::mem::take(&mut self.lights);
         for ((key, light), hue) in found.lights.iter().zip(&mut hues) {
-            let Some((sort, color, place)) = parts(light) else {
+            let Some((sort, color, placement)) = parts(light) else {
                 continue;
             };
             let census = &mut out.lights[sort as usize];
@@ -331,7 +331,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
             *hue = Hues::from_color(color);
             match before.remove(key).as_ref().and_then(parts) {
                 Some((was, tint, stood)) if was == sort => {
-                    census.moved += u32::from(stood != place);
+                    census.moved += u32::from(stood != placement);
                     census.recolored += u32::from(tint != color);
                 }
                 _ => census.moved += 1,

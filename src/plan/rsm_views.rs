@@ -138,13 +138,13 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
     let texel = size / texels;
     let snap = |v: f32| (v / texel).round() * texel;
     let margin = 0.01 * extent.z + RSM_NEAR_PLANE;
-    let place = Vec3::new(
+    let light_position = Vec3::new(
         snap(0.5 * (joint.min.x + joint.max.x)),
         snap(0.5 * (joint.min.y + joint.max.y)),
         joint.max.z + margin,
     );
     vec![MapView {
-        position: axes * place,
+        position: axes * light_position,
         rotation: Quat::from_mat3(&axes),
         lens: Lens::Orthographic {
             size,
@@ -319,12 +319,12 @@ mod tests {
 
     #[test]
     fn rsm_views_contain_reflector_bounds_tightly() {
-        let places = [
+        let positions = [
             Vec3::new(0.3, -1.0, 0.2),
             Vec3::new(1.5, 0.0, -2.0),
             Vec3::new(-3.0, 1.0, 0.0),
         ];
-        for at in places {
+        for at in positions {
             let b = cube(at, 0.25);
             for light in [
                 point(Vec3::ZERO),

@@ -104,8 +104,8 @@ impl TierController {
         let top = tiers.len().max(1) as u32;
         let tier = match asked {
             GiQuality::Tier(n) => n.clamp(1, top),
-            GiQuality::MaxError(most) => {
-                let met = tiers.iter().position(|tier| tier.error <= most);
+            GiQuality::MaxError(max) => {
+                let met = tiers.iter().position(|tier| tier.error <= max);
                 met.map_or(top, |at| at as u32 + 1)
             }
             GiQuality::Full | GiQuality::GpuBudget(_) => top,
@@ -199,14 +199,14 @@ impl TierController {
             (GiQuality::Full, _) => "nothing less was asked for".into(),
             (GiQuality::Tier(n), _) if n == self.tier => "it was asked for".into(),
             (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
-            (GiQuality::MaxError(most), _) if error <= most => format!(
+            (GiQuality::MaxError(max), _) if error <= max => format!(
                 "the lowest with an error of at most {:.1} %: {:.1} %",
-                percent(most),
+                percent(max),
                 percent(error)
             ),
-            (GiQuality::MaxError(most), _) => format!(
+            (GiQuality::MaxError(max), _) => format!(
                 "none has an error of at most {:.1} %; this is the best, {:.1} %",
-                percent(most),
+                percent(max),
                 percent(error)
             ),
             (GiQuality::GpuBudget(budget), None) => {

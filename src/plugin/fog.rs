@@ -140,9 +140,11 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
 /// other.
 pub(crate) fn meet(a: &Affine3A, b: &Affine3A) -> bool {
     let within = |of: &Affine3A, other: &Affine3A| {
-        let place = of.inverse() * *other;
-        let half = (0..3).fold(Vec3A::ZERO, |sum, k| sum + 0.5 * place.matrix3.col(k).abs());
-        (place.translation.abs() - half)
+        let transform = of.inverse() * *other;
+        let half = (0..3).fold(Vec3A::ZERO, |sum, k| {
+            sum + 0.5 * transform.matrix3.col(k).abs()
+        });
+        (transform.translation.abs() - half)
             .cmplt(Vec3A::splat(0.5))
             .all()
     };
@@ -304,9 +306,9 @@ mod tests {
 
     #[test]
     fn invalid_fog_volumes_are_skipped() {
-        let place = GlobalTransform::from(Transform::from_xyz(1.0, 2.0, 3.0));
+        let transform = GlobalTransform::from(Transform::from_xyz(1.0, 2.0, 3.0));
         let fog = FogVolume::default();
-        assert!(fog_of(&fog, &place).is_some());
+        assert!(fog_of(&fog, &transform).is_some());
         let no = [
             FogVolume {
                 density_factor: 0.0,
@@ -330,7 +332,7 @@ mod tests {
             },
         ];
         for (k, none) in no.iter().enumerate() {
-            assert!(fog_of(none, &place).is_none(), "{k}");
+            assert!(fog_of(none, &transform).is_none(), "{k}");
         }
         for none in [Vec3::new(1.0, 0.0, 1.0), Vec3::splat(f32::NAN)] {
             let flat = GlobalTransform::from(Transform::from_scale(none));

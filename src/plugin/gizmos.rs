@@ -97,7 +97,8 @@ fn draw(
     }
     let group = gizmos.config_ext.clone();
     for (entity, gi, transform, visibility) in &scenes {
-        let (Some(asset), Some(place)) = (assets.get(&gi.0), SimilarityTransform::new(transform))
+        let (Some(asset), Some(transform)) =
+            (assets.get(&gi.0), SimilarityTransform::new(transform))
         else {
             continue;
         };
@@ -117,12 +118,12 @@ fn draw(
             let color = level_color(level, scene.levels());
             for i in scene.level(level) {
                 let point = &scene.points[i];
-                let at = place.world_from_local.transform_point3(point.x());
-                let normal = place
+                let at = transform.world_from_local.transform_point3(point.x());
+                let normal = transform
                     .world_from_local
                     .transform_vector3(point.n())
                     .normalize_or(Vec3::Y);
-                let radius = point.radius * place.scale;
+                let radius = point.radius * transform.scale;
                 if group.points {
                     gizmos.cross(at, group.size * radius, color);
                 }

@@ -307,7 +307,7 @@ pub(crate) fn update_rsm_cameras(
     for light in asking.lights.iter_mut().filter(|_| shown) {
         let texels = light.settings.texels();
         light.maps = map_views(&light.light, &boxes, texels).map(|views| {
-            let mut place = |(map, view): (usize, &MapView)| {
+            let mut placed = |(map, view): (usize, &MapView)| {
                 order += 1;
                 let capture = GiRsmCamera {
                     light: Entity::from_bits(light.key.0),
@@ -316,7 +316,7 @@ pub(crate) fn update_rsm_cameras(
                 };
                 place_camera(&mut commands, &mut captures, capture, view, texels, order)
             };
-            let drawn = views.iter().enumerate().map(&mut place).collect();
+            let drawn = views.iter().enumerate().map(&mut placed).collect();
             light.views = views;
             drawn
         });

@@ -270,10 +270,10 @@ mod tests {
         let shines = |w: Vec3| Vec3::splat(if w.dot(sun) > 0.95 { 10.0 } else { 0.1 });
         let sky = GiSky::from_cubemap(&cubemap(32, shines), 1.0).unwrap();
         let beside = Vec3::new(-0.6, 0.8, 0.0);
-        let least = |sky: &GiSky| sky.radiance().toward(beside).max_element();
-        assert!(least(&sky) < -0.1, "{}", least(&sky));
+        let min = |sky: &GiSky| sky.radiance().toward(beside).max_element();
+        assert!(min(&sky) < -0.1, "{}", min(&sky));
         let without = sky.without_ringing();
-        assert!(least(&without) > -1e-4, "{}", least(&without));
+        assert!(min(&without) > -1e-4, "{}", min(&without));
         assert_eq!(without.radiance().mean, sky.radiance().mean);
     }
 
@@ -324,8 +324,8 @@ mod tests {
         };
         let (mut mean, mut way) = (Vec3::ZERO, Vec3::ZERO);
         for (x, y) in at {
-            let place = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-            let to = texel_direction(2, place(x), place(y));
+            let offset = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
+            let to = texel_direction(2, offset(x), offset(y));
             let angle = 4.0 / (n * n) as f32 * to.length().powi(-3);
             let share = angle / (4.0 * std::f32::consts::PI);
             mean += 3.0 * share * Vec3::new(1024.0, 512.0, 0.0);

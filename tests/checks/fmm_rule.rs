@@ -27,7 +27,7 @@ fn light_source() -> [Light; 1] {
 }
 
 /// Positions visible to a camera in front of the open side and to one below the ceiling.
-fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
+fn samples(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     let seen = |k: u64| {
         let mut r = Random::new(4, 4, k);
         let eye = match k % 2 {
@@ -45,14 +45,14 @@ fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
 /// Two references whose noise is independent.
 type ReferencePair = [Vec<Irradiance>; 2];
 
-fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> ReferencePair {
+fn reference(mesh: &TriangleMesh, samples: &[(Vec3, Vec3)]) -> ReferencePair {
     [1, 2].map(|seed| {
         let settings = ReferenceSettings {
             paths: 64,
             bounces: Some(REFLECTIONS),
             seed,
         };
-        irradiance_at_all(mesh, &light_source(), places, &settings)
+        irradiance_at_all(mesh, &light_source(), samples, &settings)
     })
 }
 
@@ -70,14 +70,14 @@ fn baked(level: &TriangleMesh, recipe: &Recipe) -> BakedScene {
         .scene
 }
 
-fn indirect(scene: &BakedScene, level: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Vec<Vec3> {
+fn indirect(scene: &BakedScene, level: &TriangleMesh, samples: &[(Vec3, Vec3)]) -> Vec<Vec3> {
     let level = std::slice::from_ref(level);
     let evaluator = Evaluator::new(scene, level, &light_source(), Bounces::Count(REFLECTIONS));
     let at = |(k, (x, n)): (usize, &(Vec3, Vec3))| {
         let e = evaluator.at(*x, *n, k as u64);
         e.indirect.unwrap_or_default()
     };
-    places.iter().enumerate().map(at).collect()
+    samples.iter().enumerate().map(at).collect()
 }
 
 /// ‖values − truth‖ / ‖truth‖; in products of the one reference with the other their noise cancels.
@@ -124,15 +124,15 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             0.1,
         ),
     ];
-    for (name, level, most) in rooms {
-        let places = places(&level, 400);
-        let truth = reference(&level, &places);
+    for (name, level, max) in rooms {
+        let samples = samples(&level, 400);
+        let truth = reference(&level, &samples);
         let [fmm, bounded] = [TransportMethod::fmm(), TransportMethod::Bounded].map(|rule| {
             let scene = baked(&level, &draft(rule));
             let bytes = scene.to_bytes().expect("a file").len();
             let again = BakedScene::from_bytes(&scene.to_bytes().unwrap(), &Limits::default());
             assert!(again.expect("it can be read") == scene);
-            let found = indirect(&scene, &level, &places);
+            let found = indirect(&scene, &level, &samples);
             let error = nrmse(&found, &truth);
             let work = TierCandidate::all_of(&scene, REFLECTIONS - 1);
             println!(
@@ -145,8 +145,8 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             );
             (scene, found, error)
         });
-        assert!(fmm.2 < most, "{name}: {}, at most {most}", fmm.2);
-        assert!(bounded.2 < most, "{name}: {}", bounded.2);
+        assert!(fmm.2 < max, "{name}: {}, at most {max}", fmm.2);
+        assert!(bounded.2 < max, "{name}: {}", bounded.2);
         // There are no links, and the octree is what carried the light.
         assert!(fmm.0.operator.links.is_empty() && fmm.0.fmm.is_some());
         assert_eq!((fmm.0.tiers(), fmm.0.link_tiers()), (1, 0));
@@ -157,7 +157,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             let below = |(x, _): &&(Vec3, Vec3)| {
                 x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < 0.7
             };
-            let floor: Vec<_> = places.iter().filter(below).copied().collect();
+            let floor: Vec<_> = samples.iter().filter(below).copied().collect();
             let bare = mesh_of_quads(&cornell_box()[..5]);
             let empty = baked(&bare, &quick(TransportMethod::fmm(), false));
             let tints = [(&fmm.0, &level), (&empty, &bare)].map(|(scene, level)| {
@@ -176,7 +176,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
                 let facing = |(x, n): &&(Vec3, Vec3)| {
                     x.distance(center) < 0.45 && (if left { -n.x } else { n.x }) > 0.4
                 };
-                let own: Vec<_> = places.iter().filter(facing).copied().collect();
+                let own: Vec<_> = samples.iter().filter(facing).copied().collect();
                 let sum: Vec3 = indirect(&fmm.0, &level, &own).into_iter().sum();
                 (own.len(), sum.x / sum.y)
             };

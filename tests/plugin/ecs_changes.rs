@@ -31,16 +31,16 @@ fn cpu(lights: &[Light]) -> crate::support::flip::Picture {
 fn initially_dark_lights_light_up_when_switched_on() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
-    let places = [
+    let positions = [
         Vec3::new(-0.5, 1.6, 0.3),
         Vec3::new(0.5, 1.5, 0.3),
         Vec3::new(0.0, 1.0, 0.7),
     ];
-    let hidden = spawn_light_source(&mut app, places[0]);
+    let hidden = spawn_light_source(&mut app, positions[0]);
     app.world_mut()
         .entity_mut(hidden)
         .insert(Visibility::Hidden);
-    let dim = spawn_light_source(&mut app, places[1]);
+    let dim = spawn_light_source(&mut app, positions[1]);
     let lumens = bevy_light().intensity;
     let set = |app: &mut App, lumens| {
         app.world_mut()
@@ -63,13 +63,13 @@ fn initially_dark_lights_light_up_when_switched_on() {
             1 => set(&mut app, lumens),
             _ => {
                 let mut at = app.world_mut().get_mut::<Transform>(light_source).unwrap();
-                at.translation = places[2];
+                at.translation = positions[2];
             }
         }
         run(&mut app, 1);
         let c = counters(&app);
         assert_eq!(c.projected_slots, 1, "light {i}: {}", c.plan);
-        let lit: Vec<Light> = places[..=i]
+        let lit: Vec<Light> = positions[..=i]
             .iter()
             .map(|p| crate::support::stage::light_source(*p))
             .collect();
@@ -85,7 +85,7 @@ fn initially_dark_lights_light_up_when_switched_on() {
 fn eighty_lights_plus_forty_grow_slots() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
-    let place = |i: usize| {
+    let position = |i: usize| {
         let (x, y, z) = ((i % 5) as f32, (i / 5 % 4) as f32, (i / 20) as f32);
         Vec3::new(0.35 * (x - 2.0), 1.2 + 0.2 * y, 0.25 * (z - 2.0))
     };
@@ -96,7 +96,7 @@ fn eighty_lights_plus_forty_grow_slots() {
                     intensity: bevy_light().intensity / 20.0,
                     ..bevy_light()
                 };
-                let at = Transform::from_translation(place(i));
+                let at = Transform::from_translation(position(i));
                 app.world_mut().spawn((light_source, at)).id()
             })
             .collect::<Vec<_>>()
@@ -122,7 +122,7 @@ fn eighty_lights_plus_forty_grow_slots() {
         intensity: Vec3::splat(CANDELA / 20.0),
         range: 20.0,
     };
-    let all: Vec<Light> = (0..120).map(|i| dim(place(i))).collect();
+    let all: Vec<Light> = (0..120).map(|i| dim(position(i))).collect();
     assert_alike("many_lights", &cpu(&all), &picture(&mut app, &image));
 
     // One moves, and then all but three go.
@@ -145,7 +145,7 @@ fn eighty_lights_plus_forty_grow_slots() {
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!((c.projected_slots, c.bytes), (0, bytes), "{}", c.plan);
-    let left = [dim(to), dim(place(8)), dim(place(9))];
+    let left = [dim(to), dim(position(8)), dim(position(9))];
     assert_alike("three_lights", &cpu(&left), &picture(&mut app, &image));
 }
 
@@ -153,9 +153,9 @@ fn eighty_lights_plus_forty_grow_slots() {
 fn render_layers_select_cameras_and_lights() {
     let mut app = app();
     let (root, eye, image) = room_and_camera(&mut app);
-    let places = [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)];
-    spawn_light_source(&mut app, places[0]);
-    let elsewhere = spawn_light_source(&mut app, places[1]);
+    let positions = [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)];
+    spawn_light_source(&mut app, positions[0]);
+    let elsewhere = spawn_light_source(&mut app, positions[1]);
     app.world_mut()
         .entity_mut(elsewhere)
         .insert(RenderLayers::layer(3));
@@ -164,7 +164,7 @@ fn render_layers_select_cameras_and_lights() {
     assert_eq!(c.projected_slots, 1, "{}", c.plan);
     assert_alike(
         "one_layer",
-        &cpu(&[light_source(places[0])]),
+        &cpu(&[light_source(positions[0])]),
         &picture(&mut app, &image),
     );
 
@@ -174,7 +174,7 @@ fn render_layers_select_cameras_and_lights() {
     assert_eq!(counters(&app).projected_slots, 1);
     assert_alike(
         "both_layers",
-        &cpu(&places.map(light_source)),
+        &cpu(&positions.map(light_source)),
         &picture(&mut app, &image),
     );
 
@@ -199,8 +199,8 @@ fn render_layers_select_cameras_and_lights() {
 fn root_rotating_with_lights_costs_nothing() {
     let mut app = app();
     let (root, ..) = room_and_camera(&mut app);
-    for place in [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)] {
-        let light_source = spawn_light_source(&mut app, place);
+    for position in [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)] {
+        let light_source = spawn_light_source(&mut app, position);
         app.world_mut()
             .entity_mut(light_source)
             .insert(ChildOf(root));
@@ -286,12 +286,12 @@ fn hidden_or_removed_scene_frees_memory() {
 fn resized_target_is_followed() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
-    let place = Vec3::new(0.2, 1.5, 0.4);
-    spawn_light_source(&mut app, place);
+    let position = Vec3::new(0.2, 1.5, 0.4);
+    spawn_light_source(&mut app, position);
     run(&mut app, 3);
     assert_alike(
         "before",
-        &cpu(&[light_source(place)]),
+        &cpu(&[light_source(position)]),
         &picture(&mut app, &image),
     );
     let bytes = counters(&app).bytes;
@@ -307,7 +307,7 @@ fn resized_target_is_followed() {
             &bake,
             Transform::IDENTITY,
             view(),
-            &[light_source(place)],
+            &[light_source(position)],
             &settings(),
             [w, h],
         );
@@ -345,8 +345,8 @@ fn normal_maps_and_base_color_textures_are_used() {
     let mut app = app();
     let (room, bake) = cornell();
     let (_, _, image) = room_and_camera(&mut app);
-    let place = Vec3::new(0.2, 1.5, 0.4);
-    spawn_light_source(&mut app, place);
+    let position = Vec3::new(0.2, 1.5, 0.4);
+    spawn_light_source(&mut app, position);
 
     let (bump, tint) = ([204, 128, 229, 255], [255, 128, 200, 255]);
     let normal_map = texel(&mut app, bump, TextureFormat::Rgba8Unorm);
@@ -378,7 +378,7 @@ fn normal_maps_and_base_color_textures_are_used() {
             &room,
             &bake,
             [Transform::IDENTITY, view()],
-            &[light_source(place)],
+            &[light_source(position)],
             &settings(),
             [WIDTH, HEIGHT],
             |quad, mut surface| {
@@ -405,8 +405,8 @@ fn normal_maps_and_base_color_textures_are_used() {
 fn indirect_light_precedes_transparency_and_tonemapping() {
     let mut app = app();
     let (_, eye, image) = room_and_camera(&mut app);
-    let place = Vec3::new(0.2, 1.5, 0.4);
-    spawn_light_source(&mut app, place);
+    let position = Vec3::new(0.2, 1.5, 0.4);
+    spawn_light_source(&mut app, position);
     // A pane of tinted glass in front of the camera.
     let (alpha, tint) = (0.4, [0.05, 0.1, 0.3]);
     let mesh = app
@@ -426,7 +426,7 @@ fn indirect_light_precedes_transparency_and_tonemapping() {
     app.world_mut()
         .spawn((Mesh3d(mesh), MeshMaterial3d(glass), pane));
     run(&mut app, 4);
-    let bare = cpu(&[light_source(place)]);
+    let bare = cpu(&[light_source(position)]);
     let mut through = bare.clone();
     for pixel in &mut through.pixels {
         for (value, tint) in pixel.iter_mut().zip(tint) {
@@ -493,18 +493,19 @@ fn gi_camera_adds_requirements_and_warns_on_removal() {
 fn sky_emission_and_bounce_changes_skip_projection() {
     let mut app = app();
     let (root, _, image) = room_and_camera(&mut app);
-    let place = Transform::from_xyz(0.2, 1.5, 0.4).looking_to(Vec3::new(-0.3, -0.4, -1.0), Vec3::Y);
+    let position =
+        Transform::from_xyz(0.2, 1.5, 0.4).looking_to(Vec3::new(-0.3, -0.4, -1.0), Vec3::Y);
     let sun = DirectionalLight {
         illuminance: 900.0,
         ..default()
     };
-    let both = app.world_mut().spawn((bevy_light(), sun, place)).id();
+    let both = app.world_mut().spawn((bevy_light(), sun, position)).id();
     run(&mut app, 1);
     assert_eq!(counters(&app).projected_slots, 2);
     let lights = [
-        light_source(place.translation),
+        light_source(position.translation),
         Light::Directional {
-            direction: place.forward().as_vec3(),
+            direction: position.forward().as_vec3(),
             irradiance: Vec3::splat(900.0),
         },
     ];

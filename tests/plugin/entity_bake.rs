@@ -50,8 +50,11 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     let scene = GltfAssetLabel::Scene(0).from_asset("room.glb");
     let scene = app.world().resource::<AssetServer>().load(scene);
     // Nothing is there yet. The root's own position is not part of the bake.
-    let place = Transform::from_xyz(3.0, -7.0, 0.5).with_rotation(Quat::from_rotation_y(0.3));
-    let root = app.world_mut().spawn((WorldAssetRoot(scene), place)).id();
+    let position = Transform::from_xyz(3.0, -7.0, 0.5).with_rotation(Quat::from_rotation_y(0.3));
+    let root = app
+        .world_mut()
+        .spawn((WorldAssetRoot(scene), position))
+        .id();
     let recipe = Recipe {
         dynamic_materials: true,
         ..quick()
@@ -103,11 +106,11 @@ fn entity_bake_picture_matches_cpu() {
     let (_, scene) = bake(&mut app, root, quick());
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
-    let place = Vec3::new(0.1, 1.5, 0.4);
-    let at = Transform::from_translation(place);
+    let position = Vec3::new(0.1, 1.5, 0.4);
+    let at = Transform::from_translation(position);
     app.world_mut().spawn((bevy_light(), at));
     run(&mut app, 3);
-    let light = [light_source(place)];
+    let light = [light_source(position)];
     let still = Transform::IDENTITY;
     let cpu = cpu_indirect(&room, &scene, still, view(), &light, &settings());
     assert_alike("entity_bake", &cpu, &picture(&mut app, &image));

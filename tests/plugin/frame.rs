@@ -23,10 +23,10 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
-    let places = [Vec3::new(0.0, 1.7, 0.2), Vec3::new(-0.6, 0.5, 0.5)];
+    let positions = [Vec3::new(0.0, 1.7, 0.2), Vec3::new(-0.6, 0.5, 0.5)];
     let light = app
         .world_mut()
-        .spawn((bevy_light(), Transform::from_translation(places[0])))
+        .spawn((bevy_light(), Transform::from_translation(positions[0])))
         .id();
     run(&mut app, 3);
 
@@ -35,7 +35,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[light_source(places[0])],
+        &[light_source(positions[0])],
         &settings(),
     );
     assert_alike("still", &still, &picture(&mut app, &image));
@@ -43,7 +43,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
     app.world_mut()
         .get_mut::<Transform>(light)
         .unwrap()
-        .translation = places[1];
+        .translation = positions[1];
     run(&mut app, 1);
     let after_one = counters(&app);
     assert_eq!(
@@ -60,7 +60,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[light_source(places[1])],
+        &[light_source(positions[1])],
         &settings(),
     );
     assert!(flip(&still, &moved) > MAX, "the light's move shows");
@@ -72,19 +72,19 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         rotation: Quat::from_euler(EulerRot::YXZ, 0.35, 0.1, -0.2),
         scale: Vec3::splat(1.3),
     };
-    let place = placed.transform_point(Vec3::new(0.5, 1.4, 0.5));
+    let position = placed.transform_point(Vec3::new(0.5, 1.4, 0.5));
     *app.world_mut().get_mut::<Transform>(root).unwrap() = placed;
     app.world_mut()
         .get_mut::<Transform>(light)
         .unwrap()
-        .translation = place;
+        .translation = position;
     run(&mut app, 2);
     let placed = cpu_indirect(
         &room,
         &bake,
         placed,
         view(),
-        &[light_source(place)],
+        &[light_source(position)],
         &settings(),
     );
     assert!(flip(&moved, &placed) > MAX, "the root's move shows");
@@ -113,9 +113,9 @@ fn two_cameras_share_solve_and_show_equal_light() {
             .id();
         app.world_mut().entity_mut(entity).insert(order);
     }
-    let place = Vec3::new(0.3, 1.5, 0.6);
+    let position = Vec3::new(0.3, 1.5, 0.6);
     app.world_mut()
-        .spawn((bevy_light(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(position)));
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
@@ -128,7 +128,14 @@ fn two_cameras_share_solve_and_show_equal_light() {
     assert_eq!(counters(&app).dispatches_of(FrameStage::COMPOSITE), 2);
     let expected = views.map(|at| {
         let root = Transform::IDENTITY;
-        cpu_indirect(&room, &bake, root, at, &[light_source(place)], &settings())
+        cpu_indirect(
+            &room,
+            &bake,
+            root,
+            at,
+            &[light_source(position)],
+            &settings(),
+        )
     });
     assert!(
         flip(&expected[0], &expected[1]) > MAX,
@@ -154,13 +161,13 @@ fn picture_is_sum_of_direct_and_indirect_light() {
         ..default()
     };
     let eye = app.world_mut().spawn((camera(&image, view()), off)).id();
-    let place = Vec3::new(0.0, 1.6, 0.3);
+    let position = Vec3::new(0.0, 1.6, 0.3);
     app.world_mut().spawn((
         PointLight {
             shadow_maps_enabled: true,
             ..bevy_light()
         },
-        Transform::from_translation(place),
+        Transform::from_translation(position),
     ));
     run(&mut app, 3);
     let direct = picture(&mut app, &image);
@@ -172,7 +179,7 @@ fn picture_is_sum_of_direct_and_indirect_light() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[light_source(place)],
+        &[light_source(position)],
         &settings(),
     );
     let sum = direct.plus(&indirect);
@@ -186,9 +193,9 @@ fn eight_lights(app: &mut App) -> Vec<Entity> {
     (0..8)
         .map(|i| {
             let turn = Quat::from_rotation_y(i as f32 * PI / 4.0);
-            let place = turn * Vec3::new(0.7, 0.0, 0.0) + Vec3::new(0.0, 1.6, 0.0);
+            let position = turn * Vec3::new(0.7, 0.0, 0.0) + Vec3::new(0.0, 1.6, 0.0);
             app.world_mut()
-                .spawn((bevy_light(), Transform::from_translation(place)))
+                .spawn((bevy_light(), Transform::from_translation(position)))
                 .id()
         })
         .collect()
@@ -409,9 +416,9 @@ fn new_bake_replaces_old_in_next_frame() {
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
-    let place = Vec3::new(0.0, 1.6, 0.2);
+    let position = Vec3::new(0.0, 1.6, 0.2);
     app.world_mut()
-        .spawn((bevy_light(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(position)));
     run(&mut app, 3);
     let old = picture(&mut app, &image);
 
@@ -451,7 +458,7 @@ fn new_bake_replaces_old_in_next_frame() {
         &darker,
         Transform::IDENTITY,
         view(),
-        &[light_source(place)],
+        &[light_source(position)],
         &settings(),
     );
     assert_alike("baked_again", &cpu, &new);
@@ -460,7 +467,7 @@ fn new_bake_replaces_old_in_next_frame() {
         &bake,
         Transform::IDENTITY,
         view(),
-        &[light_source(place)],
+        &[light_source(position)],
         &settings(),
     );
     assert_alike("baked_before", &before, &old);
@@ -675,10 +682,10 @@ fn two_baked_scenes_add_up_in_one_camera() {
     let far = Transform::from_xyz(0.05, 1.1, 6.5).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
     app.world_mut().spawn((camera(&image, far), indirect()));
     // A light in each. Each bake has its own walls only, and both lights.
-    let places = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
-    for place in places {
+    let positions = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
+    for position in positions {
         app.world_mut()
-            .spawn((bevy_light(), Transform::from_translation(place)));
+            .spawn((bevy_light(), Transform::from_translation(position)));
     }
     run(&mut app, 1);
     let first = counters(&app);
@@ -705,7 +712,7 @@ fn two_baked_scenes_add_up_in_one_camera() {
             &bake,
             root,
             far,
-            &places.map(light_source),
+            &positions.map(light_source),
             &settings(),
         )
     });
@@ -737,9 +744,9 @@ fn side_by_side_views_on_one_target_are_separate() {
             camera.clear_color = ClearColorConfig::None;
         }
     }
-    let place = Vec3::new(0.2, 1.5, 0.4);
+    let position = Vec3::new(0.2, 1.5, 0.4);
     app.world_mut()
-        .spawn((bevy_light(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(position)));
     run(&mut app, 3);
     let both = picture(&mut app, &image);
     for (i, at) in views.into_iter().enumerate() {
@@ -748,7 +755,7 @@ fn side_by_side_views_on_one_target_are_separate() {
             &bake,
             Transform::IDENTITY,
             at,
-            &[light_source(place)],
+            &[light_source(position)],
             &settings(),
             [half, HEIGHT],
         );
@@ -881,9 +888,9 @@ fn coefficients_are_read_back_only_for_gizmos() {
     let image = target(&mut app);
     app.world_mut()
         .spawn((camera(&image, view()), GiCamera::default()));
-    let place = Vec3::new(0.2, 1.5, 0.4);
+    let position = Vec3::new(0.2, 1.5, 0.4);
     app.world_mut()
-        .spawn((bevy_light(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(position)));
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
     let back = |app: &App| app.world().resource::<SharedCoefficients>().get(root);
@@ -900,7 +907,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
     run(&mut app, 5);
     let values = back(&app).expect("they have arrived");
     let mut frame = CpuFrame::new(&bake);
-    frame.set_lights(&bake, &FrameLight::expand(&light_source(place), 1));
+    frame.set_lights(&bake, &FrameLight::expand(&light_source(position), 1));
     frame.solve(&bake, &settings());
     assert_eq!(values.len(), bake.points.len());
     let largest = values.iter().copied().fold(0.0, f32::max);

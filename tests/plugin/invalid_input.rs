@@ -189,7 +189,7 @@ fn thousand_lights_then_none_frees_slots() {
     let mut app = app();
     let (_, _, image, first) = stage(&mut app);
     app.world_mut().despawn(first);
-    let place = |i: usize| {
+    let position = |i: usize| {
         let (x, y, z) = ((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32);
         Vec3::new(0.16 * (x - 4.5), 1.0 + 0.09 * y, 0.7 * (z - 4.5) / 4.5)
     };
@@ -199,7 +199,7 @@ fn thousand_lights_then_none_frees_slots() {
     };
     let light_sources: Vec<Entity> = (0..1000)
         .map(|i| {
-            let at = Transform::from_translation(place(i));
+            let at = Transform::from_translation(position(i));
             app.world_mut().spawn((dim, at)).id()
         })
         .collect();
@@ -213,7 +213,7 @@ fn thousand_lights_then_none_frees_slots() {
     );
     let lights: Vec<Light> = (0..1000)
         .map(|i| Light::Point {
-            position: place(i),
+            position: position(i),
             intensity: Vec3::splat(CANDELA / 300.0),
             range: 20.0,
         })

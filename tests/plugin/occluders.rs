@@ -50,7 +50,7 @@ fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
 }
 
 /// The same with the light elsewhere.
-fn lit_from(place: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
+fn lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     let mut frame = CpuFrame::new(bake);
     frame.set_occluders(bake, &[gain]);
     let mut now = bake.clone();
@@ -68,7 +68,7 @@ fn lit_from(place: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
         &now,
         placed,
         view(),
-        &[light_source(place)],
+        &[light_source(position)],
         &settings(),
     )
 }
@@ -79,7 +79,7 @@ fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
 }
 
 /// The same with the light elsewhere.
-fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
+fn stage_lit_from(position: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     let mut app = app();
     let asset = app
         .world_mut()
@@ -93,7 +93,7 @@ fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Han
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
     app.world_mut()
-        .spawn((bevy_light(), Transform::from_translation(place)));
+        .spawn((bevy_light(), Transform::from_translation(position)));
     run(&mut app, 3);
     (app, image)
 }
@@ -172,15 +172,15 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
         quad(corner + thick, high, deep),
         quad(corner + deep, thick, high),
     ]);
-    let place = Vec3::new(0.1, 1.6, 0.6);
-    let (mut app, image) = stage_lit_from(place, &room, bake.clone());
+    let position = Vec3::new(0.1, 1.6, 0.6);
+    let (mut app, image) = stage_lit_from(position, &room, bake.clone());
     let name = "screen".into();
     app.world_mut().spawn(GiOccluder {
         name,
         transmittance: 0.0,
     });
     run(&mut app, 2);
-    let shut = lit_from(place, &room, &bake, 0.0);
+    let shut = lit_from(position, &room, &bake, 0.0);
     assert_alike("drawn door", &shut, &picture(&mut app, &image));
     // With planes that do not lean the screen is black.
     let mut upright = (*bake).clone();
@@ -190,7 +190,7 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
         let length = Vec3::from_slice(&plane[..3]).length();
         *plane = plane.map(|c| c / length);
     }
-    let black = lit_from(place, &room, &upright, 0.0);
+    let black = lit_from(position, &room, &upright, 0.0);
     assert!(flip(&shut, &black) > MAX, "{}", flip(&shut, &black));
 }
 

@@ -71,12 +71,12 @@ impl Stand {
     /// Moves the light, frame by frame, and leaves it at `TO`.
     fn walk(&mut self, frames: usize) {
         for k in 1..=frames {
-            let place = FROM.lerp(TO, k as f32 / frames as f32);
+            let position = FROM.lerp(TO, k as f32 / frames as f32);
             let world = self.app.world_mut();
             world
                 .get_mut::<Transform>(self.light_source)
                 .unwrap()
-                .translation = place;
+                .translation = position;
             run(&mut self.app, 1);
         }
     }

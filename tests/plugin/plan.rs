@@ -39,9 +39,9 @@ fn cost(plan: &Plan, stage: FrameStage) -> Cost {
     *plan.cost_of(pass).expect("it is timed")
 }
 
-fn move_to(app: &mut App, entity: Entity, place: Vec3) {
+fn move_to(app: &mut App, entity: Entity, position: Vec3) {
     let world = app.world_mut();
-    world.get_mut::<Transform>(entity).unwrap().translation = place;
+    world.get_mut::<Transform>(entity).unwrap().translation = position;
 }
 
 #[test]
@@ -384,13 +384,13 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
 
     // A second light in another color: three channels at once.
-    let place = PLACE + 0.6 * Vec3::X;
-    let second = spawn_light_source(&mut app, place);
+    let position = PLACE + 0.6 * Vec3::X;
+    let second = spawn_light_source(&mut app, position);
     run(&mut app, 1);
     assert_eq!(channels(&app).channels, Channels::Three);
     let work = |app: &App| counters(app).dispatches_of(FrameStage::APPLY);
     assert!(work(&app) > 0);
-    let both = right(&[(PLACE, BLUE), (place, [1.0; 3])]);
+    let both = right(&[(PLACE, BLUE), (position, [1.0; 3])]);
     assert!(flip(&blue, &both) > MAX);
     assert_alike("two_colors", &both, &picture(&mut app, &image));
 
@@ -418,7 +418,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     ask(&mut app, GiColorMode::Rgb);
     assert_eq!(channels(&app).channels, Channels::Three);
     assert!(channels(&app).forced && work(&app) > 0);
-    spawn_light_source(&mut app, place);
+    spawn_light_source(&mut app, position);
     ask(&mut app, GiColorMode::Monochrome);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert!(channels(&app).forced && work(&app) > 0);

@@ -140,10 +140,10 @@ fn large_point_cloud_is_split_into_parts() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = app_in(folder.path());
     let plane = |across: u32| {
-        let place = |i: u32| Vec3::new((i % across) as f32, 0.0, (i / across) as f32);
+        let position = |i: u32| Vec3::new((i % across) as f32, 0.0, (i / across) as f32);
         let count = across * across;
         let points = PlyPoints {
-            positions: (0..count).map(place).collect(),
+            positions: (0..count).map(position).collect(),
             normals: Some(vec![Vec3::Y; count as usize]),
             ..PlyPoints::default()
         };

@@ -101,16 +101,16 @@ fn requested_tier_matches_cpu() {
         .iter()
         .map(|t| t.error)
         .collect();
-    for most in [upper[0], 1e-6, f32::NAN] {
-        ask(&mut app, &stage, GiQuality::MaxError(most));
+    for max in [upper[0], 1e-6, f32::NAN] {
+        ask(&mut app, &stage, GiQuality::MaxError(max));
         run(&mut app, 1);
         let expected = upper
             .iter()
-            .position(|&e| e <= most)
+            .position(|&e| e <= max)
             .map_or(4, |at| at as u32 + 1);
         let (found, why) = tier(&app, &stage);
-        assert_eq!(found, expected, "{most}: {why}");
-        let met = most > 1e-3;
+        assert_eq!(found, expected, "{max}: {why}");
+        let met = max > 1e-3;
         assert!(why.starts_with("none") != met, "{why}");
     }
 }
@@ -146,11 +146,11 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
             .map(|_| {
                 frame += 1;
                 let t = frame as f32 * 0.02;
-                let mut place = app
+                let mut position = app
                     .world_mut()
                     .get_mut::<Transform>(stage.light_source)
                     .unwrap();
-                place.translation = PLACE + Vec3::new(0.2 * t.sin(), 0.0, 0.1 * t.cos());
+                position.translation = PLACE + Vec3::new(0.2 * t.sin(), 0.0, 0.1 * t.cos());
                 let mut eye = app.world_mut().get_mut::<Transform>(stage.eye).unwrap();
                 *eye = view() * Transform::from_xyz(0.05 * t.sin(), 0.0, 0.0);
                 run(app, 1);
@@ -217,11 +217,11 @@ fn gpu_timings_reach_tier_controller() {
         GiQuality::GpuBudget(Duration::from_nanos(1)),
     );
     for k in 0..60 {
-        let mut place = app
+        let mut position = app
             .world_mut()
             .get_mut::<Transform>(stage.light_source)
             .unwrap();
-        place.translation.x = PLACE.x + 0.005 * k as f32;
+        position.translation.x = PLACE.x + 0.005 * k as f32;
         run(&mut app, 1);
     }
     let store = app.world().resource::<bevy::diagnostic::DiagnosticsStore>();

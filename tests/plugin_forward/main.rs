@@ -122,8 +122,8 @@ impl Scene {
         let material = world
             .resource_mut::<Assets<StandardMaterial>>()
             .add(material);
-        let place = Transform::from_xyz(-0.4, 0.9, 0.8);
-        world.spawn((Mesh3d(mesh), MeshMaterial3d(material), place));
+        let transform = Transform::from_xyz(-0.4, 0.9, 0.8);
+        world.spawn((Mesh3d(mesh), MeshMaterial3d(material), transform));
     }
 }
 

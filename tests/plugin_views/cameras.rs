@@ -63,8 +63,8 @@ impl Stage {
             shadow_maps_enabled: true,
             ..bevy_light()
         };
-        let place = Transform::from_translation(LIGHT_SOURCE);
-        app.world_mut().spawn((light_source, place));
+        let transform = Transform::from_translation(LIGHT_SOURCE);
+        app.world_mut().spawn((light_source, transform));
         let (floor, floor_material) = floor(&mut app);
         let ball = material(&mut app, Color::linear_rgb(0.1, 0.3, 0.8));
         let mut stage = Self {
@@ -88,12 +88,12 @@ impl Stage {
         stage
     }
 
-    fn ball_at(&mut self, place: Vec3, radius: f32, layers: RenderLayers) -> Entity {
+    fn ball_at(&mut self, transform: Vec3, radius: f32, layers: RenderLayers) -> Entity {
         let mesh = Sphere::new(radius).mesh().ico(8).unwrap();
         let mesh = self.add(mesh);
         let ball = MeshMaterial3d(self.ball.clone());
-        let place = Transform::from_translation(place);
-        let parts = (Mesh3d(mesh), ball, place, layers);
+        let transform = Transform::from_translation(transform);
+        let parts = (Mesh3d(mesh), ball, transform, layers);
         self.app.world_mut().spawn(parts).id()
     }
 
@@ -126,8 +126,9 @@ impl Stage {
             ..default()
         });
         let mesh = self.add(Rectangle::new(0.8, 0.8).mesh().build());
-        let place = Transform::from_xyz(-0.5, 1.2, -0.3).with_rotation(Quat::from_rotation_y(0.5));
-        let parts = (Mesh3d(mesh), MeshMaterial3d(material), place);
+        let transform =
+            Transform::from_xyz(-0.5, 1.2, -0.3).with_rotation(Quat::from_rotation_y(0.5));
+        let parts = (Mesh3d(mesh), MeshMaterial3d(material), transform);
         self.app.world_mut().spawn(parts);
     }
 
@@ -542,14 +543,14 @@ fn bake_without_gi_camera_warns_once() {
 
 #[test]
 fn missing_camera_message_names_remedies_volume_first_for_forward() {
-    let places = |finding: GiWarning| {
+    let warned = |finding: GiWarning| {
         ["GiIrradianceVolume", "GiCamera"].map(|cure| finding.message().find(cure))
     };
-    let [Some(volume), Some(camera)] = places(GiWarning::NoDisplay) else {
+    let [Some(volume), Some(camera)] = warned(GiWarning::NoDisplay) else {
         panic!("both cures");
     };
     assert!(volume < camera);
-    let [Some(volume), Some(camera)] = places(GiWarning::NoDeferredDisplay) else {
+    let [Some(volume), Some(camera)] = warned(GiWarning::NoDeferredDisplay) else {
         panic!("both cures");
     };
     assert!(camera < volume);

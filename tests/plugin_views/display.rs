@@ -139,7 +139,7 @@ fn subsplats_along_camera_path_are_stable() {
     let by = path(GiSplatting::default());
     let full = path(GiSplatting::PerPixel);
     let mean = full[0].mean();
-    let mut most = 0.0f32;
+    let mut max = 0.0f32;
     for (frames, reference) in by.windows(2).zip(full.windows(2)) {
         // How what subsplats get wrong changes from a frame to the next, where nothing but the
         // camera moves.
@@ -156,9 +156,9 @@ fn subsplats_along_camera_path_are_stable() {
         let between = flip(&frames[0], &frames[1]) - flip(&reference[0], &reference[1]);
         println!("{steady:.5} of the mean, FLIP between frames {between:+.5} beside every pixel's");
         assert!(steady < 0.01 && between < 0.005, "{steady}, {between}");
-        most = most.max(steady);
+        max = max.max(steady);
     }
-    assert!(most > 0.0, "nothing was compared");
+    assert!(max > 0.0, "nothing was compared");
 }
 
 #[test]
@@ -176,9 +176,13 @@ fn reflector_with_subsplats_matches_per_pixel_display() {
         .world_mut()
         .resource_mut::<Assets<StandardMaterial>>()
         .add(red);
-    let place = Transform::from_xyz(-0.3, 0.3, 0.4);
-    app.world_mut()
-        .spawn((Mesh3d(mesh), MeshMaterial3d(material), place, GiReflector));
+    let position = Transform::from_xyz(-0.3, 0.3, 0.4);
+    app.world_mut().spawn((
+        Mesh3d(mesh),
+        MeshMaterial3d(material),
+        position,
+        GiReflector,
+    ));
     let mut light_sources = app.world_mut().query_filtered::<Entity, With<PointLight>>();
     let light_source = light_sources.single(app.world()).unwrap();
     let before = picture(&mut app, &image);

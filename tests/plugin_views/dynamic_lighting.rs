@@ -105,8 +105,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let (room, bake) = cornell();
     let mut app = app();
     let (root, image) = stage(&mut app, &bake, Transform::IDENTITY);
-    let place = Vec3::new(0.0, 1.7, 0.2);
-    let at = Transform::from_translation(place);
+    let position = Vec3::new(0.0, 1.7, 0.2);
+    let at = Transform::from_translation(position);
     app.world_mut().spawn((bevy_light(), at));
     // The quads' materials, in their order.
     let children: Vec<Entity> = app.world().get::<Children>(root).unwrap().to_vec();
@@ -121,7 +121,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let all = GiDynamicMaterials(named.to_vec());
     app.world_mut().entity_mut(root).insert(all);
     run(&mut app, 3);
-    let lights = [light_source(place)];
+    let lights = [light_source(position)];
     let before = cpu_indirect(
         &room,
         &bake,

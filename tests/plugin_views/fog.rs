@@ -174,13 +174,18 @@ impl Shown {
         counters(&self.app).dispatches_of(FrameStage::FOG)
     }
 
-    /// Returns the twin's light of the fog, with a light at `place` in the room's space and an
+    /// Returns the twin's light of the fog, with a light at `position` in the room's space and an
     /// optional density `texture`.
-    fn twin(&self, place: Vec3, of: &FogVolume, texture: Option<&dyn Fn(Vec3) -> f32>) -> Picture {
+    fn twin(
+        &self,
+        position: Vec3,
+        of: &FogVolume,
+        texture: Option<&dyn Fn(Vec3) -> f32>,
+    ) -> Picture {
         let bake = bake();
         let local_from_world = self.placed.to_matrix().inverse();
         let mut frame = CpuFrame::new(&bake);
-        let lights: Vec<FrameLight> = FrameLight::expand(&light_source(self.placed * place), 16)
+        let lights: Vec<FrameLight> = FrameLight::expand(&light_source(self.placed * position), 16)
             .iter()
             .map(|l| l.to_local(&local_from_world))
             .collect();
@@ -188,13 +193,13 @@ impl Shown {
         frame.solve(&bake, &settings());
         let bounds = bake.info.bounds.map(Vec3::from_array);
         let shape = shape();
-        let places = VoxelWeights::from_scene(shape, &bake);
+        let weights = VoxelWeights::from_scene(shape, &bake);
         let values = VolumeValues {
             points: frame.vector_irradiance(),
             probes: frame.probes(),
         };
         let voxels = VolumeParams::new(&shape, &local_from_world);
-        let texels = volume_texels(&voxels, &places, values);
+        let texels = volume_texels(&voxels, &weights, values);
         let aspect = WIDTH as f32 / HEIGHT as f32;
         let near = 0.1;
         let seen = FogView {
@@ -255,8 +260,8 @@ impl Shown {
 fn shape() -> VoxelGrid {
     let [low, high] = bake().info.bounds.map(Vec3::from_array);
     let (low, high) = (low - VOXEL, high + VOXEL);
-    let most = GiIrradianceVolume::default().max_voxels;
-    VoxelGrid::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap()
+    let max = GiIrradianceVolume::default().max_voxels;
+    VoxelGrid::new([low, high], voxels_of(high - low, VOXEL, max)).unwrap()
 }
 
 fn minus(a: &Picture, b: &Picture) -> Picture {
@@ -296,22 +301,22 @@ fn fog_of_every_camera_matches_twin() {
         let (off, share) = (added.nrmse(&twin), twin.mean() / whole.mean());
         println!("{name}: NRMSE {off:.4}; fog adds {share:.3} of the picture's light");
         // The first of several samples is not in the center of the pixel, so edges differ.
-        let most = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
-        assert!(off <= most, "{name}: {off}");
+        let max = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
+        assert!(off <= max, "{name}: {off}");
         assert!(share > 0.02, "{name}: {share}");
         // A light moves, and the fog shows it in that frame.
-        let place = Vec3::new(-0.6, 0.5, 0.9);
-        let aside = added.nrmse(&s.twin(place, &even(), None));
-        assert!(aside > 5.0 * most, "{name}: {aside}");
+        let position = Vec3::new(-0.6, 0.5, 0.9);
+        let aside = added.nrmse(&s.twin(position, &even(), None));
+        assert!(aside > 5.0 * max, "{name}: {aside}");
         let mut light_source = s.app.world_mut().entity_mut(s.light_source);
-        light_source.get_mut::<Transform>().unwrap().translation = s.placed * place;
+        light_source.get_mut::<Transform>().unwrap().translation = s.placed * position;
         run(&mut s.app, 1);
         let now = counters(&s.app);
         let ran = [FrameStage::VOLUME, FrameStage::FOG].map(|stage| now.dispatches_of(stage));
         assert_eq!(ran, [1, 2], "{name}: {}", now.plan);
-        let off = s.added().nrmse(&s.twin(place, &even(), None));
+        let off = s.added().nrmse(&s.twin(position, &even(), None));
         println!("{name}, light moved: NRMSE {off:.4}");
-        assert!(off <= most, "{name}: {off}");
+        assert!(off <= max, "{name}: {off}");
     }
 }
 
@@ -429,11 +434,11 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     type Change = fn(&mut Shown, bool);
     let changes: [(&str, Change); 6] = [
         ("fog is elsewhere", |s, back| {
-            let place = match back {
+            let position = match back {
                 true => fog_place(),
                 false => fog_place().with_translation(Vec3::splat(20.0)),
             };
-            s.app.world_mut().entity_mut(s.fog).insert(place);
+            s.app.world_mut().entity_mut(s.fog).insert(position);
         }),
         ("no light is volumetric", |s, back| {
             let mut sun = s.app.world_mut().entity_mut(s.sun);

@@ -69,12 +69,12 @@ fn stage_of(
     (app, image, light_source, root)
 }
 
-fn on_cpu(bake: &BakedScene, place: Vec3) -> Picture {
-    on_cpu_of(&with_panel(), bake, place)
+fn on_cpu(bake: &BakedScene, position: Vec3) -> Picture {
+    on_cpu_of(&with_panel(), bake, position)
 }
 
-fn on_cpu_of(room: &Room, bake: &BakedScene, place: Vec3) -> Picture {
-    let lights = [light_source(place)];
+fn on_cpu_of(room: &Room, bake: &BakedScene, position: Vec3) -> Picture {
+    let lights = [light_source(position)];
     cpu_indirect(
         room,
         bake,
@@ -177,15 +177,15 @@ fn skinned_mesh_is_lit_at_joint_positions() {
     {
         let mut meshes = world.resource_mut::<Assets<Mesh>>();
         let mut mesh = meshes.get_mut(&mesh).unwrap();
-        let Some(VertexAttributeValues::Float32x3(places)) =
+        let Some(VertexAttributeValues::Float32x3(positions)) =
             mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION)
         else {
             panic!("the panel has places");
         };
-        for place in places.iter_mut() {
-            *place = (Vec3::from(*place) + away).to_array();
+        for position in positions.iter_mut() {
+            *position = (Vec3::from(*position) + away).to_array();
         }
-        let count = places.len();
+        let count = positions.len();
         mesh.insert_attribute(
             Mesh::ATTRIBUTE_JOINT_INDEX,
             VertexAttributeValues::Uint16x4(vec![[0; 4]; count]),

@@ -234,7 +234,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     keep(&format!("{name}_plain"), &expected.bright.beside(plain));
     keep(&format!("{name}_twins"), &by_twins.beside(shaded));
     keep(name, &by_rays.beside(shaded));
-    let least = (shaded.pixels.iter().flatten()).fold(0.0f32, |a, v| a.min(*v));
+    let min = (shaded.pixels.iter().flatten()).fold(0.0f32, |a, v| a.min(*v));
     let lit = within(&expected.seen, |f| f > 0.999);
     let dark = within(&expected.seen, |f| f < 0.001);
     let in_light = share(shaded, plain, |i| lit[i]);
@@ -242,9 +242,9 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     let (twins, rays) = (shaded.nrmse(&by_twins), shaded.nrmse(&by_rays));
     let without = plain.nrmse(&by_rays);
     println!(
-        "{name}: least {least:.1e}; {in_light:.4} of full light, {in_shadow:.4} in the umbra; NRMSE to the twins {twins:.4}, to rays {rays:.4}, without shadows {without:.4}"
+        "{name}: least {min:.1e}; {in_light:.4} of full light, {in_shadow:.4} in the umbra; NRMSE to the twins {twins:.4}, to rays {rays:.4}, without shadows {without:.4}"
     );
-    assert!(least >= 0.0, "{name}: darker than black, {least}");
+    assert!(min >= 0.0, "{name}: darker than black, {min}");
     assert!(
         (in_light - 1.0).abs() < 0.01,
         "{name}: in full light {in_light}"
@@ -253,16 +253,16 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
     // The room is bright and shadows are small. The limit is a share of the error of a picture
     // without shadows.
-    let most = 0.3 * without;
+    let max = 0.3 * without;
     assert!(
         without > 0.02,
         "{name}: shadows do not matter here, {without}"
     );
-    assert!(rays < most, "{name}: not what rays say, {rays}");
+    assert!(rays < max, "{name}: not what rays say, {rays}");
     // The check fails for shadows at another position.
     let mut moved = shaded.clone();
     moved.pixels.rotate_right(3);
-    assert!(moved.nrmse(&by_twins) > 0.002 && moved.nrmse(&by_rays) > most);
+    assert!(moved.nrmse(&by_twins) > 0.002 && moved.nrmse(&by_rays) > max);
 }
 
 /// Inserts or removes the component.
@@ -316,17 +316,17 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     );
 
     // The light moves: the shadowed irradiance is computed once, and the shadow moves.
-    let place = hanging(Vec3::new(-0.6, 1.6, 0.3));
+    let position = hanging(Vec3::new(-0.6, 1.6, 0.3));
     let move_to = |app: &mut App, to| {
         *app.world_mut().get_mut::<Transform>(light_source).unwrap() = to;
         run(app, 1);
     };
-    move_to(&mut app, place);
+    move_to(&mut app, position);
     assert_eq!(soft_work(&counters(&app)), [1, 1]);
     let moved = picture(&mut app, &image);
     cast(&mut app, light_source, None);
     let bare = picture(&mut app, &image);
-    assert_shadows("moved_panel", &bare, &moved, &at(place));
+    assert_shadows("moved_panel", &bare, &moved, &at(position));
     assert!(
         moved.nrmse(&here.by_twins(&plain)) > 0.1,
         "it is where it was"
@@ -399,7 +399,7 @@ fn soft_shadow_in_transformed_room_matches_rays() {
         },
     );
     let (_, image) = direct_room(&mut app, bake.clone(), root, look);
-    let place = root.transform_point(Vec3::new(-0.4, 1.6, 0.3));
+    let position = root.transform_point(Vec3::new(-0.4, 1.6, 0.3));
     let bulb = PointLight {
         intensity: 30_000.0 * 4.0,
         radius: 0.3,
@@ -408,7 +408,7 @@ fn soft_shadow_in_transformed_room_matches_rays() {
     };
     let light_source = app
         .world_mut()
-        .spawn((bulb, Transform::from_translation(place)))
+        .spawn((bulb, Transform::from_translation(position)))
         .id();
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
@@ -416,7 +416,7 @@ fn soft_shadow_in_transformed_room_matches_rays() {
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
     let candela = Vec3::splat(bulb.intensity / (4.0 * PI));
-    let core = |samples| SoftLight::sphere(place, 0.3, candela, 12.0, samples);
+    let core = |samples| SoftLight::sphere(position, 0.3, candela, 12.0, samples);
     let right = expected(&bake, root, look, core(16), core(225));
     assert_shadows("bulb", &plain, &shaded, &right);
     let off = plain.nrmse(&right.bright);
@@ -500,18 +500,18 @@ fn nan_lights_and_many_lights_do_not_panic() {
             intensity: 1000.0,
             ..default()
         };
-        let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.5, 0.4);
+        let position = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.5, 0.4);
         app.world_mut()
-            .spawn((bulb, place, GiSoftShadow { samples: 0 }));
+            .spawn((bulb, position, GiSoftShadow { samples: 0 }));
     }
     run(&mut app, 3);
     assert_eq!(soft_work(&counters(&app)), [0, 1]);
     assert!(counters(&app).plan.to_string().contains("subtract_shadow"));
     // With more panels, the buffers grow.
     for i in 0..20 {
-        let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.2, 0.5);
+        let position = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.2, 0.5);
         app.world_mut()
-            .spawn((PointLight::default(), place, GiSoftShadow::default()));
+            .spawn((PointLight::default(), position, GiSoftShadow::default()));
     }
     run(&mut app, 1);
     assert_eq!(soft_work(&counters(&app)), [1, 1]);

@@ -130,13 +130,13 @@ impl Shown {
         panic!("the camera never sees the volume");
     }
 
-    fn move_light_source(&mut self, place: Vec3) {
+    fn move_light_source(&mut self, position: Vec3) {
         let mut light_source = self
             .app
             .world_mut()
             .get_mut::<Transform>(self.light_source)
             .unwrap();
-        light_source.translation = place;
+        light_source.translation = position;
         run(&mut self.app, 1);
     }
 }
@@ -286,10 +286,10 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
             .id();
         (app, root, image, ball)
     });
-    let mut at = |k: usize, place: Vec3, volume: bool| {
+    let mut at = |k: usize, position: Vec3, volume: bool| {
         let (app, root, image, ball) = &mut shown[k];
         let world = app.world_mut();
-        world.get_mut::<Transform>(*ball).unwrap().translation = place;
+        world.get_mut::<Transform>(*ball).unwrap().translation = position;
         if volume {
             let fine = GiIrradianceVolume {
                 voxel_size: Some(VOXEL),
@@ -310,12 +310,12 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
     };
     let lit = Vec3::new(2.4, 1.1, 2.2);
     let dark = at(1, lit, false);
-    for (name, place) in [
+    for (name, position) in [
         ("ball_lit", lit),
         ("ball_by_the_wall", Vec3::new(3.6, 1.5, 2.6)),
         ("ball_in_the_door", Vec3::new(4.0, 1.0, 1.95)),
     ] {
-        let (deferred, forward) = (at(0, place, false), at(1, place, name == "ball_lit"));
+        let (deferred, forward) = (at(0, position, false), at(1, position, name == "ball_lit"));
         keep(name, &deferred.beside(&forward));
         let (d, off) = (flip(&deferred, &forward), forward.nrmse(&deferred));
         println!("{name}: FLIP {d:.4}, NRMSE {off:.4}");

@@ -68,17 +68,17 @@ pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
     (root, eye, image)
 }
 
-/// The room's light at `place`.
-pub fn spawn_light_source(app: &mut App, place: Vec3) -> Entity {
+/// The room's light at `position`.
+pub fn spawn_light_source(app: &mut App, position: Vec3) -> Entity {
     app.world_mut()
-        .spawn((bevy_light(), Transform::from_translation(place)))
+        .spawn((bevy_light(), Transform::from_translation(position)))
         .id()
 }
 
-/// [`room_and_camera`] with a light at `place`.
-pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
+/// [`room_and_camera`] with a light at `position`.
+pub fn lit_room(app: &mut App, position: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
     let (root, eye, image) = room_and_camera(app);
-    let light_source = spawn_light_source(app, place);
+    let light_source = spawn_light_source(app, position);
     (root, eye, image, light_source)
 }
 

@@ -130,9 +130,9 @@ fn fmm_passes_match_twin() {
     for (order, disks) in [(0, true), (3, false), (4, true), (6, true)] {
         let (fmm, radiosity) = scene(order, disks);
         let mut operator = fmm.operator(|at| at);
-        for place in &mut operator.points {
-            place.sky = [0.1, 0.02 * place.position[0], -0.1];
-            place.factor = 1.0 + 0.1 * place.position[1];
+        for point in &mut operator.points {
+            point.sky = [0.1, 0.02 * point.position[0], -0.1];
+            point.factor = 1.0 + 0.1 * point.position[1];
         }
         let sky = Vec3::new(0.5, 0.7, 0.9);
         let light = radiosity.iter().chain([&sky]);
@@ -182,10 +182,10 @@ fn fmm_passes_match_twin() {
         let ([_, _, vectors], _) = device(&harness, &kernels, &plain, &narrow);
         let vectors: &[VectorIrradiance] = bytemuck::cast_slice(&vectors);
         let mut pairs = [Vec::new(), Vec::new()];
-        for place in &plain.points {
-            let i = place.point as usize;
+        for point in &plain.points {
+            let i = point.point as usize;
             let e = vectors[i]
-                .dot(Vec3::from_array(place.normal))
+                .dot(Vec3::from_array(point.normal))
                 .max(Vec3::ZERO);
             pairs[0].extend(e.to_array());
             pairs[1].extend(wide[i].to_array());

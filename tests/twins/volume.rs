@@ -42,7 +42,7 @@ fn volumes_match_twin() {
     let size = UVec3::new(19, 17, 21);
     let shape = VoxelGrid::new([low - 0.3, high + 0.3], size).unwrap();
     let params = VolumeParams::new(&shape, &turned);
-    let places = VoxelWeights::from_scene(shape, &of.scene);
+    let weights = VoxelWeights::from_scene(shape, &of.scene);
     let texels = shape.texels();
     assert_eq!(texels, UVec3::new(19, 34, 63));
     let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
@@ -60,9 +60,9 @@ fn volumes_match_twin() {
         view_formats: &[],
     });
     let view = texture.create_view(&TextureViewDescriptor::default());
-    let buffers = VolumeBuffers::new(&harness.device, &harness.queue, &places).unwrap();
-    let shares = places.weights().len() as u64;
-    let faces = places.wall_samples();
+    let buffers = VolumeBuffers::new(&harness.device, &harness.queue, &weights).unwrap();
+    let shares = weights.weights().len() as u64;
+    let faces = weights.wall_samples();
     let (found, of_faces) = (faces.wall_samples.len() as u64, faces.weights.len() as u64);
     let held = 928 + 4 * (2 * (u64::from(shape.voxels()) + 1) + shares);
     let held = held + 16 * (found + 1) + 8 * (of_faces + u64::from(shape.voxels()));
@@ -76,11 +76,11 @@ fn volumes_match_twin() {
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
     assert_eq!(gpu.len() as u32, texels.element_product());
     type Voxels<'a> = (VolumeParams, &'a VoxelWeights, VolumeValues<'a>);
-    let expected = |(params, places, values): Voxels<'_>| -> Vec<[f32; 4]> {
-        volume_texels(&params, places, values)
+    let expected = |(params, weights, values): Voxels<'_>| -> Vec<[f32; 4]> {
+        volume_texels(&params, weights, values)
     };
     let off = |of: Voxels<'_>| differing(&gpu, &expected(of), 4, HALF, Scale::Rms).len();
-    assert_eq!(off((params, &places, values)), 0);
+    assert_eq!(off((params, &weights, values)), 0);
     let lit = gpu.iter().filter(|t| t[0] > 0.0).count();
     assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
     // What must be noticed: other values, a little more light, the bake's axes in place of the
@@ -98,27 +98,30 @@ fn volumes_match_twin() {
     let aside = VoxelGrid::new([corner, corner + (high - low + 0.6)], size).unwrap();
     let aside = VoxelWeights::from_scene(aside, &of.scene);
     let spoiled: [(&str, Voxels<'_>); 6] = [
-        ("values", (params, &places, moved(&on_walls, &aloft))),
+        ("values", (params, &weights, moved(&on_walls, &aloft))),
         (
             "values on walls",
-            (params, &places, moved(&along, &in_space)),
+            (params, &weights, moved(&along, &in_space)),
         ),
-        ("brighter", (changed(&|p| p.scale *= 1.01), &places, values)),
+        (
+            "brighter",
+            (changed(&|p| p.scale *= 1.01), &weights, values),
+        ),
         (
             "axes",
-            (changed(&|p| p.axes.rotate_left(1)), &places, values),
+            (changed(&|p| p.axes.rotate_left(1)), &weights, values),
         ),
         (
             "steps",
-            (changed(&|p| p.steps.rotate_left(2)), &places, values),
+            (changed(&|p| p.steps.rotate_left(2)), &weights, values),
         ),
         ("aside", (params, &aside, values)),
     ];
     for (what, of) in spoiled {
         let found = off(of);
         // Sides on walls are the fewer ones.
-        let least = if what == "values on walls" { 8 } else { 4 };
-        assert!(found * least > gpu.len(), "{what} goes unnoticed: {found}");
+        let min = if what == "values on walls" { 8 } else { 4 };
+        assert!(found * min > gpu.len(), "{what} goes unnoticed: {found}");
     }
     // Sides with nothing ahead and nothing of their own are there, and lit by what is beside:
     // without those steps they are dark.
@@ -127,7 +130,7 @@ fn volumes_match_twin() {
             *side = [side[AHEAD]; 9];
         }
     });
-    let found = off((alone, &places, values));
+    let found = off((alone, &weights, values));
     eprintln!("{found} of {} sides in edges", gpu.len());
     assert!(found > 20, "sides in edges go unnoticed: {found}");
 }

@@ -223,7 +223,7 @@ fn volume_read_matches_twin() {
     let texels = shape.texels();
     let voxels = with_walls(&mut dice, size);
     // Includes the outermost half voxels, positions beyond, and positions on the axes.
-    let places: Vec<Place> = (0..2000)
+    let queries: Vec<Place> = (0..2000)
         .map(|k| {
             let part = Vec3::new(dice.unit(), dice.unit(), dice.unit());
             let facing = match k % 4 {
@@ -255,9 +255,9 @@ fn volume_read_matches_twin() {
                 usage: usage | wgpu::BufferUsages::STORAGE,
             })
         };
-        let given = upload(bytemuck::cast_slice(&places), wgpu::BufferUsages::COPY_DST);
+        let given = upload(bytemuck::cast_slice(&queries), wgpu::BufferUsages::COPY_DST);
         let lights = upload(
-            bytemuck::cast_slice(&vec![[0f32; 4]; places.len()]),
+            bytemuck::cast_slice(&vec![[0f32; 4]; queries.len()]),
             wgpu::BufferUsages::COPY_SRC,
         );
         let resources = [
@@ -281,10 +281,10 @@ fn volume_read_matches_twin() {
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
                 pass.set_pipeline(&pipeline);
                 pass.set_bind_group(0, &bind, &[]);
-                pass.dispatch_workgroups(places.len().div_ceil(64) as u32, 1, 1);
+                pass.dispatch_workgroups(queries.len().div_ceil(64) as u32, 1, 1);
             })
             .unwrap();
-        harness.read(&lights, places.len()).unwrap()
+        harness.read(&lights, queries.len()).unwrap()
     };
     let on_device = |voxels: &[[f16; 4]]| displayed(voxels, &none);
     let expected = |voxels: &[[f32; 4]]| -> Vec<[f32; 4]> {
@@ -293,7 +293,7 @@ fn volume_read_matches_twin() {
             // 1 of the first volume, 4 · ½ of the second, over 1½.
             (light * 2.0).extend(1.0).to_array()
         };
-        places.iter().map(light).collect()
+        queries.iter().map(light).collect()
     };
     let off = |a: &[[f32; 4]], b: &[[f32; 4]]| differing(a, b, 4, 4.0 * HALF, Scale::Rms).len();
 
@@ -307,9 +307,9 @@ fn volume_read_matches_twin() {
         voxels
     };
     let plain = spoiled(&|_| 1.0);
-    assert!(off(&found, &expected(&plain)) * 3 > places.len());
+    assert!(off(&found, &expected(&plain)) * 3 > queries.len());
     let longer = spoiled(&|way| if way > -1.9 { way - 0.1 } else { way });
-    assert!(off(&found, &expected(&longer)) * 20 > places.len());
+    assert!(off(&found, &expected(&longer)) * 20 > queries.len());
     // A volume without our encoding is sampled with plain interpolation.
     let other: Vec<[f16; 4]> = plain.iter().map(|t| t.map(f16::from_f32)).collect();
     assert_eq!(off(&on_device(&other), &expected(&plain)), 0);
@@ -343,7 +343,7 @@ fn volume_read_matches_twin() {
         let away = pixel(x.max(0.0) as u32, y.max(0.0) as u32)[3];
         inside && (1.0 + z + away).abs() < -0.01 * away
     };
-    let with: Vec<[f32; 4]> = (places.iter().zip(&twin))
+    let with: Vec<[f32; 4]> = (queries.iter().zip(&twin))
         // Over the exposure, and by both volumes as above.
         .map(|(p, volume)| match by_display(p) {
             true => [1.0, 2.0, 4.0, 1.0],
@@ -352,5 +352,5 @@ fn volume_read_matches_twin() {
         .collect();
     let shown = displayed(&voxels, &display);
     assert_eq!(off(&shown, &with), 0);
-    assert!(off(&found, &with) * 20 > places.len());
+    assert!(off(&found, &with) * 20 > queries.len());
 }

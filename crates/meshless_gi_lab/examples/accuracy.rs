@@ -94,7 +94,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
                 100.0 * c.indirect.p99,
                 100.0 * c.direct.nrmse,
                 c.uncovered,
-                truth.places.len(),
+                truth.positions.len(),
             );
         }
         tiers += &compare_tiers(baked, mesh, &description, &truth, &format!("{name} L{i}"));
@@ -141,7 +141,7 @@ fn compare_tiers(
         let (meshes, lights) = (std::slice::from_ref(mesh), &description.lights);
         let evaluator = Evaluator::with_tier(scene, meshes, lights, Bounces::Count(4), tier);
         let sum: f64 = truth
-            .places
+            .positions
             .iter()
             .map(|&(x, n)| evaluator.at(x, n, 0).indirect.unwrap_or_default())
             .map(|e| f64::from(e.element_sum()))

@@ -206,7 +206,7 @@ struct Case {
     preset: Preset,
     parts: Parts,
     scene: BakedScene,
-    places: Vec<(Vec3, Vec3)>,
+    positions: Vec<(Vec3, Vec3)>,
 }
 
 impl Case {
@@ -224,17 +224,17 @@ impl Case {
         let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
         // Not the particles that the bake asked.
         let landed = trace_particles(&mesh, &viewpoints, 0..2048, 0x5417e, false).candidates;
-        let places = landed
+        let positions = landed
             .iter()
             .map(|c| (c.surface.position, c.surface.normal));
         let count = if preset == Preset::Draft { 200 } else { 400 };
-        let places = places.take(count).collect();
+        let positions = positions.take(count).collect();
         Self {
             name,
             preset,
             parts,
             scene,
-            places,
+            positions,
         }
     }
 
@@ -271,14 +271,14 @@ impl Case {
             bounces: Some(4),
             seed: 9,
         };
-        irradiance_at_all(mesh, lights, &self.places, &settings)
+        irradiance_at_all(mesh, lights, &self.positions, &settings)
     }
 
     /// Ours of `scene` beside the truth.
     fn compare(&self, scene: &BakedScene, lights: &[Light], truth: &[Irradiance]) -> Errors {
         // Direct light, for which it would need the geometry, is not asked for.
         let ours = Evaluator::new(scene, &[], lights, Bounces::Count(4));
-        let found = (0..).zip(&self.places).map(|(k, &(x, n))| {
+        let found = (0..).zip(&self.positions).map(|(k, &(x, n))| {
             let light = ours.at(x, n, k);
             light.indirect.unwrap_or(Vec3::splat(f32::MAX.sqrt()))
         });
@@ -300,10 +300,10 @@ impl Case {
         let truth = self.truth(mesh, lights);
         let right = self.compare(scene, lights, &truth);
         let off = self.compare(wrong, wrong_lights, &truth);
-        let (name, most) = (self.name, max_nrmse(self.preset, self.name, what));
+        let (name, max) = (self.name, max_nrmse(self.preset, self.name, what));
         println!("{name}, {what}: {right:?}; spoiled {:.3}", off.nrmse);
-        assert!(right.nrmse <= most, "{name}, {what}: {right:?}");
-        assert!(off.nrmse > most, "{name}, {what}, spoiled: {off:?}");
+        assert!(right.nrmse <= max, "{name}, {what}: {right:?}");
+        assert!(off.nrmse > max, "{name}, {what}, spoiled: {off:?}");
     }
 }
 

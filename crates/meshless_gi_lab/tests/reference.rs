@@ -109,11 +109,11 @@ fn reference_any_thread_count_has_equal_result() {
         albedo: Vec3::new(0.5, 0.8, 0.2),
         radiance: Vec3::new(1.0, 0.5, 0.25),
     }]);
-    let places = [
+    let positions = [
         (Vec3::new(3.0, 0.0, 0.0), Vec3::NEG_X),
         (Vec3::new(1.0, -2.0, 0.0), Vec3::Y),
     ];
-    let run = || irradiance_at_all(&furnace, &[], &places, &settings(1000, None));
+    let run = || irradiance_at_all(&furnace, &[], &positions, &settings(1000, None));
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
@@ -162,7 +162,7 @@ fn some(truth: &GroundTruth) -> GroundTruth {
         all.iter().copied().step_by(20).collect()
     }
     GroundTruth {
-        places: thin(&truth.places),
+        positions: thin(&truth.positions),
         direct: thin(&truth.direct),
         indirect: truth.indirect.each_ref().map(|(v, e)| (thin(v), thin(e))),
     }
@@ -206,7 +206,12 @@ fn agrees(folder: &Path) {
         let level = load_gltf(&scene.geometry[0]).unwrap();
         let truth = some(&GroundTruth::read(light.with_extension("csv")).unwrap());
         let run = |lights: &[Light], bounces| {
-            irradiance_at_all(&level.mesh, lights, &truth.places, &settings(2000, bounces))
+            irradiance_at_all(
+                &level.mesh,
+                lights,
+                &truth.positions,
+                &settings(2000, bounces),
+            )
         };
         for (k, bounces) in BOUNCES.into_iter().enumerate() {
             let ours = run(&scene.lights, bounces);

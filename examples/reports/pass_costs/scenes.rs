@@ -366,7 +366,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     }
     spawn_lights(world, scene);
     if scene.ball {
-        let place = Vec3::new(-0.2, 1.4, 0.5);
+        let position = Vec3::new(-0.2, 1.4, 0.5);
         let mesh = world
             .resource_mut::<Assets<Mesh>>()
             .add(Sphere::new(0.2).mesh());
@@ -380,8 +380,8 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         let mut ball = world.spawn((
             Mesh3d(mesh),
             MeshMaterial3d(material),
-            Transform::from_translation(place),
-            Moves(place),
+            Transform::from_translation(position),
+            Moves(position),
         ));
         if scene.bounce {
             ball.insert(GiReflector);
@@ -394,36 +394,36 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             ..default()
         };
         world.spawn((sun, VolumetricLight));
-        let place = Transform::from_translation(Vec3::Y).with_scale(Vec3::splat(2.0));
+        let position = Transform::from_translation(Vec3::Y).with_scale(Vec3::splat(2.0));
         let fog = FogVolume {
             density_factor: 0.3,
             ..default()
         };
-        world.spawn((fog, place));
+        world.spawn((fog, position));
     }
     spawn_cameras(world, scene, size);
 }
 
 fn spawn_lights(world: &mut World, scene: &Scene) {
     if let Some(moves) = scene.light {
-        let place = Vec3::new(0.3, 1.6, 0.4);
+        let position = Vec3::new(0.3, 1.6, 0.4);
         let mut light = world.spawn((
             PointLight {
                 intensity: 40_000.0,
                 ..default()
             },
-            Transform::from_translation(place),
+            Transform::from_translation(position),
         ));
         if moves {
-            light.insert(Moves(place));
+            light.insert(Moves(position));
         }
         if scene.bounce {
             light.insert(GiReflectiveShadowMap::default());
         }
     }
     if scene.panel {
-        let place = Vec3::new(0.0, 1.9, 0.0);
-        let down = Transform::from_translation(place).looking_to(Vec3::NEG_Y, Vec3::Z);
+        let position = Vec3::new(0.0, 1.9, 0.0);
+        let down = Transform::from_translation(position).looking_to(Vec3::NEG_Y, Vec3::Z);
         world.spawn((
             RectLight {
                 intensity: 20_000.0,
@@ -433,7 +433,7 @@ fn spawn_lights(world: &mut World, scene: &Scene) {
             },
             GiSoftShadow::default(),
             down,
-            Moves(place),
+            Moves(position),
         ));
     }
 }

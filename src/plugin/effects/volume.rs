@@ -85,7 +85,7 @@ impl<'a> VolumeRequest<'a> {
 #[derive(Default)]
 pub(crate) struct SceneVolume {
     /// Weights, computed over several frames. `None` once the device has them.
-    places: Option<VoxelWeights>,
+    weights: Option<VoxelWeights>,
     buffers: Option<VolumeBuffers>,
     /// A volume that the device does not hold.
     refused: Option<VoxelGrid>,
@@ -158,13 +158,13 @@ impl SceneVolume {
         if bake.probes.is_none() {
             return;
         }
-        let begun = self.places.take().filter(|p| *p.shape() == shape);
-        let mut places = begun.unwrap_or_else(|| VoxelWeights::new(shape));
-        if !places.find(bake, EVALUATIONS_PER_FRAME) {
-            self.places = Some(places);
+        let begun = self.weights.take().filter(|p| *p.shape() == shape);
+        let mut weights = begun.unwrap_or_else(|| VoxelWeights::new(shape));
+        if !weights.find(bake, EVALUATIONS_PER_FRAME) {
+            self.weights = Some(weights);
             return;
         }
-        match VolumeBuffers::new(kernels.device(), queue, &places) {
+        match VolumeBuffers::new(kernels.device(), queue, &weights) {
             Ok(buffers) => self.buffers = Some(buffers),
             Err(why) => {
                 warn!("a volume for forward cameras and fog stays dark: {why}");

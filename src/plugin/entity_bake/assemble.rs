@@ -145,8 +145,8 @@ fn piece(
     surface: &SurfaceMaterial,
     surface_hash: &[u8; 32],
 ) -> (Piece, u64) {
-    let place = |p: &Vec3| instance.to_root.transform_point3(p.as_dvec3()).as_vec3();
-    let places: Vec<Vec3> = mesh.positions.iter().map(place).collect();
+    let to_root = |p: &Vec3| instance.to_root.transform_point3(p.as_dvec3()).as_vec3();
+    let in_root: Vec<Vec3> = mesh.positions.iter().map(to_root).collect();
     let mirrored = instance.to_root.determinant() < 0.0;
     let is_textured = surface.textures.iter().any(Option::is_some);
     let mut out = Piece {
@@ -163,7 +163,7 @@ fn piece(
             // The front stays the front.
             corners.swap(1, 2);
         }
-        let triangle = corners.map(|v| places[v as usize]);
+        let triangle = corners.map(|v| in_root[v as usize]);
         if !TriangleMesh::keeps(&triangle) {
             // Triangles without area are common in good meshes.
             bad += u64::from(!is_usable(&triangle));

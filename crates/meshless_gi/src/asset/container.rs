@@ -39,7 +39,7 @@ pub(super) struct Kind {
     /// Bytes of memory that an item takes once decoded.
     pub memory: u64,
     /// More items make no sense.
-    pub most: u64,
+    pub max: u64,
 }
 
 /// A section on its way to a file.
@@ -161,7 +161,7 @@ fn read_table<'a>(
                 kind.version
             )));
         }
-        if items > kind.most || items.checked_mul(kind.raw) != Some(raw) {
+        if items > kind.max || items.checked_mul(kind.raw) != Some(raw) {
             return Err(wrong(format!("{items} items cannot be {raw} bytes")));
         }
         let possible = match compression {
@@ -234,7 +234,7 @@ impl<'a> Container<'a> {
             return Err(header(format!("{} bytes behind the end", found - length)));
         }
         if header_crc(&bytes[..start]) != u32_at(bytes, 24) {
-            return Err(AssetError::Checksum { place: "header" });
+            return Err(AssetError::Checksum { section: "header" });
         }
         if u32_at(bytes, 28) != 0 {
             return Err(header("a reserved field is not zero".into()));
@@ -266,7 +266,7 @@ impl<'a> Container<'a> {
             return Ok(None);
         };
         if crc32fast::hash(entry.body) != entry.crc {
-            return Err(AssetError::Checksum { place: kind.name });
+            return Err(AssetError::Checksum { section: kind.name });
         }
         let raw = if entry.compression == STORED {
             Cow::Borrowed(entry.body)

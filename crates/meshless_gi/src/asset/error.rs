@@ -63,10 +63,10 @@ pub enum AssetError {
         problem: String,
     },
     /// A checksum does not match.
-    #[error("{place}: the checksum does not match, the file is damaged")]
+    #[error("{section}: the checksum does not match, the file is damaged")]
     Checksum {
         /// "header" or the section's name.
-        place: &'static str,
+        section: &'static str,
     },
     /// A section cannot be decoded.
     #[error("section `{section}`: {problem}")]

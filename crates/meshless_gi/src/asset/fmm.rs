@@ -61,7 +61,7 @@ const PLACE: Layout = Layout::rows(&[
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
         // Order, disks, and where the levels start.
-        most: 3 + MAX_LEVELS as u64,
+        max: 3 + MAX_LEVELS as u64,
         // In memory twice while they are taken apart.
         memory: 8,
         ..kind::<u32>(29, "octree", COUNT)
@@ -135,17 +135,17 @@ pub(super) fn read(
         }
         [node.local, node.multipole, node.near, node.finish] = ends;
     }
-    let mut places: Vec<FmmOperatorPoint> = items(file, &kinds[4], PLACE)?;
+    let mut points: Vec<FmmOperatorPoint> = items(file, &kinds[4], PLACE)?;
     let receive = nodes.iter().filter(|n| n.is_leaf());
     for range in receive.map(|n| n.receivers..n.end) {
         // Validation reports ranges beyond the points.
-        for place in places
+        for point in points
             .get_mut(range.start as usize..range.end as usize)
             .into_iter()
             .flatten()
         {
-            place.sky = surfaces
-                .get(place.point as usize)
+            point.sky = surfaces
+                .get(point.point as usize)
                 .map_or([0.0; 3], |s| s.sky);
         }
     }
@@ -155,7 +155,7 @@ pub(super) fn read(
         level_starts: level_starts.to_vec(),
         nodes,
         entries: items(file, &kinds[3], ENTRY)?,
-        points: places,
+        points: points,
     }))
 }
 
@@ -412,6 +412,6 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
 }
 
 /// The least distance of `to` from any position; infinite from none.
-fn nearest(to: Vec3, places: impl Iterator<Item = Vec3>) -> f32 {
-    places.fold(f32::INFINITY, |least, x| least.min(x.distance(to)))
+fn nearest(to: Vec3, points: impl Iterator<Item = Vec3>) -> f32 {
+    points.fold(f32::INFINITY, |min, x| min.min(x.distance(to)))
 }

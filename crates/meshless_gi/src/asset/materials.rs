@@ -90,7 +90,7 @@ pub(super) const KINDS: [Kind; 4] = [
         // The text, what it says, and what its reader needs: an empty name takes three bytes of
         // text, and a string.
         memory: 32,
-        most: 1 << 20,
+        max: 1 << 20,
     },
     Kind {
         code: 47,
@@ -98,7 +98,7 @@ pub(super) const KINDS: [Kind; 4] = [
         version: 1,
         raw: FACTORS.item_bytes() as u64,
         memory: size_of::<MaterialFactors>() as u64,
-        most: u32::MAX as u64,
+        max: u32::MAX as u64,
     },
     Kind {
         code: 48,
@@ -106,7 +106,7 @@ pub(super) const KINDS: [Kind; 4] = [
         version: 1,
         raw: 4,
         memory: 8,
-        most: u32::MAX as u64,
+        max: u32::MAX as u64,
     },
     Kind {
         code: 49,
@@ -114,7 +114,7 @@ pub(super) const KINDS: [Kind; 4] = [
         version: 1,
         raw: SHARE.item_bytes() as u64,
         memory: size_of::<MaterialCoverage>() as u64,
-        most: u32::MAX as u64,
+        max: u32::MAX as u64,
     },
 ];
 
@@ -124,8 +124,8 @@ pub(super) fn sections(
     kinds: &'static [Kind],
 ) -> Result<Vec<Section>, AssetError> {
     let names = ron::to_string(&live.names).map_err(|e| broken(&kinds[0], e))?;
-    if names.len() as u64 > kinds[0].most {
-        let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].most);
+    if names.len() as u64 > kinds[0].max {
+        let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].max);
         return Err(broken(&kinds[0], found));
     }
     Ok(vec![
@@ -186,7 +186,7 @@ impl BakedScene {
             "are there, but the bake holds reflectance elsewhere".into()
         });
         for (i, f) in live.factors.iter().enumerate() {
-            let within = |v: [f32; 3], most: f32| v.iter().all(|c| (0.0..=most).contains(c));
+            let within = |v: [f32; 3], max: f32| v.iter().all(|c| (0.0..=max).contains(c));
             let sound = within(f.base_color, 1.0) && within(f.emissive, BRIGHTEST);
             check.item(sound, "material factors", i, || format!("{f:?}"));
         }

@@ -61,11 +61,11 @@ pub(super) const KINDS: [Kind; 5] = [
         raw: 1,
         // The text, what it says, and what its reader needs.
         memory: 32,
-        most: 1 << 16,
+        max: 1 << 16,
     },
     kind::<u32>(51, "occluder triangles", COUNT),
     Kind {
-        most: PackedLinkTerm::MAX_SETS as u64,
+        max: PackedLinkTerm::MAX_SETS as u64,
         ..kind::<u64>(52, "occluder sets", SET)
     },
     kind::<PackedLinkTerm>(53, "passages", PASSAGE),
@@ -80,8 +80,8 @@ pub(super) fn sections(
     kinds: &'static [Kind],
 ) -> Result<Vec<Section>, AssetError> {
     let names = ron::to_string(&occluders.names).map_err(|e| broken(&kinds[0], e))?;
-    if names.len() as u64 > kinds[0].most {
-        let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].most);
+    if names.len() as u64 > kinds[0].max {
+        let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].max);
         return Err(broken(&kinds[0], found));
     }
     let triangles = &bvh.triangles[bvh.first_occluder()..];
@@ -211,9 +211,9 @@ impl BakedScene {
         let Some(probes) = &self.probes else { return };
         for (i, row) in probes.rows.iter().enumerate() {
             let sum = self.most_light(row, &probes.links, &occluders.probes, Vec3::abs);
-            let most = LARGEST + TOLERANCE;
+            let max = LARGEST + TOLERANCE;
             check.item(
-                sum.max_element() <= most,
+                sum.max_element() <= max,
                 "probe passages",
                 i / PROBE_ROWS,
                 || format!("sum to {sum}: more light than there is"),
@@ -252,7 +252,7 @@ impl BakedScene {
 /// Each passage names a link and a set, in order, and each link is what its parts sum to.
 fn check_passages(
     check: &mut Check,
-    place: &'static str,
+    location: &'static str,
     passages: &[PackedLinkTerm],
     links: &[Link],
     sets: usize,
@@ -260,12 +260,12 @@ fn check_passages(
     let mut before: Option<(u32, u32)> = None;
     for (i, p) in passages.iter().enumerate() {
         let now = (p.link, p.set());
-        check.item(before < Some(now), place, i, || {
+        check.item(before < Some(now), location, i, || {
             format!("link {} and set {} do not ascend", p.link, p.set())
         });
         before = Some(now);
         let inside = (p.link as usize) < links.len() && (p.set() as usize) < sets;
-        check.item(inside, place, i, || {
+        check.item(inside, location, i, || {
             format!(
                 "link {} of {}, set {} of {sets}",
                 p.link,
@@ -275,7 +275,7 @@ fn check_passages(
         });
         let v = p.vector();
         let sound = v.is_finite() && v.abs().max_element() <= 1.0 + TOLERANCE;
-        check.item(sound, place, i, || format!("vector {v}"));
+        check.item(sound, location, i, || format!("vector {v}"));
         if check.full() {
             return;
         }
@@ -287,7 +287,7 @@ fn check_passages(
     for own in passages.chunk_by(|a, b| a.link == b.link) {
         let link = links[own[0].link as usize];
         let sum = link_of_parts(own.iter().map(|p| p.vector()), link.sender());
-        check.item(sum == link, place, at, || {
+        check.item(sum == link, location, at, || {
             format!(
                 "sum to {}, but link {} is {}",
                 sum.vector(),

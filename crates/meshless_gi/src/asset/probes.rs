@@ -67,11 +67,11 @@ pub(super) const LARGEST: f32 = 2.0;
 /// Its kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
-        most: SHAPE_WORDS as u64,
+        max: SHAPE_WORDS as u64,
         ..kind::<u32>(40, "probes", COUNT)
     },
     Kind {
-        most: Probes::MAX as u64,
+        max: Probes::MAX as u64,
         ..kind::<Point>(41, "probe points", POINT)
     },
     kind::<[f32; 4]>(42, "probe planes", PLANE),

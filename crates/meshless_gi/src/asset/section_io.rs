@@ -76,11 +76,6 @@ pub(super) fn rebuild_grid(
             .map(|g| HashedGrid { cell_size, ..g });
     }
     // Cells are as large as the largest function: a box touches 4 of them along each axis at most.
-    let most = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
-    HashedGrid::build_within(
-        points.len(),
-        cell_size,
-        |i| support_bounds(&points[i]),
-        most,
-    )
+    let max = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
+    HashedGrid::build_within(points.len(), cell_size, |i| support_bounds(&points[i]), max)
 }

@@ -34,7 +34,7 @@ pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Ki
         version: 1,
         raw: layout.item_bytes() as u64,
         memory: size_of::<T>() as u64,
-        most: MAX,
+        max: MAX,
     }
 }
 
@@ -55,14 +55,14 @@ static KINDS: [Kind; 49] = [
         raw: 1,
         // The text, what it says, and what its reader needs.
         memory: 8,
-        most: 1 << 20,
+        max: 1 << 20,
     },
     Kind {
-        most: SHAPE_WORDS as u64,
+        max: SHAPE_WORDS as u64,
         ..kind::<u32>(2, "shape", COUNT)
     },
     Kind {
-        most: 32,
+        max: 32,
         ..kind::<u32>(3, "levels", INDEX)
     },
     kind::<Point>(4, "points", POINT),
@@ -182,10 +182,10 @@ impl BakedScene {
     pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
         self.validate().map_err(AssetError::Invalid)?;
         let info = ron::to_string(&self.info).map_err(|e| broken(INFO, e))?;
-        if info.len() as u64 > INFO.most {
+        if info.len() as u64 > INFO.max {
             return Err(broken(
                 INFO,
-                format!("{} bytes of text, at most {}", info.len(), INFO.most),
+                format!("{} bytes of text, at most {}", info.len(), INFO.max),
             ));
         }
         let grid = &self.display.grid;

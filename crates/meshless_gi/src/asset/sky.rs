@@ -37,7 +37,7 @@ pub(super) const KIND: Kind = Kind {
     version: 1,
     raw: TERMS.item_bytes() as u64,
     memory: size_of::<[f32; SkyRadiance::TERMS]>() as u64,
-    most: u32::MAX as u64,
+    max: u32::MAX as u64,
 };
 
 /// The section of `sky`; `kind` is [`KIND`] in the table.

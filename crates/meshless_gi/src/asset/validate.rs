@@ -79,12 +79,12 @@ impl BakedScene {
         check.whole(per_sender <= LightSamples::MAX, "light samples", || {
             format!("{per_sender} a sender, at most {}", LightSamples::MAX)
         });
-        let most = Link::MAX_SENDERS - self.sky_terms();
-        check.whole(senders <= most, "senders", || {
-            format!("{senders}, at most {most}")
+        let max_senders = Link::MAX_SENDERS - self.sky_terms();
+        check.whole(senders <= max_senders, "senders", || {
+            format!("{senders}, at most {max_senders}")
         });
-        let mut length = |place, found: usize, expected: usize| {
-            check.whole(found == expected, place, || {
+        let mut length = |location, found: usize, expected: usize| {
+            check.whole(found == expected, location, || {
                 format!("{found} instead of {expected}")
             });
         };
@@ -481,7 +481,7 @@ fn sound_starts(weights: &Weights) -> bool {
 /// sum to one.
 fn check_sums(
     check: &mut Check,
-    place: &'static str,
+    location: &'static str,
     i: usize,
     row: &[crate::basis::WeightEntry],
     group: impl Fn(u32) -> Option<usize>,
@@ -489,10 +489,12 @@ fn check_sums(
     let sound = row
         .iter()
         .all(|w| (0.0..=1.0 + TOLERANCE).contains(&w.weight));
-    check.item(sound, place, i, || "a weight is not within 0 to 1".into());
+    check.item(sound, location, i, || {
+        "a weight is not within 0 to 1".into()
+    });
     for part in row.chunk_by(|a, b| group(a.index) == group(b.index)) {
         let sum: f32 = part.iter().map(|w| w.weight).sum();
-        check.item((sum - 1.0).abs() <= TOLERANCE, place, i, || {
+        check.item((sum - 1.0).abs() <= TOLERANCE, location, i, || {
             format!("weights sum to {sum}")
         });
     }

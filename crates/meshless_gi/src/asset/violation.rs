@@ -10,7 +10,7 @@ const MAX_VIOLATIONS: usize = 32;
 #[non_exhaustive]
 pub struct Violation {
     /// Name of the array or field.
-    pub place: &'static str,
+    pub location: &'static str,
     /// Index of the item. `None` for a field that is no array.
     pub index: Option<usize>,
     /// Problem.
@@ -20,8 +20,8 @@ pub struct Violation {
 impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.index {
-            Some(i) => write!(f, "{}[{i}]: {}", self.place, self.problem),
-            None => write!(f, "{}: {}", self.place, self.problem),
+            Some(i) => write!(f, "{}[{i}]: {}", self.location, self.problem),
+            None => write!(f, "{}: {}", self.location, self.problem),
         }
     }
 }
@@ -37,13 +37,13 @@ impl Check {
     pub(super) fn item(
         &mut self,
         ok: bool,
-        place: &'static str,
+        location: &'static str,
         index: usize,
         problem: impl FnOnce() -> String,
     ) {
         if !ok && !self.full() {
             self.0.push(Violation {
-                place,
+                location,
                 index: Some(index),
                 problem: problem(),
             });
@@ -53,12 +53,12 @@ impl Check {
     pub(super) fn whole(
         &mut self,
         ok: bool,
-        place: &'static str,
+        location: &'static str,
         problem: impl FnOnce() -> String,
     ) {
         if !ok && !self.full() {
             self.0.push(Violation {
-                place,
+                location,
                 index: None,
                 problem: problem(),
             });

@@ -42,7 +42,7 @@ const LARGEST_SCALE: f32 = 1024.0;
 /// Its kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 6] = [
     Kind {
-        most: SHAPE_WORDS as u64,
+        max: SHAPE_WORDS as u64,
         // The first had the unit of all depths too, which is each cluster's own now.
         version: 2,
         ..kind::<u32>(23, "visibility", COUNT)
@@ -115,7 +115,7 @@ pub(super) fn read(
     if u64::from(columns) * u64::from(rows) > MAX_DIRECTIONS {
         return Err(broken(&kinds[0], format!("{columns} × {rows} directions")));
     }
-    out.place()
+    out.layout()
         .ok_or_else(|| broken(&kinds[1], "the lengths of the arrays overflow"))?;
     Ok(Some(out))
 }
@@ -157,9 +157,9 @@ impl BakedScene {
             check.item(sound, "visibility clusters", i, || {
                 format!("depths relative to {} m", c.near)
             });
-            let most = Visibility::MAX_COMPONENTS;
-            check.item(c.components <= most, "visibility clusters", i, || {
-                format!("{} components, at most {most}", c.components)
+            let max = Visibility::MAX_COMPONENTS;
+            check.item(c.components <= max, "visibility clusters", i, || {
+                format!("{} components, at most {max}", c.components)
             });
             if check.full() {
                 return;
@@ -197,7 +197,7 @@ impl BakedScene {
             points: v.points.clone(),
             ..Visibility::default()
         };
-        let ends = placed.place();
+        let ends = placed.layout();
         let starts = placed.clusters == v.clusters && placed.points == v.points;
         check.whole(starts, "visibility", || {
             "clusters or points do not start where those before them end".into()

@@ -38,10 +38,10 @@ pub enum BakeError {
         name: String,
     },
     /// Too many sets of occluders along one path of light.
-    #[error("light passes the occluders in more than {most} combinations; use fewer occluders")]
+    #[error("light passes the occluders in more than {max} combinations; use fewer occluders")]
     TooManyOccluderSets {
         /// Largest number of sets.
-        most: usize,
+        max: usize,
     },
     /// Visibility data for soft shadows exceeds its limit.
     #[error("soft shadows: {0}")]

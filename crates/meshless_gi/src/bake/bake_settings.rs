@@ -246,7 +246,7 @@ pub fn reached_area(
         &DiskSettings {
             radius,
             open_only: false,
-            most: 1 << 18,
+            max: 1 << 18,
             seed: seed ^ 0x61_72_65_61,
             drop_first,
         },

@@ -135,12 +135,12 @@ fn training_set(
 /// Radiosity of the senders for each light, in one color channel per light. `first` is the index of
 /// the first light.
 fn radiosity(
-    (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &LightSamples, &Weights),
+    (hierarchy, geometry, samples, pull): (&Hierarchy, &dyn Geometry, &LightSamples, &Weights),
     sources: &[TrainingLight],
     first: usize,
 ) -> Vec<[f32; TRAINING_LIGHTS]> {
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
-    let count = places.per_sender as usize;
+    let count = samples.per_sender as usize;
     let far = 2.0 * geometry.bounds().size().length();
     let mut values: Vec<[f32; TRAINING_LIGHTS]> = (0..pull.len())
         .into_par_iter()
@@ -155,8 +155,8 @@ fn radiosity(
                 let (x, n) = match j < finest || count == 0 {
                     true => (s.position, s.normal),
                     false => {
-                        let place = &places.list[(j - finest) * count + turn(number, count)];
-                        (place.x(), place.n())
+                        let sample = &samples.list[(j - finest) * count + turn(number, count)];
+                        (sample.x(), sample.n())
                     }
                 };
                 *value = s.albedo[number % 3] * shine(geometry, source, x, n, far);

@@ -170,7 +170,7 @@ fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
     }
     let compression = scene.operator.compression.as_ref();
     let even = compression.map(|c| components::even_sums(scene, c));
-    let most = scene.operator.coefficients(scene.senders());
+    let max = scene.operator.coefficients(scene.senders());
     let scene = &mut **scene;
     let operator = &mut scene.operator;
     let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
@@ -178,7 +178,7 @@ fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
         let links = &operator.links[row.start as usize..][..row.count as usize];
         let n = point.n();
         // Even light has no sky terms.
-        let even_links = links.iter().filter(|l| l.sender() as usize <= most);
+        let even_links = links.iter().filter(|l| l.sender() as usize <= max);
         let sum: f64 = even_links.map(|l| f64::from(l.vector().dot(n))).sum();
         let sum = match &even {
             Some(even) => even[i],
@@ -345,7 +345,7 @@ impl Senders {
         let coarsest = scene.level(0).len().min(self.count);
         let stride = coarsest.div_ceil(ROOTS).max(1);
         let chosen = coarsest.div_ceil(stride);
-        let place = |j: usize| {
+        let index_of = |j: usize| {
             let root = self.root[j] as usize;
             (root < coarsest && root.is_multiple_of(stride)).then_some(root / stride)
         };
@@ -360,13 +360,13 @@ impl Senders {
                     if !averages && !self.own[j] {
                         return (0.0, Vec::new());
                     }
-                    let asked = self.own[j] && place(j).is_some();
+                    let asked = self.own[j] && index_of(j).is_some();
                     let mut from = vec![0.0; if asked { chosen } else { 0 }];
                     let mut sum = 0.0;
                     let mut add = |k: usize, f: f64| {
                         sum += f.abs();
-                        if let (true, Some(place)) = (asked, place(k)) {
-                            from[place] += f;
+                        if let (true, Some(index_of)) = (asked, index_of(k)) {
+                            from[index_of] += f;
                         }
                     };
                     if averages {
@@ -381,11 +381,11 @@ impl Senders {
             .collect();
         let mut between = vec![vec![0.0; chosen]; chosen];
         for (j, (_, from)) in rows.iter().enumerate() {
-            if let (false, Some(place)) = (from.is_empty(), place(j)) {
+            if let (false, Some(index_of)) = (from.is_empty(), index_of(j)) {
                 // A sender of a coarser level represents four times the area.
                 let level = scene.level_starts.partition_point(|&s| s as usize <= j);
                 let area = 4f64.powi(scene.sender_levels as i32 - level as i32);
-                for (sum, f) in between[place].iter_mut().zip(from) {
+                for (sum, f) in between[index_of].iter_mut().zip(from) {
                     *sum += area * f;
                 }
             }

@@ -76,9 +76,9 @@ fn arriving_sums(
     let mut out = vec![[0.0; 4]; scene.senders()];
     for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
-            let place = &octree.points[i];
-            if let Some(out) = out.get_mut(place.point as usize) {
-                *out = along(place.normal, &passes.values[i]).map(|e| place.factor * e);
+            let point = &octree.points[i];
+            if let Some(out) = out.get_mut(point.point as usize) {
+                *out = along(point.normal, &passes.values[i]).map(|e| point.factor * e);
             }
         }
     }

@@ -55,7 +55,7 @@ struct Effort {
     /// Number of surface points per triple at which the bake is evaluated.
     pool: usize,
     /// Number of these points, per triple, with ground truth.
-    places: usize,
+    positions: usize,
     /// Mean number of paths per point with ground truth.
     paths: u32,
 }
@@ -63,14 +63,14 @@ struct Effort {
 impl Effort {
     /// Budget in proportion to the bake, with a lower limit.
     fn from_scene(scene: &BakedScene) -> Self {
-        let (triples, places) = (8, 96);
+        let (triples, positions) = (8, 96);
         let each =
-            (triples * places) as f64 * RAYS_PER_BOUNCE as f64 * f64::from(scene.info.bounces);
+            (triples * positions) as f64 * RAYS_PER_BOUNCE as f64 * f64::from(scene.info.bounces);
         let paths = SHARE * scene.info.rays as f64 / each;
         Self {
             triples,
             pool: 2048,
-            places,
+            positions,
             paths: (paths as u32).clamp(384, 8192),
         }
     }
@@ -206,7 +206,7 @@ impl Question<'_> {
             return (Vec::new(), 0);
         };
         let scores = self.scores(pool, whole, lower.last(), random);
-        let drawn = systematic(&scores, self.effort.places, random);
+        let drawn = systematic(&scores, self.effort.positions, random);
         let (truth, rays) = self.truth(sources, stream, pool, whole, &scores, &drawn);
         // E f = Σ f(x) / (n p(x)) over n drawn points.
         let weights: Vec<f64> = drawn

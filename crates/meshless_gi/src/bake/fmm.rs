@@ -124,8 +124,8 @@ pub(super) fn add_octree(
     let fmm = Fmm::new(&points, &recipe.solver(settings.seed), Some(geometry))?;
     stats.rays += fmm.lists().counts.rays;
     let mut operator = fmm.operator(|at| of[at as usize]);
-    for place in operator.points.iter_mut().filter(|p| p.share == 0.0) {
-        place.sky = scene.surfaces[place.point as usize].sky;
+    for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
+        point.sky = scene.surfaces[point.point as usize].sky;
     }
     let unlit: Vec<f32> = sky_rays.iter().map(|s| s.1).collect();
     normalize_to_closed_form(&mut operator, &scene, &unlit);
@@ -161,12 +161,12 @@ impl SenderCells {
 /// Sets the correction factor of every receiver.
 fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
     let unit = unit_response(operator, scene);
-    for place in operator.points.iter_mut().filter(|p| p.share == 0.0) {
-        let i = place.point as usize;
-        let sky = Vec3::from_array(place.sky).dot(Vec3::from_array(place.normal));
+    for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
+        let i = point.point as usize;
+        let sky = Vec3::from_array(point.sky).dot(Vec3::from_array(point.normal));
         let right = 1.0 - sky.max(0.0) - unlit[i];
         let factor = right / unit[i];
-        place.factor = match (FACTOR_RANGE[0]..=FACTOR_RANGE[1]).contains(&factor) {
+        point.factor = match (FACTOR_RANGE[0]..=FACTOR_RANGE[1]).contains(&factor) {
             true => factor,
             false => 1.0,
         };
@@ -181,9 +181,9 @@ pub(super) fn unit_response(operator: &FmmOperator, scene: &BakedScene) -> Vec<f
     let mut out = vec![0.0; scene.senders()];
     for node in operator.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
-            let place = &operator.points[i];
-            let e = along(place.normal, &passes.values[i])[0];
-            out[place.point as usize] = place.factor * e;
+            let point = &operator.points[i];
+            let e = along(point.normal, &passes.values[i])[0];
+            out[point.point as usize] = point.factor * e;
         }
     }
     out

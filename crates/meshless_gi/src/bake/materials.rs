@@ -12,7 +12,7 @@ use rayon::prelude::*;
 pub(super) fn cover(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,
-    places: &LightSamples,
+    samples: &LightSamples,
     pull: &Weights,
 ) -> (Option<DynamicMaterials>, u64) {
     let (names, factors): (Vec<_>, Vec<_>) = geometry.materials().into_iter().unzip();
@@ -20,7 +20,7 @@ pub(super) fn cover(
         return (None, 0);
     }
     let finest = hierarchy.level(hierarchy.senders.len() - 1);
-    let count = places.per_sender as usize;
+    let count = samples.per_sender as usize;
     let rows: Vec<(Vec<MaterialCoverage>, u64)> = (0..finest.end)
         .into_par_iter()
         .map(|j| {
@@ -29,7 +29,7 @@ pub(super) fn cover(
             let spread = count > 0 && finest.contains(&j);
             let at: Vec<(Vec3, Vec3)> = if spread {
                 let first = (j - finest.start) * count;
-                let list = &places.list[first..first + count];
+                let list = &samples.list[first..first + count];
                 list.iter().map(|p| (p.x(), p.n())).collect()
             } else if j < finest.start && !pull.row(j).is_empty() {
                 Vec::new()

@@ -139,9 +139,9 @@ pub(super) fn index_terms(
     if occluders.is_empty() {
         return Ok(None);
     }
-    let most = PackedLinkTerm::MAX_SETS;
+    let max = PackedLinkTerm::MAX_SETS;
     let (sets, [links, probes]) =
-        number_sets([passing, space]).ok_or(BakeError::TooManyOccluderSets { most })?;
+        number_sets([passing, space]).ok_or(BakeError::TooManyOccluderSets { max })?;
     Ok(Some(Occluders {
         names: occluders.iter().map(|o| o.name.clone()).collect(),
         sets,

@@ -43,7 +43,7 @@ pub(super) fn build_points(
         coarse_radius: settings.coarse_radius,
         levels: settings.levels as usize,
         sender_levels: settings.sender_levels as usize,
-        most: settings.max_points(),
+        max: settings.max_points(),
         seed: settings.seed,
         sender_overlap: method.sender_overlap(),
         clip: settings.clip_planes,

@@ -98,7 +98,7 @@ pub(super) fn bake_probes(
         input.viewpoints,
         &PlaceSettings {
             spacing: settings.spacing,
-            most: Probes::MAX,
+            max: Probes::MAX,
             seed: input.gathering.seed,
             drop_first: input.drop_first,
         },

@@ -101,12 +101,12 @@ impl QualityParameters {
         let (coarse, fine) = (coarse.parameters(), fine.parameters());
         let t = libm::logf(error / e0) / libm::logf(e1 / e0);
         let mix = |a: f32, b: f32| a * libm::powf(b / a, t);
-        let whole = |a: u32, b: u32, least: f32| {
+        let whole = |a: u32, b: u32, min: f32| {
             let straight = a as f32 + t * (b as f32 - a as f32);
-            straight.round().max(least) as u32
+            straight.round().max(min) as u32
         };
-        let count = |a: u32, b: u32, least: f32, most: f32| {
-            mix(a as f32, b as f32).round().clamp(least, most) as u32
+        let count = |a: u32, b: u32, min: f32, max: f32| {
+            mix(a as f32, b as f32).round().clamp(min, max) as u32
         };
         Self {
             points: mix(coarse.points, fine.points),

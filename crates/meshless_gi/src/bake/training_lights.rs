@@ -43,7 +43,7 @@ pub fn sample_light_positions(
         .step_by(stride)
         .take(TRIED * count)
         .collect();
-    let places = tried
+    let samples = tried
         .chunks(TRIED)
         .filter_map(|few| {
             few.iter()
@@ -52,7 +52,7 @@ pub fn sample_light_positions(
         })
         .map(|best| best.1)
         .collect();
-    (places, traced.rays)
+    (samples, traced.rays)
 }
 
 /// Trains on white point lights of 1 W/sr at open positions, pulled to the senders (\[L08\] §2.1).
@@ -81,13 +81,13 @@ pub(super) fn train(
     for batch in sources.chunks(TRAINING_LIGHTS) {
         // Training lights use light samples, like a frame. Exposures use the senders' own points.
         let own = LightSamples::default();
-        let places = if signals.is_empty() {
+        let samples = if signals.is_empty() {
             &points.light_samples
         } else {
             &own
         };
-        let mut values = radiosity(hierarchy, geometry, batch, places, &points.pull, senders);
-        rays += ((senders + places.list.len()) * batch.len()) as u64;
+        let mut values = radiosity(hierarchy, geometry, batch, samples, &points.pull, senders);
+        rays += ((senders + samples.list.len()) * batch.len()) as u64;
         let scale = mean_squares(&rows, &values).map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
         counted += scale.iter().filter(|&&s| s > 0.0).count();
         for (sum, row) in exposure.iter_mut().zip(&mut values) {
@@ -115,12 +115,12 @@ fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,
     sources: &[Vec3],
-    places: &LightSamples,
+    samples: &LightSamples,
     pull: &Weights,
     senders: usize,
 ) -> Vec<[f32; TRAINING_LIGHTS]> {
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
-    let count = places.per_sender as usize;
+    let count = samples.per_sender as usize;
     let mut values: Vec<[f32; TRAINING_LIGHTS]> = (0..senders)
         .into_par_iter()
         .map(|j| {
@@ -130,10 +130,10 @@ fn radiosity(
                 shine(geometry, sources, s.position, s.normal, 1.0, &mut row);
             } else {
                 let first = (j - finest) * count;
-                let own = &places.list[first..first + count];
-                for place in own {
+                let own = &samples.list[first..first + count];
+                for sample in own {
                     let share = 1.0 / count as f32;
-                    shine(geometry, sources, place.x(), place.n(), share, &mut row);
+                    shine(geometry, sources, sample.x(), sample.n(), share, &mut row);
                 }
             }
             // Rec. 709 luminance represents the three channels.

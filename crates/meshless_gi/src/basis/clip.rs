@@ -39,7 +39,7 @@ const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
 const WORTH: f32 = 1e-5;
 
 /// A position in a function's support.
-pub(super) struct Place {
+pub(super) struct ClipSample {
     /// Meters.
     pub x: Vec3,
     /// Its normal; zero in free space.
@@ -51,10 +51,10 @@ pub(super) struct Place {
 }
 
 /// The planes `first` (n, d), then of the `candidates` those that cut off most blocked weight of
-/// `places` and no more visible weight than that is worth. A candidate that cuts off the center is
+/// `samples` and no more visible weight than that is worth. A candidate that cuts off the center is
 /// left out. Positions that are cut off leave the list. `radius` is that of the support, meters.
 pub(super) fn choose_planes(
-    places: &mut Vec<Place>,
+    samples: &mut Vec<ClipSample>,
     first: &[Vec4],
     candidates: &[Vec4],
     center: Vec3,
@@ -62,11 +62,11 @@ pub(super) fn choose_planes(
 ) -> Vec<[f32; 4]> {
     // A hair's breadth, so that the wall's own foot is on neither side by rounding.
     let slack = 1e-3 * radius;
-    let cut_off = |place: &Place, plane: Vec4| {
-        place.blocked && before(plane, place.x, place.n, radius) < -slack
+    let cut_off = |sample: &ClipSample, plane: Vec4| {
+        sample.blocked && before(plane, sample.x, sample.n, radius) < -slack
     };
     let first = &first[..first.len().min(MAX_PLANES)];
-    places.retain(|place| !first.iter().any(|&plane| cut_off(place, plane)));
+    samples.retain(|sample| !first.iter().any(|&plane| cut_off(sample, plane)));
     let mut kept: Vec<[f32; 4]> = first.iter().map(Vec4::to_array).collect();
     while kept.len() < MAX_PLANES {
         let mut best: Option<(f32, Vec4)> = None;
@@ -76,12 +76,12 @@ pub(super) fn choose_planes(
                 continue;
             }
             let mut gain = 0.0;
-            for place in &*places {
-                if before(plane, place.x, place.n, radius) < -slack {
-                    gain += if place.blocked {
-                        place.weight
+            for sample in &*samples {
+                if before(plane, sample.x, sample.n, radius) < -slack {
+                    gain += if sample.blocked {
+                        sample.weight
                     } else {
-                        -place.weight / LOSS
+                        -sample.weight / LOSS
                     };
                 }
             }
@@ -91,7 +91,7 @@ pub(super) fn choose_planes(
         }
         let Some((_, plane)) = best else { break };
         kept.push(plane.to_array());
-        places.retain(|place| !cut_off(place, plane));
+        samples.retain(|sample| !cut_off(sample, plane));
     }
     kept
 }
@@ -111,7 +111,7 @@ pub fn clip_planes(
     let lift = (ORIGIN_HEIGHT * radius).max(geometry.ray_offset(x_j));
     let height = visibility_origin_height(geometry, x_j, n_j, radius, rays);
     let eye = x_j + n_j * height;
-    let mut places: Vec<Place> = Vec::new();
+    let mut samples: Vec<ClipSample> = Vec::new();
     let mut candidates: Vec<Vec4> = Vec::new();
     let (behind, occluders) = behind_walls(geometry, point, eye, rays);
     for (x, n) in around.chain(behind) {
@@ -132,14 +132,14 @@ pub fn clip_planes(
         if let Some(hit) = hit {
             candidates.push(plane_at(&geometry.barrier(&ray, &hit), radius));
         }
-        places.push(Place {
+        samples.push(ClipSample {
             x,
             n,
             weight: kernel(r / radius) * cosine * cosine,
             blocked: hit.is_some(),
         });
     }
-    choose_planes(&mut places, &occluders, &candidates, x_j, radius)
+    choose_planes(&mut samples, &occluders, &candidates, x_j, radius)
 }
 
 /// Height of the visibility origin above the center (x, n) of a function with this radius, in
@@ -185,8 +185,8 @@ fn behind_walls(
         if leans(plane) && keeps_center && !occluders.contains(&plane) {
             occluders.push(plane);
         }
-        for place in 0..BEHIND {
-            let across = wall.t + (radius - wall.t) * (place as f32 + 0.5) / BEHIND as f32;
+        for sample in 0..BEHIND {
+            let across = wall.t + (radius - wall.t) * (sample as f32 + 0.5) / BEHIND as f32;
             let above = x_j + way * across + n_j * tall;
             let down = Ray::segment(above, -n_j, 2.0 * tall);
             *rays += 1;
@@ -212,7 +212,7 @@ pub(super) fn with_planes(
     }
     // The positions by cell; a position is looked up from the cell of the function's center, so its
     // box is as large as a support.
-    let places: Vec<(Vec3, Vec3)> = around
+    let samples: Vec<(Vec3, Vec3)> = around
         .iter()
         .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
         .collect();
@@ -226,9 +226,9 @@ pub(super) fn with_planes(
         .take_while(|&s| s <= largest)
         .take(16)
         .map(|size| {
-            HashedGrid::build(places.len(), size, |i| Bounds {
-                min: places[i].0,
-                max: places[i].0,
+            HashedGrid::build(samples.len(), size, |i| Bounds {
+                min: samples[i].0,
+                max: samples[i].0,
             })
         })
         .collect();
@@ -239,7 +239,7 @@ pub(super) fn with_planes(
             let bounds = support_bounds(point);
             let fits = grids.partition_point(|g| g.cell_size <= point.radius);
             grids[fits.max(1) - 1].for_each_in(bounds, |i| {
-                let x = places[i as usize].0;
+                let x = samples[i as usize].0;
                 if x.cmpge(bounds.min).all() && x.cmple(bounds.max).all() {
                     near.push(i);
                 }
@@ -250,7 +250,7 @@ pub(super) fn with_planes(
             let around = near
                 .iter()
                 .step_by(stride.max(1))
-                .map(|&i| places[i as usize]);
+                .map(|&i| samples[i as usize]);
             let mut rays = 0;
             (clip_planes(geometry, point, around, &mut rays), rays)
         })

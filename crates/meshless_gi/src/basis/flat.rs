@@ -42,22 +42,22 @@ impl Hierarchy {
         let sure = sure.chain(traced.candidates.iter().map(|c| &c.surface));
         let sure = sure.map(|s| (s.position, s.normal, f32::INFINITY));
         let (beside, asked) = self.beside(geometry, settings.levels - 1, seed);
-        let places: Vec<(Vec3, Vec3, f32)> = sure.chain(beside).collect();
-        let nearest: Vec<Vec<(u32, f32)>> = places
+        let samples: Vec<(Vec3, Vec3, f32)> = sure.chain(beside).collect();
+        let nearest: Vec<Vec<(u32, f32)>> = samples
             .par_iter()
             .map_init(
                 || (Vec::new(), Vec::new()),
-                |(found, near), &(x, n, most)| {
+                |(found, near), &(x, n, max)| {
                     let mut nearest = self.nearest(x, n, found, near);
-                    if nearest.first().is_none_or(|&(_, d)| d > most) {
+                    if nearest.first().is_none_or(|&(_, d)| d > max) {
                         nearest.clear();
                     }
                     nearest
                 },
             )
             .collect();
-        let least = 0.5 * self.levels.last().map_or(0.0, reach);
-        let mut radius = vec![least; self.surfaces.len()];
+        let min = 0.5 * self.levels.last().map_or(0.0, reach);
+        let mut radius = vec![min; self.surfaces.len()];
         for &(i, d) in nearest.iter().flatten() {
             let r = &mut radius[i as usize];
             *r = r.max(MARGIN * d);
@@ -77,7 +77,7 @@ impl Hierarchy {
             })
             .collect();
         let (mut flat, rays) = with_planes(geometry, points, &[&around], settings.clip);
-        self.open(&mut flat, &places, &nearest);
+        self.open(&mut flat, &samples, &nearest);
         (flat, rays + traced.rays + asked)
     }
 
@@ -141,10 +141,10 @@ impl Hierarchy {
         }
         near.sort_unstable_by(order);
         // Where little is near, what is far does not help.
-        let most = near.get(1).map_or(0.0, |second| FAR * second.0);
+        let max = near.get(1).map_or(0.0, |second| FAR * second.0);
         near.iter()
             .enumerate()
-            .filter(|&(k, n)| k < 2 || n.0 <= most)
+            .filter(|&(k, n)| k < 2 || n.0 <= max)
             .map(|(_, &(_, i, d))| (i, d))
             .collect()
     }
@@ -154,19 +154,19 @@ impl Hierarchy {
     fn open(
         &self,
         flat: &mut LevelBasis,
-        places: &[(Vec3, Vec3, f32)],
+        samples: &[(Vec3, Vec3, f32)],
         nearest: &[Vec<(u32, f32)>],
     ) {
-        let closed: Vec<usize> = (0..places.len())
+        let closed: Vec<usize> = (0..samples.len())
             .into_par_iter()
             .map_init(Vec::new, |found, i| {
-                let (x, n, _) = places[i];
+                let (x, n, _) = samples[i];
                 (!nearest[i].is_empty() && !flat.weights(x, n, found)).then_some(i)
             })
             .flatten()
             .collect();
         for i in closed {
-            let (x, n, _) = places[i];
+            let (x, n, _) = samples[i];
             let before =
                 |plane: &[f32; 4], radius| before(Vec4::from_array(*plane), x, n, radius) >= 0.0;
             // Those on the other side of an occluder stay there.

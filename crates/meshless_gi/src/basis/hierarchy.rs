@@ -28,7 +28,7 @@ pub struct HierarchySettings {
     /// finest level of all cover everything. The others leave tight corners to finer levels.
     pub sender_levels: usize,
     /// Largest number of points of each level.
-    pub most: Vec<usize>,
+    pub max: Vec<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
     /// C of the basis functions of senders. `None` uses the functions of the hierarchy. \[L08\]
@@ -78,7 +78,7 @@ impl Hierarchy {
                 &DiskSettings {
                     radius: settings.coarse_radius / (1u32 << l) as f32,
                     open_only: !all_covering,
-                    most: settings.most[l],
+                    max: settings.max[l],
                     seed: settings.seed.wrapping_add(l as u64),
                     drop_first: settings.drop_first,
                 },
@@ -144,13 +144,13 @@ impl Hierarchy {
 
     /// Adds a level of half the finest level's disk radius around the points `wanting` of the
     /// finest level, where light needs more detail. Candidates are surface points visible from just
-    /// above each of them. `most` limits the number of points. Returns `None` if no point was
+    /// above each of them. `max` limits the number of points. Returns `None` if no point was
     /// added.
     pub fn add_level(
         &mut self,
         geometry: &dyn Geometry,
         wanting: &[usize],
-        most: usize,
+        max: usize,
         settings: &HierarchySettings,
     ) -> usize {
         let l = self.levels.len();
@@ -164,7 +164,7 @@ impl Hierarchy {
             settings.seed.wrapping_add(l as u64),
         );
         self.rays += rays;
-        let mut filled = throw_darts(candidates, disk, most);
+        let mut filled = throw_darts(candidates, disk, max);
         order(&mut filled, &geometry.bounds());
         if filled.is_empty() {
             return 0;

@@ -52,11 +52,11 @@ pub fn place_light_samples(
                 [a + s.albedo * share, m + s.emission * share]
             });
             (surface.albedo, surface.emission) = (albedo.min(Vec3::ONE), emission);
-            let places = seen.iter().map(|s| {
+            let samples = seen.iter().map(|s| {
                 let above = s.normal * geometry.surface_relief(s.position);
                 LightSample::new(s.position + above, s.normal)
             });
-            (places.collect(), rays)
+            (samples.collect(), rays)
         })
         .collect();
     let rays = found.iter().map(|f| f.1).sum();
@@ -205,10 +205,10 @@ mod tests {
         );
         let mut surfaces: Vec<Surface> =
             level.points.iter().map(|p| surface(p.x(), p.n())).collect();
-        let (places, rays) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
-        assert_eq!(places.len(), 32);
+        let (samples, rays) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
+        assert_eq!(samples.len(), 32);
         assert!(rays >= 2 * 32);
-        let (open, beside) = places.split_at(16);
+        let (open, beside) = samples.split_at(16);
         let mean = open.iter().map(LightSample::x).sum::<Vec3>() / 16.0;
         assert!((mean - level.points[0].x()).length() < 0.08, "{mean}");
         let r2 = |p: &LightSample| (p.x() - level.points[0].x()).length_squared();
@@ -218,7 +218,7 @@ mod tests {
         assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
         assert!(beside.iter().all(|p| p.x().x < 0.3), "none behind the wall");
         assert!(beside.iter().any(|p| p.x().x > 0.1));
-        assert!(places.iter().all(|p| (p.n() - Vec3::Y).length() < 1e-4));
+        assert!(samples.iter().all(|p| (p.n() - Vec3::Y).length() < 1e-4));
         assert_eq!(surfaces[0].albedo, surfaces[1].albedo);
     }
 
@@ -228,8 +228,8 @@ mod tests {
         let x = Vec3::new(0.0, 5.0, 0.0);
         let level = LevelBasis::new(vec![Point::new(x, Vec3::Y, 0.5)], Vec::new());
         let mut surfaces = [surface(x, Vec3::Y)];
-        let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 4, 1);
-        assert!(places.len() == 4 && places.iter().all(|p| p.x() == x));
+        let (samples, _) = place_light_samples(&mesh, &level, &mut surfaces, 4, 1);
+        assert!(samples.len() == 4 && samples.iter().all(|p| p.x() == x));
         assert_eq!(surfaces[0].albedo, Vec3::ONE);
     }
 
@@ -264,9 +264,9 @@ mod tests {
     #[test]
     fn light_samples_on_point_sphere_follow_curvature() {
         let (mesh, level, mut surfaces) = ball();
-        let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
+        let (samples, _) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
         let mut sum = 0.0;
-        for (point, own) in level.points.iter().zip(places.chunks(16)) {
+        for (point, own) in level.points.iter().zip(samples.chunks(16)) {
             let square = |p: &LightSample| (p.x() - point.x()).length_squared();
             sum += own.iter().map(square).sum::<f32>() / 16.0;
         }
@@ -281,27 +281,27 @@ mod tests {
     #[test]
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
-        let (places, _) = place_light_samples(&mesh, &level, &mut surfaces, 64, 3);
+        let (samples, _) = place_light_samples(&mesh, &level, &mut surfaces, 64, 3);
         // Nothing but the ball is there: a light above a position's own and its neighbors' horizon
         // shines on it. The start is a frame's.
         let blocked = |raised: f32| {
-            let dark = |(k, place): (usize, &LightSample)| {
-                let (x, n) = (place.x(), place.n());
+            let dark = |(k, sample): (usize, &LightSample)| {
+                let (x, n) = (sample.x(), sample.n());
                 let up = (x.normalize() + 0.9 * on_the_sphere(3, k as u64)).normalize();
                 let start = x + n * (2e-5 + (raised - 1.0) * mesh.surface_relief(x));
                 up.dot(n) > 0.3 && mesh.cast(&Ray::new(start, up)).is_some()
             };
-            places.iter().enumerate().filter(|p| dark(*p)).count()
+            samples.iter().enumerate().filter(|p| dark(*p)).count()
         };
         let (stored, flat) = (blocked(1.0), blocked(0.0));
         println!(
             "{stored} of {} samples are dark, {flat} on the cells themselves",
-            places.len()
+            samples.len()
         );
         assert!(
-            stored * 1000 <= places.len(),
+            stored * 1000 <= samples.len(),
             "{stored} of {}",
-            places.len()
+            samples.len()
         );
         assert!(flat > 10 * (stored + 1), "{flat} against {stored}");
     }

@@ -7,7 +7,7 @@
 //! positions in free space.
 
 use super::LevelBasis;
-use super::clip::{Place, choose_planes};
+use super::clip::{ClipSample, choose_planes};
 use super::kernel::{kernel, plane_at, weight_inside};
 use crate::samples::{HashedGrid, Point, lattice, uniform_sphere};
 use crate::scene::{Bounds, Geometry, Ray};
@@ -36,12 +36,12 @@ pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> 
     }
 }
 
-/// Probes at `places`, `spacing` meters apart, with clip planes by what they see of the positions
+/// Probes at `positions`, `spacing` meters apart, with clip planes by what they see of the positions
 /// in `crossed`. Also says how many rays it took.
 #[must_use]
 pub fn probe_basis(
     geometry: &dyn Geometry,
-    places: &[Vec3],
+    positions: &[Vec3],
     crossed: &[Vec3],
     spacing: f32,
 ) -> (LevelBasis, u64) {
@@ -50,7 +50,7 @@ pub fn probe_basis(
         min: crossed[i],
         max: crossed[i],
     });
-    let found: Vec<(Vec<[f32; 4]>, u64)> = places
+    let found: Vec<(Vec<[f32; 4]>, u64)> = positions
         .par_iter()
         .map_init(Vec::new, |near, &x| {
             near.clear();
@@ -72,7 +72,7 @@ pub fn probe_basis(
         .collect();
     let mut planes: Vec<[f32; 4]> = Vec::new();
     let mut rays = 0;
-    let points = places
+    let points = positions
         .iter()
         .zip(found)
         .map(|(&x, (own, cast))| {
@@ -105,14 +105,14 @@ fn planes_of(
         }
         hit.map(|hit| hit.t)
     };
-    let mut places = Vec::new();
+    let mut positions = Vec::new();
     for y in around {
         let way = y - x;
         let length = way.length();
         if length < 1e-3 * radius {
             continue;
         }
-        places.push(Place {
+        positions.push(ClipSample {
             x: y,
             n: Vec3::ZERO,
             weight: kernel(length / radius),
@@ -124,7 +124,7 @@ fn planes_of(
         // A probe has no value inside of a wall, which no light reaches.
         if let Some(t) = look(way, radius, &mut candidates) {
             let length = 0.5 * (t + radius);
-            places.push(Place {
+            positions.push(ClipSample {
                 x: x + way * length,
                 n: Vec3::ZERO,
                 weight: kernel(length / radius),
@@ -133,7 +133,7 @@ fn planes_of(
         }
     }
     (
-        choose_planes(&mut places, &[], &candidates, x, radius),
+        choose_planes(&mut positions, &[], &candidates, x, radius),
         rays,
     )
 }
@@ -175,7 +175,7 @@ mod tests {
         let eyes = [Vec3::ONE, Vec3::new(3.0, 1.0, 1.0)];
         let settings = ProbePlacementSettings {
             spacing: 0.4,
-            most: 4096,
+            max: 4096,
             seed: 1,
             drop_first: true,
         };

@@ -107,9 +107,9 @@ fn look_around(
     (seen, rays)
 }
 
-/// Reduces the pieces to at most `most`, which keep the total area.
-fn thinned(seen: &[CellPart], most: usize) -> Vec<CellPart> {
-    let kept = most.min(seen.len());
+/// Reduces the pieces to at most `max`, which keep the total area.
+fn thinned(seen: &[CellPart], max: usize) -> Vec<CellPart> {
+    let kept = max.min(seen.len());
     let area = seen.iter().map(|p| p.area).sum::<f32>() / kept as f32;
     // Every so many of the lattice, which goes outwards while it turns, from the middle of each
     // stretch.
@@ -178,9 +178,9 @@ mod tests {
             area: 1.0,
         };
         let seen: Vec<_> = (0..10).map(piece).collect();
-        for most in [1, 3, 10, 20] {
-            let kept = thinned(&seen, most);
-            assert_eq!(kept.len(), most.min(10));
+        for max in [1, 3, 10, 20] {
+            let kept = thinned(&seen, max);
+            assert_eq!(kept.len(), max.min(10));
             let area: f32 = kept.iter().map(|p| p.area).sum();
             assert!((area - 10.0).abs() < 1e-5);
         }

@@ -126,7 +126,7 @@ impl<'a> EmissionIntegrator<'a> {
             let index = self.emitters.partition_point(|e| e.until < u.x);
             let emitter = &self.emitters[index.min(self.emitters.len() - 1)];
             let within = 1.0 - (emitter.until - u.x) / emitter.share;
-            let to = emitter.place(Vec2::new(within.clamp(0.0, 1.0), u.y)) - start;
+            let to = emitter.position_at(Vec2::new(within.clamp(0.0, 1.0), u.y)) - start;
             if to.dot(n) <= 0.0 {
                 continue;
             }
@@ -173,7 +173,7 @@ impl<'a> EmissionIntegrator<'a> {
 
 impl Emitter {
     /// A position on the triangle, uniform in area for uniform `u`.
-    fn place(&self, u: Vec2) -> Vec3 {
+    fn position_at(&self, u: Vec2) -> Vec3 {
         let [a, b, c] = self.corners;
         let root = u.x.sqrt();
         a * (1.0 - root) + b * (root * (1.0 - u.y)) + c * (root * u.y)

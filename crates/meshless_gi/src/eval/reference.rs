@@ -156,7 +156,7 @@ pub fn irradiance(
             .map(|light| direct_irradiance(geometry, light, start, n, random))
             .sum()
     };
-    let most = settings.bounces.unwrap_or(u32::MAX);
+    let max = settings.bounces.unwrap_or(u32::MAX);
     let mut sums = [glam::DVec3::ZERO; 4];
     for path in 0..settings.paths {
         let mut random = Random::new(settings.seed ^ 0x72_65_66, stream, u64::from(path));
@@ -190,7 +190,7 @@ pub fn irradiance(
             }
             let Some(seen) = seen else { break };
             depth += 1;
-            if depth > most {
+            if depth > max {
                 break;
             }
             throughput *= seen.albedo;
@@ -234,10 +234,10 @@ pub fn irradiance(
 pub fn irradiance_at_all(
     geometry: &dyn Geometry,
     lights: &[Light],
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
     settings: &ReferenceSettings,
 ) -> Vec<Irradiance> {
-    places
+    positions
         .par_iter()
         .enumerate()
         .map(|(k, &(x, n))| irradiance(geometry, lights, x, n, k as u64, settings))

@@ -16,7 +16,7 @@ pub(super) struct Anderson {
     /// Differences of residuals and of G(x) from step to step, the newest last.
     steps: Vec<(Vec<f32>, Vec<f32>)>,
     /// The smallest residual so far.
-    least: f64,
+    min: f64,
 }
 
 impl Anderson {
@@ -26,10 +26,10 @@ impl Anderson {
         let residual: Vec<f32> = g.iter().zip(&*x).map(|(g, x)| g - x).collect();
         let (norm, size) = (dot(&residual, &residual).sqrt(), dot(g, g).sqrt());
         if let Some((r, before)) = self.last.take() {
-            if norm > 2.0 * self.least {
+            if norm > 2.0 * self.min {
                 // What was remembered leads astray.
                 self.steps.clear();
-                self.least = norm;
+                self.min = norm;
             } else {
                 let less = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a - b).collect();
                 self.steps.push((less(&residual, &r), less(g, &before)));
@@ -38,9 +38,9 @@ impl Anderson {
                 }
             }
         } else {
-            self.least = norm;
+            self.min = norm;
         }
-        self.least = self.least.min(norm);
+        self.min = self.min.min(norm);
         x.copy_from_slice(g);
         for ((_, step), share) in self.steps.iter().zip(self.shares(&residual)) {
             for (x, s) in x.iter_mut().zip(step) {

@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn specular_albedo_conserves_energy() {
         for slant in [0.2, 0.8, 1.2] {
-            for (roughness, least) in [
+            for (roughness, min) in [
                 (0.1, 0.98),
                 (0.3, 0.93),
                 (0.5, 0.7),
@@ -159,7 +159,7 @@ mod tests {
                 let found = albedo(&facet, 0.0);
                 let whole = found * f64::from(multiscatter_compensation(roughness, Vec3::ONE).x);
                 println!("{roughness} {slant}: {found:.3} {whole:.3}");
-                assert!((least..1.003).contains(&found));
+                assert!((min..1.003).contains(&found));
                 assert!((whole - 1.0).abs() < if roughness < 0.8 { 0.1 } else { 0.3 });
             }
         }
@@ -222,8 +222,8 @@ mod tests {
             let g = specular_terms(&facet, l, (i % 4) as f32 / 3.0);
             assert!(g.f0.is_finite() && g.f0 >= 0.0 && g.f90 >= 0.0);
             // What [`alpha_square`] bounds.
-            let most = 1.0 / (PI * alpha_square(0.0)) * 0.5 / alpha_square(0.0).sqrt();
-            assert!((g.f0 + g.f90) * n.dot(l).max(0.0) <= 1.01 * most);
+            let max = 1.0 / (PI * alpha_square(0.0)) * 0.5 / alpha_square(0.0).sqrt();
+            assert!((g.f0 + g.f90) * n.dot(l).max(0.0) <= 1.01 * max);
             assert!(multiscatter_compensation(facet.roughness, Vec3::ONE).is_finite());
         }
     }

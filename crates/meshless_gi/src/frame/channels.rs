@@ -29,9 +29,9 @@ impl Channels {
     #[must_use]
     pub fn one(self) -> Option<(usize, Vec3)> {
         let Self::One(hue) = self else { return None };
-        let most = hue.max_element();
-        let hue = match most.is_finite() && most > 0.0 && hue.is_finite() {
-            true => (hue / most).max(Vec3::ZERO),
+        let max = hue.max_element();
+        let hue = match max.is_finite() && max > 0.0 && hue.is_finite() {
+            true => (hue / max).max(Vec3::ZERO),
             false => Vec3::ONE,
         };
         let channel = if hue.y == 1.0 { 1 } else { hue.max_position() };

@@ -25,17 +25,17 @@ pub fn fmm_down(
     passes.down(radiosity);
     let leaves = operator.nodes.iter().filter(|n| n.is_leaf());
     for i in leaves.flat_map(|n| n.receiver_range()) {
-        let place = &operator.points[i];
-        let seen = Vec3::from_array(place.sky);
+        let point = &operator.points[i];
+        let seen = Vec3::from_array(point.sky);
         let light = match seen == Vec3::ZERO {
             true => Vec4::ZERO,
             false => Vec4::from_array(radiosity[sky]),
         };
         let [x, y, z] = passes.values[i].map(Vec4::from_array);
-        out[place.point as usize] = VectorIrradiance {
-            x: (place.factor * x + seen.x * light).to_array(),
-            y: (place.factor * y + seen.y * light).to_array(),
-            z: (place.factor * z + seen.z * light).to_array(),
+        out[point.point as usize] = VectorIrradiance {
+            x: (point.factor * x + seen.x * light).to_array(),
+            y: (point.factor * y + seen.y * light).to_array(),
+            z: (point.factor * z + seen.z * light).to_array(),
         };
     }
 }

@@ -127,7 +127,7 @@ impl FogParams {
     ) -> Self {
         // Worlds are large: what is near the eye is to be exact.
         let world_from_view = view.world_from_view.as_dmat4();
-        let seen = |place: &Mat4| place.as_dmat4().inverse() * world_from_view;
+        let seen = |position: &Mat4| position.as_dmat4().inverse() * world_from_view;
         let fog_from_view = seen(&fog.world_from_local).as_mat4();
         let voxels_from_view = Mat4::from_scale(1.0 / shape.voxel())
             * Mat4::from_translation(-shape.origin())
@@ -205,8 +205,8 @@ pub fn fog(
         let density = density(t);
         let lost = density * params.extinction;
         if !is_earlier(params, x) {
-            let place = voxels_from_view.transform_point3(x);
-            let arrives = read_voxels(params.size, texels, place, sent);
+            let position = voxels_from_view.transform_point3(x);
+            let arrives = read_voxels(params.size, texels, position, sent);
             let way = (-lost * params.radius).exp();
             sum += left * density * way * part * mean_left(lost * part) * arrives;
         }

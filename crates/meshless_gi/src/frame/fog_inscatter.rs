@@ -191,15 +191,15 @@ mod tests {
             fog_inscatter(&params, &texels, UVec3::ZERO)
         };
         let right = |d: Vec3| sides(0.4, d.normalize())[0].max(0.0);
-        let place = Vec3::splat(0.5);
+        let position = Vec3::splat(0.5);
         let endless = Mat4::perspective_infinite_reverse_rh(0.5, 1.0, 0.1).inverse();
         let ends = Mat4::perspective_rh(0.5, 1.0, 100.0, 0.1).inverse();
         let alike = Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1).inverse();
         for eye in [Vec3::new(-3.0, 2.0, 1.0), Vec3::new(5.0, 1.0, -2.0)] {
             let at = Vec3::new(0.5, 0.0, 0.5);
             for (projection, d) in [
-                (endless, place - eye),
-                (ends, place - eye),
+                (endless, position - eye),
+                (ends, position - eye),
                 (alike, at - eye),
             ] {
                 let found = light(projection, eye, at);
@@ -208,6 +208,6 @@ mod tests {
             }
         }
         // The eye is in the middle of the voxel: any direction will do.
-        assert!(light(endless, place, Vec3::ZERO)[0].is_finite());
+        assert!(light(endless, position, Vec3::ZERO)[0].is_finite());
     }
 }

@@ -179,9 +179,9 @@ impl FrameLight {
     fn or_none(self) -> Self {
         if self.is_finite() {
             let color = Vec3::from_array(self.color);
-            let most = Vec3::splat(BRIGHTEST);
+            let max = Vec3::splat(BRIGHTEST);
             Self {
-                color: color.clamp(-most, most).to_array(),
+                color: color.clamp(-max, max).to_array(),
                 ..self
             }
         } else {
@@ -223,11 +223,12 @@ fn patches_of(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, count: u32) -> Vec
     let columns = (count * long / wide).sqrt().round().clamp(1.0, count);
     let rows = (count / columns).ceil().max(1.0);
     let color = radiance * (area / (columns * rows));
-    let place = |i: f32, of: f32| (2.0 * i + 1.0) / of - 1.0;
+    let offset = |i: f32, of: f32| (2.0 * i + 1.0) / of - 1.0;
     let mut out = Vec::new();
     for row in 0..rows as u32 {
         for column in 0..columns as u32 {
-            let position = center + u * place(column as f32, columns) + v * place(row as f32, rows);
+            let position =
+                center + u * offset(column as f32, columns) + v * offset(row as f32, rows);
             out.push(FrameLight::patch(position, normal, color));
         }
     }

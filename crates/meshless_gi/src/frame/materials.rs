@@ -24,10 +24,10 @@ pub fn sanitize_factors(
     live: &DynamicMaterials,
     factors: &[MaterialFactors],
 ) -> Vec<MaterialFactors> {
-    let within = |v: [f32; 3], most: f32| {
+    let within = |v: [f32; 3], max: f32| {
         v.map(|c| match c.is_nan() {
             true => 0.0,
-            false => c.clamp(0.0, most),
+            false => c.clamp(0.0, max),
         })
     };
     (live.factors.iter().enumerate())
@@ -58,9 +58,9 @@ pub fn dynamic_surface(
         albedo += Vec3::from_array(share.albedo) * Vec3::from_array(f.base_color);
         emission += Vec3::from_array(share.emission) * Vec3::from_array(f.emissive);
     }
-    let most = Vec3::from_array(baked.albedo).max(Vec3::splat(MAX_ALBEDO));
+    let max = Vec3::from_array(baked.albedo).max(Vec3::splat(MAX_ALBEDO));
     PointSurface {
-        albedo: albedo.min(most).to_array(),
+        albedo: albedo.min(max).to_array(),
         emission: (PI * emission).to_array(),
         ..*baked
     }

@@ -211,9 +211,9 @@ pub fn project_sender(
         return at(point.x(), point.n());
     }
     let own = &scene.light_samples.list[(j - finest) * count..(j - finest + 1) * count];
-    let places = samples_for_light(light, own);
-    let used = places.len() as f32;
-    places.map(|p| near(p.x(), p.n())).sum::<f32>() / used
+    let samples = samples_for_light(light, own);
+    let used = samples.len() as f32;
+    samples.map(|p| near(p.x(), p.n())).sum::<f32>() / used
 }
 
 /// Fills `out`, one value a sender.

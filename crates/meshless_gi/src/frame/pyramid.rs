@@ -139,7 +139,7 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
     let z = linear(params, pixel, d);
     let (near, far) = match params.depth_test {
         0 => {
-            let mut most = 0.0f32;
+            let mut max = 0.0f32;
             for (dx, dy) in [(1, 0), (0, 1)] {
                 let (a, b) = (
                     neighbors_of(size, pixel, -dx, -dy),
@@ -149,10 +149,10 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
                 if d > 0.0 && a != pixel && b != pixel {
                     // Depth is linear on the screen over a plane, in both kinds of projection.
                     let on_plane = linear(params, pixel, 0.5 * (depth(a) + depth(b)));
-                    most = most.max((on_plane - z).abs() / reach(params, z, d));
+                    max = max.max((on_plane - z).abs() / reach(params, z, d));
                 }
             }
-            (0.0, most)
+            (0.0, max)
         }
         1 => (z, z),
         _ => {

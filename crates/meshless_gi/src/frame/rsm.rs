@@ -219,7 +219,7 @@ fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32)
     // The last run that begins below `low`.
     let mut chunk = before[..CHUNKS].partition_point(|b| *b < low).max(1) - 1;
     let (mut flux, mut weight) = (Vec3::ZERO, 0.0);
-    let (mut place, mut normal, mut square) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+    let (mut position, mut normal, mut square) = (Vec3::ZERO, Vec3::ZERO, 0.0);
     // Positions are summed relative to the first, so that their spread is no difference of large
     // squares.
     let mut anchor = None;
@@ -244,7 +244,7 @@ fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32)
             let v = share * w;
             flux += share * Vec3::from_array(texel.flux);
             weight += v;
-            place += v * d;
+            position += v * d;
             normal += v * Vec3::from_array(texel.normal);
             square += v * (d.dot(d) + texel.spread);
         }
@@ -253,7 +253,7 @@ fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32)
     let Some(anchor) = anchor.filter(|_| weight > 0.0) else {
         return Vpl::default();
     };
-    let mean = place / weight;
+    let mean = position / weight;
     let spread = (square / weight - mean.dot(mean)).max(0.0);
     Vpl {
         position: (anchor + mean).to_array(),
@@ -274,8 +274,8 @@ mod tests {
             let mut at = vec![None; (side * side) as usize];
             for y in 0..side {
                 for x in 0..side {
-                    let place = &mut at[hilbert_index(side, x, y) as usize];
-                    assert!(place.replace((x, y)).is_none());
+                    let position = &mut at[hilbert_index(side, x, y) as usize];
+                    assert!(position.replace((x, y)).is_none());
                 }
             }
             for pair in at.windows(2) {

@@ -69,11 +69,11 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
 }
 
-/// Weight of a sample at `place` for (x, n), cos θ cos θ' / d² up to a factor, with its direction
+/// Weight of a sample at `position` for (x, n), cos θ cos θ' / d² up to a factor, with its direction
 /// and distance. Returns `None` if it does not light the point.
 #[inline]
-fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
-    let to = place - x;
+fn weigh(light: &SoftLight, position: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
+    let to = position - x;
     let square = to.dot(to);
     if square <= 0.0 {
         return None;
@@ -200,10 +200,10 @@ impl VisibilityQuery for DecodedVisibility<'_> {
             };
             let light = self.cluster.encode(far);
             let close = self.cluster.encode(far * (1.0 - self.params.bias));
-            let least = (light - close).max(ROUNDING);
+            let min = (light - close).max(ROUNDING);
             let (e, error) = self.depth(texel);
-            let threshold = light - (self.params.before * error).max(least);
-            let ramp = (self.params.ramp * error).max(least);
+            let threshold = light - (self.params.before * error).max(min);
+            let ramp = (self.params.ramp * error).max(min);
             seen += weight * (0.5 + (e - threshold) / ramp).clamp(0.0, 1.0);
         }
         seen

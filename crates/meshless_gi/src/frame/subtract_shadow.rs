@@ -113,7 +113,7 @@ impl LtcTables {
     /// Layer `layer` at a position between its texels, both coordinates from 0 to 1.
     fn sample_layer(&self, layer: usize, u: f32, v: f32) -> Vec4 {
         let last = self.size - 1;
-        let place = |v: f32| {
+        let texel_weight = |v: f32| {
             let at = v.clamp(0.0, 1.0) * last as f32;
             (
                 at as u32,
@@ -121,8 +121,8 @@ impl LtcTables {
                 at - (at as u32) as f32,
             )
         };
-        let (left, right, x) = place(u);
-        let (top, bottom, y) = place(v);
+        let (left, right, x) = texel_weight(u);
+        let (top, bottom, y) = texel_weight(v);
         let texel =
             |i: u32, j: u32| Vec4::from_array(self.layers[layer][(j * self.size + i) as usize]);
         let a = texel(left, top).lerp(texel(right, top), x);

@@ -80,7 +80,7 @@ fn between(
 ) -> Between {
     let [w, h] = levels.grid(k + 1);
     let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
-    let place = |dx: i32, dy: i32| -> Option<([u32; 2], SubsplatNode)> {
+    let node_at = |dx: i32, dy: i32| -> Option<([u32; 2], SubsplatNode)> {
         let (cx, cy) = (bx + dx, by + dy);
         if cx < 0 || cy < 0 || cx >= w as i32 || cy >= h as i32 {
             return None;
@@ -89,7 +89,7 @@ fn between(
         Some(([(cx as u32) << (k + 1), (cy as u32) << (k + 1)], node))
     };
     let node = |dx: i32, dy: i32| -> Option<(SubsplatNode, f32)> {
-        let (pixel, node) = place(dx, dy)?;
+        let (pixel, node) = node_at(dx, dy)?;
         if !node.has_bits(state::KNOWN) {
             return None;
         }
@@ -97,7 +97,7 @@ fn between(
             .map(|there| (node, surface_similarity(here, &there)))
     };
     let unknown = |dx: i32, dy: i32| {
-        place(dx, dy).is_some_and(|(pixel, node)| {
+        node_at(dx, dy).is_some_and(|(pixel, node)| {
             !node.has_bits(state::KNOWN) && picture.depth(params.size, pixel) > 0.0
         })
     };

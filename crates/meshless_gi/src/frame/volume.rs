@@ -100,13 +100,13 @@ pub struct VolumeValues<'a> {
 #[must_use]
 pub fn volume_texels(
     params: &VolumeParams,
-    places: &VoxelWeights,
+    weights: &VoxelWeights,
     values: VolumeValues<'_>,
 ) -> Vec<[f32; 4]> {
-    let all = places.shape().texels();
+    let all = weights.shape().texels();
     (0..all.element_product())
         .map(|i| UVec3::new(i % all.x, i / all.x % all.y, i / (all.x * all.y)))
-        .map(|texel| volume(params, places, values, texel))
+        .map(|texel| volume(params, weights, values, texel))
         .collect()
 }
 
@@ -119,7 +119,7 @@ pub fn volume_texels(
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
-    places: &VoxelWeights,
+    weights: &VoxelWeights,
     values: VolumeValues<'_>,
     texel: UVec3,
 ) -> [f32; 4] {
@@ -131,13 +131,13 @@ pub fn volume(
     let voxel = texel % size;
     let side = 2 * axis + usize::from(away);
     let n = Vec3::from_slice(&params.axes[axis][..3]) * if away { -1.0 } else { 1.0 };
-    let light = |place: u32| Some(places.light(values.probes, place)?.irradiance(n));
+    let light = |voxel: u32| Some(weights.light(values.probes, voxel)?.irradiance(n));
     let step = |k: usize| params.step(voxel, side, k).and_then(light);
     let own = index(size, voxel);
-    let wall_distances = &places.wall_distances()[own as usize];
+    let wall_distances = &weights.wall_distances()[own as usize];
     let [x, y, z, _] = params.steps[side][AHEAD];
     let mine = light(own);
-    let e = on_a_wall(places, values.points, own, n, mine.is_some());
+    let e = on_a_wall(weights, values.points, own, n, mine.is_some());
     let e = e.or_else(|| {
         let walled = mine.is_some() && wall_distances.is_blocked([x, y, z]);
         if walled { mine } else { step(AHEAD).or(mine) }
@@ -161,13 +161,13 @@ pub fn volume(
 /// faces as `n` does: within 60 degrees in the air; a voxel in the ground has no light but that of
 /// the walls that it has a face of.
 fn on_a_wall(
-    places: &VoxelWeights,
+    weights: &VoxelWeights,
     values: &[VectorIrradiance],
     voxel: u32,
     n: Vec3,
     in_air: bool,
 ) -> Option<Vec3> {
-    let wall_samples = places.wall_samples();
+    let wall_samples = weights.wall_samples();
     let mut best = (if in_air { FACING } else { -2.0 }, None);
     for face in wall_samples.samples_of(voxel) {
         let cosine = Vec3::from_array(wall_samples.wall_samples[face].normal).dot(n);

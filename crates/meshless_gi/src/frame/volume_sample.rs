@@ -20,12 +20,12 @@ pub const BEYOND: f32 = 0.03;
 pub const MIN: f32 = 1e-3;
 
 /// Irradiance at a point for a surface that faces `n`, a unit vector of the world, in the texels'
-/// unit. `size` counts the voxels along each edge. `place` is in voxels from the volume's corner.
+/// unit. `size` counts the voxels along each edge. `position` is in voxels from the volume's corner.
 /// `texels` are those of [`volume`](super::volume::volume), x first and z last.
 #[must_use]
-pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
+pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], position: Vec3, n: Vec3) -> Vec3 {
     let voxels = UVec3::from(size);
-    read_voxels(size, texels, place, |voxel| {
+    read_voxels(size, texels, position, |voxel| {
         (0..3)
             .map(|axis| {
                 let side = 2 * axis + usize::from(n[axis] < 0.0);
@@ -47,18 +47,18 @@ fn index(size: UVec3, voxel: UVec3, side: usize) -> usize {
 pub fn read_voxels(
     size: [u32; 3],
     texels: &[[f32; 4]],
-    place: Vec3,
+    position: Vec3,
     light: impl Fn(UVec3) -> Vec3,
 ) -> Vec3 {
     let size = UVec3::from(size);
     let edges = size.as_vec3();
-    let place = place.clamp(Vec3::splat(0.5), edges - 0.5);
-    let first = (place - 0.5).as_uvec3();
+    let position = position.clamp(Vec3::splat(0.5), edges - 0.5);
+    let first = (position - 0.5).as_uvec3();
     let (mut whole, mut some) = ((Vec3::ZERO, 0.0), (Vec3::ZERO, 0.0));
     for k in 0..8u32 {
         let step = UVec3::new(k & 1, k >> 1 & 1, k >> 2);
         let voxel = (first + step).min(size - 1);
-        let from = place - (voxel.as_vec3() + 0.5);
+        let from = position - (voxel.as_vec3() + 0.5);
         let weight = (1.0 - from.abs()).max(Vec3::ZERO).element_product();
         let light = light(voxel);
         whole = (whole.0 + weight * light, whole.1 + weight);

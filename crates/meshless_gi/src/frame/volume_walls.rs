@@ -202,19 +202,19 @@ pub(super) struct WallIndex {
 }
 
 impl WallIndex {
-    /// Processes functions of a scene until about `most` voxels were visited. Returns the number of
+    /// Processes functions of a scene until about `max` voxels were visited. Returns the number of
     /// visits, 0 when all functions are processed.
     pub fn find(
         &mut self,
         shape: &VoxelGrid,
         points: &[Point],
         display: &FlatBasis,
-        most: u64,
+        max: u64,
     ) -> u64 {
         self.nearest
             .resize(shape.voxels() as usize, [NONE; MAX_FACES]);
         let mut looks = 0;
-        while self.seen < points.len() && looks < most {
+        while self.seen < points.len() && looks < max {
             looks += 1 + self.enter(shape, points, &display.planes, self.seen as u32);
             self.seen += 1;
         }

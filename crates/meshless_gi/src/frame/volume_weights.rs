@@ -145,19 +145,19 @@ impl VoxelGrid {
 }
 
 /// Number of voxels along each edge of a box, meters: cubes of about `edge` meters,
-/// and larger ones where they would be more than `most` or [`MAX_VOLUME_VOXELS`], or more than
+/// and larger ones where they would be more than `max` or [`MAX_VOLUME_VOXELS`], or more than
 /// [`MAX_VOXELS`] along an edge.
 #[must_use]
-pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
+pub fn voxels_of(edges: Vec3, edge: f32, max: u32) -> UVec3 {
     let edges = edges.max(Vec3::splat(f32::MIN_POSITIVE));
     let mut edge = edge.max(edges.max_element() / MAX_VOXELS as f32);
     let count = |edge: f32| {
         let along = (edges / edge).ceil().max(Vec3::ONE);
         along.as_uvec3().min(UVec3::splat(MAX_VOXELS))
     };
-    let most = most.clamp(1, MAX_VOLUME_VOXELS);
+    let max = max.clamp(1, MAX_VOLUME_VOXELS);
     // Rounding up adds a voxel along each edge at most: a few steps suffice.
-    while count(edge).element_product() > most && count(edge) != UVec3::ONE {
+    while count(edge).element_product() > max && count(edge) != UVec3::ONE {
         edge *= 1.1;
     }
     count(edge)
@@ -193,21 +193,21 @@ impl VoxelWeights {
     /// Creates the complete table for a grid.
     #[must_use]
     pub fn from_scene(shape: VoxelGrid, scene: &BakedScene) -> Self {
-        let mut places = Self::new(shape);
-        while !places.find(scene, u64::MAX) {}
-        places
+        let mut voxels = Self::new(shape);
+        while !voxels.find(scene, u64::MAX) {}
+        voxels
     }
 
-    /// Processes up to about `most` functions of probes and surfaces, and returns `true` when the
+    /// Processes up to about `max` functions of probes and surfaces, and returns `true` when the
     /// table is complete. All calls take the same `scene`. Deterministic for any number of threads.
-    pub fn find(&mut self, scene: &BakedScene, most: u64) -> bool {
+    pub fn find(&mut self, scene: &BakedScene, max: u64) -> bool {
         let all = self.shape.voxels();
         let (points, display) = (&scene.points, &scene.display);
         let mut looks = match self.is_whole() {
             true => 0,
-            false => self.walls.find(&self.shape, points, display, most),
+            false => self.walls.find(&self.shape, points, display, max),
         };
-        while !self.is_whole() && looks < most {
+        while !self.is_whole() && looks < max {
             let found = self.starts.len() as u32 - 1;
             let end = all.min(found + RUN * RUNS);
             let runs: Vec<Run> = (found..end)
@@ -273,8 +273,8 @@ impl VoxelWeights {
     /// Irradiance at a voxel that is found. `values` are those of the probes, [`PROBE_ROWS`] each.
     /// Returns `None` if no probe reaches it.
     #[must_use]
-    pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<ProbeIrradiance> {
-        let at = place as usize;
+    pub fn light(&self, values: &[VectorIrradiance], voxel: u32) -> Option<ProbeIrradiance> {
+        let at = voxel as usize;
         let weights = &self.weights[self.starts[at] as usize..self.starts[at + 1] as usize];
         let (mut sum, mut all) = (ProbeIrradiance::default(), 0.0);
         for share in weights {
@@ -304,20 +304,20 @@ impl Run {
         shape: &VoxelGrid,
         scene: &BakedScene,
         walls: &WallIndex,
-        places: std::ops::Range<u32>,
+        voxels: std::ops::Range<u32>,
     ) -> Self {
         let mut run = Self {
-            ends: Vec::with_capacity(places.len()),
+            ends: Vec::with_capacity(voxels.len()),
             weights: Vec::new(),
             wall_samples: WallSamples::default(),
-            wall_distances: Vec::with_capacity(places.len()),
+            wall_distances: Vec::with_capacity(voxels.len()),
             looks: 0,
         };
         let (points, display) = (&scene.points, &scene.display);
         let mut reaching: Vec<(u32, f32)> = Vec::new();
-        for place in places {
-            let x = shape.voxel_center(place);
-            let (beside, count) = walls.points_next_to(place, points, &display.planes, x);
+        for voxel in voxels {
+            let x = shape.voxel_center(voxel);
+            let (beside, count) = walls.points_next_to(voxel, points, &display.planes, x);
             let beside = &beside[..count];
             run.looks += run.wall_samples.find(beside, points, display, x);
             let behind = (beside.iter())
@@ -378,11 +378,11 @@ mod tests {
     fn voxel_grid_has_requested_size_within_limit() {
         let room = Vec3::new(8.0, 3.0, 4.0);
         assert_eq!(voxels_of(room, 0.25, u32::MAX), UVec3::new(32, 12, 16));
-        for most in [1, 100, 4096, 65_536, u32::MAX] {
-            let size = voxels_of(room, 0.01, most);
-            let most = most.min(MAX_VOLUME_VOXELS);
-            assert!(size.element_product() <= most, "{size}");
-            assert!(most < 100 || size.element_product() * 3 > most, "{size}");
+        for max in [1, 100, 4096, 65_536, u32::MAX] {
+            let size = voxels_of(room, 0.01, max);
+            let max = max.min(MAX_VOLUME_VOXELS);
+            assert!(size.element_product() <= max, "{size}");
+            assert!(max < 100 || size.element_product() * 3 > max, "{size}");
         }
         // A thread, a plane and a point are boxes of one voxel across.
         let thin = voxels_of(Vec3::new(100.0, 0.0, 1e-30), 0.01, u32::MAX);

@@ -224,12 +224,12 @@ impl SpecularView<'_> {
         }
         let f0 = gbuffer::f0(here.texel);
         let seen_before = LUMINANCE.dot(before.light.evaluate(f0));
-        let most = self.screen.radiance_threshold * (seen_before + FLOOR * FRAC_1_PI);
+        let max = self.screen.radiance_threshold * (seen_before + FLOOR * FRAC_1_PI);
         if before.known && self.params.together == 1 {
             let node = self.whole(pixel, &here);
             let found = node.light().unwrap_or_default();
             let off = (LUMINANCE.dot(found.evaluate(f0)) - seen_before).abs();
-            let bits = if off > most { u32::MAX } else { 0 };
+            let bits = if off > max { u32::MAX } else { 0 };
             return (node, [bits; 4], all);
         }
         let at = self.receiver(pixel, &here);
@@ -254,7 +254,7 @@ impl SpecularView<'_> {
                 change.f90 += found.f90 * flux;
             }
             light.add(1.0, &change);
-            if LUMINANCE.dot(change.evaluate(f0)).abs() > most {
+            if LUMINANCE.dot(change.evaluate(f0)).abs() > max {
                 bits[(g / 32) as usize] |= 1 << (g % 32);
             }
         }

@@ -77,11 +77,11 @@ mod tests {
             assert!((back - n).length() < 1e-4, "{n} {back}");
         }
         for bits in [0, u32::MAX, 0x8000_8000, 0x7fff_7fff] {
-            let place = LightSample {
+            let sample = LightSample {
                 position: [0.0; 3],
                 normal: bits,
             };
-            assert!(place.n().is_normalized(), "{bits:x}");
+            assert!(sample.n().is_normalized(), "{bits:x}");
         }
     }
 }

@@ -34,7 +34,7 @@ pub struct DiskSettings {
     /// level that covers everything.
     pub open_only: bool,
     /// Largest number of points of the level.
-    pub most: usize,
+    pub max: usize,
     /// Seed. It should depend on the level, so that levels do not share their candidates.
     pub seed: u64,
     /// `true` if particles drop their first bounces, see [`trace_particles`].
@@ -48,7 +48,7 @@ pub struct PoissonSamples {
     pub points: Vec<Candidate>,
     /// Number of rays cast.
     pub rays: u64,
-    /// `true` if the level reached `most` points.
+    /// `true` if the level reached `max` points.
     pub truncated: bool,
 }
 
@@ -79,14 +79,15 @@ impl Buckets {
         self.grow(points.len(), |i| points[i].surface.position);
     }
 
-    /// Adds the points since the last call. There are now `count` points, at positions `place`.
-    fn grow(&mut self, count: usize, place: impl Fn(usize) -> Vec3) {
+    /// Adds the points since the last call. There are now `count` points; point `i` lies at
+    /// `position_of(i)`.
+    fn grow(&mut self, count: usize, position_of: impl Fn(usize) -> Vec3) {
         if count > self.heads.len() {
             self.heads = vec![Self::NONE; 4 * self.heads.len()];
             self.next.clear();
         }
         for i in self.next.len()..count {
-            let b = self.bucket(HashedGrid::cell(place(i), self.cell));
+            let b = self.bucket(HashedGrid::cell(position_of(i), self.cell));
             self.next.push(self.heads[b]);
             self.heads[b] = i as u32;
         }
@@ -135,7 +136,7 @@ pub fn fill_level(
     );
     out.rays += rays;
     for candidate in candidates {
-        if out.points.len() >= settings.most {
+        if out.points.len() >= settings.max {
             out.truncated = true;
             break;
         }
@@ -195,7 +196,7 @@ fn throw_particles(
                 failures = 0;
                 out.points.push(candidate);
                 buckets.insert(&out.points);
-                if out.points.len() >= settings.most {
+                if out.points.len() >= settings.max {
                     out.truncated = true;
                     return (out, buckets);
                 }
@@ -211,13 +212,13 @@ fn throw_particles(
 }
 
 /// Tries all of `candidates` in order, and keeps those that are at least `radius` apart under
-/// \[L08\] Eq. (11), `most` at most.
+/// \[L08\] Eq. (11), `max` at most.
 #[must_use]
-pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<Candidate> {
+pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, max: usize) -> Vec<Candidate> {
     let mut points: Vec<Candidate> = Vec::new();
     let mut buckets = Buckets::new(radius);
     for candidate in candidates {
-        if points.len() >= most {
+        if points.len() >= max {
             break;
         }
         if bare(&candidate, radius, &points, &buckets) {

@@ -30,7 +30,7 @@ pub struct ProbePlacementSettings {
     /// Distance that no two probes which see each other are below, meters; above zero.
     pub spacing: f32,
     /// Most probes.
-    pub most: usize,
+    pub max: usize,
     /// Seed of the random numbers.
     pub seed: u64,
     /// Particles drop their first bounces.
@@ -92,7 +92,7 @@ pub fn place_probes(
             if known {
                 continue;
             }
-            if out.probes.len() >= settings.most {
+            if out.probes.len() >= settings.max {
                 out.truncated = true;
                 break;
             }
@@ -159,10 +159,10 @@ fn candidates(
 
 /// Distance to what is nearest, felt in a few directions, at most `reach`.
 fn room_around(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
-    (0..FEELERS).fold(reach, |least, k| {
+    (0..FEELERS).fold(reach, |free, k| {
         let way = uniform_sphere(lattice(k, FEELERS, Vec2::ZERO)).normalize_or(Vec3::Y);
-        let ray = Ray::segment(x, way, least);
-        geometry.cast(&ray).map_or(least, |hit| hit.t.min(least))
+        let ray = Ray::segment(x, way, free);
+        geometry.cast(&ray).map_or(free, |hit| hit.t.min(free))
     })
 }
 
@@ -174,7 +174,7 @@ mod tests {
     fn settings(spacing: f32) -> ProbePlacementSettings {
         ProbePlacementSettings {
             spacing,
-            most: 1 << 16,
+            max: 1 << 16,
             seed: 3,
             drop_first: true,
         }
@@ -212,7 +212,7 @@ mod tests {
         let ratio = twice as f64 / found.probes.len() as f64;
         assert!((4.0..12.0).contains(&ratio), "{ratio}");
         let few = ProbePlacementSettings {
-            most: 5,
+            max: 5,
             ..settings(0.25)
         };
         let few = place_probes(&mesh, &eye, &few);

@@ -20,7 +20,7 @@ const KEPT: usize = 64;
 
 /// Visibility from one position.
 struct View {
-    place: Vec3,
+    position: Vec3,
     hits: u32,
     fronts: u32,
     /// Harmonic mean distance to what is seen: small inside of thin solids.
@@ -54,7 +54,7 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
         // Without winding: keep the half that sees farthest.
         kept.truncate(kept.len().div_ceil(2));
     }
-    let mut out = spread(kept.iter().map(|v| v.place), KEPT);
+    let mut out = spread(kept.iter().map(|v| v.position), KEPT);
     if out.is_empty() {
         // Open all around: look at it from a sphere outside of its box.
         let radius = 0.75 * size.length();
@@ -62,10 +62,13 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
             bounds.center() + radius * uniform_sphere(Vec2::new(r.unit(), r.unit()))
         });
         rays += TRIED * u64::from(RAYS);
-        out = spread(outside.iter().filter(|v| v.hits > 0).map(|v| v.place), KEPT);
+        out = spread(
+            outside.iter().filter(|v| v.hits > 0).map(|v| v.position),
+            KEPT,
+        );
         if out.is_empty() {
             // A thin thing seen from afar: aim is hopeless, so stand around its very surface.
-            out = spread(outside.iter().map(|v| v.place), KEPT);
+            out = spread(outside.iter().map(|v| v.position), KEPT);
         }
     }
     (out, rays)
@@ -74,15 +77,15 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
 fn look_around(
     geometry: &dyn Geometry,
     seed: u64,
-    place: impl Fn(&mut Random) -> Vec3 + Sync,
+    position: impl Fn(&mut Random) -> Vec3 + Sync,
 ) -> Vec<View> {
     (0..TRIED)
         .into_par_iter()
         .map(|k| {
             let mut random = Random::new(seed, 0x76_69_65_77, k);
-            let place = place(&mut random);
+            let position = position(&mut random);
             let mut view = View {
-                place,
+                position,
                 hits: 0,
                 fronts: 0,
                 openness: 0.0,
@@ -90,7 +93,7 @@ fn look_around(
             let mut inverse = 0.0;
             for _ in 0..RAYS {
                 let ray = Ray::new(
-                    place,
+                    position,
                     uniform_sphere(Vec2::new(random.unit(), random.unit())),
                 );
                 if let Some(hit) = geometry.cast(&ray) {
@@ -111,8 +114,8 @@ fn look_around(
 
 /// At most `count` of the positions, each as far as possible from those before it (farthest point
 /// first).
-fn spread(places: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
-    let mut left: Vec<(Vec3, f32)> = places.map(|p| (p, f32::INFINITY)).collect();
+fn spread(positions: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
+    let mut left: Vec<(Vec3, f32)> = positions.map(|p| (p, f32::INFINITY)).collect();
     let mut out: Vec<Vec3> = Vec::new();
     while out.len() < count && !left.is_empty() {
         let next = if out.is_empty() {
@@ -126,11 +129,11 @@ fn spread(places: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
             }
             best
         };
-        let place = left.swap_remove(next).0;
+        let position = left.swap_remove(next).0;
         for p in &mut left {
-            p.1 = p.1.min(p.0.distance_squared(place));
+            p.1 = p.1.min(p.0.distance_squared(position));
         }
-        out.push(place);
+        out.push(position);
     }
     out
 }

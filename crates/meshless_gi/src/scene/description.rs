@@ -113,7 +113,7 @@ impl SceneDescription {
         for (i, value) in raw.lights.into_iter().enumerate() {
             let wrong = |reason: String| SceneError::Value {
                 file: file.into(),
-                place: format!("lights[{i}]"),
+                position: format!("lights[{i}]"),
                 reason,
             };
             let raw: RawLight = serde_json::from_value(value).map_err(|e| wrong(e.to_string()))?;
@@ -126,7 +126,7 @@ impl SceneDescription {
     }
 }
 
-fn place(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
+fn position(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
     let v = Vec3::from_array(v);
     v.is_finite()
         .then_some(v)
@@ -134,13 +134,13 @@ fn place(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
 }
 
 fn unit(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
-    let v = place(name, v)?;
+    let v = position(name, v)?;
     v.try_normalize()
         .ok_or_else(|| format!("{name} has no length"))
 }
 
 fn strength(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
-    let v = place(name, v)?;
+    let v = position(name, v)?;
     (v.min_element() >= 0.0)
         .then_some(v)
         .ok_or_else(|| format!("{name} is negative: {v}"))
@@ -161,7 +161,7 @@ fn light(raw: RawLight) -> Result<Light, String> {
             intensity,
             range,
         } => Light::Point {
-            position: place("position", position)?,
+            position: position("position", position)?,
             intensity: strength("intensity", intensity)?,
             range: reach(range)?,
         },
@@ -179,7 +179,7 @@ fn light(raw: RawLight) -> Result<Light, String> {
                 ));
             }
             Light::Spot {
-                position: place("position", position)?,
+                position: position("position", position)?,
                 direction: unit("direction", direction)?,
                 intensity: strength("intensity", intensity)?,
                 inner: inner_deg.to_radians(),
@@ -200,12 +200,12 @@ fn light(raw: RawLight) -> Result<Light, String> {
             v,
             radiance,
         } => {
-            let (u, v) = (place("u", u)?, place("v", v)?);
+            let (u, v) = (position("u", u)?, position("v", v)?);
             if u.cross(v).length() <= 0.0 {
                 return Err("u and v span no area".into());
             }
             Light::Rect {
-                center: place("center", center)?,
+                center: position("center", center)?,
                 u,
                 v,
                 radiance: strength("radiance", radiance)?,
@@ -242,7 +242,7 @@ fn light(raw: RawLight) -> Result<Light, String> {
         } => {
             let mut radiance: SkyRadiance = strength("harmonics[0]", mean)?.into();
             for (k, term) in terms.into_iter().enumerate() {
-                radiance.terms[k] = place(&format!("harmonics[{}]", k + 1), term)?;
+                radiance.terms[k] = position(&format!("harmonics[{}]", k + 1), term)?;
             }
             Light::Sky { radiance }
         }

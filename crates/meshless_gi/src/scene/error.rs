@@ -94,12 +94,12 @@ pub enum SceneError {
         dropped: u64,
     },
     /// A value of a scene description is out of its range.
-    #[error("{file}: {place}: {reason}")]
+    #[error("{file}: {location}: {reason}")]
     Value {
         /// The file.
         file: String,
         /// Path of the value in the description.
-        place: String,
+        location: String,
         /// Problem of the value.
         reason: String,
     },

@@ -103,7 +103,7 @@ fn described(
         {
             return Err(SceneError::Value {
                 file: path.display().to_string(),
-                place: format!("geometry[{i}]"),
+                location: format!("geometry[{i}]"),
                 reason: format!("{} is a description and no geometry", file.display()),
             });
         }
@@ -116,7 +116,7 @@ fn described(
     if meshes.is_empty() {
         return Err(SceneError::Value {
             file: path.display().to_string(),
-            place: "geometry".into(),
+            location: "geometry".into(),
             reason: "names no file".into(),
         });
     }

@@ -73,7 +73,7 @@ struct Face {
 pub struct TriangleMesh {
     faces: Vec<Face>,
     /// Position in `faces` of each triangle.
-    place: Vec<u32>,
+    face_index: Vec<u32>,
     uvs: Vec<TriangleUvs>,
     materials: Vec<Material>,
     textures: Vec<Texture>,
@@ -160,13 +160,13 @@ impl TriangleMesh {
             .iter()
             .map(|&i| faces[i as usize])
             .collect();
-        let mut place = vec![0u32; faces.len()];
+        let mut face_index = vec![0u32; faces.len()];
         for (k, face) in faces.iter().enumerate() {
-            place[face.index as usize] = k as u32;
+            face_index[face.index as usize] = k as u32;
         }
         Self {
             faces,
-            place,
+            face_index,
             uvs: kept_uvs,
             materials,
             textures,
@@ -227,13 +227,15 @@ impl TriangleMesh {
     /// Corners, in meters, of the triangle with index `i`, as [`Hit::primitive`] counts them.
     #[must_use]
     pub fn triangle(&self, i: usize) -> Option<[Vec3; 3]> {
-        self.place.get(i).map(|&k| self.faces[k as usize].corners)
+        self.face_index
+            .get(i)
+            .map(|&k| self.faces[k as usize].corners)
     }
 
     /// The material of the triangle with index `i`.
     #[must_use]
     pub fn material(&self, i: usize) -> Option<&Material> {
-        self.place
+        self.face_index
             .get(i)
             .and_then(|&k| self.materials.get(self.faces[k as usize].material as usize))
     }
@@ -255,7 +257,7 @@ impl TriangleMesh {
     }
 
     pub(super) fn into_parts(self) -> FaceParts {
-        let in_order = || self.place.iter().map(|&k| &self.faces[k as usize]);
+        let in_order = || self.face_index.iter().map(|&k| &self.faces[k as usize]);
         FaceParts {
             nodes: self.nodes,
             node_of: self.node_of,
@@ -283,7 +285,7 @@ impl TriangleMesh {
     /// The mesh of the triangles whose index `keeps` likes, with the same materials.
     pub(super) fn keep(&self, keeps: impl Fn(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.len()).filter(|&i| keeps(i)).collect();
-        let face = |&i: &usize| &self.faces[self.place[i] as usize];
+        let face = |&i: &usize| &self.faces[self.face_index[i] as usize];
         let some = |all: &[u32]| kept.iter().filter_map(|&i| all.get(i).copied()).collect();
         let mut mesh = Self::textured(
             kept.iter().map(|i| face(i).corners).collect(),
@@ -313,12 +315,12 @@ impl TriangleMesh {
     #[must_use]
     pub fn bvh(&self) -> Bvh {
         let kept = |i: &usize| {
-            let face = &self.faces[self.place[*i] as usize];
+            let face = &self.faces[self.face_index[*i] as usize];
             !face.masked || self.may_be_there(face)
         };
         let corners: Vec<_> = (0..self.faces.len())
             .filter(kept)
-            .map(|i| self.faces[self.place[i] as usize].corners)
+            .map(|i| self.faces[self.face_index[i] as usize].corners)
             .collect();
         Bvh::build(&corners).0
     }
@@ -370,14 +372,14 @@ impl TriangleMesh {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"triangle mesh 1");
         for count in [
-            self.place.len(),
+            self.face_index.len(),
             self.uvs.len(),
             self.materials.len(),
             self.textures.len(),
         ] {
             hasher.update(&(count as u64).to_le_bytes());
         }
-        for &k in &self.place {
+        for &k in &self.face_index {
             let face = &self.faces[k as usize];
             hasher.update(bytemuck::cast_slice(&face.corners));
             hasher.update(&face.material.to_le_bytes());

@@ -160,7 +160,7 @@ mod tests {
             .collect()
     }
 
-    fn least(sky: &SkyRadiance, ways: &[Vec3]) -> Vec3 {
+    fn min(sky: &SkyRadiance, ways: &[Vec3]) -> Vec3 {
         let all = ways.iter().map(|w| sky.toward(*w));
         all.fold(Vec3::INFINITY, Vec3::min)
     }
@@ -181,7 +181,7 @@ mod tests {
         for _ in 0..60 {
             let mut sky = any(&mut random, 0.5);
             sky.mean += 1.0;
-            if least(&sky, &ways).min_element() > 0.01 {
+            if min(&sky, &ways).min_element() > 0.01 {
                 assert_eq!(sky.without_ringing(), sky);
                 stayed += 1;
             }
@@ -202,8 +202,8 @@ mod tests {
                 let sky = any(&mut random, size);
                 let found = sky.without_ringing();
                 assert_eq!(found.mean, sky.mean);
-                let least = least(&found, &ways) / sky.mean;
-                assert!(least.min_element() > -1e-5, "size {size}: {least}");
+                let min = min(&found, &ways) / sky.mean;
+                assert!(min.min_element() > -1e-5, "size {size}: {min}");
                 // And once more, it stays but for rounding.
                 let again = found.without_ringing();
                 for (a, b) in again.terms.iter().zip(&found.terms) {
@@ -293,7 +293,7 @@ mod tests {
                 sky
             };
             let steps = (0..1000).map(|k| by(k as f32 * 2e-3));
-            let mut right = steps.filter(|s| least(s, &ways)[channel] >= 0.0);
+            let mut right = steps.filter(|s| min(s, &ways)[channel] >= 0.0);
             windowed = right.next().expect("a large λ leaves the mean");
         }
         let found = fitted.without_ringing();

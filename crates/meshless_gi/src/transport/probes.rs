@@ -56,13 +56,13 @@ fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     ]
 }
 
-/// Gathers and truncates the rows of the probes at `places`, with the terms of a sky that is not
+/// Gathers and truncates the rows of the probes at `positions`, with the terms of a sky that is not
 /// uniform if `sky_terms`. `on_progress` receives the completed part and returns false to cancel.
 /// Returns
 /// `None` if canceled. The result does not depend on the number of threads.
 pub fn probe_rows(
     scene: &GatherScene<'_>,
-    places: &[Vec3],
+    positions: &[Vec3],
     tree: &SenderTree,
     training: &Training,
     epsilon: f32,
@@ -74,7 +74,7 @@ pub fn probe_rows(
     let mut out = ProbeGather::default();
     let mut lost = 0.0;
     const AT_ONCE: usize = 256;
-    for (chunk, some) in places.chunks(AT_ONCE).enumerate() {
+    for (chunk, some) in positions.chunks(AT_ONCE).enumerate() {
         let found: Vec<Probe> = some
             .par_iter()
             .enumerate()
@@ -97,11 +97,11 @@ pub fn probe_rows(
             lost += f64::from(probe.lost);
         }
         out.rays += some.len() as u64 * u64::from(scene.rays);
-        if !on_progress((chunk * AT_ONCE + some.len()) as f32 / places.len() as f32) {
+        if !on_progress((chunk * AT_ONCE + some.len()) as f32 / positions.len() as f32) {
             return None;
         }
     }
-    out.lost = lost / places.len().max(1) as f64;
+    out.lost = lost / positions.len().max(1) as f64;
     Some(out)
 }
 
@@ -120,7 +120,7 @@ struct ProbeScratch {
     /// Senders that directions hit, with the sums and the occluders on the way.
     met: Vec<(u32, f32, Vec3, u64)>,
     /// Index of each sender's link in the row.
-    place: Vec<u32>,
+    slot: Vec<u32>,
 }
 
 const NONE: u32 = u32::MAX;
@@ -132,7 +132,7 @@ impl ProbeScratch {
             cut: CutScratch::default(),
             found: Vec::new(),
             met: Vec::new(),
-            place: vec![NONE; senders],
+            slot: vec![NONE; senders],
         }
     }
 }
@@ -203,16 +203,16 @@ fn one(
         &mut scratch.cut,
     );
     for (at, &(j, _)) in cut.iter().enumerate() {
-        scratch.place[j as usize] = at as u32;
+        scratch.slot[j as usize] = at as u32;
     }
     let mut links = vec![[Vec3A::ZERO; PROBE_ROWS]; cut.len()];
     for &(j, w, way, crossed) in &scratch.met {
         // Moved mass belongs to the nearest kept ancestor.
         let mut k = j;
-        while scratch.place[k as usize] == NONE && tree.parent[k as usize] != k {
+        while scratch.slot[k as usize] == NONE && tree.parent[k as usize] != k {
             k = tree.parent[k as usize];
         }
-        if let Some(link) = links.get_mut(scratch.place[k as usize] as usize) {
+        if let Some(link) = links.get_mut(scratch.slot[k as usize] as usize) {
             let parts = harmonics(way, w);
             link.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
             if crossed != 0 {
@@ -221,7 +221,7 @@ fn one(
         }
     }
     for (&(j, _), link) in cut.iter().zip(&links) {
-        scratch.place[j as usize] = NONE;
+        scratch.slot[j as usize] = NONE;
         for (row, part) in out.rows.iter_mut().zip(link) {
             row.active = true;
             row.links.push((j, *part));

@@ -19,8 +19,8 @@ impl QuantizedRow {
     /// Quantizes the links of a gathered row.
     #[must_use]
     pub fn new(gathered: &Gathered) -> Self {
-        let largest = gathered.touched.iter().fold(0.0f32, |most, &j| {
-            most.max(gathered.link(j).abs().max_element())
+        let largest = gathered.touched.iter().fold(0.0f32, |max, &j| {
+            max.max(gathered.link(j).abs().max_element())
         });
         if largest <= 0.0 {
             return Self::default();

@@ -46,9 +46,9 @@ pub fn assign_tiers(
     let active = |i: &usize| rows[*i].active;
     let needed = |i: &usize| parents.row(*i).is_empty();
     let sum = |of: &dyn Fn(&usize) -> bool| (0..rows.len()).filter(of).map(cost).sum::<u64>();
-    let least = sum(&|i| active(i) && needed(i));
-    let targets = targets(sum(&active), least);
-    let mut used = least;
+    let min = sum(&|i| active(i) && needed(i));
+    let targets = targets(sum(&active), min);
+    let mut used = min;
     let mut tier = 1;
     for bounds in level_starts.windows(2) {
         let level = bounds[0] as usize..bounds[1] as usize;

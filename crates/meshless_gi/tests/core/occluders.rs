@@ -121,7 +121,7 @@ fn light_source() -> Vec<FrameLight> {
 
 /// Positions on walls, floor and ceiling from x to x, with their normals, centimeters from the door
 /// and far.
-fn places(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
+fn positions(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
     let mut out = Vec::new();
     let steps = 16;
     for i in 0..steps {
@@ -141,13 +141,13 @@ fn places(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
 }
 
 fn lit_room() -> Vec<(Vec3, Vec3)> {
-    places(0.02, 3.88)
+    positions(0.02, 3.88)
 }
 
 /// The room behind the door, the side of the wall that looks into it, and what of the opening lies
 /// beyond the door.
 fn dark_room() -> Vec<(Vec3, Vec3)> {
-    let mut out = places(4.12, 7.98);
+    let mut out = positions(4.12, 7.98);
     let [left, right, top] = OPENING;
     for k in 0..20 {
         let t = (k as f32 + 0.5) / 20.0;
@@ -165,12 +165,12 @@ fn dark_room() -> Vec<(Vec3, Vec3)> {
 
 /// Direct and indirect light together at the positions, and the mean over all around at probes'
 /// height in the second room.
-fn light(frame: &CpuFrame, scene: &BakedScene, places: &[(Vec3, Vec3)]) -> Vec<f32> {
+fn light(frame: &CpuFrame, scene: &BakedScene, positions: &[(Vec3, Vec3)]) -> Vec<f32> {
     let at = |&(x, n): &(Vec3, Vec3)| {
         let e = frame.irradiance(scene, x, n).expect("a function there");
         e.x + frame.direct(scene, x + n * 1e-4, n).x
     };
-    places.iter().map(at).collect()
+    positions.iter().map(at).collect()
 }
 
 fn root_mean_square(values: &[f32]) -> f64 {
@@ -194,7 +194,7 @@ fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
 }
 
 fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
-    let places = (0..40).map(|i| {
+    let positions = (0..40).map(|i| {
         let t = (i as f32 + 0.5) / 40.0;
         Vec3::new(4.2 + 3.7 * t, 0.2 + 2.2 * t, 0.3 + 3.0 * (1.0 - t))
     });
@@ -203,7 +203,7 @@ fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
             .probe_irradiance(scene, x, Vec3::NEG_X)
             .map(|l| l.irradiance(Vec3::NEG_X).x)
     };
-    places.map(|x| up(x).expect("a probe there")).collect()
+    positions.map(|x| up(x).expect("a probe there")).collect()
 }
 
 #[test]
@@ -282,7 +282,7 @@ fn closed_door_blocks_all_light() {
 #[test]
 fn two_doors_in_sequence_block_independently() {
     let mesh = level(&[3.0, 5.5], Opening::Open);
-    let rooms = [[0.02, 2.88], [3.12, 5.38], [5.62, 7.98]].map(|[from, to]| places(from, to));
+    let rooms = [[0.02, 2.88], [3.12, 5.38], [5.62, 7.98]].map(|[from, to]| positions(from, to));
     let viewpoints = vec![[1.5, 1.3, 1.8], [4.2, 1.3, 1.8], [6.7, 1.3, 1.8]];
     let recipe = |occluders| Recipe {
         viewpoints: viewpoints.clone(),
@@ -534,11 +534,14 @@ fn damaged_occluder_bake_is_rejected() {
                 .push(PackedLinkTerm::default());
         }),
     ];
-    for (place, damage) in damages {
+    for (location, damage) in damages {
         let mut broken = scene.clone();
         damage(&mut broken);
-        let found = broken.validate().expect_err(place);
-        assert!(found.iter().any(|v| v.place == place), "{place}: {found:?}");
+        let found = broken.validate().expect_err(location);
+        assert!(
+            found.iter().any(|v| v.location == location),
+            "{location}: {found:?}"
+        );
         assert!(broken.to_bytes().is_err());
     }
     // Parts that cancel out when open would make light when one is shut.

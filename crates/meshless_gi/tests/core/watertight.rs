@@ -41,17 +41,17 @@ fn spiked_box(cells: u32) -> Triangles {
     let at = |i: u32| 2.0 * i as f32 / cells as f32 - 1.0;
     for axis in 0..3 {
         for side in [-1.0f32, 1.0] {
-            let place = |u: f32, v: f32, w: f32| match axis {
+            let position = |u: f32, v: f32, w: f32| match axis {
                 0 => Vec3::new(w, u, v),
                 1 => Vec3::new(v, w, u),
                 _ => Vec3::new(u, v, w),
             };
             for i in 0..cells {
                 for j in 0..cells {
-                    let corner = |di: u32, dj: u32| place(at(i + di), at(j + dj), side);
+                    let corner = |di: u32, dj: u32| position(at(i + di), at(j + dj), side);
                     let ring = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
                     let height = side * (1.0 + 0.5 * (r.unit() - 0.5));
-                    let tip = place(
+                    let tip = position(
                         at(i) + 0.9 / cells as f32,
                         at(j) + 1.1 / cells as f32,
                         height,

@@ -217,8 +217,8 @@ fn eval_is_near_ground_truth() {
         let sum: f64 = found.as_flattened().iter().sum();
         assert!(sum > last, "{bounces} bounces are not more than fewer");
         last = sum;
-        let places = ["px", "py", "pz"];
-        assert_eq!(columns(&ours, places), columns(&truth, places));
+        let columns_read = ["px", "py", "pz"];
+        assert_eq!(columns(&ours, columns_read), columns(&truth, columns_read));
         assert!(
             ours.lines()
                 .skip(1)
@@ -278,7 +278,7 @@ fn eval_few_and_distant_points_succeed() {
         written.ends_with(",0,0,0,0\n") && !written.contains("NaN"),
         "{written}"
     );
-    for (csv, place) in [
+    for (csv, location) in [
         ("", "empty"),
         ("px,py,pz,nx,ny\n", "`nz`"),
         (
@@ -289,7 +289,7 @@ fn eval_few_and_distant_points_succeed() {
         ("px,py,pz,nx,ny,nz\n0,0\n", "line 2, column `pz`"),
     ] {
         let (_, why) = eval(INPUT, csv);
-        assert!(why.contains(place) && why.contains("p.csv"), "{why}");
+        assert!(why.contains(location) && why.contains("p.csv"), "{why}");
     }
 }
 

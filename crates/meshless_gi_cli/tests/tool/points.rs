@@ -31,7 +31,7 @@ fn light_source() -> [Light; 1] {
 
 /// Positions of the box visible to a camera in front of the open side and to one below the ceiling,
 /// on triangles, with normals.
-fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
+fn samples(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count)
         .filter_map(|k| {
             let mut r = Random::new(4, 4, k);
@@ -52,8 +52,8 @@ fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
 fn point_box_matches_triangle_box() {
     let solid = mesh_of_quads(&cornell_box());
     let points = scatter(&solid, SPACING, 1).expect("points");
-    let places = places(&solid, 400);
-    let truth = reference(&solid, &light_source(), &places, 64);
+    let samples = samples(&solid, 400);
+    let truth = reference(&solid, &light_source(), &samples, 64);
     let bare = PlyPoints {
         normals: None,
         ..points.clone()
@@ -64,7 +64,7 @@ fn point_box_matches_triangle_box() {
     ] {
         let cloud = PointCloud::new(points, &[]).expect("a cloud");
         let (cells, _) = cloud.mesh();
-        let own = reference(&cells, &light_source(), &places, 64);
+        let own = reference(&cells, &light_source(), &samples, 64);
         let scene = baked(&cells, Preset::Draft);
         let bytes = std::mem::size_of_val(&scene.bvh.nodes[..])
             + std::mem::size_of_val(&scene.bvh.triangles[..]);
@@ -73,7 +73,7 @@ fn point_box_matches_triangle_box() {
             &scene,
             cells,
             &light_source(),
-            &places,
+            &samples,
             Bounces::Count(REFLECTIONS),
         );
         let found = [
@@ -97,7 +97,7 @@ fn point_box_matches_triangle_box() {
             let near = |(x, n): &(Vec3, Vec3)| {
                 n.y > 0.9 && x.y < 0.1 && (if left { -x.x } else { x.x }) > 0.75
             };
-            let sum: Vec3 = places
+            let sum: Vec3 = samples
                 .iter()
                 .zip(&i)
                 .filter(|(p, _)| near(p))
@@ -356,13 +356,13 @@ fn scan_without_normals_faces_viewpoint() {
         // All of the scan's; of the bake's own all but the few outside, where rays went through
         // slits between points spread by chance.
         let outwards = (0..normals.len()).filter(|&i| normals[i].dot(lit.positions[i]) >= 0.0);
-        let most = if more.is_empty() {
+        let max = if more.is_empty() {
             normals.len() / 20
         } else {
             0
         };
         let outwards = outwards.count();
-        assert!(outwards <= most, "{outwards} of {}", normals.len());
+        assert!(outwards <= max, "{outwards} of {}", normals.len());
         // As bright as the light's own light within the ball at least: 1 / (1.5..2.5)² times a
         // cosine near one.
         let mean = light.iter().map(|e| e.x).sum::<f32>() / light.len() as f32;

@@ -247,7 +247,7 @@ fn tiny_sweep() -> Sweep {
     Sweep {
         exam: TestSetSize {
             light_sources: 2,
-            places: 100,
+            positions: 100,
             paths: 2048,
         },
         baseline: variant(Factor::Preset, "tiny", 1.0, tiny()),
@@ -337,7 +337,7 @@ fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
         exam: TestSetSize {
             light_sources: 1,
-            places: 20,
+            positions: 20,
             paths: 64,
         },
         choose: |_| Vec::new(),

@@ -57,7 +57,7 @@ impl Fixture {
             coarse_radius: settings.coarse_radius,
             levels: settings.levels as usize,
             sender_levels: settings.sender_levels as usize,
-            most: settings.max_points(),
+            max: settings.max_points(),
             seed: settings.seed,
             sender_overlap: Some(SENDER_OVERLAP),
             clip: settings.clip_planes,

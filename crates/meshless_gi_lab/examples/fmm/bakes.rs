@@ -226,7 +226,7 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
          The links of `fmm` are entries of its lists.\n\n\
          | method | settings | error, % | bias, % | links | file, MB | bake, s | frame, ms |\n\
          |---|---|---|---|---|---|---|---|\n",
-        report.triangles, report.bounces, report.places, report.light_sources, report.threads
+        report.triangles, report.bounces, report.positions, report.light_sources, report.threads
     );
     for rule in [
         TransportMethod::Bounded,

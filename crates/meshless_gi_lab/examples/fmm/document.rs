@@ -209,10 +209,10 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
             s.error
         )?;
     }
-    let least = sizes.first().map(|s| s.points as f64);
+    let min = sizes.first().map(|s| s.points as f64);
     let said = |n: Option<f64>| match n {
         None => "nowhere".into(),
-        Some(n) if Some(n) == least => format!("{n:.0} points or fewer"),
+        Some(n) if Some(n) == min => format!("{n:.0} points or fewer"),
         Some(n) => format!("{n:.0} points"),
     };
     let (from, to) = (fitted.first(), sizes.last());

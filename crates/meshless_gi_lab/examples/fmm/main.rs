@@ -106,12 +106,12 @@ pub struct Found {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let usage = "usage: fmm -o FOLDER [--most POINTS]";
-    let (mut folder, mut most) = (None, 1_024_000);
+    let (mut folder, mut max) = (None, 1_024_000);
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
-            "--most" => most = args.next().ok_or(usage)?.parse()?,
+            "--most" => max = args.next().ok_or(usage)?.parse()?,
             _ => return Err(usage.into()),
         }
     }
@@ -120,7 +120,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         orders: orders()?,
         slacks: slacks()?,
         seen: seen()?,
-        sizes: sizes(most)?,
+        sizes: sizes(max)?,
     };
     let charts = folder.join("fmm");
     std::fs::create_dir_all(&charts)?;
@@ -232,14 +232,14 @@ fn slacks() -> Result<Vec<Slack>, Box<dyn Error>> {
 
 /// Numbers of points: from a thousand on two an octave, so that no fit hangs on how full the leaves
 /// of one of them happen to be.
-fn numbers(most: usize) -> Vec<usize> {
+fn numbers(max: usize) -> Vec<usize> {
     let large = (0..=20).map(|k| (1000.0 * f64::powf(2.0, f64::from(k) / 2.0)) as usize);
     let all = [60, 120, 250, 500].into_iter().chain(large);
-    all.filter(|&n| n <= most).collect()
+    all.filter(|&n| n <= max).collect()
 }
 
-fn sizes(most: usize) -> Result<Vec<Size>, Box<dyn Error>> {
-    let numbers = numbers(most);
+fn sizes(max: usize) -> Result<Vec<Size>, Box<dyn Error>> {
+    let numbers = numbers(max);
     let mut out: Vec<Size> = Vec::new();
     // Round after round over all sizes, and the fastest run counts: what else the machine does for
     // a while does not hit one of them alone. What takes microseconds is run more often.
@@ -269,8 +269,8 @@ fn sizes(most: usize) -> Result<Vec<Size>, Box<dyn Error>> {
                 }
                 let size = &mut out[k];
                 size.direct = size.direct.min(slow);
-                for (least, time) in size.seconds.iter_mut().zip(seconds) {
-                    *least = least.min(time);
+                for (min, time) in size.seconds.iter_mut().zip(seconds) {
+                    *min = min.min(time);
                 }
             }
         }
@@ -299,7 +299,7 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
         let receivers: Vec<u32> = (0..room.points.len() as u32)
             .step_by(room.points.len() / 400)
             .collect();
-        let places: Vec<_> = receivers
+        let positions: Vec<_> = receivers
             .iter()
             .map(|&i| &room.points[i as usize])
             .map(|p| (p.position, p.normal))
@@ -307,7 +307,7 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
         let right = irradiance_at_all(
             &mesh,
             std::slice::from_ref(&light_source),
-            &places,
+            &positions,
             &reference,
         );
         let (values, noise): (Vec<_>, Vec<_>) =

@@ -70,7 +70,7 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
          Frame: time on the CPU for one light that has moved, all bounces, on {} threads.\n\n\
          | method | recipe | error, % | links | file, MB | bake, s | frame, ms |\n\
          |---|---|---|---|---|---|---|\n",
-        report.triangles, report.bounces, report.places, report.light_sources, report.threads
+        report.triangles, report.bounces, report.positions, report.light_sources, report.threads
     );
     for rule in [TransportMethod::Bounded, TransportMethod::pca()] {
         for r in report

@@ -84,7 +84,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
                 "| {} | {} | {} | {:.1} | {:.1} | {:.1} |",
                 f.name,
                 o.what,
-                o.places,
+                o.positions,
                 100.0 * o.penumbra[0],
                 100.0 * o.penumbra[1],
                 100.0 * o.rays
@@ -110,8 +110,8 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
             out,
             "| {} | {}, {} | {} | {} | {} | {:.1} |",
             f.name,
-            f.places.0,
-            f.places.1,
+            f.positions.0,
+            f.positions.1,
             pair(0),
             pair(1),
             pair(2),
@@ -168,11 +168,11 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
         );
     }
     let wins = races.iter().filter(|r| r.memory < r.rays).count();
-    let (least, most) = (races.iter().map(|r| r.memory / r.rays))
+    let (min, max) = (races.iter().map(|r| r.memory / r.rays))
         .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
     let _ = writeln!(
         out,
-        "\nStored visibility is faster in {wins} of {} rows, and takes {least:.1} to {most:.1} times as long as rays.\n\
+        "\nStored visibility is faster in {wins} of {} rows, and takes {min:.1} to {max:.1} times as long as rays.\n\
          It multiplies fifty coefficients for each of four directions per sample. A ray visits some dozens of boxes.\n\
          {}\n\n\
          ## Pictures\n\n\
@@ -201,7 +201,7 @@ fn cut(level: &str, cuts: &[Cut]) -> String {
          The penumbra has {} points.\n\n\
          | `error` | clusters | all, MB | bake, s | difference | penumbra, % | penumbra with rays, % |\n\
          |---|---|---|---|---|---|---|\n",
-        first.places
+        first.positions
     );
     for c in cuts {
         let _ = writeln!(

@@ -16,7 +16,7 @@ const CLUSTERS: [u32; 3] = [50, 120, 400];
 /// The reference: lights that no bake has seen, and positions that they light.
 const EXAM: TestSetSize = TestSetSize {
     light_sources: 4,
-    places: 150,
+    positions: 150,
     paths: 4096,
 };
 

@@ -68,7 +68,7 @@ pub fn other_lights(name: &str) -> [(&'static str, Light); 2] {
     }
 }
 
-/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is
+/// Errors of irradiance at `positions` from memory, in three ways of display: (i) what arrives is
 /// splatted, (ii) what is missing is splatted and taken from the unshadowed light of the position,
 /// (iii) what is missing and what would be there without shadows are splatted, and their quotient,
 /// the missing share, is taken, as the kernel `subtract_shadow` does.
@@ -76,7 +76,7 @@ fn compare(
     scene: &BakedScene,
     visibility: &Visibility,
     light: &SoftLight,
-    places: &[PenumbraSample],
+    positions: &[PenumbraSample],
 ) -> [Errors; 3] {
     let extent = extent(scene);
     let params = SoftShadowParams::new(visibility, extent, 1);
@@ -94,7 +94,7 @@ fn compare(
             out.x = [e * f, e * (1.0 - f), 0.0, 0.0];
         });
     soft_shadow::fill_finer_levels(scene, known, &mut parts);
-    let values: Vec<[f32; 2]> = places
+    let values: Vec<[f32; 2]> = positions
         .par_iter()
         .map(|p| {
             let at = splat::splat_vector(&scene.points, &scene.display, &parts, p.x, p.n);
@@ -102,12 +102,12 @@ fn compare(
             [arrives, (p.unshadowed - missing).max(0.0)]
         })
         .collect();
-    let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();
+    let right: Vec<Vec3> = positions.iter().map(|p| Vec3::splat(p.reference)).collect();
     let by = |k: usize| {
         let got: Vec<Vec3> = values.iter().map(|v| Vec3::splat(v[k])).collect();
         errors(&got, &right, &vec![Vec3::ZERO; right.len()])
     };
-    [by(0), by(1), memory(scene, visibility, light, places)]
+    [by(0), by(1), memory(scene, visibility, light, positions)]
 }
 
 /// The third way alone.
@@ -115,10 +115,10 @@ fn memory(
     scene: &BakedScene,
     visibility: &Visibility,
     light: &SoftLight,
-    places: &[PenumbraSample],
+    positions: &[PenumbraSample],
 ) -> Errors {
     let occluded_irradiances = soft_shadow::occluded_irradiances_from(scene, visibility, &[*light]);
-    shadow_errors(scene, &occluded_irradiances, places)
+    shadow_errors(scene, &occluded_irradiances, positions)
 }
 
 /// The bakes of visibility that are measured.
@@ -150,7 +150,7 @@ pub struct Variant {
 /// A panel that no constant was chosen with.
 pub struct Other {
     pub what: &'static str,
-    pub places: usize,
+    pub positions: usize,
     /// With the defaults, and with the finest bake.
     pub penumbra: [f64; 2],
     pub rays: f64,
@@ -159,7 +159,7 @@ pub struct Other {
 /// Measurements of one scene.
 pub struct Found {
     pub name: String,
-    pub places: (usize, usize),
+    pub positions: (usize, usize),
     /// Errors by the number of coefficients, of each bake.
     pub by_count: [Vec<(u32, f64)>; 3],
     pub rays: f64,
@@ -196,7 +196,7 @@ pub struct Cut {
     pub penumbra: f64,
     pub rays: f64,
     /// Positions in the penumbra.
-    pub places: usize,
+    pub positions: usize,
 }
 
 /// Errors beyond which clusters are cut.
@@ -230,7 +230,7 @@ pub fn cuts(
             apart: run.last().ok_or("no race")?.apart,
             penumbra: memory(scene, &visibility, &soft_light, &shade).nrmse,
             rays,
-            places: shade.len(),
+            positions: shade.len(),
         });
         if error == usual.error {
             races = run;
@@ -262,16 +262,16 @@ pub fn race(
     let mut races = Vec::new();
     for samples in [1, SAMPLES] {
         let soft_light = SoftLight::from_light(light, samples).ok_or("no rectangle")?;
-        let places: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
+        let positions: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
             .enumerate()
             .map(|(i, p)| (i, p.x(), p.n()))
             .filter(|&(_, x, n)| unshadowed(&soft_light, x, n, extent) > 0.0)
             .collect();
         let time = |what: &dyn Fn(&(usize, Vec3, Vec3)) -> f32| {
             let began = Instant::now();
-            let found: Vec<f32> = places.iter().map(what).collect();
+            let found: Vec<f32> = positions.iter().map(what).collect();
             let seconds = began.elapsed().as_secs_f64();
-            (1e6 * seconds / places.len().max(1) as f64, found)
+            (1e6 * seconds / positions.len().max(1) as f64, found)
         };
         let (rays, truth) = time(&|&(_, x, n)| {
             let sight = RayVisibility {
@@ -294,19 +294,19 @@ pub fn race(
         races.push(Race {
             name: name.into(),
             triangles: mesh.len(),
-            points: places.len(),
+            points: positions.len(),
             samples,
             rays,
             memory,
-            apart: (square / places.len().max(1) as f64).sqrt(),
+            apart: (square / positions.len().max(1) as f64).sqrt(),
         });
     }
     Ok(races)
 }
 
-/// Those of `places` that the light lights in part.
-fn penumbra_of(places: &[PenumbraSample]) -> Vec<PenumbraSample> {
-    places
+/// Those of `positions` that the light lights in part.
+fn penumbra_of(positions: &[PenumbraSample]) -> Vec<PenumbraSample> {
+    positions
         .iter()
         .copied()
         .filter(PenumbraSample::in_penumbra)
@@ -355,8 +355,8 @@ pub fn measure(
     ];
     // The first of a bake's components are those of a bake of fewer.
     let by_count = [0, 1, 2].map(|k| {
-        let most = [usual.components, 100, usual.components][k];
-        let counts = COUNTS.into_iter().filter(|&count| count <= most);
+        let max = [usual.components, 100, usual.components][k];
+        let counts = COUNTS.into_iter().filter(|&count| count <= max);
         let error = |count| {
             let few = bakes[k].0.truncated(count);
             (count, memory(scene, &few, &soft_light, &shade).nrmse)
@@ -377,7 +377,7 @@ pub fn measure(
         let occluded_irradiances = deficits_by_rays(scene, mesh, &soft_light, known);
         others.push(Other {
             what,
-            places: shade.len(),
+            positions: shade.len(),
             penumbra: [error(&own), error(&fine)],
             rays: shadow_errors(scene, &occluded_irradiances, &shade).nrmse,
         });
@@ -390,7 +390,8 @@ pub fn measure(
         ("the first 50 of these, as [P14]", fifty, None),
         (BAKES[2], fine, Some(fine_seconds)),
     ] {
-        let error = |places: &[PenumbraSample]| compare(scene, &visibility, &soft_light, places);
+        let error =
+            |positions: &[PenumbraSample]| compare(scene, &visibility, &soft_light, positions);
         let (penumbra, all) = (error(&shade), error(&lit));
         let mut with = scene.clone();
         with.visibility = Some(visibility);
@@ -420,7 +421,7 @@ pub fn measure(
     picture(name, mesh, &with, &light, folder)?;
     Ok(Found {
         name: name.into(),
-        places: (lit.len(), shade.len()),
+        positions: (lit.len(), shade.len()),
         by_count,
         rays: shadow_errors(
             scene,

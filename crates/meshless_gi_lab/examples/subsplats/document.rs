@@ -50,8 +50,9 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             .pairs
             .iter()
             .map(|pair| {
-                let places = pair.places.iter().enumerate();
-                let points = places.map(|(k, m)| (k as f64, f64::from(m.counts.total()) / pixels));
+                let positions = pair.positions.iter().enumerate();
+                let points =
+                    positions.map(|(k, m)| (k as f64, f64::from(m.counts.total()) / pixels));
                 Series::new(pair_name(pair), Style::LineAndPoints, points)
             })
             .collect(),
@@ -249,14 +250,14 @@ fn tests(found: &Found, out: &mut String) -> Result<(), Error> {
          ![Subsplats along the path](subsplats/path.svg)\n\n\
          | depth | threshold | normals | threshold | subsplats | minimum to maximum | FLIP | no diagonals: subsplats | FLIP | added by diagonals |\n\
          |---|---|---|---|---|---|---|---|---|---|",
-        found.pairs[0].places.len(),
+        found.pairs[0].positions.len(),
         found.on,
         SMALL[0],
         SMALL[1]
     )?;
     for pair in &found.pairs {
         let ((depth, d), (normal, n)) = (depth_name(pair.depth), normal_name(pair.normal));
-        let each = || pair.places.iter().map(|m| m.counts.total());
+        let each = || pair.positions.iter().map(|m| m.counts.total());
         writeln!(
             out,
             "| {depth} | {d:.3} | {normal} | {n:.3} | {:.0} | {} to {} | {:.4} | {:.0} | {:.4} | {} |",

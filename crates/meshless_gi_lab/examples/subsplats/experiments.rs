@@ -34,18 +34,18 @@ pub struct Pair {
     pub depth: DepthTest,
     pub normal: NormalTest,
     /// Position by position.
-    pub places: Vec<Measured>,
+    pub positions: Vec<Measured>,
     /// Mean number of subsplats without the test of diagonals, and mean FLIP.
     pub straight: (f64, f64),
 }
 
 impl Pair {
     pub fn count(&self) -> f64 {
-        mean(&self.places, |m| f64::from(m.counts.total()))
+        mean(&self.positions, |m| f64::from(m.counts.total()))
     }
 
     pub fn flip(&self) -> f64 {
-        mean(&self.places, |m| f64::from(m.flip))
+        mean(&self.positions, |m| f64::from(m.flip))
     }
 }
 
@@ -161,11 +161,11 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
 /// From the first view to the second, looking from target to target.
 fn path(stage: &Stage) -> Vec<View<'_>> {
     let [(a, at), (b, bt), _] = stage.level.views;
-    let place = |k: u32| {
+    let position = |k: u32| {
         let t = k as f32 / (PLACES - 1) as f32;
         View::new(stage, a.lerp(b, t), at.lerp(bt, t), SMALL)
     };
-    (0..PLACES).map(place).collect()
+    (0..PLACES).map(position).collect()
 }
 
 fn along(stage: &Stage) -> Vec<Pair> {
@@ -214,7 +214,7 @@ fn along(stage: &Stage) -> Vec<Pair> {
             out.push(Pair {
                 depth: settings.depth,
                 normal: settings.normal,
-                places: with(&settings, 1),
+                positions: with(&settings, 1),
                 straight: (
                     mean(&straight, |m| f64::from(m.counts.total())),
                     mean(&straight, |m| f64::from(m.flip)),

@@ -115,9 +115,9 @@ fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
 }
 
 /// [N09] §3.3.1 to the letter: a list of cells for each light, those whose quadrants differ by more
-/// than `most` in a channel replaced by the quadrants. For each pass how many cells the list holds,
+/// than `max` in a channel replaced by the quadrants. For each pass how many cells the list holds,
 /// and the seconds until then.
-fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64, f64)> {
+fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, max: f32) -> Vec<(u64, f64)> {
     let [w, h] = view.screen.size.map(|edge| edge >> COARSEST);
     let mut list: Vec<[u32; 2]> = (0..w * h).map(|c| [c % w, c / w]).collect();
     let (mut done, mut out) = (0, vec![(list.len() as u64, 0.0)]);
@@ -132,7 +132,7 @@ fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64,
                 let v = of_light(view, i, [of(x, q & 1), of(y, q >> 1)]);
                 (low, high) = (low.min(v), high.max(v));
             }
-            if (high - low).max_element() > most {
+            if (high - low).max_element() > max {
                 next.extend((0..4).map(|q| [2 * x + (q & 1), 2 * y + (q >> 1)]));
             } else {
                 done += 1;
@@ -163,11 +163,11 @@ fn column(scene: &Scene, passes: u32) -> Column {
     let each = every.iter().map(|t| Vec3::new(t[0], t[1], t[2]));
     let sum: f32 = each.map(|color| LUMINANCE.dot(color)).sum();
     let mean = sum / every.len().max(1) as f32;
-    let most = view.screen.radiance_threshold * (mean + FLOOR * FRAC_1_PI) / lights as f32;
+    let max = view.screen.radiance_threshold * (mean + FLOOR * FRAC_1_PI) / lights as f32;
     let mut theirs = vec![(0, 0.0); passes as usize + 1];
     let lists: Vec<_> = (0..lights)
         .into_par_iter()
-        .map(|i| list_of(&view, i, passes, most))
+        .map(|i| list_of(&view, i, passes, max))
         .collect();
     for list in &lists {
         for (sum, (count, seconds)) in theirs.iter_mut().zip(list) {

@@ -68,7 +68,7 @@ const CURVES: [Curve; 4] = [
 
 impl Curve {
     /// Positions of the curve's points along the axis, degrees or meters.
-    fn places(self, solution: &Solution) -> Vec<f64> {
+    fn positions(self, solution: &Solution) -> Vec<f64> {
         let (from, to) = if self.sphere {
             (-90.0, 90.0)
         } else {
@@ -110,9 +110,9 @@ impl Curve {
         } else {
             "distance u from the middle of the disk, m"
         };
-        let places = self.places(solution);
-        let values = places.iter().map(|&at| self.truth(solution, at));
-        let most = values.fold(0.0f64, f64::max);
+        let positions = self.positions(solution);
+        let values = positions.iter().map(|&at| self.truth(solution, at));
+        let max = values.fold(0.0f64, f64::max);
         let mut axes = [
             Axis::linear(x, Format::Number),
             Axis::linear(format!("{}, W/m²", self.what), Format::Number),
@@ -123,13 +123,13 @@ impl Curve {
             (0.0, solution.scene.disk)
         });
         // What oscillates beyond is cut off.
-        axes[1].range = Some((-0.25 * most, 1.35 * most));
+        axes[1].range = Some((-0.25 * max, 1.35 * max));
         axes
     }
 
     fn reference(self, solution: &Solution) -> Series {
-        let places = self.places(solution);
-        let points = places.iter().map(|&at| (at, self.truth(solution, at)));
+        let positions = self.positions(solution);
+        let points = positions.iter().map(|&at| (at, self.truth(solution, at)));
         Series::new("solution", Style::Line, points)
     }
 }
@@ -169,12 +169,12 @@ pub fn write(made: &Experiment, all: bool) -> Result<(), Box<dyn Error>> {
         for curve in CURVES {
             if set.spacing == SHOWN || all {
                 let name = format!("{}_{}.svg", curve.name, set.spacing);
-                let place = if set.spacing == SHOWN {
+                let path = if set.spacing == SHOWN {
                     folder.join(name)
                 } else {
                     folder.join("all").join(name)
                 };
-                std::fs::write(place, several(made, set, curve, &fitted).svg())?;
+                std::fs::write(path, several(made, set, curve, &fitted).svg())?;
             }
             for (basis, field) in fitted.iter().filter(|_| all) {
                 let name = format!("{}_{}_{}.svg", curve.name, set.spacing, slug(*basis));
@@ -241,8 +241,8 @@ fn several(
         .iter()
         .filter_map(|&basis| fields.iter().find(|f| f.0 == basis))
         .map(|(basis, field)| {
-            let places = curve.places(solution);
-            let points = places
+            let positions = curve.positions(solution);
+            let points = positions
                 .iter()
                 .map(|&at| (at, curve.value(solution, field, at, LINE)));
             Series::new(basis.name(), Style::Line, points)
@@ -273,11 +273,11 @@ fn single(
 ) -> Chart {
     let solution = &made.solution;
     let [x, y] = curve.axes(solution);
-    let places = curve.places(solution);
-    let line = places
+    let positions = curve.positions(solution);
+    let line = positions
         .iter()
         .map(|&at| (at, curve.value(solution, field, at, LINE)));
-    let mean = places.iter().map(|&at| {
+    let mean = positions.iter().map(|&at| {
         let turns = (0..AROUND).map(|k| (k as f64 + 0.37) / AROUND as f64);
         let sum: f64 = turns.map(|t| curve.value(solution, field, at, t)).sum();
         (at, sum / AROUND as f64)

@@ -355,11 +355,11 @@ fn solution(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
 
 fn measured(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let ridges = made.rows.iter().map(|r| r.ridge);
-    let most = ridges.fold(0.0, f64::max);
-    let ridge = if most == 0.0 {
+    let max = ridges.fold(0.0, f64::max);
+    let ridge = if max == 0.0 {
         "not needed here".into()
     } else {
-        format!("here at most {most:e}")
+        format!("here at most {max:e}")
     };
     writeln!(
         out,

@@ -106,7 +106,7 @@ fn medians(sets: &[Vec<ComparisonRow>]) -> Vec<ComparisonRow> {
                 sphere: surface(|r| &r.sphere),
                 disk: surface(|r| &r.disk),
                 // The largest, not the median: one case is enough.
-                ridge: sets.iter().fold(0.0, |most, rows| most.max(rows[i].ridge)),
+                ridge: sets.iter().fold(0.0, |max, rows| max.max(rows[i].ridge)),
                 ..sets[0][i]
             }
         })

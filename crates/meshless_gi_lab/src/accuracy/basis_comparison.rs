@@ -113,7 +113,7 @@ fn direct_vector(scene: &SphereOverDisk, site: Site) -> DVec3 {
 }
 
 /// A position of the grid on both surfaces.
-struct Place {
+struct SamplePoint {
     x: Vec3,
     n: Vec3,
     site: Site,
@@ -122,7 +122,7 @@ struct Place {
 }
 
 /// The grid: all azimuths of the first latitude, of the second, …; then of the radii.
-fn grid(scene: &SphereOverDisk) -> [Vec<Place>; 2] {
+fn grid(scene: &SphereOverDisk) -> [Vec<SamplePoint>; 2] {
     let turns: Vec<(f64, f64)> = (0..AZIMUTHS)
         .map(|k| (TAU * (k as f64 + 0.37) / AZIMUTHS as f64).sin_cos())
         .collect();
@@ -133,7 +133,7 @@ fn grid(scene: &SphereOverDisk) -> [Vec<Place>; 2] {
         let area = scene.radius * scene.radius * cosine * step * TAU / AZIMUTHS as f64;
         turns.iter().map(move |&(s, c)| {
             let n = DVec3::new(cosine * c, sine, cosine * s);
-            Place {
+            SamplePoint {
                 x: (n * scene.radius + DVec3::Y * scene.height).as_vec3(),
                 n: n.as_vec3(),
                 site: Site::Sphere(latitude),
@@ -145,7 +145,7 @@ fn grid(scene: &SphereOverDisk) -> [Vec<Place>; 2] {
         let step = scene.disk / RADII as f64;
         let u = (i as f64 + 0.5) * step;
         let area = u * step * TAU / AZIMUTHS as f64;
-        turns.iter().map(move |&(s, c)| Place {
+        turns.iter().map(move |&(s, c)| SamplePoint {
             x: DVec3::new(u * c, 0.0, u * s).as_vec3(),
             n: Vec3::Y,
             site: Site::Disk(u),
@@ -156,27 +156,27 @@ fn grid(scene: &SphereOverDisk) -> [Vec<Place>; 2] {
 }
 
 /// The field at the positions, None as None.
-fn evaluate(field: &SurfaceField<'_>, places: &[Place]) -> Vec<Option<DVec3>> {
-    places.par_iter().map(|p| field(p.x, p.n)).collect()
+fn evaluate(field: &SurfaceField<'_>, samples: &[SamplePoint]) -> Vec<Option<DVec3>> {
+    samples.par_iter().map(|p| field(p.x, p.n)).collect()
 }
 
 /// Errors of one channel on one surface.
 fn errors_of(
-    places: &[Place],
+    samples: &[SamplePoint],
     found: &[Option<DVec3>],
     channel: usize,
     truth: &dyn Fn(Site) -> f64,
 ) -> SurfaceErrors {
-    let lines = places.len() / AZIMUTHS;
+    let lines = samples.len() / AZIMUTHS;
     let value = |i: usize, k: usize| found[i * AZIMUTHS + k].map_or(0.0, |v| v[channel]);
     let right: Vec<f64> = (0..lines)
-        .map(|i| truth(places[i * AZIMUTHS].site))
+        .map(|i| truth(samples[i * AZIMUTHS].site))
         .collect();
     let (mut area, mut square, mut power, mut off, mut mean, mut uneven) =
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     let mut largest = 0.0f64;
     for (i, &right) in right.iter().enumerate() {
-        let own = places[i * AZIMUTHS].area;
+        let own = samples[i * AZIMUTHS].area;
         let around: f64 = (0..AZIMUTHS).map(|k| value(i, k)).sum::<f64>() / AZIMUTHS as f64;
         for k in 0..AZIMUTHS {
             let error = value(i, k) - right;
@@ -240,8 +240,8 @@ pub fn solve_in(
         let field = basis.fit(&samples)?;
         let lit: [Vec<(DVec3, DVec3, f64)>; 2] = [0, 1].map(|k| {
             let values = evaluate(&field, &grid[k]);
-            let places = grid[k].iter().zip(values);
-            places
+            let samples = grid[k].iter().zip(values);
+            samples
                 .map(|(p, v)| {
                     let leaves = v.map_or(0.0, |v| v.x) * p.area;
                     (p.x.as_dvec3(), p.n.as_dvec3(), leaves)
@@ -289,7 +289,7 @@ pub fn compare_bases(
     solved: bool,
     seed: u64,
 ) -> Result<Vec<ComparisonRow>, PointBasisError> {
-    let places = grid(&known.scene);
+    let samples = grid(&known.scene);
     let total = |site: Site| truth.total(site);
     let indirect = |site: Site| truth.indirect(site);
     let mut rows = Vec::new();
@@ -298,10 +298,10 @@ pub fn compare_bases(
         let points = set.points(which);
         let mut add = |samples: &[PointSample], quantities: &[Quantity]| {
             let field = basis.fit(samples)?;
-            let found = [evaluate(&field, &places[0]), evaluate(&field, &places[1])];
+            let found = [evaluate(&field, &samples[0]), evaluate(&field, &samples[1])];
             for (channel, &quantity) in quantities.iter().enumerate() {
                 let right: &dyn Fn(Site) -> f64 = if channel == 0 { &total } else { &indirect };
-                let errors = |k: usize| errors_of(&places[k], &found[k], channel, right);
+                let errors = |k: usize| errors_of(&samples[k], &found[k], channel, right);
                 rows.push(ComparisonRow {
                     basis: which,
                     spacing: set.spacing,

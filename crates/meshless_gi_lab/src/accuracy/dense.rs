@@ -25,7 +25,7 @@ impl Lu {
     pub fn new(mut rows: Vec<Vec<f64>>) -> Option<Self> {
         let n = rows.len();
         let mut order: Vec<usize> = (0..n).collect();
-        let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+        let (mut min, mut max) = (f64::INFINITY, 0.0f64);
         for k in 0..n {
             let size = |i: usize| rows[i][k].abs();
             let mut best = k;
@@ -35,9 +35,9 @@ impl Lu {
                 }
             }
             let pivot = size(best);
-            (least, most) = (least.min(pivot), most.max(pivot));
+            (min, max) = (min.min(pivot), max.max(pivot));
             // Not `<`: what is not a number must not pass.
-            if !(pivot.is_finite() && pivot > SMALLEST_PIVOT * most) {
+            if !(pivot.is_finite() && pivot > SMALLEST_PIVOT * max) {
                 return None;
             }
             rows.swap(k, best);
@@ -58,7 +58,7 @@ impl Lu {
         Some(Self {
             rows,
             order,
-            pivots: if n == 0 { 1.0 } else { least / most },
+            pivots: if n == 0 { 1.0 } else { min / max },
         })
     }
 

@@ -181,15 +181,15 @@ fn color_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
     const POWER: f32 = 0.7;
     const KNEE: f32 = 0.4;
     const AT_KNEE: f32 = 0.95;
-    let most = hyab(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])).powf(POWER);
+    let max = hyab(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])).powf(POWER);
     a.par_iter()
         .zip(b)
         .map(|(a, b)| {
             let d = hyab(hunt_lab(*a), hunt_lab(*b)).powf(POWER);
-            if d < KNEE * most {
-                AT_KNEE * d / (KNEE * most)
+            if d < KNEE * max {
+                AT_KNEE * d / (KNEE * max)
             } else {
-                AT_KNEE + (d - KNEE * most) / (most - KNEE * most) * (1.0 - AT_KNEE)
+                AT_KNEE + (d - KNEE * max) / (max - KNEE * max) * (1.0 - AT_KNEE)
             }
         })
         .collect()
@@ -224,8 +224,8 @@ fn feature_difference(a: &Plane, b: &Plane, w: usize, h: usize) -> Plane {
     let ((ea, pa), (eb, pb)) = (features(a), features(b));
     (0..w * h)
         .map(|i| {
-            let most = (ea[i] - eb[i]).abs().max((pa[i] - pb[i]).abs());
-            (most * std::f32::consts::FRAC_1_SQRT_2).sqrt().min(1.0)
+            let max = (ea[i] - eb[i]).abs().max((pa[i] - pb[i]).abs());
+            (max * std::f32::consts::FRAC_1_SQRT_2).sqrt().min(1.0)
         })
         .collect()
 }

@@ -16,7 +16,7 @@ pub const BOUNCES: [Option<u32>; 4] = [Some(1), Some(2), Some(4), None];
 #[derive(Clone, Debug, Default)]
 pub struct GroundTruth {
     /// Positions and their unit normals.
-    pub places: Vec<(Vec3, Vec3)>,
+    pub positions: Vec<(Vec3, Vec3)>,
     /// Irradiance straight from the lights, W/m² on the side of the normal.
     pub direct: Vec<Vec3>,
     /// Irradiance after one to so many reflections as [`BOUNCES`] says, and its standard errors,
@@ -65,7 +65,7 @@ impl GroundTruth {
     #[must_use]
     pub fn compare(&self, evaluator: &Evaluator<'_>, k: usize) -> Comparison {
         let light: Vec<_> = self
-            .places
+            .positions
             .par_iter()
             .enumerate()
             .map(|(i, &(x, n))| evaluator.at(x, n, i as u64))
@@ -148,7 +148,7 @@ impl GroundTruth {
             let normal = read(n)?
                 .try_normalize()
                 .ok_or_else(|| (i + 1, "the normal has no length".to_string()))?;
-            out.places.push((read(p)?, normal));
+            out.positions.push((read(p)?, normal));
             out.direct.push(read(direct)?);
             for ((values, errors), (value, error)) in out.indirect.iter_mut().zip(indirect) {
                 values.push(read(value)?);
@@ -183,7 +183,7 @@ mod tests {
             row += &format!(",{i},{i}.5,0");
         }
         let truth = GroundTruth::parse(&format!("{header}\n{row}\n\n")).unwrap();
-        assert_eq!(truth.places, [(Vec3::new(1.0, 2.0, 3.0), Vec3::Z)]);
+        assert_eq!(truth.positions, [(Vec3::new(1.0, 2.0, 3.0), Vec3::Z)]);
         assert_eq!(truth.indirect[2].1, [Vec3::new(6.0, 6.5, 0.0)]);
         for (wrong, line, word) in [
             (String::new(), 1, "nothing"),

@@ -4,19 +4,19 @@
 /// better. On the front, no other point is at least as good in both coordinates and better in one.
 /// The first of equal points is taken, and points that are not finite are ignored.
 #[must_use]
-pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..places.len())
-        .filter(|&i| places[i].0.is_finite() && places[i].1.is_finite())
+pub fn pareto_front(positions: &[(f64, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..positions.len())
+        .filter(|&i| positions[i].0.is_finite() && positions[i].1.is_finite())
         .collect();
     // Ordered by cost, then by error. Equal points keep their order.
     order.sort_by(|&a, &b| {
-        let (a, b) = (places[a], places[b]);
+        let (a, b) = (positions[a], positions[b]);
         a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
     let mut best = f64::INFINITY;
     order.retain(|&i| {
-        let better = places[i].1 < best;
-        best = best.min(places[i].1);
+        let better = positions[i].1 < best;
+        best = best.min(positions[i].1);
         better
     });
     order
@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn pareto_front_contains_undominated_points() {
-        let places = [
+        let positions = [
             (3.0, 3.0),
             (1.0, 9.0),
             (2.0, 4.0),
@@ -65,7 +65,7 @@ mod tests {
             (10.0, 1.0),
             (0.5, f64::INFINITY),
         ];
-        assert_eq!(pareto_front(&places), [1, 2, 0, 6]);
+        assert_eq!(pareto_front(&positions), [1, 2, 0, 6]);
         assert!(pareto_front(&[]).is_empty());
         // Compares with the definition, on many points.
         let many: Vec<(f64, f64)> = (0..200u32)

@@ -142,14 +142,14 @@ pub fn deficits_by_rays(
 }
 
 /// Error of irradiance without the share that `occluded_irradiances` reports as occluded, against
-/// the reference, at `places`: as the kernel `subtract_shadow` has it in a view.
+/// the reference, at `samples`: as the kernel `subtract_shadow` has it in a view.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,
     occluded_irradiances: &[VectorIrradiance],
-    places: &[PenumbraSample],
+    samples: &[PenumbraSample],
 ) -> Errors {
-    let got: Vec<Vec3> = places
+    let got: Vec<Vec3> = samples
         .par_iter()
         .map(|p| {
             let missing = subtract_shadow::occluded_radiance(scene, occluded_irradiances, p.x, p.n)
@@ -157,6 +157,6 @@ pub fn shadow_errors(
             p.unshadowed * (Vec3::ONE - missing)
         })
         .collect();
-    let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();
+    let right: Vec<Vec3> = samples.iter().map(|p| Vec3::splat(p.reference)).collect();
     errors(&got, &right, &vec![Vec3::ZERO; right.len()])
 }

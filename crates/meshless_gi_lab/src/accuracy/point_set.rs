@@ -95,7 +95,7 @@ impl PointSet {
             coarse_radius: (spacing * f64::from(1u32 << (levels - 1))) as f32,
             levels,
             sender_levels: levels,
-            most: vec![1 << 20; levels],
+            max: vec![1 << 20; levels],
             // A level's number is added to its seed: the finest has the same one for any number of
             // levels.
             seed: seed.wrapping_sub(levels as u64 - 1),

@@ -203,13 +203,13 @@ impl SphereOverDisk {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
         // n_p·(q − p) = u cos ζ cos τ − (r + h sin ζ) is positive for |τ| below this.
-        let (least, most) = (self.radius + self.height * sine, u * cosine);
-        let end = if least >= most {
+        let (min, max) = (self.radius + self.height * sine, u * cosine);
+        let end = if min >= max {
             return 0.0;
-        } else if least <= -most {
+        } else if min <= -max {
             PI
         } else {
-            (least / most).acos()
+            (min / max).acos()
         };
         let c = u * u + rho * rho + y * y;
         let e = 2.0 * u * rho;
@@ -345,11 +345,11 @@ impl SphereOverDisk {
             }
             let change = |a: &[f64], b: &[f64]| {
                 let pairs = a.iter().zip(b);
-                pairs.fold(0.0f64, |most, (a, b)| most.max((a - b).abs()))
+                pairs.fold(0.0f64, |max, (a, b)| max.max((a - b).abs()))
             };
-            let most = change(&b, &next_b).max(change(&d, &next_d));
+            let max = change(&b, &next_b).max(change(&d, &next_d));
             (b, d) = (next_b, next_d);
-            if most <= STANDS * self.albedo * self.light {
+            if max <= STANDS * self.albedo * self.light {
                 break;
             }
         }
@@ -386,17 +386,17 @@ fn rows<T: Send>(latitudes: &[f64], row: impl Fn(f64) -> T + Sync) -> Vec<T> {
 }
 
 /// Linear between the positions, and beyond the outermost as between the last two.
-fn between<T>(places: &[f64], values: &[T], at: f64) -> T
+fn between<T>(positions: &[f64], values: &[T], at: f64) -> T
 where
     T: Copy
         + std::ops::Add<Output = T>
         + std::ops::Sub<Output = T>
         + std::ops::Mul<f64, Output = T>,
 {
-    let i = places
+    let i = positions
         .partition_point(|&p| p < at)
-        .clamp(1, places.len() - 1);
-    let t = (at - places[i - 1]) / (places[i] - places[i - 1]);
+        .clamp(1, positions.len() - 1);
+    let t = (at - positions[i - 1]) / (positions[i] - positions[i - 1]);
     values[i - 1] + (values[i] - values[i - 1]) * t
 }
 
@@ -439,13 +439,13 @@ impl Solution {
     /// positions, relative to that solution's largest value: on the sphere, on the disk.
     #[must_use]
     pub fn difference(&self, finer: &Self) -> [f64; 2] {
-        let most = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let max = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let b = self.latitudes.iter().zip(&self.sphere);
         let b: Vec<f64> = b
             .map(|(&z, v)| v - finer.indirect(Site::Sphere(z)))
             .collect();
         let d = self.radii.iter().zip(&self.disk);
         let d: Vec<f64> = d.map(|(&u, v)| v - finer.indirect(Site::Disk(u))).collect();
-        [most(&b) / most(&finer.sphere), most(&d) / most(&finer.disk)]
+        [max(&b) / max(&finer.sphere), max(&d) / max(&finer.disk)]
     }
 }

@@ -68,7 +68,7 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
     if a.values.is_empty() {
         return out;
     }
-    let mut least: f64 = 1.0;
+    let mut min: f64 = 1.0;
     for c in 0..3 {
         let pairs = pairs(&a, &b, c);
         let count = pairs.len() as f64;
@@ -86,17 +86,17 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
         out.mean_z[c] = sum / count;
         out.mean_square_z[c] = square / count;
         if !square.is_finite() {
-            least = 0.0;
+            min = 0.0;
             continue;
         }
         // 1 − (1 − p)^k without loss where p is small.
         let any = -f64::exp_m1(count * f64::ln_1p(-two_sided(largest).min(1.0 - f64::EPSILON)));
-        least = least
+        min = min
             .min(any)
             .min(above_chi_square(square, count))
             .min(two_sided(sum / count.sqrt()));
     }
-    out.p = (9.0 * least).min(1.0);
+    out.p = (9.0 * min).min(1.0);
     out
 }
 
@@ -124,9 +124,9 @@ impl Pair {
     /// True where both values are known to a tenth of the larger one, or exactly. What is not a
     /// number stands alone.
     fn is_fine(&self) -> bool {
-        let most = COARSE * self.size();
+        let max = COARSE * self.size();
         let exact = self.variances == [0.0; 2];
-        exact || !self.variances.iter().any(|v| v.sqrt() > most) && !self.lacks_light()
+        exact || !self.variances.iter().any(|v| v.sqrt() > max) && !self.lacks_light()
     }
 
     /// One estimate is positive, and the other is zero without variance.

@@ -115,8 +115,8 @@ fn hint(row: &Row) -> String {
 /// Error against some cost: every bake in the color of what it changes, and the front of all.
 fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f64) -> Figure {
     let rows: Vec<&Row> = rows.iter().filter(|r| comparable(r)).collect();
-    let places: Vec<(f64, f64)> = rows.iter().map(|r| (cost(r), r.nrmse)).collect();
-    let front = pareto_front(&places);
+    let positions: Vec<(f64, f64)> = rows.iter().map(|r| (cost(r), r.nrmse)).collect();
+    let front = pareto_front(&positions);
     let mut series: Vec<Series> = GROUPS
         .iter()
         .enumerate()
@@ -147,7 +147,7 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
         ..Series::new(
             "Pareto front",
             Style::Front,
-            front.iter().map(|&i| places[i]),
+            front.iter().map(|&i| positions[i]),
         )
     });
     Figure {

@@ -68,7 +68,7 @@ fn advice(parts: &[Part]) -> String {
         return "Nothing was measured.\n".into();
     };
     let names: Vec<&str> = parts.iter().map(|p| p.name.as_str()).collect();
-    for most in [0.10, 0.05] {
+    for max in [0.10, 0.05] {
         // The least of the frame's time, each level's in units of its own baseline.
         let best = first
             .report
@@ -83,7 +83,7 @@ fn advice(parts: &[Part]) -> String {
             })
             .filter(|r| r.settings.factor != Factor::Density)
             .filter_map(|r| everywhere(parts, r))
-            .filter(|rows| rows.iter().all(|r| r.sure_error() <= most))
+            .filter(|rows| rows.iter().all(|r| r.sure_error() <= max))
             .map(|rows| {
                 let bases = parts.iter().map(|p| p.report.rows[0].frame_ms);
                 let cost: f64 = rows.iter().zip(bases).map(|(r, b)| r.frame_ms / b).sum();
@@ -96,7 +96,7 @@ fn advice(parts: &[Part]) -> String {
                 "**For at most {} error: {}.**\n\
                  Of all recipes below this error in all scenes here ({}) it has the fastest frame:\n\n\
                  {}",
-                whole(most),
+                whole(max),
                 how(rows[0]),
                 names.join(", "),
                 rows.iter()
@@ -114,7 +114,7 @@ fn advice(parts: &[Part]) -> String {
             None => writeln!(
                 out,
                 "**No measured recipe has an error below {} in all scenes here** ({}).",
-                whole(most),
+                whole(max),
                 names.join(", ")
             ),
         };
@@ -132,10 +132,10 @@ fn advice(parts: &[Part]) -> String {
             .join(" | "),
         "---|".repeat(parts.len())
     );
-    for most in WANTED {
-        let _ = write!(out, "| {} |", whole(most));
+    for max in WANTED {
+        let _ = write!(out, "| {} |", whole(max));
         for part in parts {
-            let _ = match cheapest(&part.report.rows, most, |r| r.frame_ms) {
+            let _ = match cheapest(&part.report.rows, max, |r| r.frame_ms) {
                 Some(r) => write!(
                     out,
                     " {}: {} s, {}, {} ms |",
@@ -163,13 +163,13 @@ fn rules(parts: &[Part]) -> String {
         let range = |of: &dyn Fn(usize) -> Ratio| {
             let found: Vec<f64> = (0..compared.len()).filter_map(|i| of(i).value()).collect();
             let missing = compared.len() - found.len();
-            let least = found.iter().copied().fold(f64::INFINITY, f64::min);
-            let most = found.iter().copied().fold(0.0, f64::max);
+            let min = found.iter().copied().fold(f64::INFINITY, f64::min);
+            let max = found.iter().copied().fold(0.0, f64::max);
             match (found.is_empty(), missing) {
                 (true, _) => "not reached".to_string(),
-                (false, 0) => format!("× {least:.2} to × {most:.2}"),
+                (false, 0) => format!("× {min:.2} to × {max:.2}"),
                 (false, n) => format!(
-                    "× {least:.2} to × {most:.2}, not reached in {n} of {} rows",
+                    "× {min:.2} to × {max:.2}, not reached in {n} of {} rows",
                     compared.len()
                 ),
             }

@@ -19,21 +19,21 @@ const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
 /// The cheapest row below an error by the default rule. The paper's rule is a baseline to compare
 /// with: reflections cannot be baked for it.
-pub fn cheapest(rows: &[Row], most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
-    cheapest_of(rows, TransportMethod::Bounded, most, cost)
+pub fn cheapest(rows: &[Row], max: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
+    cheapest_of(rows, TransportMethod::Bounded, max, cost)
 }
 
 fn cheapest_of(
     rows: &[Row],
     rule: TransportMethod,
-    most: f64,
+    max: f64,
     cost: fn(&Row) -> f64,
 ) -> Option<&Row> {
     rows.iter()
         .filter(|r| {
             comparable(r)
                 && r.settings.baked.transport.is_same_method(&rule)
-                && r.sure_error() <= most
+                && r.sure_error() <= max
         })
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
@@ -175,16 +175,16 @@ pub fn choice(rows: &[Row]) -> String {
          | error at most | shortest bake | smallest file | fastest frame |\n\
          |---|---|---|---|"
     );
-    for most in WANTED {
-        let cost =
-            |cost: fn(&Row) -> f64, show: fn(&Row) -> String| match cheapest(rows, most, cost) {
-                Some(r) => format!("{}: {} ({})", r.settings.name, show(r), percent(r.nrmse)),
-                None => format!("not reached, minimum {}", percent(best.nrmse)),
-            };
+    for max in WANTED {
+        let cost = |cost: fn(&Row) -> f64, show: fn(&Row) -> String| match cheapest(rows, max, cost)
+        {
+            Some(r) => format!("{}: {} ({})", r.settings.name, show(r), percent(r.nrmse)),
+            None => format!("not reached, minimum {}", percent(best.nrmse)),
+        };
         let _ = writeln!(
             out,
             "| {} | {} | {} | {} |",
-            whole(most),
+            whole(max),
             cost(
                 |r| r.bake_seconds,
                 |r| format!("{} s", short(r.bake_seconds))
@@ -401,16 +401,13 @@ pub fn beside_bases(rows: &[Row]) -> String {
             ratio(c.error_ratio)
         );
     }
-    let least = |rule: TransportMethod| {
+    let min = |rule: TransportMethod| {
         let errors = rows
             .iter()
             .filter(|r| comparable(r) && r.settings.baked.transport.is_same_method(&rule));
         errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
     };
-    let (ours, theirs) = (
-        least(TransportMethod::Bounded),
-        least(TransportMethod::pca()),
-    );
+    let (ours, theirs) = (min(TransportMethod::Bounded), min(TransportMethod::pca()));
     let wins = compared
         .iter()
         .filter(|c| c.links_ratio.value().is_none_or(|r| r > 1.0))
@@ -463,7 +460,7 @@ fn method(report: &Report) -> String {
          - Times are for {} threads of one machine. They do not predict a GPU.\n\
          - The estimate of the bake agrees with the measured error, within both intervals, for {honest} of {} bakes.\n\
          - Not varied: the precision of links, which are 16-bit floats (rounding changes a link by at most {:.3} % of the largest in its row), and the resolution of the display, which evaluates every point.\n",
-        report.places,
+        report.positions,
         report.light_sources,
         short(report.reference_seconds),
         percent(report.noise.0),

@@ -266,17 +266,17 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64
 
 /// Milliseconds for the display of a thousand positions.
 fn splat_ms_per_1000(scene: &BakedScene, exam: &TestSet) -> f64 {
-    let places: Vec<_> = exam.places().collect();
+    let positions: Vec<_> = exam.positions().collect();
     let frame = CpuFrame::new(scene);
-    let rounds = DISPLAYED.div_ceil(places.len().max(1));
+    let rounds = DISPLAYED.div_ceil(positions.len().max(1));
     let mut times: Vec<f64> = (0..rounds)
         .map(|_| {
             let start = Instant::now();
-            for &(x, n) in &places {
+            for &(x, n) in &positions {
                 // Used, so that no compiler leaves it out.
                 std::hint::black_box(frame.irradiance(scene, x, n));
             }
-            start.elapsed().as_secs_f64() * 1e6 / places.len().max(1) as f64
+            start.elapsed().as_secs_f64() * 1e6 / positions.len().max(1) as f64
         })
         .collect();
     median(&mut times)

@@ -8,7 +8,7 @@ use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
 /// Lowest cost among the bakes by `rule` with at most this error.
-fn least(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
+fn min(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
         comparable(r)
             && r.settings.baked.transport.is_same_method(&rule)
@@ -44,7 +44,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
     let (mut cheaper, mut met) = ([0usize; 3], 0usize);
     for row in &ours {
         let costs: [fn(&Row) -> f64; 3] = [|r| r.bytes as f64, |r| r.bake_seconds, |r| r.frame_ms];
-        let theirs = costs.map(|cost| least(rows, TransportMethod::Bounded, row.nrmse, cost));
+        let theirs = costs.map(|cost| min(rows, TransportMethod::Bounded, row.nrmse, cost));
         for ((cheaper, theirs), cost) in cheaper.iter_mut().zip(theirs).zip(costs) {
             *cheaper += usize::from(theirs.is_some_and(|theirs| theirs < cost(row)));
         }
@@ -64,7 +64,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
             other(theirs[2], short),
         );
     }
-    let best = |rule: TransportMethod| least(rows, rule, f64::INFINITY, |r| r.nrmse);
+    let best = |rule: TransportMethod| min(rows, rule, f64::INFINITY, |r| r.nrmse);
     let reached = |v: Option<f64>| v.map_or("none".into(), percent);
     let [file, bake, frame] = cheaper;
     let (octree, linked) = (best(TransportMethod::fmm()), best(TransportMethod::Bounded));

@@ -53,13 +53,13 @@ pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
         .filter(|&i| rows[i].settings.baked.transport.is_same_method(&rule) && comparable(&rows[i]))
         .filter(|&i| rows[i].links > 0 && rows[i].nrmse > 0.0)
         .collect();
-    let places: Vec<(f64, f64)> = of_rule
+    let positions: Vec<(f64, f64)> = of_rule
         .iter()
         .map(|&i| (rows[i].links as f64, rows[i].nrmse))
         .collect();
-    pareto_front(&places)
+    pareto_front(&positions)
         .into_iter()
-        .map(|k| (of_rule[k], places[k].0, places[k].1))
+        .map(|k| (of_rule[k], positions[k].0, positions[k].1))
         .collect()
 }
 

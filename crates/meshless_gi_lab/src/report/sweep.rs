@@ -40,7 +40,7 @@ impl Sweep {
         Self {
             exam: TestSetSize {
                 light_sources: 4,
-                places: 150,
+                positions: 150,
                 paths: 4096,
             },
             baseline: variant::baseline(),
@@ -58,7 +58,7 @@ impl Sweep {
         Self {
             exam: TestSetSize {
                 light_sources: 6,
-                places: 250,
+                positions: 250,
                 paths: 16_384,
             },
             choose: variant::full,
@@ -146,8 +146,8 @@ pub struct Report {
     /// Standard error of the reference over its values, with as many reflections and with all.
     pub noise: (f64, f64),
     /// Positions and lights of the reference.
-    pub places: usize,
-    /// See `places`.
+    pub positions: usize,
+    /// See `positions`.
     pub light_sources: usize,
     /// Threads that baked and ran the frames.
     pub threads: usize,
@@ -207,7 +207,7 @@ fn run(
     let mut report = Report {
         bounces: exam.bounces(),
         noise: exam.noise(),
-        places: exam.places().count(),
+        positions: exam.positions().count(),
         light_sources: exam.light_sources().len(),
         threads: rayon::current_num_threads(),
         triangles: level.len(),

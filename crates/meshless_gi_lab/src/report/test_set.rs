@@ -25,7 +25,7 @@ pub struct TestSetSize {
     /// Lights, one shining at a time.
     pub light_sources: usize,
     /// Surface points for each light.
-    pub places: usize,
+    pub positions: usize,
     /// Paths of the reference for each position, in the mean: noisy positions get more of them.
     pub paths: u32,
 }
@@ -33,7 +33,7 @@ pub struct TestSetSize {
 /// One light, and what is true under it.
 struct Question {
     light_source: Light,
-    places: Vec<(Vec3, Vec3)>,
+    positions: Vec<(Vec3, Vec3)>,
     /// After as many reflections as [`TestSet::bounces`].
     truth: ReferenceValues,
     /// After all reflections.
@@ -103,7 +103,7 @@ impl TestSet {
             [] => find_viewpoints(geometry, SEED).0,
             named => named.iter().map(|&v| v.into()).collect(),
         };
-        let particles = (size.light_sources * size.places / 4).max(256) as u64;
+        let particles = (size.light_sources * size.positions / 4).max(256) as u64;
         let candidates =
             trace_particles(geometry, &viewpoints, 0..particles, SEED, false).candidates;
         if candidates.is_empty() {
@@ -121,7 +121,7 @@ impl TestSet {
         let questions: Vec<Question> = (0..)
             .zip(light_sources)
             .filter_map(|(k, position)| {
-                let places: Vec<(Vec3, Vec3)> = (0..size.places)
+                let positions: Vec<(Vec3, Vec3)> = (0..size.positions)
                     .map(|_| candidates[random.below(candidates.len())].surface)
                     .map(|s| (s.position, s.normal))
                     .collect();
@@ -130,18 +130,25 @@ impl TestSet {
                     intensity: Vec3::splat(intensity),
                     range: f32::INFINITY,
                 };
-                let paths = allot(&lit, light_source(1.0), &places, size.paths, SEED ^ k);
+                let paths = allot(&lit, light_source(1.0), &positions, size.paths, SEED ^ k);
                 let few: Vec<u32> = paths.iter().map(|p| p / 4).collect();
                 let truth = |bounces, paths: &[u32]| {
-                    reference(&lit, light_source(1.0), &places, paths, bounces, SEED + k)
+                    reference(
+                        &lit,
+                        light_source(1.0),
+                        &positions,
+                        paths,
+                        bounces,
+                        SEED + k,
+                    )
                 };
                 // All reflections are for one chart of large errors.
                 let (some, all) = (truth(Some(bounces), &paths), truth(None, &few));
                 let direct: f32 = some.iter().map(|e| e.direct.length_squared() / 3.0).sum();
-                let strength = (places.len() as f32 / direct).sqrt();
+                let strength = (positions.len() as f32 / direct).sqrt();
                 strength.is_finite().then(|| Question {
                     light_source: light_source(strength),
-                    places,
+                    positions,
                     truth: ReferenceValues::new(&some, strength),
                     all: ReferenceValues::new(&all, strength),
                 })
@@ -163,8 +170,10 @@ impl TestSet {
     }
 
     /// All positions, those of one light after the other's: position in meters and unit normal.
-    pub fn places(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
-        self.questions.iter().flat_map(|q| q.places.iter().copied())
+    pub fn positions(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
+        self.questions
+            .iter()
+            .flat_map(|q| q.positions.iter().copied())
     }
 
     /// Standard error of the reference over its values, both as root mean squares: with as many
@@ -191,7 +200,7 @@ impl TestSet {
         for q in &self.questions {
             frame.set_lights(scene, &FrameLight::expand(&q.light_source, 1));
             frame.solve(scene, &settings);
-            for &(x, n) in &q.places {
+            for &(x, n) in &q.positions {
                 let found = frame.irradiance(scene, x, n);
                 dark += usize::from(found.is_none());
                 values.push(found.unwrap_or_default());
@@ -223,7 +232,7 @@ impl TestSet {
 fn allot(
     geometry: &dyn Geometry,
     light_source: Light,
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
     paths: u32,
     seed: u64,
 ) -> Vec<u32> {
@@ -232,11 +241,11 @@ fn allot(
         bounces: Some(2),
         seed,
     };
-    let noise: Vec<f32> = irradiance_at_all(geometry, &[light_source], places, &settings)
+    let noise: Vec<f32> = irradiance_at_all(geometry, &[light_source], positions, &settings)
         .iter()
         .map(|e| e.indirect_error.length())
         .collect();
-    let mean = noise.iter().sum::<f32>() / places.len().max(1) as f32;
+    let mean = noise.iter().sum::<f32>() / positions.len().max(1) as f32;
     noise
         .iter()
         .map(|n| {
@@ -251,7 +260,7 @@ fn allot(
 fn reference(
     geometry: &dyn Geometry,
     light_source: Light,
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
     paths: &[u32],
     bounces: Option<u32>,
     seed: u64,
@@ -264,7 +273,12 @@ fn reference(
         };
         irradiance(geometry, &[light_source], x, n, k as u64, &settings)
     };
-    places.par_iter().zip(paths).enumerate().map(one).collect()
+    positions
+        .par_iter()
+        .zip(paths)
+        .enumerate()
+        .map(one)
+        .collect()
 }
 
 /// Half width of the 95 % confidence interval of an NRMSE over positions drawn at random.

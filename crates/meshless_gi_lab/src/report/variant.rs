@@ -442,9 +442,9 @@ pub fn full(base: &BakeSettings) -> Vec<Variant> {
         with(Factor::Senders, name, 1.5, recipe)
     };
     all.extend([sending(3, "3 sender levels"), sending(5, "5 sender levels")]);
-    let lit = |places, name| {
+    let lit = |samples, name| {
         let recipe = Recipe {
-            samples_per_sender: Some(places),
+            samples_per_sender: Some(samples),
             ..draft()
         };
         with(Factor::SamplesPerSender, name, 1.0, recipe)

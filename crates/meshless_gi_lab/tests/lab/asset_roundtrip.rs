@@ -115,18 +115,18 @@ fn validation_detects_each_broken_field() {
         ("bvh", |s| s.bvh.nodes[1].count = 2),
         ("bvh triangles", |s| s.bvh.triangles[0].b[1] = f32::NAN),
     ];
-    for (place, broken) in breaks {
+    for (location, broken) in breaks {
         let mut scene = build(&makes()[1]);
         assert!(scene.validate().is_ok());
         broken(&mut scene);
-        let found = scene.validate().expect_err(place);
+        let found = scene.validate().expect_err(location);
         assert!(
-            found.iter().any(|v| v.place == *place),
-            "{place}: {found:?}"
+            found.iter().any(|v| v.location == *location),
+            "{location}: {found:?}"
         );
         assert!(
             matches!(scene.to_bytes(), Err(AssetError::Invalid(_))),
-            "{place}"
+            "{location}"
         );
     }
 }
@@ -197,18 +197,18 @@ fn validation_detects_broken_octree() {
         let entries: usize = lists.nodes.iter().map(|n| n.lists()[list].len()).sum();
         assert!(entries > 0, "list {list} has no entries");
     }
-    for (k, (place, broken)) in breaks.iter().enumerate() {
+    for (k, (location, broken)) in breaks.iter().enumerate() {
         let mut scene = good();
         let sound = scene.validate();
         assert!(sound.is_ok(), "{sound:?}");
         broken(scene.fmm.as_mut().unwrap());
         let found = match scene.validate() {
             Err(found) => found,
-            Ok(_) => panic!("break {k}: {place}"),
+            Ok(_) => panic!("break {k}: {location}"),
         };
         assert!(
-            found.iter().any(|v| v.place == *place),
-            "break {k}: {place}: {found:?}"
+            found.iter().any(|v| v.location == *location),
+            "break {k}: {location}: {found:?}"
         );
     }
 }
@@ -242,17 +242,17 @@ fn validation_detects_broken_columns() {
         ("column values", |c| c.values.push(0)),
     ];
     let good = || build(&makes()[5]);
-    for (k, (place, broken)) in breaks.iter().enumerate() {
+    for (k, (location, broken)) in breaks.iter().enumerate() {
         let mut scene = good();
         assert!(scene.validate().is_ok());
         broken(scene.operator.compression.as_mut().unwrap());
         let found = match scene.validate() {
             Err(found) => found,
-            Ok(_) => panic!("break {k}: {place}"),
+            Ok(_) => panic!("break {k}: {location}"),
         };
         assert!(
-            found.iter().any(|v| v.place == *place),
-            "break {k}: {place}: {found:?}"
+            found.iter().any(|v| v.location == *location),
+            "break {k}: {location}: {found:?}"
         );
     }
     let mut scene = good();
@@ -262,7 +262,7 @@ fn validation_detects_broken_columns() {
             .validate()
             .unwrap_err()
             .iter()
-            .any(|v| v.place == "columns")
+            .any(|v| v.location == "columns")
     );
     let mut scene = build(&makes()[0]);
     scene.operator.compression = good().operator.compression.clone();
@@ -271,7 +271,7 @@ fn validation_detects_broken_columns() {
             .validate()
             .unwrap_err()
             .iter()
-            .any(|v| v.place == "columns")
+            .any(|v| v.location == "columns")
     );
     let mut scene = good();
     let beyond = scene.operator.coefficients(0) + 1;
@@ -282,7 +282,7 @@ fn validation_detects_broken_columns() {
             .validate()
             .unwrap_err()
             .iter()
-            .any(|v| v.place == "links")
+            .any(|v| v.location == "links")
     );
     let mut scene = good();
     scene
@@ -295,7 +295,7 @@ fn validation_detects_broken_columns() {
             .validate()
             .unwrap_err()
             .iter()
-            .any(|v| v.place == "rows")
+            .any(|v| v.location == "rows")
     );
 }
 
@@ -326,14 +326,14 @@ fn read_errors_name_cause() {
     flipped[40] ^= 1;
     assert!(matches!(
         read(&flipped),
-        AssetError::Checksum { place: "header" }
+        AssetError::Checksum { location: "header" }
     ));
     let mut flipped = good.clone();
     *flipped.last_mut().unwrap() ^= 1;
     assert!(matches!(
         read(&flipped),
         AssetError::Checksum {
-            place: "light samples"
+            location: "light samples"
         }
     ));
     let small = Limits { max_bytes: 1000 };

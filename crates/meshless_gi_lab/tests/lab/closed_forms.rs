@@ -134,12 +134,12 @@ fn emitting_enclosures_match_geometric_series() {
             closed_form::enclosure_reflected(emitted, albedo[c].into(), bounces)
         });
         let emitted = PI * radiance;
-        let places = on_the_cavity(3);
-        for (what, geometry, places) in [
-            ("sphere", &sphere as &dyn Geometry, &places[..]),
+        let positions = on_the_cavity(3);
+        for (what, geometry, positions) in [
+            ("sphere", &sphere as &dyn Geometry, &positions[..]),
             ("hall", &hall, &in_the_hall[..]),
         ] {
-            let all = irradiance_at_all(geometry, &[], places, &settings(paths, bounces));
+            let all = irradiance_at_all(geometry, &[], positions, &settings(paths, bounces));
             let what = format!("{what}, {albedo}, {bounces:?}");
             check(&what, &indirect(&all), &vec![right; all.len()], wrong);
             check(&what, &direct(&all), &vec![emitted; all.len()], 1.01);
@@ -192,9 +192,13 @@ fn lights_in_sphere_give_uniform_irradiance() {
     ];
     for (what, light_source, power) in light_sources {
         for (bounces, paths) in [(Some(1), 20_000), (Some(3), 20_000), (None, 10_000)] {
-            let places = on_the_cavity(4);
-            let all =
-                irradiance_at_all(&sphere, &[light_source], &places, &settings(paths, bounces));
+            let positions = on_the_cavity(4);
+            let all = irradiance_at_all(
+                &sphere,
+                &[light_source],
+                &positions,
+                &settings(paths, bounces),
+            );
             let right = channels(|c| {
                 let power = power * f64::from(intensity[c]);
                 closed_form::integrating_sphere(power, 2.0, albedo[c].into(), bounces)
@@ -225,8 +229,13 @@ fn light_under_ceiling_matches_closed_form() {
         range: f32::INFINITY,
     };
     let aside = [0.0f32, 0.5, 4.0];
-    let places = aside.map(|s| (Vec3::new(s, 0.0, 0.0), Vec3::Y));
-    let all = irradiance_at_all(&scene, &[light_source], &places, &settings(20_000, Some(3)));
+    let positions = aside.map(|s| (Vec3::new(s, 0.0, 0.0), Vec3::Y));
+    let all = irradiance_at_all(
+        &scene,
+        &[light_source],
+        &positions,
+        &settings(20_000, Some(3)),
+    );
     let straight =
         aside.map(|s| closed_form::light_over_plane(3.0, (room - below).into(), s.into()));
     let straight = straight.map(|e| Vec3::splat(e as f32));
@@ -270,7 +279,7 @@ fn rectangle_emitters_match_polygon_formula() {
         v,
         radiance,
     }];
-    let places: Vec<(Vec3, Vec3)> = (0..12)
+    let positions: Vec<(Vec3, Vec3)> = (0..12)
         .map(|k| {
             let mut r = Random::new(8, 8, k);
             let mut unit = || r.unit() - 0.5;
@@ -283,12 +292,15 @@ fn rectangle_emitters_match_polygon_formula() {
         let n: DVec3 = n.as_dvec3().normalize();
         closed_form::polygon(x.as_dvec3(), n, &corners, radiance[c].into())
     };
-    let right: Vec<Vec3> = places.iter().map(|p| channels(|c| exact(c, p))).collect();
+    let right: Vec<Vec3> = positions
+        .iter()
+        .map(|p| channels(|c| exact(c, p)))
+        .collect();
     let of = |geometry: &dyn Geometry, lights: &[Light]| {
         direct(&irradiance_at_all(
             geometry,
             lights,
-            &places,
+            &positions,
             &settings(20_000, Some(0)),
         ))
     };
@@ -311,10 +323,10 @@ fn form_factor(
 ) -> (Vec3, Vec3) {
     let mut r = Random::new(9, 9, 9);
     let n = u.cross(v).normalize();
-    let places: Vec<_> = (0..20_000)
+    let positions: Vec<_> = (0..20_000)
         .map(|_| (corner + u * r.unit() + v * r.unit(), n))
         .collect();
-    let all = irradiance_at_all(geometry, lights, &places, &settings(16, Some(0)));
+    let all = irradiance_at_all(geometry, lights, &positions, &settings(16, Some(0)));
     let count = all.len() as f64;
     let mean = all.iter().map(|e| f64::from(e.direct.x)).sum::<f64>() / count;
     let off = all.iter().map(|e| (f64::from(e.direct.x) - mean).powi(2));

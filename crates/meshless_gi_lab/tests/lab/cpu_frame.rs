@@ -89,16 +89,16 @@ fn furnace(to_sky: bool) -> BakedScene {
 #[test]
 fn sender_light_is_mean_over_samples() {
     let mut scene = furnace(false);
-    let place = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
+    let position = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
     scene.light_samples = LightSamples {
         per_sender: 4,
         list: (0..4 * SENDERS)
-            .map(|k| LightSample::new(place(k), Vec3::Y))
+            .map(|k| LightSample::new(position(k), Vec3::Y))
             .collect(),
     };
     scene.validate().expect("valid");
     // A blocker above the first position of the first sender alone.
-    let above = place(0) + 0.5 * Vec3::Y;
+    let above = position(0) + 0.5 * Vec3::Y;
     let corners = [
         above + Vec3::new(-0.04, 0.0, -0.04),
         above + Vec3::new(0.04, 0.0, -0.04),

@@ -24,7 +24,7 @@ fn emission_counts_as_direct_light() {
     let lights = [Light::Sky {
         radiance: Vec3::new(0.1, 0.2, 0.4).into(),
     }];
-    let places: Vec<(Vec3, Vec3)> = (0..40)
+    let positions: Vec<(Vec3, Vec3)> = (0..40)
         .map(|k| {
             let t = k as f32 / 40.0;
             let back = Vec3::new(1.8 * t - 0.9, (1.6 * 7.0 * t) % 1.6 + 0.1, -1.0);
@@ -41,18 +41,18 @@ fn emission_counts_as_direct_light() {
         bounces: Some(3),
         seed: 5,
     };
-    let reference = irradiance_at_all(&mesh, &lights, &places, &settings);
+    let reference = irradiance_at_all(&mesh, &lights, &positions, &settings);
     // The block's top is small: what hits it by chance takes many paths to count.
     let unreflected = ReferenceSettings {
         paths: 1 << 16,
         bounces: Some(0),
         ..settings
     };
-    let straight = irradiance_at_all(&mesh, &lights, &places, &unreflected);
+    let straight = irradiance_at_all(&mesh, &lights, &positions, &unreflected);
     let meshes = [mesh];
     let ours = Evaluator::new(&scene, &meshes, &lights, Bounces::Count(3));
     let (mut direct, mut indirect) = (Vec::new(), Vec::new());
-    for (k, (x, n)) in places.iter().enumerate() {
+    for (k, (x, n)) in positions.iter().enumerate() {
         let found = ours.at(*x, *n, k as u64);
         direct.push(found.direct);
         indirect.push(found.indirect.expect("covered"));
@@ -67,7 +67,7 @@ fn emission_counts_as_direct_light() {
         );
         errors(values, &right, &noise)
     };
-    let none = vec![Vec3::ZERO; places.len()];
+    let none = vec![Vec3::ZERO; positions.len()];
     let straight = errors(&direct, &pick(|i| i.direct, &straight), &none);
     assert!(straight.nrmse < 0.01, "{straight:?}");
     let reflected = compare(&indirect);
@@ -102,7 +102,7 @@ fn light_types_match_reference_near_and_far() {
         v: Vec3::new(0.0, -0.1, 0.1),
         radiance: Vec3::new(3.0, 2.0, 1.0),
     }];
-    let places: Vec<(Vec3, Vec3)> = (0..64)
+    let positions: Vec<(Vec3, Vec3)> = (0..64)
         .map(|k| {
             let (a, b) = ((k % 8) as f32 / 4.0 - 0.875, (k / 8) as f32 / 4.0 - 0.875);
             match k % 2 {
@@ -116,17 +116,17 @@ fn light_types_match_reference_near_and_far() {
         bounces: Some(0),
         seed: 5,
     };
-    let right: Vec<Vec3> = irradiance_at_all(&mesh, &lights, &places, &settings)
+    let right: Vec<Vec3> = irradiance_at_all(&mesh, &lights, &positions, &settings)
         .iter()
         .map(|e| e.direct)
         .collect();
     let meshes = [mesh];
     let ours = Evaluator::new(&scene, &meshes, &lights, Bounces::Count(1));
     let mut found: Vec<Vec3> = (0..)
-        .zip(&places)
+        .zip(&positions)
         .map(|(k, (x, n))| ours.at(*x, *n, k).direct)
         .collect();
-    let none = vec![Vec3::ZERO; places.len()];
+    let none = vec![Vec3::ZERO; positions.len()];
     let e = errors(&found, &right, &none);
     assert!(e.nrmse < 0.005 && e.p99 < 0.02, "{e:?}");
     found.iter_mut().for_each(|e| *e *= 1.01);

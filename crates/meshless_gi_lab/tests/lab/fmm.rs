@@ -52,7 +52,7 @@ fn fmm_converges_to_direct_sum() {
     let all: Vec<u32> = (0..room.points.len() as u32).step_by(3).collect();
     let right = direct(&room.points, &radiosity, &all, false, None);
     let mut last = f64::INFINITY;
-    for (order, most) in [(0, 0.1), (2, 2e-2), (4, 3e-3), (8, 1e-4), (12, 5e-6)] {
+    for (order, max) in [(0, 0.1), (2, 2e-2), (4, 3e-3), (8, 1e-4), (12, 5e-6)] {
         let settings = FmmSettings { order, ..exact() };
         let start = Instant::now();
         let fmm = Fmm::new(&room.points, &settings, None).unwrap();
@@ -70,7 +70,7 @@ fn fmm_converges_to_direct_sum() {
             l.near.entries.len(),
             l.counts
         );
-        assert!(error < most && error < last, "order {order}: {error:e}");
+        assert!(error < max && error < last, "order {order}: {error:e}");
         last = error;
     }
 }
@@ -199,8 +199,8 @@ fn fmm_cornell_box_matches_reference() {
         bounces: None,
         seed: 5,
     };
-    let places: Vec<usize> = (0..room.points.len()).step_by(60).collect();
-    let right: Vec<_> = places
+    let positions: Vec<usize> = (0..room.points.len()).step_by(60).collect();
+    let right: Vec<_> = positions
         .iter()
         .map(|&i| {
             let p = &room.points[i];
@@ -217,7 +217,7 @@ fn fmm_cornell_box_matches_reference() {
     let reference: Vec<_> = right.iter().map(|r| r.indirect).collect();
     let noise: Vec<_> = right.iter().map(|r| r.indirect_error).collect();
     let of = |e: &[Vec3]| {
-        let own: Vec<_> = places.iter().map(|&i| e[i]).collect();
+        let own: Vec<_> = positions.iter().map(|&i| e[i]).collect();
         errors(&own, &reference, &noise)
     };
     let found = of(&solved.irradiance);

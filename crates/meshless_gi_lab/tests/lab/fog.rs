@@ -64,12 +64,16 @@ impl Air {
         let [low, high] = scene.info.bounds.map(Vec3::from);
         let (low, high) = (low - edge, high + edge);
         let shape = VoxelGrid::new([low, high], voxels_of(high - low, edge, u32::MAX)).unwrap();
-        let places = VoxelWeights::from_scene(shape, scene);
+        let positions = VoxelWeights::from_scene(shape, scene);
         let values = VolumeValues {
             points: frame.vector_irradiance(),
             probes: frame.probes(),
         };
-        let texels = volume_texels(&VolumeParams::new(&shape, &Mat4::IDENTITY), &places, values);
+        let texels = volume_texels(
+            &VolumeParams::new(&shape, &Mat4::IDENTITY),
+            &positions,
+            values,
+        );
         Self { shape, texels }
     }
 
@@ -84,8 +88,8 @@ impl Air {
             steps: 1,
         };
         let params = FogInscatterParams::new(&alike, asymmetry, &self.shape, &Mat4::IDENTITY);
-        let place = (x - self.shape.origin()) / self.shape.voxel();
-        read_voxels(params.size, &self.texels, place, |voxel| {
+        let texel = (x - self.shape.origin()) / self.shape.voxel();
+        read_voxels(params.size, &self.texels, texel, |voxel| {
             Vec3::from_slice(&fog_inscatter(&params, &self.texels, voxel)[..3])
         })
     }
@@ -93,7 +97,7 @@ impl Air {
 
 /// Positions in the air of both rooms and of the door between them, and where a ray goes through
 /// each.
-fn places() -> Vec<(Vec3, Vec3)> {
+fn positions() -> Vec<(Vec3, Vec3)> {
     (0..80)
         .map(|k| {
             let t = (k as f32 + 0.5) / 80.0;
@@ -118,11 +122,11 @@ fn phase(asymmetry: f32, w: Vec3, d: Vec3) -> f32 {
 fn around(
     mesh: &TriangleMesh,
     lights: &[Light],
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
 ) -> Vec<(usize, Vec3, Vec3)> {
     let mut hits = Vec::new();
     let mut seen = Vec::new();
-    for (k, &(x, _)) in places.iter().enumerate() {
+    for (k, &(x, _)) in positions.iter().enumerate() {
         let shift = Vec2::new(k as f32 * 0.618, k as f32 * 0.755).fract();
         for i in 0..AROUND {
             let w = uniform_sphere(lattice(i, AROUND, shift)).normalize();
@@ -150,10 +154,10 @@ fn around(
 /// direction that light comes from.
 fn integrals(
     around: &[(usize, Vec3, Vec3)],
-    places: usize,
+    positions: usize,
     weight: impl Fn(usize, Vec3) -> f32,
 ) -> Vec<Vec3> {
-    let mut sums = vec![Vec3::ZERO; places];
+    let mut sums = vec![Vec3::ZERO; positions];
     for &(k, w, radiance) in around {
         sums[k] += radiance * weight(k, w) * (4.0 * PI / AROUND as f32);
     }
@@ -167,11 +171,11 @@ fn nrmse(found: &[Vec3], right: &[Vec3]) -> f64 {
 #[test]
 fn fog_matches_reference() {
     let (mesh, lights, scene) = rooms();
-    let places = places();
+    let positions = positions();
     let asymmetries = [0.0, 0.25, 0.5, 0.75];
-    let around = around(&mesh, &lights, &places);
-    let all = places.len();
-    let right = asymmetries.map(|g| integrals(&around, all, |k, w| phase(g, w, places[k].1)));
+    let around = around(&mesh, &lights, &positions);
+    let all = positions.len();
+    let right = asymmetries.map(|g| integrals(&around, all, |k, w| phase(g, w, positions[k].1)));
     // What the six irradiances of that light say, at the positions themselves.
     let faces = [0, 1, 2, 3, 4, 5].map(|side| {
         let n = Vec3::AXES[side / 2] * [1.0, -1.0][side % 2];
@@ -180,7 +184,7 @@ fn fog_matches_reference() {
     let told: Vec<f64> = (asymmetries.iter().zip(&right))
         .map(|(g, right)| {
             let one = |k: usize| -> Vec3 {
-                let weights = sides(*g, places[k].1);
+                let weights = sides(*g, positions[k].1);
                 (0..6).map(|side| weights[side] * faces[side][k]).sum()
             };
             nrmse(&(0..all).map(one).collect::<Vec<_>>(), right)
@@ -196,7 +200,7 @@ fn fog_matches_reference() {
     ] {
         let air = Air::new(&scene, &lights, edge);
         let found = asymmetries.map(|g| -> Vec<Vec3> {
-            (places.iter())
+            (positions.iter())
                 .map(|&(x, d)| air.scattered(x, g, d))
                 .collect()
         });
@@ -217,7 +221,7 @@ fn fog_matches_reference() {
             assert!(off[k] < 0.5 * even[k], "{name}: {off:?}, {even:?}");
         }
         // Must fail: light of the wrong side, and of other positions.
-        let turned: Vec<Vec3> = (places.iter())
+        let turned: Vec<Vec3> = (positions.iter())
             .map(|&(x, d)| air.scattered(x, 0.5, -d))
             .collect();
         let mut moved = found[0].clone();
@@ -322,9 +326,9 @@ fn fog_in_unlit_room_is_dark() {
     let (mut lit, mut dark) = (0.0f32, 0.0f32);
     let count = 3000;
     for k in 0..count {
-        let place = lattice(k, count, Vec2::ZERO);
+        let texel = lattice(k, count, Vec2::ZERO);
         let high = (k as f32 * 0.7548777).fract();
-        let x = size * Vec3::new(place.x, high, place.y);
+        let x = size * Vec3::new(texel.x, high, texel.y);
         let d = uniform_sphere(lattice((7 * k) % count, count, Vec2::splat(0.3)));
         let at = |x| air.scattered(x, 0.5, d).max_element();
         lit += at(x) / count as f32;

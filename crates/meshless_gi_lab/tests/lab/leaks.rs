@@ -26,7 +26,7 @@ fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Lea
 }
 
 fn stays_dark(scene: &Walled, rules: &[TransportMethod]) {
-    assert!(scene.dark.places.len() > 400 && scene.lit.places.len() > 400);
+    assert!(scene.dark.positions.len() > 400 && scene.lit.positions.len() > 400);
     for &rule in rules {
         let with = measure(scene, rule, true, 32);
         assert!(with.ratio <= 1e-4, "{rule:?}: {with:?}");

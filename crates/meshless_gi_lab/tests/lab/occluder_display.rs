@@ -67,7 +67,7 @@ struct Stage {
 fn door(angle: f32) -> TriangleMesh {
     let hinge = MIDDLE - HALF.z * Vec3::Z;
     let turn = Quat::from_rotation_y(angle);
-    let place = |corner: Vec3| hinge + turn * (MIDDLE + HALF * corner - hinge);
+    let position = |corner: Vec3| hinge + turn * (MIDDLE + HALF * corner - hinge);
     let quads: Vec<Quad> = (0..6)
         .map(|k| {
             let axes = [Vec3::X, Vec3::Y, Vec3::Z];
@@ -75,7 +75,7 @@ fn door(angle: f32) -> TriangleMesh {
             let (w, u) = if k % 2 == 0 { (w, u) } else { (-w, -u) };
             let corners = [w - u - v, w + u - v, w + u + v, w - u + v];
             Quad {
-                corners: corners.map(place),
+                corners: corners.map(position),
                 material: Material::diffuse(Vec3::splat(0.5)),
             }
         })
@@ -326,16 +326,16 @@ fn volume_at_closed_door_has_light_of_its_side() {
     let (low, high) = (low - 0.15, high + 0.15);
     let size = voxels_of(high - low, 0.15, u32::MAX);
     let shape = VoxelGrid::new([low, high], size).unwrap();
-    let places = VoxelWeights::from_scene(shape, &scene);
+    let weights = VoxelWeights::from_scene(shape, &scene);
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.vector_irradiance(),
         probes: frame.probes(),
     };
-    let texels = volume_texels(&params, &places, values);
+    let texels = volume_texels(&params, &weights, values);
     let read = |p: &Pixel| {
-        let place = (p.x - shape.origin()) / shape.voxel();
-        std::f32::consts::PI * read_volume(params.size, &texels, place, p.n)
+        let position = (p.x - shape.origin()) / shape.voxel();
+        std::f32::consts::PI * read_volume(params.size, &texels, position, p.n)
     };
     let of = |view: usize| stage().poses[0][view].iter().flatten();
     let doors = || of(0).filter(|p| p.part == Part::Door);

@@ -50,16 +50,16 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
 /// Errors from memory, by rays at the same points, and from five coefficients a point.
 fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
     let visibility = scene.visibility.as_ref().expect("visibility");
-    let places: Vec<PenumbraSample> = penumbra_samples(scene, mesh, light, PATHS)
+    let positions: Vec<PenumbraSample> = penumbra_samples(scene, mesh, light, PATHS)
         .into_iter()
         .filter(PenumbraSample::in_penumbra)
         .collect();
-    assert!(places.len() > 100, "{} places", places.len());
+    assert!(positions.len() > 100, "{} places", positions.len());
     let soft_light = SoftLight::from_light(light, 25).expect("a rectangle");
     let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[soft_light]);
     let by_rays = deficits_by_rays(scene, mesh, &soft_light, visibility.points.len());
     let error =
-        |occluded_irradiances: &[_]| shadow_errors(scene, occluded_irradiances, &places).nrmse;
+        |occluded_irradiances: &[_]| shadow_errors(scene, occluded_irradiances, &positions).nrmse;
     // Must fail: no shadow at all.
     assert!(error(&vec![Default::default(); occluded_irradiances.len()]) > 2.0 * BOUND);
     let by_few = soft_shadow::occluded_irradiances_from(scene, few, &[soft_light]);

@@ -29,7 +29,7 @@ fn bulb() -> [Light; 1] {
 fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)> {
     let (cells, _) = cloud.mesh();
     let scene = baked(&cells, preset);
-    let (places, areas): (Vec<(Vec3, Vec3)>, Vec<f32>) = (0..cloud.len())
+    let (samples, areas): (Vec<(Vec3, Vec3)>, Vec<f32>) = (0..cloud.len())
         .step_by(step)
         .filter_map(|i| {
             let ray = Ray::new(Vec3::ZERO, cloud.positions[i].normalize());
@@ -37,7 +37,7 @@ fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)>
             Some(((seen.position, seen.normal), cloud.areas[i]))
         })
         .unzip();
-    let (_, indirect) = shown(&scene, cells, &bulb(), &places, Bounces::All);
+    let (_, indirect) = shown(&scene, cells, &bulb(), &samples, Bounces::All);
     indirect.iter().map(|e| e.x).zip(areas).collect()
 }
 
@@ -215,9 +215,9 @@ fn point_statue_and_triangle_room_exchange_light() {
         ("all reflects", 1.0, 1.0, [0.09, 0.215]),
     ] {
         let (level, count) = walls_and_statue(walls, stands);
-        let places = seen(&level, count, 900);
+        let samples = seen(&level, count, 900);
         let scene = baked(&level, Preset::Draft);
-        let all: Vec<(Vec3, Vec3)> = places.concat();
+        let all: Vec<(Vec3, Vec3)> = samples.concat();
         let truth = reference(&level, &light_source, &all, 64);
         let (_, found) = shown(
             &scene,
@@ -226,7 +226,7 @@ fn point_statue_and_triangle_room_exchange_light() {
             &all,
             Bounces::Count(REFLECTIONS),
         );
-        let cut = places[0].len();
+        let cut = samples[0].len();
         for (name, from, to, bound) in [
             ("walls", 0, cut, bounds[0]),
             ("statue", cut, all.len(), bounds[1]),

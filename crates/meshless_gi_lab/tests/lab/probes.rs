@@ -50,12 +50,12 @@ fn balls(centers: &[Vec3], radius: f32, each: u32) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Indirect light of `lights` at `places`: ours, beside the reference's after four reflections.
+/// Indirect light of `lights` at `positions`: ours, beside the reference's after four reflections.
 fn compare(
     scene: &BakedScene,
     mesh: &TriangleMesh,
     lights: &[Light],
-    places: &[(Vec3, Vec3)],
+    positions: &[(Vec3, Vec3)],
 ) -> (Errors, usize) {
     let meshes = std::slice::from_ref(mesh);
     let ours = Evaluator::new(scene, meshes, lights, Bounces::Count(4));
@@ -65,8 +65,8 @@ fn compare(
         seed: 17,
     };
     assert_eq!(settings.bounces, Some(4));
-    let right = irradiance_at_all(mesh, lights, places, &settings);
-    let found: Vec<Option<Vec3>> = places
+    let right = irradiance_at_all(mesh, lights, positions, &settings);
+    let found: Vec<Option<Vec3>> = positions
         .iter()
         .map(|&(x, n)| ours.probe_irradiance(x, n))
         .collect();
@@ -95,8 +95,8 @@ fn moving_ball_through_two_rooms_matches_reference() {
     let (mesh, lights) = open_rooms();
     let scene = baked(&mesh, draft());
     let centers = through_two_rooms();
-    let places = balls(&centers, 0.15, 8);
-    let (found, missing) = compare(&scene, &mesh, &lights, &places);
+    let positions = balls(&centers, 0.15, 8);
+    let (found, missing) = compare(&scene, &mesh, &lights, &positions);
     let probes = scene.probes.as_ref().unwrap();
     println!(
         "{} probes, {} links, {} kB: {found:?}",
@@ -127,9 +127,9 @@ fn moving_ball_through_two_rooms_matches_reference() {
     let right = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
     let value = |e: &Evaluator<'_>| -> Vec<Vec3> {
         let at = |&(x, n): &(Vec3, Vec3)| e.probe_irradiance(x, n).unwrap();
-        places.iter().map(at).collect()
+        positions.iter().map(at).collect()
     };
-    let none = vec![Vec3::ZERO; places.len()];
+    let none = vec![Vec3::ZERO; positions.len()];
     assert!(errors(&value(&wrong), &value(&right), &none).nrmse > 0.15);
 }
 
@@ -175,18 +175,18 @@ fn ball_in_sealed_room_stays_dark() {
             }
         }
         let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
-        let most = dark.iter().fold(0.0f32, |a, &b| a.max(b));
-        (mean(&lit), mean(&dark), most)
+        let max = dark.iter().fold(0.0f32, |a, &b| a.max(b));
+        (mean(&lit), mean(&dark), max)
     };
-    let (lit, dark, most) = light(&sealed);
+    let (lit, dark, max) = light(&sealed);
     let (_, through, _) = light(&open);
     println!(
         "sealed: {:.1e} of what comes through the opening, at most {:.1e} of the lit room's",
         dark / through,
-        most / lit
+        max / lit
     );
     assert!(lit > 0.0 && through > 0.01 * lit, "{through} beside {lit}");
-    assert!(most <= 1e-4 * lit, "{most} of {lit}");
+    assert!(max <= 1e-4 * lit, "{max} of {lit}");
 }
 
 /// The six walls of a room, seen from within; what `shines` of them (0 to 5) emits 1 W/m² and
@@ -247,15 +247,15 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
         let (mut lit, mut dark) = (0.0f32, 0.0f32);
         for _ in 0..2000 {
             let mut unit = || 0.01 + 0.98 * random.unit();
-            let place = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
+            let x = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
             let at = |x| {
                 let light = frame
                     .probe_irradiance(&scene, x, Vec3::ZERO)
                     .expect("a probe reaches");
                 light.irradiance(Vec3::Y).x + light.irradiance(Vec3::NEG_X).x
             };
-            lit += at(place);
-            dark = dark.max(at(place + Vec3::X * (3.0 + gap)));
+            lit += at(x);
+            dark = dark.max(at(x + Vec3::X * (3.0 + gap)));
         }
         lit /= 2000.0;
         println!(
@@ -297,23 +297,23 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         let (from, to) = (from - edge, to + edge);
         let voxels = voxels_of(to - from, edge, u32::MAX);
         let shape = VoxelGrid::new([from, to], voxels).unwrap();
-        let places = VoxelWeights::from_scene(shape, &scene);
-        shares_say_what_probes_say(&places, &scene, frame.probes());
+        let weights = VoxelWeights::from_scene(shape, &scene);
+        shares_say_what_probes_say(&weights, &scene, frame.probes());
         println!(
             "{} faces, {} shares, {} probe shares",
-            places.wall_samples().wall_samples.len(),
-            places.wall_samples().weights.len(),
-            places.weights().len()
+            weights.wall_samples().wall_samples.len(),
+            weights.wall_samples().weights.len(),
+            weights.weights().len()
         );
         let params = VolumeParams::new(&shape, &turn);
-        let texels = volume_texels(&params, &places, values);
+        let texels = volume_texels(&params, &weights, values);
         // Normals are the world's, positions the bake's.
         let read = |x: Vec3, n: Vec3| {
-            let place = (x - from) / shape.voxel();
+            let at = (x - from) / shape.voxel();
             read_volume(
                 params.size,
                 &texels,
-                place,
+                at,
                 turn.inverse().transform_vector3(n),
             )
         };
@@ -368,29 +368,29 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
 /// The light of each position by its shares beside the look-up that they stand for, and found in
 /// many calls beside all at once.
 fn shares_say_what_probes_say(
-    places: &VoxelWeights,
+    weights: &VoxelWeights,
     scene: &BakedScene,
     values: &[VectorIrradiance],
 ) {
     let probes = scene.probes.as_ref().unwrap();
-    let shape = places.shape();
+    let shape = weights.shape();
     let mut by_and_by = VoxelWeights::new(*shape);
     let mut calls = 1;
     while !by_and_by.find(scene, 1) {
         calls += 1;
     }
-    assert!(calls > 1 && by_and_by == *places, "{calls} calls");
+    assert!(calls > 1 && by_and_by == *weights, "{calls} calls");
     let all = shape.voxels();
     let (mut found, mut right, mut aside) = (vec![], vec![], vec![]);
-    for place in 0..all {
-        let said = places.light(values, place);
-        let asked = probe(probes, values, shape.voxel_center(place), Vec3::ZERO);
-        assert_eq!(said.is_some(), asked.is_some(), "place {place}");
+    for at in 0..all {
+        let said = weights.light(values, at);
+        let asked = probe(probes, values, shape.voxel_center(at), Vec3::ZERO);
+        assert_eq!(said.is_some(), asked.is_some(), "place {at}");
         if let (Some(said), Some(asked)) = (said, asked) {
             for n in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE.normalize()] {
                 found.push(said.irradiance(n));
                 right.push(asked.irradiance(n));
-                let other = places.light(values, (place + 1) % all);
+                let other = weights.light(values, (at + 1) % all);
                 aside.push(other.unwrap_or(said).irradiance(n));
             }
         }
@@ -656,7 +656,7 @@ fn surface_and_probe_light_join_continuously() {
     let (radius, center) = (0.4, Vec3::new(-0.55, -0.3, 0.6));
     let steps = (PI * radius / 1e-3) as u32;
     let largest = |light: &dyn Fn(Vec3, Vec3) -> Option<Vec3>| {
-        let (mut most, mut sum, mut count) = (0.0f32, 0.0, 0);
+        let (mut max, mut sum, mut count) = (0.0f32, 0.0, 0);
         for turn in 0..12u32 {
             let (sin, cos) = (turn as f32 / 12.0 * 2.0 * PI).sin_cos();
             let mut last: Option<f32> = None;
@@ -669,12 +669,12 @@ fn surface_and_probe_light_join_continuously() {
                     continue;
                 };
                 if let Some(last) = last {
-                    most = most.max((e.y - last).abs());
+                    max = max.max((e.y - last).abs());
                 }
                 (sum, count, last) = (sum + e.y, count + 1, Some(e.y));
             }
         }
-        most / (sum / count as f32)
+        max / (sum / count as f32)
     };
     let with = largest(&|x, n| lit.at(x, n, 0).indirect);
     let space = largest(&|x, n| lit.probe_irradiance(x, n));

@@ -135,7 +135,10 @@ fn nrmse(room: &Room, truth: &[(Vec3, Vec3)], values: &[Vec3]) -> [f64; 2] {
         ];
         errors(&x, &r, &s).raw_nrmse
     };
-    [of(&|i| distance(room.places[i].0) >= NEAR), of(&|_| true)]
+    [
+        of(&|i| distance(room.positions[i].0) >= NEAR),
+        of(&|_| true),
+    ]
 }
 
 fn truth(room: &Room) -> Vec<(Vec3, Vec3)> {
@@ -202,8 +205,8 @@ fn rsm_bounce_matches_reference() {
         }
         for count in [8, 16, 64] {
             let grid = Grid::new(room, 64, count);
-            let places = room.places.iter();
-            let values: Vec<Vec3> = places.map(|&(x, n)| grid.light_at(x, n)).collect();
+            let positions = room.positions.iter();
+            let values: Vec<Vec3> = positions.map(|&(x, n)| grid.light_at(x, n)).collect();
             let error = nrmse(room, &truth, &values);
             // The same map with [N09]'s flux and its bound of r² is worse with every lit texel than
             // the strata with 128 lights: not in parallel light, where its texels are alike indeed.
@@ -271,8 +274,8 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
         all.push(room.light_of(&own, false));
         let rival = Grid::new(&room, 64, 16);
         lit = rival.lights.len();
-        let places = room.places.iter();
-        grid.push(places.map(|&(x, n)| rival.light_at(x, n)).collect());
+        let positions = room.positions.iter();
+        grid.push(positions.map(|&(x, n)| rival.light_at(x, n)).collect());
     }
     // Second differences, the worst frame's RMS over the positions, and the worst position of all;
     // relative to the RMS of the light.
@@ -283,8 +286,8 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
             let second = |i: usize| (three[0][i] - 2.0 * three[1][i] + three[2][i]).x;
             let count = three[0].len();
             worst[0] = worst[0].max(rms(&mut (0..count).map(second)) / whole);
-            let most = (0..count).map(|i| second(i).abs()).fold(0.0, f32::max);
-            worst[1] = worst[1].max(f64::from(most) / whole);
+            let max = (0..count).map(|i| second(i).abs()).fold(0.0, f32::max);
+            worst[1] = worst[1].max(f64::from(max) / whole);
         }
         worst
     };

@@ -15,7 +15,7 @@ const V11: SphereOverDisk = SphereOverDisk {
     light: 0.9,
 };
 
-fn place(site: Site) -> (Vec3, Vec3) {
+fn position(site: Site) -> (Vec3, Vec3) {
     match site {
         Site::Sphere(latitude) => {
             // Away from the axes, so that nothing depends on one azimuth.
@@ -37,7 +37,7 @@ fn sites() -> Vec<Site> {
 /// The largest |z| of direct and indirect irradiance against Monte Carlo.
 fn largest_z(solution: &Solution, truth: &[Irradiance]) -> f64 {
     let scene = &solution.scene;
-    let mut most = 0.0f64;
+    let mut max = 0.0f64;
     for (&site, truth) in sites().iter().zip(truth) {
         let pairs = [
             (scene.direct(site), truth.direct, truth.direct_error),
@@ -50,21 +50,21 @@ fn largest_z(solution: &Solution, truth: &[Irradiance]) -> f64 {
         for (radiosity, mean, error) in pairs {
             let off = f64::from(mean.x) - radiosity / scene.albedo;
             // What single precision can say of the light itself, which has no noise.
-            most = most.max(off.abs() / f64::from(error.x).max(1e-5));
+            max = max.max(off.abs() / f64::from(error.x).max(1e-5));
         }
     }
-    most
+    max
 }
 
 #[test]
 fn monte_carlo_matches_closed_form_and_rejects_other_constants() {
-    let places: Vec<(Vec3, Vec3)> = sites().into_iter().map(place).collect();
+    let positions: Vec<(Vec3, Vec3)> = sites().into_iter().map(position).collect();
     let settings = ReferenceSettings {
         paths: 100_000,
         bounces: None,
         seed: 11,
     };
-    let truth = irradiance_at_all(&V11.geometry(), &V11.lights(), &places, &settings);
+    let truth = irradiance_at_all(&V11.geometry(), &V11.lights(), &positions, &settings);
     assert!(truth.iter().filter(|t| t.indirect_error.x > 0.0).count() >= 9);
     let z = |scene: SphereOverDisk| largest_z(&scene.solve(400).expect("a scene"), &truth);
     // The paths' first directions are a lattice: their error is below what independent paths would
@@ -139,7 +139,7 @@ fn sphere_over_disk_matches_closed_forms_of_figure_10() {
     );
     // The vector irradiance's part along the normal is the irradiance.
     for site in sites().into_iter().take(5) {
-        let (x, n) = place(site);
+        let (x, n) = position(site);
         let e = fine.vector(x).dot(n.as_dvec3());
         let right = fine.indirect(site) / 0.9;
         assert!((e - right).abs() < 1e-4, "{site:?}: {e} {right}");

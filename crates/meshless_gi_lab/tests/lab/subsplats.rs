@@ -84,7 +84,7 @@ fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
 /// there.
 fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> f32 {
     let params = view.params(settings);
-    let mut most = 0.0f32;
+    let mut max = 0.0f32;
     let mut count = 0;
     for (k, list) in shown.lists.iter().enumerate() {
         for &cell in list {
@@ -102,7 +102,7 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
                 .fold(0.0f32, |m, v| m.max(v.abs()));
             for c in 0..3 {
                 let off = (shown.texels[i][c] - view.full[i][c]).abs();
-                most = most.max(off / length.max(1e-3));
+                max = max.max(off / length.max(1e-3));
             }
             count += 1;
         }
@@ -111,7 +111,7 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
         count as u32 >= params.levels().cells(params.coarsest_level) / 2,
         "{count}"
     );
-    most
+    max
 }
 
 /// FLIP and share at most these; without refinement by depth, normal and light the picture is far
@@ -191,7 +191,7 @@ fn subsplats_in_clutter_match_full_resolution_in_motion() {
 /// frame to the next than it does at full resolution, in parts of white: what a picture of
 /// subsplats flickers by. The largest of all, the largest but for one position in a thousand, and
 /// the root mean square.
-fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
+fn pops_at_most(stage: &Stage, i: usize, largest: f32, max: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
     let (eye, target) = stage.level.views[i];
@@ -249,7 +249,7 @@ fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
         pops.len(),
         pops[pops.len() - 1]
     );
-    assert!(pops.len() > 600_000 && high <= most && found <= rms);
+    assert!(pops.len() > 600_000 && high <= max && found <= rms);
     assert!(pops[pops.len() - 1] <= largest);
 }
 
@@ -548,7 +548,7 @@ fn detail_test_matches_equation_3_at_grazing_angles() {
     };
     let (plain, dark) = (of(0.0), of(0.6));
     assert_eq!(plain.counts, dark.counts);
-    let mut least = 1.0f32;
+    let mut min = 1.0f32;
     for (i, (a, b)) in plain.texels.iter().zip(&dark.texels).enumerate() {
         let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
         let (x, n) = splat::pixel_position(
@@ -558,13 +558,13 @@ fn detail_test_matches_equation_3_at_grazing_angles() {
             view.drawn.gbuffer[i],
         );
         let factor = 0.6 * n.dot((eye - x).normalize()) + 0.4;
-        least = least.min(factor);
+        min = min.min(factor);
         assert!(
             (b[1] - factor * a[1]).abs() < 2e-4 * a[1],
             "{a:?} {b:?} {factor}"
         );
     }
-    assert!(least < 0.85, "{least}");
+    assert!(min < 0.85, "{min}");
 }
 
 #[test]
@@ -619,9 +619,9 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
             let full = shown.counts.evaluated[0] == room;
             assert!(missing == 0 || full, "{size:?} {settings:?} {missing}");
             // What is evaluated one by one is never more than the pixels and the room for holes.
-            let most = view.full.len() as u32 * 5 / 4 + 1;
+            let max = view.full.len() as u32 * 5 / 4 + 1;
             assert!(
-                shown.counts.total() <= most,
+                shown.counts.total() <= max,
                 "{size:?} {settings:?} {:?}",
                 shown.counts
             );
@@ -648,11 +648,11 @@ fn subsplat_comparison_detects_one_wrong_node() {
     let settings = SubsplatSettings::default();
     let right = view.subsplats(&settings);
     assert!(at_nodes(&view, &settings, &right) <= HALF);
-    let place = [160, 96];
-    assert!(view.drawn.depth[view.index(place)] > 0.0);
+    let position = [160, 96];
+    assert!(view.drawn.depth[view.index(position)] > 0.0);
     let spoiled = subsplats(&view.params(&settings), &view.picture(), &|pixel, node| {
         view.evaluate(pixel, node);
-        if pixel == place {
+        if pixel == position {
             let mut light = VectorIrradiance::default();
             light.add_scaled(1.1, &node.light());
             *node = SubsplatNode::new(&light, node.predicted_luminance(), node.state());

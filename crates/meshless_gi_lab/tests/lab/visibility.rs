@@ -244,17 +244,17 @@ fn light_source(at: Vec3) -> SoftLight {
 fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     // Points at one position have one row, and nothing is left when the mean is taken off.
     let mesh = level();
-    let place = Vec3::new(-0.5, 0.0, 0.6);
+    let position = Vec3::new(-0.5, 0.0, 0.6);
     let by_rays = |light: &SoftLight| {
-        let start = place + Vec3::Y * mesh.ray_offset(place);
+        let start = position + Vec3::Y * mesh.ray_offset(position);
         let rays = RayVisibility {
             geometry: &mesh,
             start,
         };
-        soft_shadow::visible_fraction(light, place, Vec3::Y, &rays).0
+        soft_shadow::visible_fraction(light, position, Vec3::Y, &rays).0
     };
     for count in [1, 7, 150] {
-        let points = vec![(place, Vec3::Y); count];
+        let points = vec![(position, Vec3::Y); count];
         let visibility = bake(&mesh, &points);
         assert!(
             visibility.clusters.iter().all(|c| c.components <= 1),
@@ -262,8 +262,8 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
         );
         for i in [0, count - 1] {
             let (inside, above) = (
-                light_source(place + Vec3::Y),
-                light_source(place + Vec3::Y * 6.0),
+                light_source(position + Vec3::Y),
+                light_source(position + Vec3::Y * 6.0),
             );
             assert!(by_rays(&inside) == 1.0 && seen(&visibility, &points, i, &inside) > 0.99);
             assert!(by_rays(&above) == 0.0 && seen(&visibility, &points, i, &above) < 0.01);
@@ -408,7 +408,7 @@ fn pca_components_are_prefix_of_larger_bake() {
     let first = whole.truncated(9);
     assert_eq!(first.bytes(), fewer.bytes());
     let mut placed = first.clone();
-    let (basis, scales, words) = placed.place().unwrap();
+    let (basis, scales, words) = placed.position().unwrap();
     assert_eq!(placed, first);
     let found = (
         first.basis.len(),
@@ -435,12 +435,12 @@ fn pca_components_are_prefix_of_larger_bake() {
         }
         sums.map(|v| (v / (points.len() * a.grid.len()) as f64).sqrt())
     };
-    let [depth, error, least] = compare(&first, &fewer);
-    println!("depths {depth} and errors {error} apart, of {least}");
-    assert!(depth < 0.1 * least && error < 0.1 * least && least > 1e-3);
+    let [depth, error, min] = compare(&first, &fewer);
+    println!("depths {depth} and errors {error} apart, of {min}");
+    assert!(depth < 0.1 * min && error < 0.1 * min && min > 1e-3);
     // Must fail: all of them.
     let [depth, error, _] = compare(&whole, &fewer);
-    assert!(depth > 0.5 * least && error > 0.2 * least);
+    assert!(depth > 0.5 * min && error > 0.2 * min);
     assert_eq!(whole.truncated(128), whole);
     let none = whole.truncated(0);
     assert!(none.clusters.iter().all(|c| c.components == 0) && none.coefficients.is_empty());
@@ -664,7 +664,7 @@ fn high_error_clusters_are_split_and_errors_stored() {
     };
     let (cut, whole) = (bake(0.02), bake(1.0));
     let (found, coarse) = (wrong(&mesh, &points, &cut), wrong(&mesh, &points, &whole));
-    let largest = |of: &[(f32, Vec<[f32; 2]>)]| of.iter().fold(0.0f32, |most, c| most.max(c.0));
+    let largest = |of: &[(f32, Vec<[f32; 2]>)]| of.iter().fold(0.0f32, |max, c| max.max(c.0));
     println!(
         "{} clusters wrong by {} at most, {} by {}",
         cut.clusters.len(),

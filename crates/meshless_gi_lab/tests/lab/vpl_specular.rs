@@ -45,9 +45,9 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
             );
             (share, flip, nrmse)
         };
-        let ((each, flip, nrmse), (one, least, _)) = (of(false), of(true));
+        let ((each, flip, nrmse), (one, min, _)) = (of(false), of(true));
         assert!(each < 1.0 / 10.0 && flip < 0.01 && nrmse < 0.1);
-        assert!(2.0 * each < one && flip - least < 0.004);
+        assert!(2.0 * each < one && flip - min < 0.004);
     }
 }
 
@@ -212,7 +212,7 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
         vpls: &alone,
         ..view.lights
     };
-    let most = 5.0 / (std::f32::consts::PI * 0.04) / std::f32::consts::PI;
+    let max = 5.0 / (std::f32::consts::PI * 0.04) / std::f32::consts::PI;
     for i in 0..scene.drawn.depth.len() {
         let texel = scene.drawn.gbuffer[i];
         let at = receiver(
@@ -223,6 +223,6 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
             texel,
         );
         let found = specular_at(&lights, &at).evaluate(Vec3::ONE).max_element();
-        assert!(found < 4.0 * most, "{found} of {most}");
+        assert!(found < 4.0 * max, "{found} of {max}");
     }
 }

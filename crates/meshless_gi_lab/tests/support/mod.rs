@@ -200,10 +200,10 @@ fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
     live
 }
 
-fn row(random: &mut Random, range: std::ops::Range<u32>, most: usize) -> Vec<WeightEntry> {
+fn row(random: &mut Random, range: std::ops::Range<u32>, max: usize) -> Vec<WeightEntry> {
     let mut picked: Vec<u32> = range
         .filter(|_| random.next().is_multiple_of(2))
-        .take(most)
+        .take(max)
         .collect();
     picked.sort_unstable();
     let weights: Vec<f32> = picked.iter().map(|_| 0.1 + random.unit()).collect();
@@ -276,7 +276,7 @@ pub fn build(make: &Make) -> BakedScene {
         }
     }
     let finest = senders - starts[make.sender_levels as usize - 1];
-    let places = LightSamples {
+    let samples = LightSamples {
         per_sender: 2,
         list: (0..2 * finest)
             .map(|_| LightSample::new(r.signed(), r.signed().normalize()))
@@ -294,8 +294,8 @@ pub fn build(make: &Make) -> BakedScene {
             let active = i % 3 != 2;
             let optional = make.form.rows_stand_alone() && !parents[i].is_empty();
             if active {
-                let most = coefficients + if make.sky { 8 } else { 0 };
-                for s in (0..=most)
+                let max = coefficients + if make.sky { 8 } else { 0 };
+                for s in (0..=max)
                     .filter(|s| !(s + i as u32).is_multiple_of(3))
                     .skip(if make.sky { i % 7 } else { 0 })
                     .take(6)
@@ -368,7 +368,7 @@ pub fn build(make: &Make) -> BakedScene {
         surfaces,
         level_starts: starts,
         sender_levels: make.sender_levels,
-        light_samples: places,
+        light_samples: samples,
         pull: Weights::from_rows(pull),
         parents: Weights::from_rows(parents),
         bounces,
@@ -487,9 +487,9 @@ fn octree(scene: &BakedScene) -> FmmOperator {
     };
     let fmm = Fmm::new(&points, &settings, None).unwrap();
     let mut operator = fmm.operator(|at| of[at as usize]);
-    for place in operator.points.iter_mut().filter(|p| p.share == 0.0) {
-        place.sky = scene.surfaces[place.point as usize].sky;
-        place.factor = 0.9;
+    for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
+        point.sky = scene.surfaces[point.point as usize].sky;
+        point.factor = 0.9;
     }
     operator
 }

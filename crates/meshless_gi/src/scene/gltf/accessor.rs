@@ -35,7 +35,7 @@ fn components(kind: Type) -> usize {
 }
 
 fn number(bytes: &[u8], kind: ComponentType, normalized: bool) -> f32 {
-    let scaled = |x: f32, most: f32| if normalized { (x / most).max(-1.0) } else { x };
+    let scaled = |x: f32, max: f32| if normalized { (x / max).max(-1.0) } else { x };
     match *bytes {
         [a] if kind == ComponentType::U8 => scaled(f32::from(a), 255.0),
         [a] => scaled(f32::from(a as i8), 127.0),
@@ -192,7 +192,7 @@ impl Buffers<'_> {
                 return Err(name("its sparse indices are of no known type".into()));
             };
             let size = component_size(index_kind.0);
-            let places = self
+            let indices = self
                 .span(
                     sparse.indices.buffer_view,
                     sparse.indices.byte_offset.0,
@@ -210,11 +210,11 @@ impl Buffers<'_> {
                     true,
                 )
                 .map_err(name)?;
-            for (place, value) in places.iter().zip(values.iter()) {
-                let place = whole(place) as usize;
-                let to = out.get_mut(place).ok_or_else(|| {
+            for (index, value) in indices.iter().zip(values.iter()) {
+                let index = whole(index) as usize;
+                let to = out.get_mut(index).ok_or_else(|| {
                     name(format!(
-                        "its sparse part replaces element {place} of {count}"
+                        "its sparse part replaces element {index} of {count}"
                     ))
                 })?;
                 *to = read(value);

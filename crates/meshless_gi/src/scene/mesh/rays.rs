@@ -127,7 +127,7 @@ impl Geometry for TriangleMesh {
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
-        let Some(&place) = self.place.get(hit.primitive as usize) else {
+        let Some(&face_index) = self.face_index.get(hit.primitive as usize) else {
             // Not a hit of this mesh: a black surface that faces the ray.
             return Surface {
                 position: ray.at(hit.t),
@@ -137,7 +137,7 @@ impl Geometry for TriangleMesh {
                 front: true,
             };
         };
-        let face = &self.faces[place as usize];
+        let face = &self.faces[face_index as usize];
         let (position, normal, front) = arrive(face, ray, hit);
         let material = &self.materials[face.material as usize];
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
@@ -156,7 +156,7 @@ impl Geometry for TriangleMesh {
     }
 
     fn material_terms(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
-        let face = &self.faces[*self.place.get(hit.primitive as usize)? as usize];
+        let face = &self.faces[*self.face_index.get(hit.primitive as usize)? as usize];
         let (_, _, front) = arrive(face, ray, hit);
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
         if front || self.materials[face.material as usize].double_sided {
@@ -176,14 +176,14 @@ impl Geometry for TriangleMesh {
     }
 
     fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
-        let Some(&place) = self.place.get(hit.primitive as usize) else {
+        let Some(&face_index) = self.face_index.get(hit.primitive as usize) else {
             return HitPoint {
                 position: ray.at(hit.t),
                 normal: -ray.direction,
                 lit: true,
             };
         };
-        let face = &self.faces[place as usize];
+        let face = &self.faces[face_index as usize];
         let (position, normal, front) = arrive(face, ray, hit);
         HitPoint {
             position,

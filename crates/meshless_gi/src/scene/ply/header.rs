@@ -230,18 +230,16 @@ impl Header {
                     shown(&element.name)
                 )));
             }
-            let least = element
+            let min = element
                 .count
                 .checked_mul(element.least_bytes(self.encoding));
-            left = least
-                .and_then(|least| left.checked_sub(least))
-                .ok_or_else(|| {
-                    wrong(format!(
-                        "{} of element {} do not fit into the {body} bytes behind the header",
-                        element.count,
-                        shown(&element.name)
-                    ))
-                })?;
+            left = min.and_then(|min| left.checked_sub(min)).ok_or_else(|| {
+                wrong(format!(
+                    "{} of element {} do not fit into the {body} bytes behind the header",
+                    element.count,
+                    shown(&element.name)
+                ))
+            })?;
         }
         Ok(())
     }

@@ -267,11 +267,11 @@ impl PointCloud {
         }
     }
 
-    /// All points in parts that lie together, of `most` points at most (1 at least): ascending
+    /// All points in parts that lie together, of `max` points at most (1 at least): ascending
     /// indices.
     #[must_use]
-    pub fn parts(&self, most: usize) -> Vec<Vec<u32>> {
-        parts::parts(&self.positions, most)
+    pub fn parts(&self, max: usize) -> Vec<Vec<u32>> {
+        parts::parts(&self.positions, max)
     }
 
     /// A box around the points.
@@ -310,12 +310,12 @@ impl PointCloud {
     fn lifts(&self) -> Option<Lifts> {
         let rough = |i: &usize| self.lifts[*i] > 1e-3 * self.spacings[*i];
         let rough: Vec<usize> = (0..self.len()).filter(rough).collect();
-        let places: Vec<Vec3> = rough.iter().map(|&i| self.positions[i]).collect();
+        let rough_positions: Vec<Vec3> = rough.iter().map(|&i| self.positions[i]).collect();
         let lifts = rough
             .iter()
             .map(|&i| [self.lifts[i], 2.0 * self.spacings[i]]);
-        (!places.is_empty()).then(|| Lifts {
-            tree: PointTree::new(&places),
+        (!rough_positions.is_empty()).then(|| Lifts {
+            tree: PointTree::new(&rough_positions),
             farthest: lifts.clone().map(|[_, reach]| reach).fold(0.0, f32::max),
             lifts: lifts.collect(),
         })
@@ -374,9 +374,9 @@ fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
     // them.
     order.sort_unstable_by_key(|i| (key(*i), normal(*i) == Vec3::ZERO, *i));
     let mut kept = Vec::with_capacity(order.len());
-    for place in order.chunk_by(|a, b| key(*a) == key(*b)) {
+    for cell in order.chunk_by(|a, b| key(*a) == key(*b)) {
         let start = kept.len();
-        for &i in place {
+        for &i in cell {
             let known = |k: &u32| {
                 let (a, b) = (normal(*k), normal(i));
                 a == Vec3::ZERO || b == Vec3::ZERO || a.dot(b) > SAME

@@ -122,10 +122,10 @@ impl PointTree {
             {
                 return;
             }
-            let place = out.partition_point(|n| n.square <= square);
+            let position = out.partition_point(|n| n.square <= square);
             out.truncate(count - 1);
             out.insert(
-                place,
+                position,
                 Neighbor {
                     index: entry.index,
                     square,
@@ -226,15 +226,15 @@ mod tests {
                     seen.dedup();
                     assert!(seen.len() == found.len() && !seen.contains(&(i as u32)));
                 }
-                let place = *x + Vec3::new(0.03, -0.01, 0.02);
-                tree.nearest(place, 1, None, &mut found);
+                let position = *x + Vec3::new(0.03, -0.01, 0.02);
+                tree.nearest(position, 1, None, &mut found);
                 let nearest = found[0].square;
                 for (limit, some) in [
                     (f32::INFINITY, true),
                     (1.01 * nearest, true),
                     (nearest, false),
                 ] {
-                    let within = tree.nearest_within(place, limit).map(|n| n.square);
+                    let within = tree.nearest_within(position, limit).map(|n| n.square);
                     assert_eq!(within, some.then_some(nearest), "{count} points, from {i}");
                 }
             }

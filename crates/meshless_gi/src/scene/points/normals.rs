@@ -94,10 +94,10 @@ impl Fit {
                 }
             }
         }
-        let (normal, least) = least_direction(m);
+        let (normal, min) = least_direction(m);
         fit.normal = normal;
         fit.mean += mean * scale;
-        fit.variance = least.max(0.0) * scale * scale;
+        fit.variance = min.max(0.0) * scale * scale;
         fit
     }
 }
@@ -117,13 +117,13 @@ fn sharpened(
         return own.normal;
     }
     tree.nearest(points[i], CANDIDATES, Some(i as u32), near);
-    let (mut best, mut least) = (own, BETTER * own.variance);
+    let (mut best, mut min) = (own, BETTER * own.variance);
     for neighbor in near.iter() {
         let fit = &fits[neighbor.index as usize];
         let height = (points[i].as_dvec3() - fit.mean).dot(fit.normal.as_dvec3());
         let cost = fit.variance + height * height;
-        if fit.normal != Vec3::ZERO && cost < least {
-            (best, least) = (fit, cost);
+        if fit.normal != Vec3::ZERO && cost < min {
+            (best, min) = (fit, cost);
         }
     }
     best.normal
@@ -181,11 +181,11 @@ fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
             }
         }
     }
-    let least = (0..3).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
-    let axis = DVec3::new(axes[0][least], axes[1][least], axes[2][least]);
+    let min = (0..3).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
+    let axis = DVec3::new(axes[0][min], axes[1][min], axes[2][min]);
     (
         axis.try_normalize().map_or(Vec3::ZERO, DVec3::as_vec3),
-        m[least][least],
+        m[min][min],
     )
 }
 

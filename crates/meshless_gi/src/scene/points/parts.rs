@@ -3,22 +3,22 @@
 
 use glam::Vec3;
 
-/// Indices of points in parts of `most` at most, each a box's content: what is too many is cut in
+/// Indices of points in parts of `max` at most, each a box's content: what is too many is cut in
 /// two across its longest side. No part is empty, every index is in one, and those of a part
 /// ascend.
-pub(super) fn parts(points: &[Vec3], most: usize) -> Vec<Vec<u32>> {
-    let most = most.max(1);
+pub(super) fn parts(points: &[Vec3], max: usize) -> Vec<Vec<u32>> {
+    let max = max.max(1);
     let mut whole: Vec<u32> = (0..points.len() as u32).collect();
     let mut parts = Vec::new();
-    divide(points, &mut whole, most, &mut parts);
+    divide(points, &mut whole, max, &mut parts);
     parts
 }
 
-fn divide(points: &[Vec3], part: &mut [u32], most: usize, parts: &mut Vec<Vec<u32>>) {
+fn divide(points: &[Vec3], part: &mut [u32], max: usize, parts: &mut Vec<Vec<u32>>) {
     if part.is_empty() {
         return;
     }
-    if part.len() <= most {
+    if part.len() <= max {
         part.sort_unstable();
         parts.push(part.to_vec());
         return;
@@ -37,8 +37,8 @@ fn divide(points: &[Vec3], part: &mut [u32], most: usize, parts: &mut Vec<Vec<u3
         of(a)[axis].total_cmp(&of(b)[axis]).then(a.cmp(b))
     });
     let (first, second) = part.split_at_mut(middle);
-    divide(points, first, most, parts);
-    divide(points, second, most, parts);
+    divide(points, first, max, parts);
+    divide(points, second, max, parts);
 }
 
 #[cfg(test)]

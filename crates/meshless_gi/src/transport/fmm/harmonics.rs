@@ -20,21 +20,21 @@ pub fn coefficient(n: usize, j: usize) -> f64 {
 }
 
 /// Normalized spherical harmonics Y_l^m of a unit direction, real form, m = −l … l for each l up to
-/// `most`: Y_l^m stands at l² + l + m.
+/// `max`: Y_l^m stands at l² + l + m.
 ///
 /// The sum over m of products of real ones equals that of \[G08\]'s complex ones with their
 /// conjugates.
 #[must_use]
-pub fn harmonics(most: usize, d: Vector) -> Vec<f64> {
+pub fn harmonics(max: usize, d: Vector) -> Vec<f64> {
     let [x, y, z] = d;
-    let mut out = vec![0.0; (most + 1) * (most + 1)];
+    let mut out = vec![0.0; (max + 1) * (max + 1)];
     // cos mφ sin^m θ and sin mφ sin^m θ, by turning on; the associated Legendre functions without
     // sin^m θ.
     let (mut c, mut s) = (1.0f64, 0.0f64);
     let mut diagonal = (0.25 / core::f64::consts::PI).sqrt();
-    for m in 0..=most {
+    for m in 0..=max {
         let (mut older, mut p) = (0.0, diagonal);
-        for l in m..=most {
+        for l in m..=max {
             let at = l * l + l;
             match m {
                 0 => out[at] = p,
@@ -117,9 +117,9 @@ mod tests {
     fn spherical_harmonics_are_orthonormal() {
         // A product rule: exact for the degrees here. 24 heights of the midpoint rule would not be;
         // Gauss-Legendre by Newton.
-        let (most, heights) = (8usize, 12usize);
-        let mut sums = vec![0.0; (most + 1).pow(4)];
-        let n = (most + 1).pow(2);
+        let (max, heights) = (8usize, 12usize);
+        let mut sums = vec![0.0; (max + 1).pow(4)];
+        let n = (max + 1).pow(2);
         for k in 0..heights {
             let mut z = (core::f64::consts::PI * (k as f64 + 0.75) / (heights as f64 + 0.5)).cos();
             let mut slope = 1.0;
@@ -136,7 +136,7 @@ mod tests {
             for t in 0..20 {
                 let phi = core::f64::consts::TAU * t as f64 / 20.0;
                 let s = (1.0 - z * z).sqrt();
-                let y = harmonics(most, [s * phi.cos(), s * phi.sin(), z]);
+                let y = harmonics(max, [s * phi.cos(), s * phi.sin(), z]);
                 for a in 0..n {
                     for b in 0..n {
                         sums[a * n + b] += weight * core::f64::consts::TAU / 20.0 * y[a] * y[b];

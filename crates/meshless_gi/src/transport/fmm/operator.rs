@@ -156,7 +156,7 @@ impl FmmOperator {
             }
         });
         let nodes = nodes.collect();
-        let places = tree
+        let points = tree
             .points
             .iter()
             .zip(&tree.order)
@@ -174,7 +174,7 @@ impl FmmOperator {
             level_starts: tree.level_starts.clone(),
             nodes,
             entries,
-            points: places.collect(),
+            points: points.collect(),
         }
     }
 

@@ -277,10 +277,10 @@ impl<'a, T: Real> Field<'a, T> {
         // A leaf of sources after the other, for all receivers: it stays in the cache.
         for entry in self.list(node, 3) {
             let range = self.nodes[entry.source as usize].source_range();
-            let (places, radiosity) = (&self.points[range.clone()], &radiosity[range]);
+            let (points, radiosity) = (&self.points[range.clone()], &radiosity[range]);
             let weight = T::from_f64(f64::from(entry.weight));
             for (x, e) in receivers.iter().zip(out.iter_mut()) {
-                add(e, weight, &self.near(x, places, radiosity));
+                add(e, weight, &self.near(x, points, radiosity));
             }
         }
     }

@@ -110,7 +110,7 @@ impl Fmm {
         &self.settings
     }
 
-    fn check(&self, what: &'static str, values: &[Vec3], most: f32) -> Result<(), FmmError> {
+    fn check(&self, what: &'static str, values: &[Vec3], max: f32) -> Result<(), FmmError> {
         if values.len() != self.points {
             return Err(FmmError::Count {
                 what,
@@ -119,7 +119,7 @@ impl Fmm {
             });
         }
         for (index, v) in values.iter().enumerate() {
-            let bad = v.to_array().into_iter().find(|c| !(0.0..=most).contains(c));
+            let bad = v.to_array().into_iter().find(|c| !(0.0..=max).contains(c));
             if let Some(value) = bad {
                 let right = "out of its range";
                 return Err(FmmError::Point {
@@ -156,8 +156,8 @@ impl Fmm {
         let times = passes.run(&radiosity);
         let mut out = vec![Vec3::ZERO; self.points];
         for (f, p) in passes.values.iter().zip(&passes.field.points) {
-            let (e, most) = (along(p.normal, f), f64::from(f32::MAX));
-            out[p.point as usize] = Vec3::from_array([0, 1, 2].map(|c| e[c].min(most) as f32));
+            let (e, max) = (along(p.normal, f), f64::from(f32::MAX));
+            out[p.point as usize] = Vec3::from_array([0, 1, 2].map(|c| e[c].min(max) as f32));
         }
         (out, times)
     }

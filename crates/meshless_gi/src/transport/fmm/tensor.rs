@@ -14,7 +14,7 @@
 //! |γ| t_γ + (2|γ| + 2) Σ_i r_i t_{γ−e_i} + (|γ| + 2) Σ_i t_{γ−2e_i} = 0; those of K are t times the polynomial (r_i + h_i)(r_j + h_j).
 
 use super::real::Real;
-use super::terms::{Terms, place};
+use super::terms::{Terms, term_index};
 
 /// K's six different entries: xx, xy, xz, yy, yz, zz.
 pub type Six<T> = [T; 6];
@@ -41,7 +41,7 @@ impl Derivatives {
     pub fn new(terms: &Terms) -> Self {
         let below = |e: [usize; 3], less: [usize; 3]| -> u16 {
             match (0..3).all(|i| e[i] >= less[i]) {
-                true => place(std::array::from_fn(|i| e[i] - less[i])) as u16,
+                true => term_index(std::array::from_fn(|i| e[i] - less[i])) as u16,
                 false => NONE,
             }
         };

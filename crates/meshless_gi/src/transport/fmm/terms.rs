@@ -16,7 +16,7 @@ pub const fn count(order: usize) -> usize {
 
 /// The position of exponents (a, b, c) in the order of the terms.
 #[must_use]
-pub const fn place(e: [usize; 3]) -> usize {
+pub const fn term_index(e: [usize; 3]) -> usize {
     let (n, m) = (e[0] + e[1] + e[2], e[1] + e[2]);
     n * (n + 1) * (n + 2) / 6 + m * (m + 1) / 2 + e[2]
 }
@@ -61,7 +61,7 @@ impl Terms {
             let mut from = *e;
             from[axis] = from[axis].saturating_sub(1);
             Step {
-                from: place(from) as u32,
+                from: term_index(from) as u32,
                 axis: axis as u32,
                 exponent: e[axis] as f64,
             }
@@ -70,7 +70,7 @@ impl Terms {
         let sums = exponents.iter().map(|a| {
             exponents[..count(order - degree(a))]
                 .iter()
-                .map(|b| place([a[0] + b[0], a[1] + b[1], a[2] + b[2]]) as u16)
+                .map(|b| term_index([a[0] + b[0], a[1] + b[1], a[2] + b[2]]) as u16)
                 .collect()
         });
         Self {
@@ -144,7 +144,7 @@ mod tests {
             let terms = Terms::new(order);
             assert_eq!(terms.len(), count(order));
             for (i, e) in terms.exponents().iter().enumerate() {
-                assert_eq!(place(*e), i);
+                assert_eq!(term_index(*e), i);
                 assert!(i < count(terms.degree(i)));
                 assert!(terms.degree(i) == 0 || i >= count(terms.degree(i) - 1));
                 let step = terms.steps()[i];

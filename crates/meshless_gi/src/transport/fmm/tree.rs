@@ -361,23 +361,23 @@ impl Tree {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// True where d·x ≥ `least` for all of a node's points: exact, and as a rule decided by a few
+    /// True where d·x ≥ `min` for all of a node's points: exact, and as a rule decided by a few
     /// boxes.
     #[must_use]
-    pub fn all_beyond(&self, node: usize, d: DVec3, least: f64) -> bool {
+    pub fn all_beyond(&self, node: usize, d: DVec3, min: f64) -> bool {
         let n = &self.nodes[node];
         let (a, b) = (d * n.min, d * n.max);
-        if a.min(b).element_sum() >= least {
+        if a.min(b).element_sum() >= min {
             return true;
         }
-        if a.max(b).element_sum() < least {
+        if a.max(b).element_sum() < min {
             return false;
         }
         if n.is_leaf() || n.len() <= 16 {
             let points = &self.points[n.points()];
-            return points.iter().all(|p| d.dot(p.position) >= least);
+            return points.iter().all(|p| d.dot(p.position) >= min);
         }
-        n.child_range().all(|c| self.all_beyond(c, d, least))
+        n.child_range().all(|c| self.all_beyond(c, d, min))
     }
 }
 

@@ -52,13 +52,13 @@ impl Visibility<'_> {
             let (i, j) = (k % xs.len() as u64, k / xs.len() as u64);
             (xs.start + i as usize, ys.start + j as usize)
         };
-        let most = 16 * u64::from(self.rays);
+        let max = 16 * u64::from(self.rays);
         let mut sum = Sum::default();
-        if wanted > u64::from(self.rays) || pairs > most {
+        if wanted > u64::from(self.rays) || pairs > max {
             let mut random = Random::new(self.seed, a as u64, b as u64);
             // Pairs that look away from each other, or the wrong way round, say nothing: others are
             // drawn instead.
-            for _ in 0..most {
+            for _ in 0..max {
                 let pair = (random.below(xs.len()), random.below(ys.len()));
                 self.add(
                     &mut sum,

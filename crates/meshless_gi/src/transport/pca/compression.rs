@@ -54,7 +54,7 @@ impl Compression {
     }
 
     fn push(&mut self, member: u32, vector: &[f32]) {
-        let scale = vector.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+        let scale = vector.iter().fold(0.0f32, |max, v| max.max(v.abs()));
         let half = |v: &f32| match scale > 0.0 {
             true => u32::from(f16::from_f32(v / scale).to_bits()),
             false => 0,

@@ -51,16 +51,16 @@ impl Components {
     }
 }
 
-/// First principal components, at most `most`, of `rows`: numbers of any unit, `length` per row.
+/// First principal components, at most `max`, of `rows`: numbers of any unit, `length` per row.
 /// There are fewer if the rows span less, and none for rows of zeros. Numbers that are not finite
 /// count as zero.
 #[must_use]
-pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Components {
+pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Components {
     let empty = Components {
         length,
         ..Components::default()
     };
-    if length == 0 || most == 0 {
+    if length == 0 || max == 0 {
         return empty;
     }
     let whole: Vec<f32>;
@@ -75,7 +75,7 @@ pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Compone
     };
     let a = Rows { rows, length };
     let smaller = a.count().min(length);
-    let r = most + MORE;
+    let r = max + MORE;
     let found = if length <= WHOLE || (length <= a.count() && 2 * r >= length) {
         // AᵀA = V Σ² Vᵀ.
         let mut gram = vec![0.0; length * length];
@@ -109,15 +109,15 @@ pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Compone
     };
     let mut out = empty;
     let mut vectors: Vec<Vec<f64>> = Vec::new();
-    for (value, mut vector) in found.into_iter().take(most) {
+    for (value, mut vector) in found.into_iter().take(max) {
         if !straighten(&vectors, &mut vector) {
             continue;
         }
         let largest = vector
             .iter()
-            .fold(0.0f64, |most, v| match v.abs() > most.abs() {
+            .fold(0.0f64, |max, v| match v.abs() > max.abs() {
                 true => *v,
-                false => most,
+                false => max,
             });
         let sign = 1f64.copysign(largest);
         out.vectors.extend(vector.iter().map(|v| (sign * v) as f32));
@@ -222,8 +222,8 @@ fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
         })
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let least = found.first().map_or(0.0, |f| ROUNDING * f.0);
-    found.retain(|f| f.0 > least);
+    let min = found.first().map_or(0.0, |f| ROUNDING * f.0);
+    found.retain(|f| f.0 > min);
     found
 }
 
@@ -346,18 +346,15 @@ mod tests {
         assert_eq!(best.count(), 60);
         let square = |v: &f32| f64::from(*v).powi(2);
         let total: f64 = best.values.iter().map(square).sum();
-        let least = best.values[8..].iter().map(square).sum::<f64>() / total;
+        let min = best.values[8..].iter().map(square).sum::<f64>() / total;
         let few = decompose(&all, 300, 8, 1);
         let (left, skew) = left_out(&all, &few);
-        assert!(skew < 1e-6 && left < 1.02 * least, "{left} is not {least}");
-        assert!(left > 0.999 * least);
+        assert!(skew < 1e-6 && left < 1.02 * min, "{left} is not {min}");
+        assert!(left > 0.999 * min);
         // Any eight vectors would not do: those of eight rows leave more.
         let any = decompose(&all[..8 * 300], 300, 8, 1);
         let (left, _) = left_out(&all, &any);
-        assert!(
-            any.count() == 8 && left > 1.3 * least,
-            "{left} beside {least}"
-        );
+        assert!(any.count() == 8 && left > 1.3 * min, "{left} beside {min}");
     }
 
     #[test]

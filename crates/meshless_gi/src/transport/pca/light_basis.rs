@@ -55,7 +55,7 @@ pub struct LightBasis {
     /// Mean square of each column's coefficient over the training set.
     squares: Vec<f32>,
     /// Index among `members` and cluster of each sender. `None` for senders that are means.
-    place: Vec<Option<(u32, u32)>>,
+    slot: Vec<Option<(u32, u32)>>,
     /// Weights of the senders that are means.
     means: Weights,
     /// Root of the part of the training set's squares that the bases miss.
@@ -142,13 +142,13 @@ impl LightBasis {
             true => (missed / all).sqrt(),
             false => 0.0,
         };
-        out.place = vec![None; pull.len()];
+        out.slot = vec![None; pull.len()];
         for s in 0..out.clusters() {
             for at in out.starts[s]..out.starts[s + 1] {
-                out.place[out.members[at as usize] as usize] = Some((at, s as u32));
+                out.slot[out.members[at as usize] as usize] = Some((at, s as u32));
             }
         }
-        out.means = resolve(pull, &out.place);
+        out.means = resolve(pull, &out.slot);
         out
     }
 
@@ -209,7 +209,7 @@ impl LightBasis {
         marks.resize(self.clusters(), false);
         met.clear();
         let mut add = |j: usize, [even, odd]: [Vec3A; 2]| {
-            let Some((at, s)) = self.place[j] else { return };
+            let Some((at, s)) = self.slot[j] else { return };
             if !std::mem::replace(&mut marks[s as usize], true) {
                 met.push(s);
             }
@@ -223,7 +223,7 @@ impl LightBasis {
         };
         for &j in &gathered.touched {
             let halves = gathered.sums[j as usize];
-            if self.place[j as usize].is_some() {
+            if self.slot[j as usize].is_some() {
                 add(j as usize, halves);
                 continue;
             }
@@ -267,16 +267,16 @@ impl LightBasis {
 }
 
 /// Resolves senders that are means of others down to senders that are not.
-fn resolve(pull: &Weights, place: &[Option<(u32, u32)>]) -> Weights {
+fn resolve(pull: &Weights, slot: &[Option<(u32, u32)>]) -> Weights {
     let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); pull.len()];
     // Children have higher indices than their parents.
     for k in (0..pull.len()).rev() {
-        if place[k].is_some() {
+        if slot[k].is_some() {
             continue;
         }
         let mut row = Vec::new();
         for w in pull.row(k) {
-            match place[w.index as usize] {
+            match slot[w.index as usize] {
                 Some(_) => row.push(*w),
                 None => row.extend(rows[w.index as usize].iter().map(|v| WeightEntry {
                     index: v.index,
@@ -405,7 +405,7 @@ mod tests {
                 .sum::<f32>()
         };
         let mut scratch = CompressScratch::default();
-        for (coefficients, light, most) in [
+        for (coefficients, light, max) in [
             (4, &three as &dyn Fn(usize, usize) -> f32, 2e-3),
             (10, &noise, 2e-3),
         ] {
@@ -415,7 +415,7 @@ mod tests {
             let row = basis.compress(&gathered(5), Vec3A::Z, 0.0, &mut scratch);
             let [said, right] = both(&basis, &row, &gathered(5), &new);
             assert!(
-                (said - right).length() < most * right.length(),
+                (said - right).length() < max * right.length(),
                 "{said} {right}"
             );
         }

@@ -11,21 +11,21 @@ use super::visibility::{
 use super::visibility_bake::weights;
 
 impl Visibility {
-    /// Keeps the first `most` components of each cluster and updates the errors.
+    /// Keeps the first `max` components of each cluster and updates the errors.
     #[must_use]
-    pub fn truncated(&self, most: u32) -> Self {
+    pub fn truncated(&self, max: u32) -> Self {
         let mut out = Self {
             grid: self.grid,
             points: self.points.clone(),
             ..Self::default()
         };
         let weights = weights(self.grid);
-        let dropped = self.dropped(most);
+        let dropped = self.dropped(max);
         // For each cluster: the squared error summed over directions, and the squared length of
         // each dropped component, both weighted like irradiance.
         let mut lengths: Vec<(f32, Vec<f32>)> = Vec::with_capacity(dropped.len());
         for (cluster, squares) in self.clusters.iter().zip(&dropped) {
-            let count = cluster.components.min(most) as usize;
+            let count = cluster.components.min(max) as usize;
             let scales = &self.scales[cluster.scales as usize..][..cluster.components as usize + 2];
             let words = cluster.words();
             let basis = &self.basis[cluster.basis as usize..][..words * self.grid.len()];
@@ -45,7 +45,7 @@ impl Visibility {
                 })
                 .collect();
             lengths.push((own_square, long));
-            let largest = errors.iter().fold(0.0f32, |most, e| most.max(*e));
+            let largest = errors.iter().fold(0.0f32, |max, e| max.max(*e));
             for (of, error) in basis.chunks_exact(words).zip(errors) {
                 let share = if largest > 0.0 { error / largest } else { 0.0 };
                 out.basis.extend(pack(&[of[0] as u16, to_snorm(share)]));
@@ -62,7 +62,7 @@ impl Visibility {
                 ..*cluster
             });
         }
-        // Cluster after cluster, in each as the points are numbered, as `place` has it.
+        // Cluster after cluster, in each as the points are numbered, as `layout` has it.
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by_key(|&i| self.points[i].cluster);
         let mut kept = Vec::new();
@@ -75,14 +75,14 @@ impl Visibility {
                 values.zip(long).map(|(v, long)| v * long).sum()
             };
             let mean = lost(&mut dropped[point.cluster as usize].iter().copied());
-            let values = decoded[..count].iter().skip(2 + most as usize);
+            let values = decoded[..count].iter().skip(2 + max as usize);
             let square = lost(&mut values.map(|v| v * v));
             let part = point.error as f32 / VisiblePoint::ONE as f32;
             if !long.is_empty() {
                 point.error = VisiblePoint::error_of(part * part * own + square, own + mean);
             }
             for (w, mask) in point.mask.iter_mut().enumerate() {
-                let below = most.saturating_sub(32 * w as u32).min(32);
+                let below = max.saturating_sub(32 * w as u32).min(32);
                 *mask &= ((1u64 << below) - 1) as u32;
             }
             // The first of those it had.
@@ -90,15 +90,15 @@ impl Visibility {
         }
         out.coefficients = pack(&kept).collect();
         // Shorter than what had its position.
-        let _ = out.place();
+        let _ = out.layout();
         out
     }
 
-    /// For each cluster, of the components from `most` on, the mean square of the coefficients with
+    /// For each cluster, of the components from `max` on, the mean square of the coefficients with
     /// their scales.
-    fn dropped(&self, most: u32) -> Vec<Vec<f32>> {
+    fn dropped(&self, max: u32) -> Vec<Vec<f32>> {
         let mut sums: Vec<Vec<f32>> = (self.clusters.iter())
-            .map(|c| vec![0.0; c.components.saturating_sub(most) as usize])
+            .map(|c| vec![0.0; c.components.saturating_sub(max) as usize])
             .collect();
         let mut points = vec![0.0f32; self.clusters.len()];
         let mut decoded = [0.0; Self::MAX_COMPONENTS as usize + 2];
@@ -106,7 +106,7 @@ impl Visibility {
             let cluster = point.cluster as usize;
             let count = self.decode(i, &mut decoded);
             points[cluster] += 1.0;
-            let values = decoded[..count].iter().skip(2 + most as usize);
+            let values = decoded[..count].iter().skip(2 + max as usize);
             (sums[cluster].iter_mut().zip(values)).for_each(|(sum, v)| *sum += v * v);
         }
         for (sums, points) in sums.iter_mut().zip(points) {

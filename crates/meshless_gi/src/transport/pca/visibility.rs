@@ -144,7 +144,7 @@ impl Visibility {
     /// coefficients. Returns the lengths of the arrays: words of the basis, scales, words of the
     /// coefficients. Returns `None` if a length exceeds 32 bits, or a point has an invalid cluster.
     #[must_use]
-    pub fn place(&mut self) -> Option<(usize, usize, usize)> {
+    pub fn layout(&mut self) -> Option<(usize, usize, usize)> {
         let (mut basis, mut scales) = (0u32, 0u32);
         for cluster in &mut self.clusters {
             (cluster.basis, cluster.scales) = (basis, scales);

@@ -58,11 +58,11 @@ pub enum VisibilityError {
     Stopped,
     /// Exceeds the size limit.
     #[error(
-        "what points see takes more than {most} bytes: fewer directions, a larger error or fewer points take less"
+        "what points see takes more than {max} bytes: fewer directions, a larger error or fewer points take less"
     )]
     TooLarge {
         /// Size limit in bytes.
-        most: u64,
+        max: u64,
     },
 }
 
@@ -142,7 +142,7 @@ pub fn bake_visibility(
     on_progress: &(dyn Fn(f32) -> bool + Sync),
 ) -> Result<(Visibility, u64), VisibilityError> {
     const LARGE: VisibilityError = VisibilityError::TooLarge {
-        most: 4 * MAX_WORDS as u64,
+        max: 4 * MAX_WORDS as u64,
     };
 
     let clusters = cluster(points, settings.cluster_points as usize, settings.seed);
@@ -202,7 +202,7 @@ pub fn bake_visibility(
             }
         }
     }
-    out.place().ok_or(LARGE)?;
+    out.layout().ok_or(LARGE)?;
     out.coefficients = pack(&coefficients).collect();
     on_progress(1.0);
     Ok((out, (points.len() * settings.grid.len()) as u64))
@@ -264,8 +264,8 @@ fn divide(
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| first[a].total_cmp(&first[b]));
         let middle = order.partition_point(|&m| first[m] <= 0.0);
-        let least = (count / MIN_HALF).max(1);
-        let (low, high) = match middle < least || count - middle < least {
+        let min = (count / MIN_HALF).max(1);
+        let (low, high) = match middle < min || count - middle < min {
             true => order.split_at(count / 2),
             false => order.split_at(middle),
         };

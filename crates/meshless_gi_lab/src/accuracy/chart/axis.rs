@@ -138,11 +138,11 @@ fn span(scale: Scale, data: impl Iterator<Item = f64>) -> (f64, f64) {
         _ => low - room,
     };
     // Ticks at the ends must not lie beyond what can be shown.
-    let most = match scale {
+    let max = match scale {
         Scale::Linear => MAX,
         Scale::Log => libm::log10(MAX),
     };
-    (below.max(-most), (high + room).min(most))
+    (below.max(-max), (high + room).min(max))
 }
 
 /// Ticks at multiples of 1, 2 or 5 times a power of ten, five to ten of them; the ends go on to the
@@ -319,14 +319,14 @@ mod tests {
 
     #[test]
     fn axis_of_any_values_is_finite() {
-        let most = f64::MAX;
+        let max = f64::MAX;
         let sets: [&[f64]; 9] = [
             &[],
             &[f64::NAN],
             &[0.0],
             &[-5.0, -5.0],
-            &[f64::INFINITY, 1.0, -most],
-            &[most, 1e-300],
+            &[f64::INFINITY, 1.0, -max],
+            &[max, 1e-300],
             &[1e-99, 1e99],
             &[1e16, 1e16 + 2.0],
             &[3.0, 3.0 + 1e-14],

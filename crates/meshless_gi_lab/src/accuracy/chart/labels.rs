@@ -41,17 +41,17 @@ pub fn width(text: &str, size: f64) -> f64 {
     ems * size
 }
 
-/// Chooses the left end and the baseline of a label next to `place`. The label goes to the side
+/// Chooses the left end and the baseline of a label next to `position`. The label goes to the side
 /// that covers least of `taken`, and its area is added to `taken`. Returns `None` if it would cover
 /// much, because an illegible label hides others.
 pub fn put(
     text: &str,
-    place: (f64, f64),
+    position: (f64, f64),
     frame: &Area,
     taken: &mut Vec<Area>,
 ) -> Option<(f64, f64)> {
     let (w, h) = (width(text, HEIGHT), HEIGHT);
-    let (x, y) = place;
+    let (x, y) = position;
     let covered = |left: f64, top: f64| {
         let area = Area(left, top, left + w, top + h);
         let covered: f64 = taken.iter().map(|t| area.overlap(t)).sum();
@@ -93,13 +93,13 @@ mod tests {
     #[test]
     fn chart_labels_do_not_overlap() {
         let frame = Area(0.0, 0.0, 300.0, 300.0);
-        let places = [(100.0, 100.0), (112.0, 100.0), (295.0, 150.0), (4.0, 4.0)];
-        let mut taken: Vec<Area> = places.iter().map(|p| Area::around(*p, 5.0)).collect();
-        for place in places {
-            assert!(put("a label", place, &frame, &mut taken).is_some());
+        let positions = [(100.0, 100.0), (112.0, 100.0), (295.0, 150.0), (4.0, 4.0)];
+        let mut taken: Vec<Area> = positions.iter().map(|p| Area::around(*p, 5.0)).collect();
+        for position in positions {
+            assert!(put("a label", position, &frame, &mut taken).is_some());
         }
         for (i, a) in taken.iter().enumerate() {
-            assert!(i < places.len() || a.outside(&frame) < 1e-9, "{a:?}");
+            assert!(i < positions.len() || a.outside(&frame) < 1e-9, "{a:?}");
             for b in &taken[..i.min(taken.len())] {
                 let markers = a.3 - a.1 <= 10.0 && b.3 - b.1 <= 10.0;
                 assert!(markers || a.overlap(b) < 1e-9, "{a:?} {b:?}");

@@ -41,7 +41,7 @@ pub fn draw(chart: &Chart) -> String {
     let across = |t: f64| FRAME.0 + t * (FRAME.2 - FRAME.0);
     let up = |t: f64| FRAME.3 - t * (FRAME.3 - FRAME.1);
     // Far outside is as good as farther, and stays a short number.
-    let place = |m: &Mark| {
+    let position_of = |m: &Mark| {
         let far = |t: f64| t.clamp(-20.0, 20.0);
         Some((across(far(x.at(m.x)?)), up(far(y.at(m.y)?))))
     };
@@ -52,7 +52,7 @@ pub fn draw(chart: &Chart) -> String {
         .map(|(i, series)| Placed {
             series,
             look: series.like.unwrap_or(i),
-            at: series.points.iter().map(place).collect(),
+            at: series.points.iter().map(position_of).collect(),
         })
         .collect();
 
@@ -386,7 +386,7 @@ fn texts(out: &mut String, placed: &[Placed]) {
 
 fn legend(out: &mut String, placed: &[Placed]) {
     let left = SIZE.0 - LEGEND;
-    let most = LEGEND - 48.0;
+    let max = LEGEND - 48.0;
     let mut y = FRAME.1 + 10.0;
     for p in placed {
         let style = p.series.style;
@@ -403,7 +403,7 @@ fn legend(out: &mut String, placed: &[Placed]) {
         }
         let empty = !p.at.iter().any(Option::is_some);
         let name = format!("{}{}", p.series.name, if empty { " (no data)" } else { "" });
-        for part in wrapped(&name, most, 12.0) {
+        for part in wrapped(&name, max, 12.0) {
             text(out, (left + 38.0, y + 4.0), 12.0, "", &part);
             y += 16.0;
         }
@@ -411,12 +411,12 @@ fn legend(out: &mut String, placed: &[Placed]) {
     }
 }
 
-/// `text` in lines of at most `most` pixels, where its spaces allow it.
-fn wrapped(text: &str, most: f64, size: f64) -> Vec<String> {
+/// `text` in lines of at most `max` pixels, where its spaces allow it.
+fn wrapped(text: &str, max: f64, size: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split(' ') {
         match lines.last_mut() {
-            Some(line) if labels::width(&format!("{line} {word}"), size) <= most => {
+            Some(line) if labels::width(&format!("{line} {word}"), size) <= max => {
                 line.push(' ');
                 line.push_str(word);
             }

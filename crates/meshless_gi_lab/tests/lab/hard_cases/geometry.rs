@@ -131,7 +131,7 @@ fn compared(
 ) -> (Errors, usize) {
     let scene = baked(&level, recipe).scene;
     let traced = meshless_gi::internals::samples::trace_particles(&level, &[from], 0..60, 9, false);
-    let places: Vec<(Vec3, Vec3)> = traced
+    let positions: Vec<(Vec3, Vec3)> = traced
         .candidates
         .iter()
         .map(|c| (c.surface.position, c.surface.normal))
@@ -148,11 +148,11 @@ fn compared(
         bounces: Some(3),
         seed: 4,
     };
-    let truth = irradiance_at_all(&level, &lights, &places, &settings);
+    let truth = irradiance_at_all(&level, &lights, &positions, &settings);
     let meshes = [level];
     let evaluator = Evaluator::new(&scene, &meshes, &lights, Bounces::Count(3));
     let mut none = 0;
-    let found: Vec<Vec3> = places
+    let found: Vec<Vec3> = positions
         .iter()
         .map(|&(x, n)| {
             let e = evaluator.at(x, n, 0).indirect;

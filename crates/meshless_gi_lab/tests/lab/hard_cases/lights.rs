@@ -38,19 +38,19 @@ fn light_near_surface_conserves_energy() {
             })
             .collect();
         let mean = all.iter().sum::<f32>() / all.len() as f32;
-        let least = all.iter().copied().fold(f32::INFINITY, f32::min);
-        (mean, least, all.iter().copied().fold(0.0, f32::max))
+        let min = all.iter().copied().fold(f32::INFINITY, f32::min);
+        (mean, min, all.iter().copied().fold(0.0, f32::max))
     };
     for height in [1.0, 0.1, 0.02, 1e-3, 1e-4] {
-        let (mean, least, most) = along(height);
-        eprintln!("{height} m above the floor: {mean:.3} of the light, {least:.3} to {most:.3}");
+        let (mean, min, max) = along(height);
+        eprintln!("{height} m above the floor: {mean:.3} of the light, {min:.3} to {max:.3}");
         assert!((mean - 1.0).abs() < 0.03, "{height}: {mean}");
-        assert!(least > 0.85 && most < 1.15, "{height}: {least} to {most}");
+        assert!(min > 0.85 && max < 1.15, "{height}: {min} to {max}");
     }
     // In the very plane of the floor it shines past it: the other half of its light. Behind it, on
     // nothing.
-    let (mean, least, most) = along(0.0);
-    assert!((mean - 0.5).abs() < 0.02 && most - least < 0.02, "{mean}");
+    let (mean, min, max) = along(0.0);
+    assert!((mean - 0.5).abs() < 0.02 && max - min < 0.02, "{mean}");
     assert_eq!(along(-1e-3).2, 0.0);
 }
 
@@ -60,12 +60,12 @@ fn light_near_surface_conserves_energy() {
 fn light_in_corner_loses_only_mutual_wall_light() {
     let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
     let mut frame = CpuFrame::new(&bake.scene);
-    for (off, least, most) in [(0.3, 0.95, 1.05), (0.05, 0.4, 1.1), (1e-3, 0.35, 1.1)] {
+    for (off, min, max) in [(0.3, 0.95, 1.05), (0.05, 0.4, 1.1), (1e-3, 0.35, 1.1)] {
         let [edge, corner] =
             [Vec3::new(off, off, 0.9), Vec3::splat(off)].map(|x| share(&bake.scene, &mut frame, x));
         eprintln!("{off} m from two walls: {edge:.3} of the light; from three: {corner:.3}");
-        assert!((least..most).contains(&corner), "{off}: {corner}");
-        assert!((least..most).contains(&edge), "{off}: {edge}");
+        assert!((min..max).contains(&corner), "{off}: {corner}");
+        assert!((min..max).contains(&edge), "{off}: {edge}");
     }
 }
 
@@ -84,13 +84,13 @@ fn light_behind_wall_gives_zero_in_front() {
     let mut frame = CpuFrame::new(&scene);
     for x in [2.001, 2.005, 2.009, 2.01, 2.011] {
         frame.set_lights(&scene, &[light_source(Vec3::new(x, 1.0, 1.0), 1.0)]);
-        let most = |left: bool| -> f32 {
+        let max = |left: bool| -> f32 {
             let senders = frame.projected(0).iter().zip(&scene.points);
             let side = senders.filter(|(_, p)| (p.x().x < 2.005) == left);
             side.map(|(e, _)| *e).fold(0.0, f32::max)
         };
-        assert_eq!(most(true), 0.0, "{x}");
-        assert_eq!(most(false) > 0.0, x >= 2.01, "{x}");
+        assert_eq!(max(true), 0.0, "{x}");
+        assert_eq!(max(false) > 0.0, x >= 2.01, "{x}");
     }
 }
 
@@ -114,8 +114,8 @@ fn light_contrast_of_million_fits_f16() {
         light_source(Vec3::new(0.5, 0.2, 0.9), 1e6),
     ]);
     // What the screen gets at an exposure that just holds the bright one.
-    let most = bright.iter().map(|e| e.max_element()).fold(0.0, f32::max);
-    let exposure = 60_000.0 / most;
+    let max = bright.iter().map(|e| e.max_element()).fold(0.0, f32::max);
+    let exposure = 60_000.0 / max;
     let mut compared = 0;
     for k in 0..dim.len() {
         let (a, b) = (dim[k].y, bright[k].y);
@@ -240,12 +240,12 @@ fn many_lights_equal_their_sum() {
     // With senders a quarter of a meter apart.
     assert!((share - 1.0).abs() < 0.03, "{share}");
     // All in one position, they are one light.
-    let place = Vec3::new(0.7, 1.1, 1.3);
+    let position = Vec3::new(0.7, 1.1, 1.3);
     let together = solved(&vec![
-        light_source(place, 1.0 / LIGHT_SOURCES as f32);
+        light_source(position, 1.0 / LIGHT_SOURCES as f32);
         LIGHT_SOURCES
     ]);
-    for (e, one) in together.iter().zip(solved(&[light_source(place, 1.0)])) {
+    for (e, one) in together.iter().zip(solved(&[light_source(position, 1.0)])) {
         assert!((*e - one).abs().max_element() <= 2e-5 * one.max_element());
     }
 }

@@ -31,7 +31,7 @@ fn by(rule: TransportMethod) -> Recipe {
 }
 
 /// Bakes by both rules, looks at every number, and at the light of the room.
-fn closed_form(name: &str, level: &TriangleMesh, scale: f32, most: f32) {
+fn closed_form(name: &str, level: &TriangleMesh, scale: f32, max: f32) {
     for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
         let recipe = Recipe {
             coarse_radius: Some(0.3 * scale),
@@ -41,10 +41,10 @@ fn closed_form(name: &str, level: &TriangleMesh, scale: f32, most: f32) {
         assert_eq!(scene.fmm.is_some(), rule == TransportMethod::fmm());
         let (one, eight) = lit(&scene, scale);
         eprintln!("{name}, {rule:?}: {one:.4} of one reflection, {eight:.4} of eight");
-        assert!((one - 1.0).abs() < most, "{name}, {rule:?}: {one}");
+        assert!((one - 1.0).abs() < max, "{name}, {rule:?}: {one}");
         // Σ over eight: (1 − 2⁻⁸) / (1 − ½).
         assert!(
-            (eight / 1.992 - 1.0).abs() < most,
+            (eight / 1.992 - 1.0).abs() < max,
             "{name}, {rule:?}: {eight}"
         );
     }
@@ -129,12 +129,12 @@ fn coplanar_points_exchange_no_light() {
         frame.set_lights(&scene, &[light_source]);
         frame.solve(&scene, &FrameSettings::bounces(8));
         let dark = irradiances(&frame, &scene);
-        let most = dark
+        let max = dark
             .iter()
             .map(|e| e.abs().max_element())
             .fold(0.0, f32::max);
-        eprintln!("a plane, {rule:?}: at most {most:e}");
-        assert!(most < 1e-6, "{rule:?}: {most}");
+        eprintln!("a plane, {rule:?}: at most {max:e}");
+        assert!(max < 1e-6, "{rule:?}: {max}");
         // What it sends is not nothing.
         assert!(frame.senders().iter().flatten().any(|c| *c > 0.01));
     }

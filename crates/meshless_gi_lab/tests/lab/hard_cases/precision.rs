@@ -27,11 +27,11 @@ fn off(found: &[f64], right: &[f64]) -> (f64, f64) {
 }
 
 /// Prints what a stage lost, and holds it against its bound in digits.
-fn stage(name: &str, found: &[f64], right: &[f64], most: f64) {
+fn stage(name: &str, found: &[f64], right: &[f64], max: f64) {
     let (rms, largest) = off(found, right);
     let lost = (rms / ROUNDING).max(1.0).log10();
     eprintln!("{name:10} off by {rms:.1e} (rms), {largest:.1e} (largest): {lost:.1} digits lost");
-    assert!(lost <= most, "{name}: {lost} digits lost, at most {most}");
+    assert!(lost <= max, "{name}: {lost} digits lost, at most {max}");
 }
 
 /// Red irradiance of the light at a position, shadows left out.
@@ -124,18 +124,18 @@ impl Exact<'_> {
     /// \[L08\] Eqs. (3), (8)-(10) with the display's weights.
     fn splat(&self, values: &[DVec3], x: Vec3, n: Vec3) -> f64 {
         let display = &self.scene.display;
-        let (place, normal) = (x.as_dvec3(), n.as_dvec3());
+        let (position, normal) = (x.as_dvec3(), n.as_dvec3());
         let (mut numerator, mut denominator) = (DVec3::ZERO, 0.0);
         for &j in display.grid.near(x) {
             let point = &self.scene.points[j as usize];
             let n_j = point.n().as_dvec3();
-            let v = place - point.x().as_dvec3();
+            let v = position - point.x().as_dvec3();
             let r = f64::from(point.radius);
             let t = (v + f64::from(F_SQUASH) * v.dot(n_j) * n_j).length() / r;
             let cosine = normal.dot(n_j).max(0.0);
             let behind = display.planes[point.plane_range()]
                 .iter()
-                .any(|p| DVec4::from_array(p.map(f64::from)).dot(place.extend(1.0)) < 0.0);
+                .any(|p| DVec4::from_array(p.map(f64::from)).dot(position.extend(1.0)) < 0.0);
             if t < 1.0 && !behind {
                 let w = ((2.0 * t - 3.0) * t * t + 1.0) * cosine * cosine / r;
                 denominator += w * w;
@@ -223,7 +223,7 @@ fn single_precision_error_is_bounded() {
     stage("flatten", &flat(&found), &flat(&flattened), 1.0);
 
     // Splat.
-    let places: Vec<(Vec3, Vec3)> = (0..400)
+    let positions: Vec<(Vec3, Vec3)> = (0..400)
         .map(|k| {
             let (a, b) = ((k % 20) as f32 / 10.5 - 0.9, (k / 20) as f32 / 10.5 - 0.9);
             match k % 2 {
@@ -233,14 +233,14 @@ fn single_precision_error_is_bounded() {
         })
         .filter(|&(x, n)| frame.irradiance(&scene, x, n).is_some())
         .collect();
-    assert!(places.len() > 300);
+    assert!(positions.len() > 300);
     let shown = |frame: &CpuFrame| -> Vec<f64> {
-        let each = places.iter();
+        let each = positions.iter();
         each.map(|&(x, n)| f64::from(frame.irradiance(&scene, x, n).unwrap().x))
             .collect()
     };
     let right = |values: &[DVec3]| -> Vec<f64> {
-        places
+        positions
             .iter()
             .map(|&(x, n)| exact.splat(values, x, n))
             .collect()

@@ -19,28 +19,28 @@ fn light_source(scale: f32, by: Vec3) -> [Light; 1] {
 }
 
 /// The truth at [`cornell_places`] for the light in the box of 2 m at the origin, four bounces.
-fn truth(places: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
+fn truth(positions: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
     let settings = ReferenceSettings {
         paths: 1024,
         bounces: Some(4),
         seed: 1,
     };
     let level = cornell(1.0, Vec3::ZERO);
-    irradiance_at_all(&level, &light_source(1.0, Vec3::ZERO), places, &settings)
+    irradiance_at_all(&level, &light_source(1.0, Vec3::ZERO), positions, &settings)
 }
 
 /// Errors of a bake's direct and indirect light at the positions, scaled and moved with the level.
 fn measured(bake: &Baked, scale: f32, by: Vec3) -> [Errors; 2] {
-    let places = cornell_places();
-    assert!(places.len() > 150, "{}", places.len());
-    let truth = truth(&places);
+    let positions = cornell_places();
+    assert!(positions.len() > 150, "{}", positions.len());
+    let truth = truth(&positions);
     let light_sources = light_source(scale, by);
     let evaluator = Evaluator::new(&bake.scene, &[], &light_sources, Bounces::Count(4));
-    let found: Vec<_> = places
+    let found: Vec<_> = positions
         .iter()
         .map(|&(x, n)| evaluator.at(scale * x + by, n, 0))
         .collect();
-    let none = vec![Vec3::ZERO; places.len()];
+    let none = vec![Vec3::ZERO; positions.len()];
     let direct = errors(
         &found.iter().map(|f| f.direct).collect::<Vec<_>>(),
         &truth.iter().map(|t| t.direct).collect::<Vec<_>>(),

@@ -6,10 +6,10 @@ use meshless_gi::{
     cornell_box, mesh_of_quads,
 };
 
-fn cornell(places: u32) -> BakedScene {
+fn cornell(samples: u32) -> BakedScene {
     let recipe = Recipe {
         preset: Preset::Draft,
-        samples_per_sender: Some(places),
+        samples_per_sender: Some(samples),
         ..Recipe::default()
     };
     let mesh = mesh_of_quads(&cornell_box());
@@ -49,7 +49,7 @@ fn roughness(scene: &BakedScene) -> f32 {
 /// moves, and all light with it; \[L08\] has it so.
 #[test]
 fn smoothly_moving_light_gives_smooth_irradiance() {
-    let [one, eight] = [1, 8].map(|places| roughness(&cornell(places)));
+    let [one, eight] = [1, 8].map(|samples| roughness(&cornell(samples)));
     eprintln!("second differences: {one:.5} with one place, {eight:.5} with eight");
     assert!(one > 1e-4, "there is nothing to smooth: {one}");
     assert!(

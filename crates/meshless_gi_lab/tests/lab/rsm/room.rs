@@ -118,12 +118,12 @@ pub struct Room {
     pub light: Light,
     pub aim: Aim,
     /// Positions on the walls, meters, and their normals.
-    pub places: Vec<(Vec3, Vec3)>,
+    pub positions: Vec<(Vec3, Vec3)>,
 }
 
 impl Room {
     pub fn new(walls: Triangles, object: Triangles, light: Light, aim: Aim) -> Self {
-        let places = places_on(&walls, 240);
+        let positions = places_on(&walls, 240);
         let walls = mesh(walls, Vec3::ZERO);
         Self {
             bvh: walls.bvh(),
@@ -132,7 +132,7 @@ impl Room {
             color: ORANGE,
             light,
             aim,
-            places,
+            positions,
         }
     }
 
@@ -155,12 +155,12 @@ impl Room {
             bounces: Some(1),
             seed: 7,
         };
-        irradiance_at_all(&all, &[self.light], &self.places, &settings)
+        irradiance_at_all(&all, &[self.light], &self.positions, &settings)
     }
 
     pub fn extent(&self) -> f32 {
         let [min, max] = self
-            .places
+            .positions
             .iter()
             .fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |b, p| {
                 [b[0].min(p.0), b[1].max(p.0)]
@@ -198,7 +198,7 @@ impl Room {
             ),
             false => VplParams::unshadowed(count),
         };
-        self.places
+        self.positions
             .iter()
             .map(|&(x, n)| vpl::vpl_at(&params, lights, &self.bvh, x, n).dot(n))
             .collect()
@@ -246,7 +246,7 @@ fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
 /// cross-section); r² at least a constant.
 pub struct Grid {
     pub lights: Vec<Vpl>,
-    pub least: f32,
+    pub min: f32,
 }
 
 impl Grid {
@@ -300,10 +300,7 @@ impl Grid {
                 })
             })
             .collect();
-        Self {
-            lights,
-            least: 0.01,
-        }
+        Self { lights, min: 0.01 }
     }
 
     pub fn light_at(&self, x: Vec3, n: Vec3) -> Vec3 {
@@ -311,7 +308,7 @@ impl Grid {
             let square = (Vec3::from_array(l.position) - x).length_squared();
             Vec3::from_array(l.flux)
                 * vpl::vpl_contribution(l, x, n).dot(n)
-                * (square / square.max(self.least))
+                * (square / square.max(self.min))
         };
         self.lights.iter().map(one).sum()
     }
