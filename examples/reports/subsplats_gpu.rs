@@ -25,7 +25,7 @@ use meshless_gi::{BakedScene, Limits, Preset, Progress, Recipe, SubsplatSettings
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use subsplat_support::{Level, Source, Stage, View, clutter};
+use subsplat_support::{Level, LitScene, Source, View, clutter};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [1920, 1080];
@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut first = None;
     for level in levels {
         let scene = baked(&level, bakes.as_deref())?;
-        let stage = Stage::new(level, scene);
+        let stage = LitScene::new(level, scene);
         for i in 0..3 {
             let view = stage.view(i, SIZE);
             row(&harness, &view, i)?;

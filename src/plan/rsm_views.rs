@@ -154,7 +154,7 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
 }
 
 /// Bounding sphere of a box, relative to a point or spot light.
-struct Seen {
+struct BoundingSphere {
     /// Vector from the light to the center, meters.
     to: Vec3,
     radius: f32,
@@ -162,7 +162,7 @@ struct Seen {
     half: f32,
 }
 
-impl Seen {
+impl BoundingSphere {
     fn new(from: Vec3, b: &Bounds) -> Self {
         let to = 0.5 * (b.min + b.max) - from;
         let radius = 0.5 * (b.max - b.min).length();
@@ -199,11 +199,13 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         }
         _ => PI,
     };
-    let lit = |s: &Seen| cone >= PI || s.half == PI || angle_between(along, s.to) <= cone + s.half;
-    let seen: Vec<Seen> = moving
+    let lit = |s: &BoundingSphere| {
+        cone >= PI || s.half == PI || angle_between(along, s.to) <= cone + s.half
+    };
+    let seen: Vec<BoundingSphere> = moving
         .iter()
         .filter(|b| light_affects(light, **b))
-        .map(|b| Seen::new(position, b))
+        .map(|b| BoundingSphere::new(position, b))
         .filter(lit)
         .collect();
     if seen.is_empty() {
@@ -252,7 +254,7 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
 }
 
 /// Returns `true` if a sphere meets the 90° pyramid of a view. `to` is its center in view space.
-fn in_face(to: &Vec3, seen: &Seen) -> bool {
+fn in_face(to: &Vec3, seen: &BoundingSphere) -> bool {
     let reach = seen.radius * 2f32.sqrt();
     -to.z + reach >= to.x.abs().max(to.y.abs())
 }

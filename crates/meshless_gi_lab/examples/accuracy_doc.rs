@@ -14,7 +14,7 @@ use meshless_gi::internals::asset::write_file;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{Progress, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::GroundTruth;
-use meshless_gi_lab::report::{ExternalReference, Part, Sweep, document, figures, sweep};
+use meshless_gi_lab::report::{ExternalReference, SceneSection, Sweep, document, figures, sweep};
 use std::error::Error;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -83,7 +83,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             report.rows.len(),
             report.seconds
         );
-        parts.push(Part {
+        parts.push(SceneSection {
             charts: format!("accuracy/{name}_"),
             name,
             report,

@@ -11,7 +11,7 @@ use bytemuck::Pod;
 
 /// Part of a word that a field occupies.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Part {
+enum WordPart {
     Whole,
     Low,
     High,
@@ -21,7 +21,7 @@ enum Part {
 #[derive(Clone, Copy)]
 pub(super) struct Field {
     word: usize,
-    part: Part,
+    part: WordPart,
     delta: bool,
 }
 
@@ -30,7 +30,7 @@ impl Field {
     pub const fn word(word: usize) -> Self {
         Self {
             word,
-            part: Part::Whole,
+            part: WordPart::Whole,
             delta: false,
         }
     }
@@ -39,7 +39,7 @@ impl Field {
     pub const fn low(word: usize) -> Self {
         Self {
             word,
-            part: Part::Low,
+            part: WordPart::Low,
             delta: false,
         }
     }
@@ -48,7 +48,7 @@ impl Field {
     pub const fn high(word: usize) -> Self {
         Self {
             word,
-            part: Part::High,
+            part: WordPart::High,
             delta: false,
         }
     }
@@ -64,30 +64,30 @@ impl Field {
     /// Bytes of one value.
     pub const fn bytes(self) -> usize {
         match self.part {
-            Part::Whole => 4,
-            Part::Low | Part::High => 2,
+            WordPart::Whole => 4,
+            WordPart::Low | WordPart::High => 2,
         }
     }
 
     fn get(self, word: u32) -> u32 {
         match self.part {
-            Part::Whole => word,
-            Part::Low => word & 0xffff,
-            Part::High => word >> 16,
+            WordPart::Whole => word,
+            WordPart::Low => word & 0xffff,
+            WordPart::High => word >> 16,
         }
     }
 
     fn put(self, word: &mut u32, value: u32) {
         match self.part {
-            Part::Whole => *word = value,
-            Part::Low => *word = *word & 0xffff_0000 | value,
-            Part::High => *word = *word & 0xffff | value << 16,
+            WordPart::Whole => *word = value,
+            WordPart::Low => *word = *word & 0xffff_0000 | value,
+            WordPart::High => *word = *word & 0xffff | value << 16,
         }
     }
 
     /// The difference of two values, small for small steps in either direction.
     fn step(self, from: u32, to: u32) -> u32 {
-        if self.part == Part::Whole {
+        if self.part == WordPart::Whole {
             let d = to.wrapping_sub(from) as i32;
             ((d << 1) ^ (d >> 31)) as u32
         } else {
@@ -99,7 +99,7 @@ impl Field {
     /// Undoes [`Self::step`].
     fn walk(self, from: u32, step: u32) -> u32 {
         let d = (step >> 1) ^ (step & 1).wrapping_neg();
-        if self.part == Part::Whole {
+        if self.part == WordPart::Whole {
             from.wrapping_add(d)
         } else {
             u32::from((from as u16).wrapping_add(d as u16))

@@ -155,7 +155,7 @@ pub(super) fn read(
         level_starts: level_starts.to_vec(),
         nodes,
         entries: items(file, &kinds[3], ENTRY)?,
-        points: points,
+        points,
     }))
 }
 

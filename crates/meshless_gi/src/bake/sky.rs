@@ -3,7 +3,7 @@
 use super::BakeSettings;
 use crate::basis::Hierarchy;
 use crate::scene::{Geometry, SkyRadiance};
-use crate::transport::{Part, RawRow, gather_sky_harmonics, merge_parts};
+use crate::transport::{LinkTerm, RawRow, gather_sky_harmonics, merge_parts};
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -61,7 +61,7 @@ pub(super) fn terms(
                 settings.seed,
                 |crossed, values| {
                     let terms = (senders as u32 + 1..).zip(values);
-                    parts.extend(terms.map(|(sender, &value)| Part {
+                    parts.extend(terms.map(|(sender, &value)| LinkTerm {
                         sender,
                         crossed,
                         value: value.into(),

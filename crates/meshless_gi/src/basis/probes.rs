@@ -36,8 +36,8 @@ pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> 
     }
 }
 
-/// Probes at `positions`, `spacing` meters apart, with clip planes by what they see of the positions
-/// in `crossed`. Also says how many rays it took.
+/// Probes at `positions`, `spacing` meters apart, with clip planes by their visibility from the
+/// positions in `crossed`. Also returns the number of rays.
 #[must_use]
 pub fn probe_basis(
     geometry: &dyn Geometry,

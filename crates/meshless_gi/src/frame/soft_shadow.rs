@@ -69,8 +69,8 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
 }
 
-/// Weight of a sample at `position` for (x, n), cos θ cos θ' / d² up to a factor, with its direction
-/// and distance. Returns `None` if it does not light the point.
+/// Weight of a sample at `position` for (x, n), cos θ cos θ' / d² up to a factor, with its
+/// direction and distance. Returns `None` if it does not light the point.
 #[inline]
 fn weigh(light: &SoftLight, position: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
     let to = position - x;

@@ -20,8 +20,8 @@ pub const BEYOND: f32 = 0.03;
 pub const MIN: f32 = 1e-3;
 
 /// Irradiance at a point for a surface that faces `n`, a unit vector of the world, in the texels'
-/// unit. `size` counts the voxels along each edge. `position` is in voxels from the volume's corner.
-/// `texels` are those of [`volume`](super::volume::volume), x first and z last.
+/// unit. `size` counts the voxels along each edge. `position` is in voxels from the volume's
+/// corner. `texels` are those of [`volume`](super::volume::volume), x first and z last.
 #[must_use]
 pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], position: Vec3, n: Vec3) -> Vec3 {
     let voxels = UVec3::from(size);

@@ -7,7 +7,7 @@
 //! and no allocation per ray (design D4). Two half sums, of even and of odd rays, separate
 //! variation from noise.
 
-use super::occluded_links::Part;
+use super::occluded_links::LinkTerm;
 use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, HitPoint, Ray, SkyRadiance};
@@ -79,7 +79,7 @@ pub struct Gathered {
     pub sky: Vec3A,
     /// Parts of the sums, and of the sky (as the sender behind the last), that crossed occluders:
     /// ray after ray.
-    pub parts: Vec<Part>,
+    pub parts: Vec<LinkTerm>,
     /// Part of the normal component that hit a surface without a sender.
     pub uncovered: f32,
     /// Part that hit the back of a single-sided surface, which emits nothing.
@@ -145,7 +145,7 @@ impl Gathered {
 
     /// Adds `value` to the part of the link to `sender` that crossed occluders.
     fn part(&mut self, sender: u32, crossed: u64, value: Vec3A) {
-        self.parts.push(Part {
+        self.parts.push(LinkTerm {
             sender,
             crossed,
             value,

@@ -26,7 +26,7 @@ pub use gather::{
 };
 pub use neumann::{BounceScene, bounce_operator};
 pub use occluded_links::{
-    PackedLinkTerm, Part, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
+    LinkTerm, PackedLinkTerm, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
 };
 pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,

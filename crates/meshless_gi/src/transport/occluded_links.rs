@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 /// Term of a row's link before packing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
+pub struct LinkTerm {
     /// Sender of the link. The number of senders is the sky, larger numbers are the sky's terms.
     pub sender: u32,
     /// Occluders on the way, bit k for number k.
@@ -24,7 +24,7 @@ pub struct Part {
 
 /// Sums the terms of the same link through the same occluders, in their order. The result is in
 /// ascending order of links, then of occluders.
-pub fn merge_parts(parts: &mut Vec<Part>) {
+pub fn merge_parts(parts: &mut Vec<LinkTerm>) {
     parts.sort_by_key(|p| (p.sender, p.crossed));
     parts.dedup_by(|next, first| {
         let same = (next.sender, next.crossed) == (first.sender, first.crossed);
@@ -40,11 +40,11 @@ pub fn merge_parts(parts: &mut Vec<Part>) {
 /// senders are the sky's.
 pub(super) fn cut_parts(
     tree: &SenderTree,
-    parts: &[Part],
+    parts: &[LinkTerm],
     kept: impl Fn(u32) -> bool,
-) -> Vec<Part> {
+) -> Vec<LinkTerm> {
     let senders = tree.parent.len() as u32;
-    let mut out: Vec<Part> = (parts.iter())
+    let mut out: Vec<LinkTerm> = (parts.iter())
         .filter_map(|part| {
             let mut k = part.sender;
             while k < senders && !kept(k) {
@@ -54,7 +54,7 @@ pub(super) fn cut_parts(
                 }
                 k = parent;
             }
-            Some(Part { sender: k, ..*part })
+            Some(LinkTerm { sender: k, ..*part })
         })
         .collect();
     merge_parts(&mut out);
@@ -112,7 +112,7 @@ pub struct UnindexedLinkTerm {
 pub(super) fn pack_parts(
     link: u32,
     whole: Vec3,
-    parts: &[Part],
+    parts: &[LinkTerm],
     scale: f32,
 ) -> Vec<UnindexedLinkTerm> {
     let free = whole - parts.iter().map(|p| Vec3::from(p.value)).sum::<Vec3>();
@@ -166,8 +166,8 @@ pub fn number_sets<const N: usize>(
 mod tests {
     use super::*;
 
-    fn part(sender: u32, crossed: u64, value: f32) -> Part {
-        Part {
+    fn part(sender: u32, crossed: u64, value: f32) -> LinkTerm {
+        LinkTerm {
             sender,
             crossed,
             value: Vec3A::new(value, 0.0, 2.0 * value),

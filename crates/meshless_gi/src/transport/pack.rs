@@ -1,6 +1,6 @@
 //! Packing of rows into eight bytes per link, and the error that it causes.
 
-use super::occluded_links::{Part, UnindexedLinkTerm, link_of_parts, pack_parts};
+use super::occluded_links::{LinkTerm, UnindexedLinkTerm, link_of_parts, pack_parts};
 use super::refine::RawRow;
 use super::{Link, Operator, Row, SenderForm, row_order};
 use crate::scene::SkyRadiance;
@@ -95,7 +95,7 @@ pub fn pack(
 }
 
 /// Terms of the link to `sender` in a row.
-fn parts_of(parts: &[Part], sender: u32) -> &[Part] {
+fn parts_of(parts: &[LinkTerm], sender: u32) -> &[LinkTerm] {
     let first = parts.partition_point(|p| p.sender < sender);
     let own = &parts[first..];
     &own[..own.partition_point(|p| p.sender == sender)]
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn packed_row_scale_follows_largest_term() {
-        let part = Part {
+        let part = LinkTerm {
             sender: 3,
             crossed: 1,
             value: Vec3A::new(-0.6, 0.2, 0.0),

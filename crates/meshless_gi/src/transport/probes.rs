@@ -18,7 +18,7 @@
 
 use super::bounded_truncation::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
-use super::occluded_links::{Part, merge_parts};
+use super::occluded_links::{LinkTerm, merge_parts};
 use super::{RawRow, SenderTree, Training};
 use crate::basis::WeightEntry;
 use crate::samples::{Random, lattice, uniform_sphere};
@@ -237,7 +237,7 @@ fn one(
 /// Adds the terms of a probe's links to `sender` that cross occluders.
 fn note(rows: &mut [RawRow; PROBE_ROWS], sender: u32, crossed: u64, values: &[Vec3A; PROBE_ROWS]) {
     for (row, &value) in rows.iter_mut().zip(values) {
-        row.parts.push(Part {
+        row.parts.push(LinkTerm {
             sender,
             crossed,
             value,

@@ -2,7 +2,7 @@
 
 use super::bounded_truncation::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, gather};
-use super::occluded_links::{Part, cut_parts};
+use super::occluded_links::{LinkTerm, cut_parts};
 use super::pca::{CompressScratch, LightBasis};
 use super::quantized_row::QuantizedRow;
 use super::refine::RawRow;
@@ -110,7 +110,11 @@ impl ReceiverLevel<'_> {
     }
 
     /// Truncates the gathered row: its links, and their terms by occluders.
-    fn truncate(&self, n: Vec3A, scratch: &mut ReceiverScratch) -> (Vec<(u32, Vec3A)>, Vec<Part>) {
+    fn truncate(
+        &self,
+        n: Vec3A,
+        scratch: &mut ReceiverScratch,
+    ) -> (Vec<(u32, Vec3A)>, Vec<LinkTerm>) {
         let ReceiverScratch {
             gathered,
             cut,

@@ -15,7 +15,7 @@
 use super::added_level::add_level;
 use super::bounded_truncation::{CutMeasure, SenderTree};
 use super::gather::{GatherScene, GatherSettings};
-use super::occluded_links::Part;
+use super::occluded_links::LinkTerm;
 use super::pca::LightBasis;
 use super::quantized_row::QuantizedRow;
 use super::receiver::{ReceiverLevel, ReceiverRow, ReceiverScratch};
@@ -34,7 +34,7 @@ pub struct RawRow {
     pub links: Vec<(u32, Vec3A)>,
     /// Terms of the links, the sky and its terms that cross occluders, in ascending order of
     /// senders, then of occluders.
-    pub parts: Vec<Part>,
+    pub parts: Vec<LinkTerm>,
     /// `false` if the point takes its value from its parents.
     pub active: bool,
 }

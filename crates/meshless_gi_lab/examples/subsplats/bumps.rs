@@ -3,7 +3,7 @@
 //! Eq. (3).
 
 use super::experiments::SMALL;
-use super::subsplat_support::{Measured, Stage, View, from};
+use super::subsplat_support::{LitScene, Measured, View, from};
 use glam::Vec3;
 use meshless_gi::internals::frame::subsplat::state;
 use meshless_gi::internals::frame::{SubsplatNode, VectorIrradiance, gbuffer, splat, subsplats};
@@ -115,7 +115,7 @@ fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Meas
 }
 
 pub fn measure() -> Vec<Bumpy> {
-    let stage = Stage::made("bumps", scene(), light);
+    let stage = LitScene::made("bumps", scene(), light);
     let eye = Vec3::ZERO;
     let mut view = View::new(&stage, eye, Vec3::NEG_Z, SMALL);
     bump(&mut view);

@@ -3,7 +3,7 @@
 
 use super::bumps::{self, Bumpy};
 use super::gloss;
-use super::subsplat_support::{Measured, Stage, View};
+use super::subsplat_support::{LitScene, Measured, View};
 use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::error::Error;
 
@@ -80,7 +80,7 @@ fn mean(all: &[Measured], of: impl Fn(&Measured) -> f64) -> f64 {
     all.iter().map(of).sum::<f64>() / all.len().max(1) as f64
 }
 
-pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
+pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
     let last = stages.last().ok_or("no level")?;
     let bumpy = bumps::measure();
     eprintln!("bumps are measured");
@@ -159,7 +159,7 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
 }
 
 /// From the first view to the second, looking from target to target.
-fn path(stage: &Stage) -> Vec<View<'_>> {
+fn path(stage: &LitScene) -> Vec<View<'_>> {
     let [(a, at), (b, bt), _] = stage.level.views;
     let position = |k: u32| {
         let t = k as f32 / (PLACES - 1) as f32;
@@ -168,7 +168,7 @@ fn path(stage: &Stage) -> Vec<View<'_>> {
     (0..PLACES).map(position).collect()
 }
 
-fn along(stage: &Stage) -> Vec<Pair> {
+fn along(stage: &LitScene) -> Vec<Pair> {
     let views = path(stage);
     let with = |settings: &SubsplatSettings, step: usize| -> Vec<Measured> {
         let chosen = views.iter().step_by(step);

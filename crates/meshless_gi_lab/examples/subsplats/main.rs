@@ -20,7 +20,7 @@ use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 use meshless_gi::{BakedScene, Limits, Progress, Recipe, bake_scene};
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use subsplat_support::{Level, Stage, clutter};
+use subsplat_support::{Level, LitScene, clutter};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let usage = "usage: subsplats -o FOLDER [--bakes FOLDER] [LEVEL_FOLDER...]";
@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut stages = Vec::new();
     for level in levels {
         let scene = baked(&level, bakes.as_deref())?;
-        stages.push(Stage::new(level, scene));
+        stages.push(LitScene::new(level, scene));
     }
     let names: Vec<&str> = stages.iter().map(|s| s.level.name.as_str()).collect();
     eprintln!("{} are lit", names.join(", "));

@@ -240,8 +240,9 @@ pub fn solve_in(
         let field = basis.fit(&samples)?;
         let lit: [Vec<(DVec3, DVec3, f64)>; 2] = [0, 1].map(|k| {
             let values = evaluate(&field, &grid[k]);
-            let samples = grid[k].iter().zip(values);
-            samples
+            grid[k]
+                .iter()
+                .zip(values)
                 .map(|(p, v)| {
                     let leaves = v.map_or(0.0, |v| v.x) * p.area;
                     (p.x.as_dvec3(), p.n.as_dvec3(), leaves)
@@ -289,7 +290,7 @@ pub fn compare_bases(
     solved: bool,
     seed: u64,
 ) -> Result<Vec<ComparisonRow>, PointBasisError> {
-    let samples = grid(&known.scene);
+    let grid = grid(&known.scene);
     let total = |site: Site| truth.total(site);
     let indirect = |site: Site| truth.indirect(site);
     let mut rows = Vec::new();
@@ -298,10 +299,10 @@ pub fn compare_bases(
         let points = set.points(which);
         let mut add = |samples: &[PointSample], quantities: &[Quantity]| {
             let field = basis.fit(samples)?;
-            let found = [evaluate(&field, &samples[0]), evaluate(&field, &samples[1])];
+            let found = [evaluate(&field, &grid[0]), evaluate(&field, &grid[1])];
             for (channel, &quantity) in quantities.iter().enumerate() {
                 let right: &dyn Fn(Site) -> f64 = if channel == 0 { &total } else { &indirect };
-                let errors = |k: usize| errors_of(&samples[k], &found[k], channel, right);
+                let errors = |k: usize| errors_of(&grid[k], &found[k], channel, right);
                 rows.push(ComparisonRow {
                     basis: which,
                     spacing: set.spacing,

@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 /// A level's part of a document.
 #[derive(Clone, Debug)]
-pub struct Part {
+pub struct SceneSection {
     /// The level's name.
     pub name: String,
     /// Measurements.
@@ -26,7 +26,7 @@ pub struct Part {
 
 /// The whole document. `command` is what printed it.
 #[must_use]
-pub fn document(parts: &[Part], command: &str) -> String {
+pub fn document(parts: &[SceneSection], command: &str) -> String {
     let mut out = format!(
         "# Cost of accuracy\n\n\
          Made by one command:\n\n\
@@ -53,7 +53,7 @@ pub fn document(parts: &[Part], command: &str) -> String {
 }
 
 /// A variant that every level has: what can be advised for levels that are not here.
-fn everywhere<'a>(parts: &'a [Part], like: &Row) -> Option<Vec<&'a Row>> {
+fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>> {
     let same = |row: &&Row| how(row) == how(like) && comparable(row);
     parts
         .iter()
@@ -62,7 +62,7 @@ fn everywhere<'a>(parts: &'a [Part], like: &Row) -> Option<Vec<&'a Row>> {
 }
 
 /// Recommended choices for any scene, and for each of these.
-fn advice(parts: &[Part]) -> String {
+fn advice(parts: &[SceneSection]) -> String {
     let mut out = String::new();
     let Some(first) = parts.first() else {
         return "Nothing was measured.\n".into();
@@ -153,7 +153,7 @@ fn advice(parts: &[Part]) -> String {
 }
 
 /// The two rules on all levels, in a table.
-fn rules(parts: &[Part]) -> String {
+fn rules(parts: &[SceneSection]) -> String {
     let mut out = "Method `bounded` relative to `l08`, over the Pareto front of `l08` (below 1 `bounded` is better):\n\n\
      | scene | links at equal error | error at equal links |\n\
      |---|---|---|\n"

@@ -20,7 +20,7 @@ mod test_set;
 mod variant;
 
 pub use charts::{Figure, figures};
-pub use document::{Part, document};
+pub use document::{SceneSection, document};
 pub use markdown::{beside_bases, choice, section, text};
 pub use measure::{Beside, Row, RowSettings};
 pub use octree::beside_octree;

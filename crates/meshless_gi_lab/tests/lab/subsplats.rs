@@ -17,7 +17,7 @@ use meshless_gi::{
 };
 use meshless_gi_lab::accuracy::RaycastView;
 use std::sync::atomic::{AtomicU32, Ordering};
-use subsplat_support::{Level, Source, Stage, View, clutter, from};
+use subsplat_support::{Level, LitScene, Source, View, clutter, from};
 
 const SIZE: [u32; 2] = [480, 270];
 /// Halves round by a part of 2048, of the vector's length.
@@ -52,8 +52,8 @@ fn wall() -> Quad {
     )
 }
 
-fn ahead(mesh: TriangleMesh, light: fn(Vec3) -> VectorIrradiance) -> Stage {
-    Stage::made("made", mesh, light)
+fn ahead(mesh: TriangleMesh, light: fn(Vec3) -> VectorIrradiance) -> LitScene {
+    LitScene::made("made", mesh, light)
 }
 
 fn floor() -> TriangleMesh {
@@ -116,7 +116,7 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
 
 /// FLIP and share at most these; without refinement by depth, normal and light the picture is far
 /// worse.
-fn holds(stage: &Stage, views: &[usize], flip: f32, share: f64) {
+fn holds(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
     for &i in views {
         let view = stage.view(i, SIZE);
         let settings = SubsplatSettings::default();
@@ -152,7 +152,7 @@ fn holds(stage: &Stage, views: &[usize], flip: f32, share: f64) {
     }
 }
 
-fn published(name: &str) -> Stage {
+fn published(name: &str) -> LitScene {
     let level = Level::read(&meshless_gi_lab::fixtures::data::published(name))
         .expect("a level")
         .expect("with views");
@@ -161,7 +161,7 @@ fn published(name: &str) -> Stage {
         ..Recipe::default()
     };
     let baked = bake_scene(&level.mesh, &recipe, 0, &Progress::default()).expect("a bake");
-    Stage::new(level, baked.scene)
+    LitScene::new(level, baked.scene)
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn subsplats_in_open_rooms_match_full_resolution_in_motion() {
 #[test]
 fn subsplats_in_clutter_match_full_resolution_in_motion() {
     let level = clutter();
-    let stage = Stage {
+    let stage = LitScene {
         level,
         source: Source::Made(sloping),
     };
@@ -191,7 +191,7 @@ fn subsplats_in_clutter_match_full_resolution_in_motion() {
 /// frame to the next than it does at full resolution, in parts of white: what a picture of
 /// subsplats flickers by. The largest of all, the largest but for one position in a thousand, and
 /// the root mean square.
-fn pops_at_most(stage: &Stage, i: usize, largest: f32, max: f32, rms: f64) {
+fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
     let (eye, target) = stage.level.views[i];
@@ -409,7 +409,7 @@ fn subsplats_of_sky_are_zero_without_evaluation() {
 #[test]
 fn subsplats_divide_cells_diagonal_to_edge() {
     let level = clutter();
-    let stage = Stage {
+    let stage = LitScene {
         level,
         source: Source::Made(even),
     };
@@ -569,7 +569,7 @@ fn detail_test_matches_equation_3_at_grazing_angles() {
 
 #[test]
 fn subsplats_of_any_settings_and_sizes_stay_finite() {
-    let stage = Stage {
+    let stage = LitScene {
         level: clutter(),
         source: Source::Made(sloping),
     };
@@ -640,7 +640,7 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
 /// One wrong node among ten thousand.
 #[test]
 fn subsplat_comparison_detects_one_wrong_node() {
-    let stage = Stage {
+    let stage = LitScene {
         level: clutter(),
         source: Source::Made(sloping),
     };

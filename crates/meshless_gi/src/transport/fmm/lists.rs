@@ -123,7 +123,7 @@ enum Kind {
 }
 
 #[derive(Default)]
-struct Found {
+struct InteractionLists {
     entries: Vec<(Kind, u32, Entry)>,
     counts: ListCounts,
 }
@@ -164,7 +164,7 @@ pub fn lists(
         s_to_r: products + 3.0 * count(p) as f64,
         point: 2.0 * count(p) as f64,
     };
-    let mut parts = vec![Found::default()];
+    let mut parts = vec![InteractionLists::default()];
     let mut pairs: Vec<Pair> = match tree.nodes.is_empty() {
         true => Vec::new(),
         false => vec![(0, 0)],
@@ -176,10 +176,10 @@ pub fn lists(
         }
         pairs = below;
     }
-    let found: Vec<Found> = pairs
+    let found: Vec<InteractionLists> = pairs
         .par_iter()
         .map(|&pair| {
-            let mut found = Found::default();
+            let mut found = InteractionLists::default();
             let mut stack = vec![pair];
             while let Some(pair) = stack.pop() {
                 search.step(pair, &mut found, &mut stack);
@@ -213,7 +213,7 @@ pub fn lists(
 
 impl Search<'_> {
     /// Decides a pair, or lists the pairs into which it is divided.
-    fn step(&self, (t, s): Pair, out: &mut Found, below: &mut Vec<Pair>) {
+    fn step(&self, (t, s): Pair, out: &mut InteractionLists, below: &mut Vec<Pair>) {
         let tree = self.tree;
         let (nt, ns) = (&tree.nodes[t as usize], &tree.nodes[s as usize]);
         if nt.receivers == 0 || ns.sources == 0 {
@@ -299,7 +299,7 @@ impl Search<'_> {
 
     /// Puts a pair on a list, or finds that nothing is to be put; false where it is to be divided
     /// for what lies between.
-    fn take(&self, kind: Kind, (t, s): Pair, whole: bool, out: &mut Found) -> bool {
+    fn take(&self, kind: Kind, (t, s): Pair, whole: bool, out: &mut InteractionLists) -> bool {
         let mut weight = 1.0;
         if let Some(visibility) = &self.visibility {
             let (part, rays) = visibility.part(self.tree, t as usize, s as usize);

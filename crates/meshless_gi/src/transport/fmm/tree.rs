@@ -140,7 +140,7 @@ pub struct Tree {
 
 /// Kind of the next division of a node.
 #[derive(Clone, Copy)]
-enum Stage {
+enum Division {
     /// Into the faces of the cube of directions.
     Faces,
     /// A face into nine.
@@ -244,7 +244,7 @@ impl Tree {
     fn divide(&mut self, leaf: usize) {
         let whole = 0..self.points.len();
         self.nodes.push(node_of(&self.points, whole, 0));
-        let mut level = vec![(0u32, Stage::Faces)];
+        let mut level = vec![(0u32, Division::Faces)];
         while !level.is_empty() {
             self.level_starts.push(self.nodes.len() as u32);
             let mut below = Vec::new();
@@ -255,7 +255,7 @@ impl Tree {
             let (points, first) = (&self.points, self.nodes.len());
             let made: Vec<_> = below
                 .par_iter()
-                .map(|(range, parent, _): &(Range<usize>, u32, Stage)| {
+                .map(|(range, parent, _): &(Range<usize>, u32, Division)| {
                     node_of(points, range.clone(), *parent)
                 })
                 .collect();
@@ -272,15 +272,15 @@ impl Tree {
     fn divide_node(
         &mut self,
         at: usize,
-        stage: Stage,
+        stage: Division,
         leaf: usize,
-        below: &mut Vec<(Range<usize>, u32, Stage)>,
+        below: &mut Vec<(Range<usize>, u32, Division)>,
     ) {
         let node = self.nodes[at];
         // Directions come first: after them, space only. Narrow nodes need none.
         let narrow = node.spread * node.spread <= 2.0 - 2.0 * NARROW;
         let mut stage = match stage {
-            Stage::Faces | Stage::Parts if narrow => Stage::Space(DVec3::ZERO, 1.0, 0),
+            Division::Faces | Division::Parts if narrow => Division::Space(DVec3::ZERO, 1.0, 0),
             other => other,
         };
         if node.len() <= leaf {
@@ -288,15 +288,15 @@ impl Tree {
         }
         let range = node.points();
         loop {
-            if let Stage::Space(_, _, depth) = stage
+            if let Division::Space(_, _, depth) = stage
                 && (depth >= DEEPEST || node.radius == 0.0)
             {
                 return;
             }
             let key = |p: &TreePoint| match stage {
-                Stage::Faces => face(p.normal),
-                Stage::Parts => part(p.normal),
-                Stage::Space(corner, side, _) => octant(p.position, corner, side),
+                Division::Faces => face(p.normal),
+                Division::Parts => part(p.normal),
+                Division::Space(corner, side, _) => octant(p.position, corner, side),
             };
             let mut counts = [0usize; 10];
             for p in &self.points[range.clone()] {
@@ -306,12 +306,12 @@ impl Tree {
                 counts[k + 1] += counts[k];
             }
             let next = |k: usize| match stage {
-                Stage::Faces => Stage::Parts,
-                Stage::Parts => Stage::Space(DVec3::ZERO, 1.0, 0),
-                Stage::Space(corner, side, depth) => {
+                Division::Faces => Division::Parts,
+                Division::Parts => Division::Space(DVec3::ZERO, 1.0, 0),
+                Division::Space(corner, side, depth) => {
                     let bit = |b: usize| if k & b != 0 { 0.5 * side } else { 0.0 };
                     let corner = corner + DVec3::new(bit(1), bit(2), bit(4));
-                    Stage::Space(corner, 0.5 * side, depth + 1)
+                    Division::Space(corner, 0.5 * side, depth + 1)
                 }
             };
             // All in one part: no node of its own, the part is divided at once.
