@@ -113,7 +113,7 @@ impl SceneDescription {
         for (i, value) in raw.lights.into_iter().enumerate() {
             let wrong = |reason: String| SceneError::Value {
                 file: file.into(),
-                position: format!("lights[{i}]"),
+                location: format!("lights[{i}]"),
                 reason,
             };
             let raw: RawLight = serde_json::from_value(value).map_err(|e| wrong(e.to_string()))?;
@@ -126,7 +126,7 @@ impl SceneDescription {
     }
 }
 
-fn position(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
+fn finite_vector(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
     let v = Vec3::from_array(v);
     v.is_finite()
         .then_some(v)
@@ -134,13 +134,13 @@ fn position(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
 }
 
 fn unit(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
-    let v = position(name, v)?;
+    let v = finite_vector(name, v)?;
     v.try_normalize()
         .ok_or_else(|| format!("{name} has no length"))
 }
 
 fn strength(name: &str, v: [f32; 3]) -> Result<Vec3, String> {
-    let v = position(name, v)?;
+    let v = finite_vector(name, v)?;
     (v.min_element() >= 0.0)
         .then_some(v)
         .ok_or_else(|| format!("{name} is negative: {v}"))
@@ -161,7 +161,7 @@ fn light(raw: RawLight) -> Result<Light, String> {
             intensity,
             range,
         } => Light::Point {
-            position: position("position", position)?,
+            position: finite_vector("position", position)?,
             intensity: strength("intensity", intensity)?,
             range: reach(range)?,
         },
@@ -179,7 +179,7 @@ fn light(raw: RawLight) -> Result<Light, String> {
                 ));
             }
             Light::Spot {
-                position: position("position", position)?,
+                position: finite_vector("position", position)?,
                 direction: unit("direction", direction)?,
                 intensity: strength("intensity", intensity)?,
                 inner: inner_deg.to_radians(),
@@ -200,12 +200,12 @@ fn light(raw: RawLight) -> Result<Light, String> {
             v,
             radiance,
         } => {
-            let (u, v) = (position("u", u)?, position("v", v)?);
+            let (u, v) = (finite_vector("u", u)?, finite_vector("v", v)?);
             if u.cross(v).length() <= 0.0 {
                 return Err("u and v span no area".into());
             }
             Light::Rect {
-                center: position("center", center)?,
+                center: finite_vector("center", center)?,
                 u,
                 v,
                 radiance: strength("radiance", radiance)?,
@@ -242,7 +242,7 @@ fn light(raw: RawLight) -> Result<Light, String> {
         } => {
             let mut radiance: SkyRadiance = strength("harmonics[0]", mean)?.into();
             for (k, term) in terms.into_iter().enumerate() {
-                radiance.terms[k] = position(&format!("harmonics[{}]", k + 1), term)?;
+                radiance.terms[k] = finite_vector(&format!("harmonics[{}]", k + 1), term)?;
             }
             Light::Sky { radiance }
         }

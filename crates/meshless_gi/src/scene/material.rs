@@ -124,11 +124,10 @@ impl Texture {
         (a * (1.0 - f.x) + b * f.x) * (1.0 - f.y) + (c * (1.0 - f.x) + d * f.x) * f.y
     }
 
-    /// False only where no texel that a triangle with these coordinates can see has an alpha of at
-    /// least `min`: the box around the triangle is looked at, and a box of very many texels is
-    /// taken to hold one.
+    /// Returns `false` only if no texel in the bounding box of these coordinates has an alpha of
+    /// `min_alpha` or more. A box of very many texels returns `true`.
     #[must_use]
-    pub fn may_reach_alpha(&self, corners: [Vec2; 3], min: f32) -> bool {
+    pub fn may_reach_alpha(&self, corners: [Vec2; 3], min_alpha: f32) -> bool {
         const MAX: i64 = 1 << 14;
         let size = Vec2::new(self.width as f32, self.height as f32);
         let corners = corners.map(|uv| uv * size - Vec2::splat(0.5));
@@ -144,7 +143,7 @@ impl Texture {
         if (x1 - x0 + 1).saturating_mul(y1 - y0 + 1) > MAX {
             return true;
         }
-        (y0..=y1).any(|y| (x0..=x1).any(|x| f32::from(self.texel(x, y)[3]) / 255.0 >= min))
+        (y0..=y1).any(|y| (x0..=x1).any(|x| f32::from(self.texel(x, y)[3]) / 255.0 >= min_alpha))
     }
 
     /// Adds everything that a bake reads of it to `hasher`.

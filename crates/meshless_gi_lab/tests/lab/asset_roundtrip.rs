@@ -326,14 +326,14 @@ fn read_errors_name_cause() {
     flipped[40] ^= 1;
     assert!(matches!(
         read(&flipped),
-        AssetError::Checksum { location: "header" }
+        AssetError::Checksum { section: "header" }
     ));
     let mut flipped = good.clone();
     *flipped.last_mut().unwrap() ^= 1;
     assert!(matches!(
         read(&flipped),
         AssetError::Checksum {
-            location: "light samples"
+            section: "light samples"
         }
     ));
     let small = Limits { max_bytes: 1000 };

@@ -408,7 +408,7 @@ fn pca_components_are_prefix_of_larger_bake() {
     let first = whole.truncated(9);
     assert_eq!(first.bytes(), fewer.bytes());
     let mut placed = first.clone();
-    let (basis, scales, words) = placed.position().unwrap();
+    let (basis, scales, words) = placed.layout().unwrap();
     assert_eq!(placed, first);
     let found = (
         first.basis.len(),
