@@ -7,18 +7,19 @@ use bevy::asset::RenderAssetUsages;
 use bevy::camera::{CameraOutputMode, RenderTarget};
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::{
-    Extent3d, PollType, TextureDimension, TextureFormat, TextureUsages,
+    BufferDescriptor, BufferUsages, CommandEncoderDescriptor, Extent3d, MapMode, PollType,
+    TexelCopyBufferInfo, TexelCopyBufferLayout, TextureDimension, TextureFormat, TextureUsages,
 };
-use bevy::render::renderer::RenderDevice;
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+use bevy::render::texture::GpuImage;
+use bevy::render::{RenderApp, RenderPlugin};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_meshless_gi::prelude::*;
 use half::f16;
-use std::sync::{Arc, Mutex};
 
 /// Edges of the pictures, in pixels. 8 bytes a pixel make rows of a multiple of 256 bytes, as
 /// read-back needs them.
@@ -134,38 +135,48 @@ pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
     )
 }
 
-/// The target's pixels after the next frames.
+/// The target's pixels after the next frame.
 pub fn picture(app: &mut App, target: &Handle<Image>) -> Picture {
-    let bytes = Arc::new(Mutex::new(None));
-    let sink = bytes.clone();
-    let readback = app
-        .world_mut()
-        .spawn(Readback::texture(target.clone()))
-        .observe(move |event: On<ReadbackComplete>| {
-            *sink.lock().unwrap() = Some(event.data.clone());
-        })
-        .id();
-    for _ in 0..20 {
-        run(app, 1);
-        if bytes.lock().unwrap().is_some() {
-            break;
-        }
-    }
-    app.world_mut().despawn(readback);
-    let bytes = bytes
-        .lock()
-        .unwrap()
-        .take()
-        .expect("the picture arrives; a validation error stops the renderer");
+    run(app, 1);
+    drawn(app, target)
+}
+
+/// The target's pixels after the last frame.
+pub fn drawn(app: &App, target: &Handle<Image>) -> Picture {
+    let world = app.sub_app(RenderApp).world();
+    let images = world.resource::<RenderAssets<GpuImage>>();
+    let texture = &images.get(target).expect("the target is drawn").texture;
+    let (width, height) = (texture.width(), texture.height());
+    let bytes = u64::from(8 * width * height);
+    let device = world.resource::<RenderDevice>().wgpu_device();
+    let buffer = device.create_buffer(&BufferDescriptor {
+        label: None,
+        size: bytes,
+        usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+    let rows = TexelCopyBufferInfo {
+        buffer: &buffer,
+        layout: TexelCopyBufferLayout {
+            bytes_per_row: Some(8 * width),
+            ..default()
+        },
+    };
+    encoder.copy_texture_to_buffer(texture.as_image_copy(), rows, texture.size());
+    world.resource::<RenderQueue>().submit([encoder.finish()]);
+    buffer.map_async(MapMode::Read, .., |result| {
+        result.expect("the buffer is mapped")
+    });
+    device
+        .poll(PollType::wait_indefinitely())
+        .expect("the device answers");
+    let bytes = buffer.get_mapped_range(..).to_vec();
     let half = |at: usize| f16::from_le_bytes([bytes[at], bytes[at + 1]]).to_f32();
-    let images = app.world().resource::<Assets<Image>>();
-    let size = images.get(target).expect("the target is there").size();
-    let (width, height) = (size.x as usize, size.y as usize);
-    assert_eq!(bytes.len(), 8 * width * height, "rows without padding");
     Picture {
-        width,
-        height,
-        pixels: (0..width * height)
+        width: width as usize,
+        height: height as usize,
+        pixels: (0..bytes.len() / 8)
             .map(|i| [half(8 * i), half(8 * i + 2), half(8 * i + 4)])
             .collect(),
     }

@@ -7,10 +7,9 @@ use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
-use meshless_gi::internals::scene::{BvhNode, BvhTriangle, MaterialTerms};
 use meshless_gi::{
-    BakeSource, BakedScene, Bounds, Bvh, CpuFrame, FrameLight, FrameSettings, Geometry, Hit, Light,
-    MaterialFactors, Progress, Ray, Recipe, Surface, bake,
+    BakedScene, Bounds, CpuFrame, FrameLight, FrameSettings, Geometry, Hit, Light, Material,
+    Progress, Ray, Recipe, Surface, TriangleMesh, bake_scene,
 };
 use std::sync::{Arc, OnceLock};
 
@@ -88,7 +87,8 @@ impl Room {
         )
     }
 
-    fn triangles(&self) -> Vec<[Vec3; 3]> {
+    /// The room as a bake reads it: two triangles per quad, and a material of its own.
+    pub fn mesh(&self) -> TriangleMesh {
         let halves = |q: &Quad| {
             let [a, b, c, d] = [
                 q.corner,
@@ -98,31 +98,15 @@ impl Room {
             ];
             [[a, b, c], [a, c, d]]
         };
-        self.0.iter().flat_map(halves).collect()
-    }
-
-    /// One leaf: there are twenty triangles.
-    fn bvh(&self) -> Bvh {
-        let bounds = self.bounds();
-        let triangles: Vec<BvhTriangle> = self
-            .triangles()
-            .iter()
-            .map(|[a, b, c]| BvhTriangle {
-                a: a.to_array(),
-                b: b.to_array(),
-                c: c.to_array(),
-                ..BvhTriangle::default()
-            })
-            .collect();
-        Bvh {
-            nodes: vec![BvhNode {
-                min: (bounds.min - 1e-4).to_array(),
-                first: 0,
-                max: (bounds.max + 1e-4).to_array(),
-                count: triangles.len() as u32,
-            }],
-            triangles,
-        }
+        let material = |(k, q): (usize, &Quad)| Material {
+            name: format!("quad {k}"),
+            ..Material::diffuse(q.color)
+        };
+        TriangleMesh::new(
+            self.0.iter().flat_map(halves).collect(),
+            (0..2 * self.0.len() as u32).map(|i| i / 2).collect(),
+            self.0.iter().enumerate().map(material).collect(),
+        )
     }
 
     /// Bakes it, roughly: what is compared is two executors of one bake, not the bake with the
@@ -141,15 +125,8 @@ impl Room {
 
     /// Bakes it as a recipe says.
     pub fn bake_as(&self, recipe: &Recipe) -> Arc<BakedScene> {
-        let source = BakeSource {
-            geometry: self,
-            bvh: self.bvh(),
-            primitives: 2 * self.0.len() as u64,
-            content_hash: [7; 32],
-            occluders: Vec::new(),
-        };
-        let baked = bake(&source, recipe, &Progress::default()).expect("the room bakes");
-        Arc::new(baked.scene)
+        let baked = bake_scene(&self.mesh(), recipe, 0, &Progress::default());
+        Arc::new(baked.expect("the room bakes").scene)
     }
 
     /// Spawns the room's surfaces under `root`: rough, without reflections.
@@ -255,26 +232,6 @@ impl Geometry for Room {
             emission: Vec3::ZERO,
             front,
         }
-    }
-
-    /// A quad is its own material.
-    fn material_terms(&self, _ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
-        Some(MaterialTerms {
-            material: hit.primitive,
-            albedo: Vec3::ONE,
-            emission: Vec3::ONE,
-        })
-    }
-
-    fn materials(&self) -> Vec<(String, MaterialFactors)> {
-        let factors = |q: &Quad| MaterialFactors {
-            base_color: q.color.to_array(),
-            emissive: [0.0; 3],
-        };
-        let named = self.0.iter().enumerate();
-        named
-            .map(|(k, q)| (format!("quad {k}"), factors(q)))
-            .collect()
     }
 }
 
