@@ -189,11 +189,11 @@ fn the_tool_takes_points(rule: &str) {
     tool(&["validate", &at("one.mgi"), "--level", &ply], 0);
     let spot = r#"{"type":"spot","position":[2.78,5.4,2.795],"direction":[0,-1,0],"intensity":[10,9,7],"inner_deg":45,"outer_deg":65}"#;
     let sky = r#"{"type":"sky","radiance":[0.1,0.1,0.1]}"#;
-    fs::write(
-        at("s.json"),
-        format!(r#"{{"geometry":[{{"file":"box.ply"}}],"lights":[{spot},{sky}]}}"#),
-    )
-    .unwrap();
+    let scene =
+        |lights: &str| format!(r#"{{"geometry":[{{"file":"box.ply"}}],"lights":[{lights}]}}"#);
+    fs::write(at("s.json"), scene(&format!("{spot},{sky}"))).unwrap();
+    // No random numbers take part in the direct light of a spot light.
+    fs::write(at("spot.json"), scene(spot)).unwrap();
     fs::write(
         at("p.csv"),
         "px,py,pz,nx,ny,nz\n2.0,0,4.0,0,1,0\n5.5,3,3,-1,0,0\n",
@@ -234,7 +234,7 @@ fn the_tool_takes_points(rule: &str) {
             "illuminate",
             &at("one.mgi"),
             "--scene",
-            &at("s.json"),
+            &at("spot.json"),
             "--irradiance",
             "-o",
             &at(out),
@@ -270,7 +270,7 @@ fn the_tool_takes_points(rule: &str) {
             "eval",
             &at("one.mgi"),
             "--scene",
-            &at("s.json"),
+            &at("spot.json"),
             "--points",
             &at("all.csv"),
             "-o",

@@ -107,8 +107,8 @@ fn closed_point_rooms_conserve_energy() {
     for albedo in [0.5f32, 0.9] {
         let power = 4.0 * PI * f64::from(INTENSITY);
         for (what, points, area, [off, uneven]) in [
-            ("ball", ball(0.04, albedo), 4.0 * PI, [0.02, 0.02]),
-            ("cube", cube(0.04, albedo), 24.0, [0.02, f64::INFINITY]),
+            ("ball", ball(0.06, albedo), 4.0 * PI, [0.02, 0.02]),
+            ("cube", cube(0.06, albedo), 24.0, [0.02, f64::INFINITY]),
         ] {
             let cloud = PointCloud::new(points, &[]).expect("a cloud");
             let right = closed_form::enclosure_reflected(power / area, albedo.into(), None);
