@@ -179,7 +179,7 @@ impl Shown {
     fn twin(
         &self,
         position: Vec3,
-        of: &FogVolume,
+        fog: &FogVolume,
         texture: Option<&dyn Fn(Vec3) -> f32>,
     ) -> Picture {
         let bake = bake();
@@ -213,12 +213,12 @@ impl Shown {
         let rgb = |c: Color| Vec3::from_array(c.to_linear().to_f32_array_no_alpha());
         let volume = Fog {
             world_from_local: (self.placed * fog_place()).to_matrix(),
-            color: rgb(of.fog_color) * rgb(of.light_tint) * of.light_intensity,
-            density: of.density_factor,
-            absorption: of.absorption,
-            scattering: of.scattering,
-            asymmetry: of.scattering_asymmetry,
-            texture: texture.map(|_| of.density_texture_offset),
+            color: rgb(fog.fog_color) * rgb(fog.light_tint) * fog.light_intensity,
+            density: fog.density_factor,
+            absorption: fog.absorption,
+            scattering: fog.scattering,
+            asymmetry: fog.scattering_asymmetry,
+            texture: texture.map(|_| fog.density_texture_offset),
         };
         let world_from_local = self.placed.to_matrix();
         let params = FogParams::new(&seen, &volume, &shape, bounds, &world_from_local, &[]);

@@ -481,7 +481,7 @@ fn sound_starts(weights: &Weights) -> bool {
 /// sum to one.
 fn check_sums(
     check: &mut Check,
-    location: &'static str,
+    name: &'static str,
     i: usize,
     row: &[crate::basis::WeightEntry],
     group: impl Fn(u32) -> Option<usize>,
@@ -489,12 +489,10 @@ fn check_sums(
     let sound = row
         .iter()
         .all(|w| (0.0..=1.0 + TOLERANCE).contains(&w.weight));
-    check.item(sound, location, i, || {
-        "a weight is not within 0 to 1".into()
-    });
+    check.item(sound, name, i, || "a weight is not within 0 to 1".into());
     for part in row.chunk_by(|a, b| group(a.index) == group(b.index)) {
         let sum: f32 = part.iter().map(|w| w.weight).sum();
-        check.item((sum - 1.0).abs() <= TOLERANCE, location, i, || {
+        check.item((sum - 1.0).abs() <= TOLERANCE, name, i, || {
             format!("weights sum to {sum}")
         });
     }
