@@ -437,7 +437,7 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
         change(&mut app, ball, entity);
         run(&mut app, 1);
         assert_eq!(ran(&app), [2, 1], "{name}");
-        run(&mut app, 20);
+        run(&mut app, 10);
         assert_eq!(ran(&app), [0, 1], "{name}");
     }
     let moved = picture(&mut app, &image);
