@@ -3,7 +3,7 @@
 //! Hot reload: if Bevy watches files and a `.mgi` file is baked again, the new bake replaces the
 //! old one in every scene with the handle. This happens in the frame in which it has loaded.
 
-use super::level_check::{GiStaleBakes, LevelChecker, LevelReports, warn_stale};
+use super::scene_check::{GiStaleBakes, SceneChecker, SceneReports, warn_stale};
 use super::{GiBakedSceneLoader, GiSystems};
 use bevy::app::{App, Last, Plugin};
 use bevy::asset::{Asset, AssetApp};
@@ -33,8 +33,8 @@ pub(crate) struct BakedAssetPlugin;
 
 impl Plugin for BakedAssetPlugin {
     fn build(&self, app: &mut App) {
-        let reports = LevelReports::default();
-        let checker = LevelChecker {
+        let reports = SceneReports::default();
+        let checker = SceneChecker {
             reports: reports.clone(),
             #[cfg(feature = "gltf")]
             folders: super::asset_folders::AssetFolders::of_app(app),
@@ -51,7 +51,7 @@ impl Plugin for BakedAssetPlugin {
 
 /// Registers all that bakes recipes.
 #[cfg(feature = "gltf")]
-fn build_recipes(app: &mut App, checker: &LevelChecker) {
+fn build_recipes(app: &mut App, checker: &SceneChecker) {
     use super::recipe_loader::{RECIPE_EXTENSION, RecipeInputLoader, RecipeInputs};
     use super::recipe_progress::{RecipeBakes, send_progress};
     use super::{GiBakeProcessor, GiRecipeLoader, GiRecipeProgress};

@@ -1,7 +1,7 @@
 //! Loader of `.mgi` files and of processed recipes.
 
 use super::asset::GiBakedScene;
-use super::level_check::{GiSceneCheck, LevelChecker};
+use super::scene_check::{GiSceneCheck, SceneChecker};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
 use bevy::reflect::prelude::*;
 use meshless_gi::{AssetError, BakedScene, Limits};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Loads `.mgi` files, and the outputs of the asset processor for recipes.
 #[derive(Clone, Debug, Default, TypePath)]
 pub struct GiBakedSceneLoader {
-    pub(crate) checker: LevelChecker,
+    pub(crate) checker: SceneChecker,
 }
 
 /// Settings of [`GiBakedSceneLoader`], for `.meta` files.

@@ -7,7 +7,7 @@
 //! | `point_cloud` | main, `Update` | inserts the meshes of point clouds |
 //! | `entity_bake` | main, `Last` | starts bakes of the meshes below roots with a request |
 //! | `validation` | main, `Last` | warns of light that counts twice |
-//! | `level_check` | main, `Last` | warns of bakes whose scene has changed since |
+//! | `scene_check` | main, `Last` | warns of bakes whose scene has changed since |
 //! | `check_display` | main, `Last` | warns of a bake that no camera displays |
 //! | `rsm` | main, `PostUpdate` | positions the cameras of reflective shadow maps |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
@@ -66,9 +66,6 @@ mod frame_stats;
 mod gizmos;
 mod gpu_timings;
 mod inventory;
-mod level_check;
-#[cfg(feature = "gltf")]
-mod level_files;
 mod light;
 mod loader;
 mod main_schedule;
@@ -96,6 +93,9 @@ mod render_state;
 mod rsm;
 mod rsm_render;
 mod scene;
+mod scene_check;
+#[cfg(feature = "gltf")]
+mod scene_files;
 mod scene_log;
 mod sets;
 mod settings;
@@ -129,7 +129,6 @@ pub use forward_camera::GiForwardCamera;
 pub use frame_record::FrameRecord;
 pub use frame_stats::{FramePass, FrameStats, GiFrameStats};
 pub use gizmos::GiGizmos;
-pub use level_check::{GiSceneCheck, GiStaleBakes};
 pub use light::GiLight;
 pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
 pub use materials::GiDynamicMaterials;
@@ -155,6 +154,7 @@ pub use reflector::GiReflector;
 pub use rsm::{GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER};
 pub use rsm_render::RsmSchedule;
 pub use scene::GiScene;
+pub use scene_check::{GiSceneCheck, GiStaleBakes};
 pub use sets::{GiRenderSystems, GiSystems};
 pub use settings::GiSettings;
 pub use sky::{GiSky, GiSkyError};

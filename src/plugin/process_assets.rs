@@ -21,12 +21,12 @@ use super::asset_folders::{base_folder, source_file};
 use super::bake_processor::GiBakeProcessor;
 use super::bake_store::BakeStore;
 use super::build_copy::{Action, Meta, copy_asset, meta_path, remove_asset, remove_orphans};
-use super::level_files::ReadFile;
 use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
 use super::recipe_loader::{
     GiBakeProcessorSettings, GiRecipeLoadError, RECIPE_EXTENSION, RecipeInputs,
 };
 use super::recipe_progress::RecipeBakes;
+use super::scene_files::ReadFile;
 use bevy::asset::AssetPath;
 use bevy::asset::meta::{
     AssetAction, AssetMeta, AssetMetaDyn, ProcessDependencyInfo, ProcessedInfo,

@@ -19,10 +19,10 @@ use super::asset::GiBakedScene;
 use super::asset_folders::AssetFolders;
 use super::background::Background;
 use super::bake_task::bake_threads;
-use super::level_check::{GiSceneCheck, LevelChecker};
-use super::level_files::{LevelFiles, ReadFile};
 use super::loader::{GiLoadError, read_bake};
 use super::recipe_progress::RecipeBakes;
+use super::scene_check::{GiSceneCheck, SceneChecker};
+use super::scene_files::{ReadFile, SceneFiles};
 use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathError};
 use bevy::log::{debug, info, warn};
@@ -67,7 +67,7 @@ pub enum GiRecipeLoadError {
     #[error(transparent)]
     Recipe(#[from] RecipeError),
     /// The recipe names no scene.
-    #[error("the recipe names no level: add `scene: \"level.glb\"`")]
+    #[error("the recipe names no scene: add `scene: \"level.glb\"`")]
     NoScene,
     /// A path that is none.
     #[error("`{path}` is no asset path: {source}")]
@@ -111,7 +111,7 @@ pub(crate) struct RecipeInputs {
     path: AssetPath<'static>,
     /// Scene file as the recipe names it.
     scene: String,
-    level: Arc<LevelFiles>,
+    files: Arc<SceneFiles>,
 }
 
 impl RecipeInputs {
@@ -124,13 +124,13 @@ impl RecipeInputs {
         let text = String::from_utf8(text).map_err(|_| GiRecipeLoadError::NotText)?;
         let recipe = Recipe::from_ron(&text)?;
         let scene = recipe.scene.clone().ok_or(GiRecipeLoadError::NoScene)?;
-        let level = LevelFiles::read(path, &scene, reader).await?;
+        let files = SceneFiles::read(path, &scene, reader).await?;
         Ok(Self {
             names_preset: recipe.target_nrmse.is_some() || names_preset(&text),
             recipe,
             path: path.clone(),
             scene,
-            level: Arc::new(level),
+            files: Arc::new(files),
         })
     }
 
@@ -139,7 +139,7 @@ impl RecipeInputs {
         let digest = fingerprint(&[
             self.scene.as_bytes(),
             canonical_recipe(&self.recipe).as_bytes(),
-            self.level.digest().as_bytes(),
+            self.files.digest().as_bytes(),
             &BAKE_VERSION.to_le_bytes(),
             &FORMAT_VERSION.to_le_bytes(),
         ]);
@@ -152,12 +152,12 @@ impl RecipeInputs {
         threads: usize,
         progress: &Progress,
     ) -> Result<BakedScene, GiRecipeLoadError> {
-        let level = self.level.mesh(&self.recipe.viewpoints)?;
-        let baked = bake_scene(&level, &self.recipe, threads, progress);
+        let mesh = self.files.mesh(&self.recipe.viewpoints)?;
+        let baked = bake_scene(&mesh, &self.recipe, threads, progress);
         let Baked {
             mut scene, stats, ..
         } = baked.map_err(|error| self.failed(error))?;
-        scene.info.level_digest = self.level.digest();
+        scene.info.level_digest = self.files.digest();
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
         Ok(scene)
     }
@@ -238,7 +238,7 @@ impl ReadFile for ContextReader<'_, '_> {
 pub struct GiRecipeLoader {
     pub(crate) bakes: RecipeBakes,
     pub(crate) folders: AssetFolders,
-    pub(crate) checker: LevelChecker,
+    pub(crate) checker: SceneChecker,
 }
 
 impl AssetLoader for GiRecipeLoader {

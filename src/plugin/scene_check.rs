@@ -61,7 +61,7 @@ impl GiStaleBakes {
 
 /// Comparisons on their way from loaders to the main world.
 #[derive(Resource, Clone, Debug, Default)]
-pub(crate) struct LevelReports(Arc<Mutex<Vec<LevelReport>>>);
+pub(crate) struct SceneReports(Arc<Mutex<Vec<LevelReport>>>);
 
 /// Comparison of one bake.
 #[derive(Clone, Debug)]
@@ -71,7 +71,7 @@ pub(crate) struct LevelReport {
     differs: Staleness,
 }
 
-impl LevelReports {
+impl SceneReports {
     fn push(&self, report: LevelReport) {
         self.0
             .lock()
@@ -86,13 +86,13 @@ impl LevelReports {
 
 /// Part of a loader that compares bakes with their scenes.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct LevelChecker {
-    pub reports: LevelReports,
+pub(crate) struct SceneChecker {
+    pub reports: SceneReports,
     #[cfg(feature = "gltf")]
     pub folders: super::asset_folders::AssetFolders,
 }
 
-impl LevelChecker {
+impl SceneChecker {
     /// Compares a bake that `context` loads with its scene, and reports the result. A scene that
     /// cannot be read or parsed is not compared.
     pub async fn check(&self, info: &BakeInfo, check: GiSceneCheck, context: &mut LoadContext<'_>) {
@@ -105,20 +105,20 @@ impl LevelChecker {
         let _ = check;
         #[cfg(feature = "gltf")]
         if check.is_on() {
-            return self.check_level(info, report, context).await;
+            return self.check_scene(info, report, context).await;
         }
         self.reports.push(report);
     }
 
     #[cfg(feature = "gltf")]
-    async fn check_level(
+    async fn check_scene(
         &self,
         info: &BakeInfo,
         mut report: LevelReport,
         context: &mut LoadContext<'_>,
     ) {
-        use super::level_files::LevelFiles;
         use super::recipe_loader::ContextReader;
+        use super::scene_files::SceneFiles;
         use bevy::log::debug;
         use meshless_gi::Recipe;
 
@@ -145,7 +145,7 @@ impl LevelChecker {
             context,
             folders: &self.folders,
         };
-        let files = match LevelFiles::read(&report.path, &level, &mut reader).await {
+        let files = match SceneFiles::read(&report.path, &level, &mut reader).await {
             Ok(files) => files,
             Err(error) => {
                 debug!("`{}` is not compared with its scene: {error}", report.path);
@@ -187,7 +187,7 @@ fn is_recipe(path: &AssetPath<'_>) -> bool {
 
 /// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn warn_stale(
-    reports: Res<LevelReports>,
+    reports: Res<SceneReports>,
     scenes: Query<(Entity, Option<&Name>, &GiScene)>,
     mut pending: Local<Vec<LevelReport>>,
     mut stale: ResMut<GiStaleBakes>,

@@ -24,7 +24,7 @@ pub(crate) trait ReadFile: Send {
 
 /// Bytes of a scene: its file, and every file that it names.
 #[derive(Debug)]
-pub(crate) struct LevelFiles {
+pub(crate) struct SceneFiles {
     /// Name in the recipe.
     name: String,
     bytes: Vec<u8>,
@@ -33,7 +33,7 @@ pub(crate) struct LevelFiles {
     files: BTreeMap<String, Result<Vec<u8>, String>>,
 }
 
-impl LevelFiles {
+impl SceneFiles {
     /// Reads the scene that `base` names by `name`, and every file that the scene names.
     pub async fn read(
         base: &AssetPath<'static>,
