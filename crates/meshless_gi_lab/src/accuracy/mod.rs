@@ -17,6 +17,7 @@ mod raycast_gbuffer;
 mod render;
 mod sphere_over_disk;
 mod statistical_test;
+mod visible_errors;
 
 pub use alternative_bases::{
     GaussianBasis, MultilevelBasis, PointBasis, PointBasisError, PointSample, ShepardBasis,
@@ -39,3 +40,4 @@ pub use raycast_gbuffer::RaycastView;
 pub use render::{Camera, Image, render};
 pub use sphere_over_disk::{Site, Solution, SphereOverDisk, SphereOverDiskError};
 pub use statistical_test::{Estimates, TestStatistics, test_equality};
+pub use visible_errors::{VisibleErrors, visible_errors};

@@ -51,21 +51,24 @@ impl Image {
     /// too bright is clipped.
     #[must_use]
     pub fn to_srgb8(&self, exposure: f32) -> Vec<u8> {
-        let encode = |linear: f32| {
-            let x = (linear * exposure).clamp(0.0, 1.0);
-            let x = if x <= 0.003_130_8 {
-                12.92 * x
-            } else {
-                1.055 * x.powf(1.0 / 2.4) - 0.055
-            };
-            // NaN becomes 0.
-            (255.0 * x).round() as u8
-        };
         self.pixels
             .iter()
-            .flat_map(|p| p.to_array().map(encode))
+            .flat_map(|p| srgb8(exposure * *p))
             .collect()
     }
+}
+
+/// 8-bit sRGB channels (IEC 61966-2-1) of a linear color, clipped to [0, 1]. NaN becomes 0.
+pub(super) fn srgb8(linear: Vec3) -> [u8; 3] {
+    linear.to_array().map(|x| {
+        let x = x.clamp(0.0, 1.0);
+        let x = if x <= 0.003_130_8 {
+            12.92 * x
+        } else {
+            1.055 * x.powf(1.0 / 2.4) - 0.055
+        };
+        (255.0 * x).round() as u8
+    })
 }
 
 /// Renders a picture with `samples` rays a pixel, jittered. `shade` gives the radiance at what a
