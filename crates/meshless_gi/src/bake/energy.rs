@@ -365,8 +365,8 @@ impl Senders {
                     let mut sum = 0.0;
                     let mut add = |k: usize, f: f64| {
                         sum += f.abs();
-                        if let (true, Some(index_of)) = (asked, index_of(k)) {
-                            from[index_of] += f;
+                        if let (true, Some(index)) = (asked, index_of(k)) {
+                            from[index] += f;
                         }
                     };
                     if averages {
@@ -381,11 +381,11 @@ impl Senders {
             .collect();
         let mut between = vec![vec![0.0; chosen]; chosen];
         for (j, (_, from)) in rows.iter().enumerate() {
-            if let (false, Some(index_of)) = (from.is_empty(), index_of(j)) {
+            if let (false, Some(index)) = (from.is_empty(), index_of(j)) {
                 // A sender of a coarser level represents four times the area.
                 let level = scene.level_starts.partition_point(|&s| s as usize <= j);
                 let area = 4f64.powi(scene.sender_levels as i32 - level as i32);
-                for (sum, f) in between[index_of].iter_mut().zip(from) {
+                for (sum, f) in between[index].iter_mut().zip(from) {
                     *sum += area * f;
                 }
             }

@@ -185,8 +185,8 @@ fn behind_walls(
         if leans(plane) && keeps_center && !occluders.contains(&plane) {
             occluders.push(plane);
         }
-        for sample in 0..BEHIND {
-            let across = wall.t + (radius - wall.t) * (sample as f32 + 0.5) / BEHIND as f32;
+        for k in 0..BEHIND {
+            let across = wall.t + (radius - wall.t) * (k as f32 + 0.5) / BEHIND as f32;
             let above = x_j + way * across + n_j * tall;
             let down = Ray::segment(above, -n_j, 2.0 * tall);
             *rays += 1;

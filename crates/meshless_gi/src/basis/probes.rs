@@ -105,14 +105,14 @@ fn planes_of(
         }
         hit.map(|hit| hit.t)
     };
-    let mut positions = Vec::new();
+    let mut samples = Vec::new();
     for y in around {
         let way = y - x;
         let length = way.length();
         if length < 1e-3 * radius {
             continue;
         }
-        positions.push(ClipSample {
+        samples.push(ClipSample {
             x: y,
             n: Vec3::ZERO,
             weight: kernel(length / radius),
@@ -124,7 +124,7 @@ fn planes_of(
         // A probe has no value inside of a wall, which no light reaches.
         if let Some(t) = look(way, radius, &mut candidates) {
             let length = 0.5 * (t + radius);
-            positions.push(ClipSample {
+            samples.push(ClipSample {
                 x: x + way * length,
                 n: Vec3::ZERO,
                 weight: kernel(length / radius),
@@ -133,7 +133,7 @@ fn planes_of(
         }
     }
     (
-        choose_planes(&mut positions, &[], &candidates, x, radius),
+        choose_planes(&mut samples, &[], &candidates, x, radius),
         rays,
     )
 }

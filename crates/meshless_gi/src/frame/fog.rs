@@ -127,7 +127,7 @@ impl FogParams {
     ) -> Self {
         // Worlds are large: what is near the eye is to be exact.
         let world_from_view = view.world_from_view.as_dmat4();
-        let seen = |position: &Mat4| position.as_dmat4().inverse() * world_from_view;
+        let seen = |transform: &Mat4| transform.as_dmat4().inverse() * world_from_view;
         let fog_from_view = seen(&fog.world_from_local).as_mat4();
         let voxels_from_view = Mat4::from_scale(1.0 / shape.voxel())
             * Mat4::from_translation(-shape.origin())

@@ -274,8 +274,8 @@ mod tests {
             let mut at = vec![None; (side * side) as usize];
             for y in 0..side {
                 for x in 0..side {
-                    let position = &mut at[hilbert_index(side, x, y) as usize];
-                    assert!(position.replace((x, y)).is_none());
+                    let cell = &mut at[hilbert_index(side, x, y) as usize];
+                    assert!(cell.replace((x, y)).is_none());
                 }
             }
             for pair in at.windows(2) {

@@ -122,10 +122,10 @@ impl PointTree {
             {
                 return;
             }
-            let position = out.partition_point(|n| n.square <= square);
+            let index = out.partition_point(|n| n.square <= square);
             out.truncate(count - 1);
             out.insert(
-                position,
+                index,
                 Neighbor {
                     index: entry.index,
                     square,

@@ -181,11 +181,11 @@ fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
             }
         }
     }
-    let min = (0..3).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
-    let axis = DVec3::new(axes[0][min], axes[1][min], axes[2][min]);
+    let smallest = (0..3).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
+    let axis = DVec3::new(axes[0][smallest], axes[1][smallest], axes[2][smallest]);
     (
         axis.try_normalize().map_or(Vec3::ZERO, DVec3::as_vec3),
-        m[min][min],
+        m[smallest][smallest],
     )
 }
 

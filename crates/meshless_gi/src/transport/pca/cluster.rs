@@ -198,10 +198,10 @@ mod tests {
         let one = cluster(&[(Vec3::ONE, Vec3::Y)], 1000, 0);
         assert_eq!((one.len(), one.members_of(0)), (1, &[0u32][..]));
         // All at one position: as many clusters as there are ways to face.
-        let position: Vec<_> = (0..10)
+        let positions: Vec<_> = (0..10)
             .map(|i| (Vec3::ZERO, [Vec3::X, -Vec3::X][i % 2]))
             .collect();
-        let two = cluster(&position, 1000, 0);
+        let two = cluster(&positions, 1000, 0);
         assert_eq!(two.len(), 2);
         assert!((0..2).all(|c| two.members_of(c).len() == 5));
         // More clusters than points cannot be.
