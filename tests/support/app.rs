@@ -2,7 +2,7 @@
 //! pictures.
 
 use super::flip::Picture;
-use bevy::app::PluginsState;
+use bevy::app::{PluginsState, TaskPoolOptions, TaskPoolThreadAssignmentPolicy};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::{CameraOutputMode, RenderTarget};
 use bevy::core_pipeline::tonemapping::Tonemapping;
@@ -41,6 +41,20 @@ pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
         .set(bevy::log::LogPlugin {
             filter: "warn,bevy_render=warn,wgpu=error".into(),
             ..default()
+        })
+        .set(TaskPoolPlugin {
+            task_pool_options: TaskPoolOptions {
+                // All apps of a program share the pool. One thread, as Bevy chooses on two cores,
+                // would run the systems of one test at a time.
+                compute: TaskPoolThreadAssignmentPolicy {
+                    min_threads: 3,
+                    max_threads: usize::MAX,
+                    percent: 1.0,
+                    on_thread_spawn: None,
+                    on_thread_destroy: None,
+                },
+                ..default()
+            },
         })
         .disable::<WinitPlugin>()
         .disable::<PipelinedRenderingPlugin>()

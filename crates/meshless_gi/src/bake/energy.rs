@@ -416,6 +416,18 @@ impl Senders {
             // With signs, only the row sums remain of the theorem.
             return (bound, bound);
         }
+        // |F_jk·n_j| of the senders that `pull` does not fill.
+        let rows: Vec<Vec<(u32, f64)>> = (0..self.count)
+            .into_par_iter()
+            .map(|j| {
+                let mut row = Vec::new();
+                if self.own[j] {
+                    let n = scene.points[j].n();
+                    self.links(scene, j, n, 1.0, &mut |k, f| row.push((k as u32, f.abs())));
+                }
+                row
+            })
+            .collect();
         let mut x = vec![[1.0f64; 3]; self.count];
         let mut grown = bound;
         for _ in 0..STEPS {
@@ -431,16 +443,13 @@ impl Senders {
                     x[k] = mean;
                 }
             }
-            let y: Vec<[f64; 3]> = (0..self.count)
-                .into_par_iter()
-                .map(|j| {
+            let y: Vec<[f64; 3]> = (rows.par_iter().enumerate())
+                .map(|(j, row)| {
                     let mut sum = [0.0; 3];
-                    if self.own[j] {
-                        self.links(scene, j, scene.points[j].n(), 1.0, &mut |k, f| {
-                            for (s, v) in sum.iter_mut().zip(x[k]) {
-                                *s += f.abs() * v;
-                            }
-                        });
+                    for &(k, f) in row {
+                        for (s, v) in sum.iter_mut().zip(x[k as usize]) {
+                            *s += f * v;
+                        }
                     }
                     let albedo = albedo(j);
                     [0, 1, 2].map(|c| albedo[c] * sum[c])

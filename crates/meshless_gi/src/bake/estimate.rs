@@ -42,6 +42,8 @@ const PARTICLES: u64 = 4096;
 /// Number of candidate positions per light. The one with the largest clearance is used, since
 /// lights hang below ceilings and stand on tables.
 const TRIED: usize = 4;
+/// Smallest mean number of paths per position.
+const MIN_PATHS: u32 = 384;
 /// Lights that return less than this part of the median count proportionally less.
 const RETURNS: f64 = 0.1;
 /// Number of parts of the sampling mixture. All have equal weight.
@@ -61,17 +63,23 @@ struct Effort {
 }
 
 impl Effort {
-    /// Budget in proportion to the bake, with a lower limit.
+    /// Budget in proportion to the bake, with a lower limit. A small bake gets fewer lights and
+    /// positions and the same number of paths: the noise of the reference enters with its fourth
+    /// power where it exceeds the error.
     fn from_scene(scene: &BakedScene) -> Self {
-        let (triples, positions) = (8, 96);
-        let each =
-            (triples * positions) as f64 * RAYS_PER_BOUNCE as f64 * f64::from(scene.info.bounces);
-        let paths = SHARE * scene.info.rays as f64 / each;
+        let rays_per_path = (RAYS_PER_BOUNCE * u64::from(scene.info.bounces)) as f64;
+        let paths = SHARE * scene.info.rays as f64 / rays_per_path;
+        let (triples, positions) = if paths >= f64::from(8 * 96 * MIN_PATHS) {
+            (8, 96)
+        } else {
+            (4, 64)
+        };
+        let paths_per_position = (paths / (triples * positions) as f64) as u32;
         Self {
             triples,
             pool: 2048,
             positions,
-            paths: (paths as u32).clamp(384, 8192),
+            paths: paths_per_position.clamp(MIN_PATHS, 8192),
         }
     }
 }

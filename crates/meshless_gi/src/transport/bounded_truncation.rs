@@ -63,24 +63,41 @@ impl SenderTree {
     }
 }
 
+/// Marks the end of a list of children.
+const END: u32 = u32::MAX;
+
 /// Scratch memory of [`cut_row`], one per thread.
 #[derive(Default)]
 pub struct CutScratch {
     /// State of each sender: 0 not in the row, 1 has mass in the row, 2 split (some descendants are
     /// kept finer).
     state: Vec<u8>,
-    everything: Vec<u32>,
-    /// Parent in the upper half, child in the lower one.
-    by_parent: Vec<u64>,
+    /// First child in the row of each sender, or [`END`].
+    first_child: Vec<u32>,
+    /// Next child of the same parent, or [`END`].
+    next_sibling: Vec<u32>,
+    /// Children of one parent.
+    members: Vec<u32>,
     groups: Vec<Group>,
     /// Rank in the upper half, group in the lower one.
     order: Vec<u64>,
 }
 
+impl CutScratch {
+    /// Children in the list that starts at `first`, ascending.
+    fn list_members(&mut self, first: u32) {
+        self.members.clear();
+        let mut child = first;
+        while child != END {
+            self.members.push(child);
+            child = self.next_sibling[child as usize];
+        }
+    }
+}
+
 struct Group {
     parent: u32,
     first: u32,
-    count: u32,
     change: f32,
 }
 
@@ -102,102 +119,100 @@ pub fn cut_row(
     measure: &CutMeasure<'_>,
     scratch: &mut CutScratch,
 ) -> Vec<(u32, Vec3A)> {
-    let CutScratch {
-        state,
-        everything,
-        by_parent,
-        groups,
-        order,
-    } = scratch;
-    state.resize(tree.parent.len(), 0);
+    scratch.state.resize(tree.parent.len(), 0);
+    scratch.first_child.resize(tree.parent.len(), END);
+    scratch.next_sibling.resize(tree.parent.len(), END);
     let budget = measure.epsilon * measure.epsilon;
     let mut spent = 0.0;
-    everything.clear();
-    everything.extend_from_slice(&gathered.touched);
-    for &j in &*everything {
-        state[j as usize] = 1;
+    for &j in &gathered.touched {
+        scratch.state[j as usize] = 1;
     }
     let levels = tree.level_starts.len() - 1;
     for level in (1..levels).rev() {
-        let range = tree.level_starts[level]..tree.level_starts[level + 1];
-        by_parent.clear();
-        by_parent.extend(everything.iter().filter_map(|&j| {
-            let parent = tree.parent[j as usize];
-            (range.contains(&j) && state[j as usize] != 0 && parent != j)
-                .then(|| u64::from(parent) << 32 | u64::from(j))
-        }));
-        by_parent.sort_unstable();
-        groups.clear();
-        order.clear();
-        let mut first = 0;
-        for members in by_parent.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let parent = (members[0] >> 32) as u32;
-            let split = members.iter().any(|&m| state[child(m)] == 2);
-            if !split {
-                let change = group_change(gathered, tree, n, measure.training, parent, members);
-                // Change per removed link. A single child removes no link here but permits merges
-                // further up. Changes are not negative, so their bits sort like their values. The
-                // first of equal groups comes first.
-                let rank = change / (members.len() as f32 - 0.75);
-                order.push(u64::from(rank.abs().to_bits()) << 32 | groups.len() as u64);
-                groups.push(Group {
-                    parent,
-                    first: first as u32,
-                    count: members.len() as u32,
-                    change,
-                });
-            } else {
-                if state[parent as usize] == 0 {
-                    everything.push(parent);
-                }
-                state[parent as usize] = 2;
-            }
-            first += members.len();
-        }
-        order.sort_unstable();
+        list_groups(gathered, tree, level, n, measure.training, scratch);
+        scratch.order.sort_unstable();
         // Budget of this level. Coarser levels get the rest.
         let share = budget * (levels - level) as f32 / (levels - 1) as f32;
-        for &key in &*order {
-            let group = &groups[key as u32 as usize];
+        for k in 0..scratch.order.len() {
+            let group = &scratch.groups[scratch.order[k] as u32 as usize];
             let p = group.parent as usize;
-            if state[p] == 0 {
-                everything.push(group.parent);
-            }
             if spent + group.change <= share {
                 spent += group.change;
-                let range = group.first as usize..(group.first + group.count) as usize;
-                for &m in &by_parent[range] {
-                    let sums = std::mem::replace(&mut gathered.sums[child(m)], [Vec3A::ZERO; 2]);
+                scratch.list_members(group.first);
+                for &m in &scratch.members {
+                    let sums = std::mem::replace(&mut gathered.sums[m as usize], [Vec3A::ZERO; 2]);
                     gathered.sums[p][0] += sums[0];
                     gathered.sums[p][1] += sums[1];
-                    state[child(m)] = 0;
+                    scratch.state[m as usize] = 0;
                 }
-                if state[p] == 0 {
-                    state[p] = 1;
+                if scratch.state[p] == 0 {
+                    scratch.state[p] = 1;
                 }
             } else {
-                state[p] = 2;
+                scratch.state[p] = 2;
             }
         }
     }
-    everything.sort_unstable();
-    everything.dedup();
-    let mut links = Vec::with_capacity(everything.len());
-    for &j in &*everything {
-        let link = gathered.link(j);
-        if link != Vec3A::ZERO {
-            links.push((j, link));
+    let mut links = Vec::with_capacity(gathered.touched.len());
+    for (j, state) in scratch.state.iter_mut().enumerate() {
+        if std::mem::take(state) == 0 {
+            continue;
         }
-        gathered.sums[j as usize] = [Vec3A::ZERO; 2];
-        state[j as usize] = 0;
+        let link = gathered.link(j as u32);
+        if link != Vec3A::ZERO {
+            links.push((j as u32, link));
+        }
+        gathered.sums[j] = [Vec3A::ZERO; 2];
     }
     links.shrink_to_fit();
     links
 }
 
-/// Child of a pair of parent and child.
-fn child(pair: u64) -> usize {
-    pair as u32 as usize
+/// Lists the groups of siblings of `level` that can be merged, with their ranks. Marks the parents
+/// of the other groups as split.
+fn list_groups(
+    gathered: &Gathered,
+    tree: &SenderTree,
+    level: usize,
+    n: Vec3A,
+    training: &Training,
+    scratch: &mut CutScratch,
+) {
+    let range = tree.level_starts[level] as usize..tree.level_starts[level + 1] as usize;
+    // Descending, since each child is inserted in front of its siblings.
+    for j in range.clone().rev() {
+        let parent = tree.parent[j] as usize;
+        if scratch.state[j] != 0 && parent != j {
+            scratch.next_sibling[j] = std::mem::replace(&mut scratch.first_child[parent], j as u32);
+        }
+    }
+    scratch.groups.clear();
+    scratch.order.clear();
+    // Parents have lower indices than their children.
+    for parent in 0..range.end as u32 {
+        let first = std::mem::replace(&mut scratch.first_child[parent as usize], END);
+        if first == END {
+            continue;
+        }
+        scratch.list_members(first);
+        let members = &scratch.members;
+        if members.iter().any(|&m| scratch.state[m as usize] == 2) {
+            scratch.state[parent as usize] = 2;
+            continue;
+        }
+        let change = group_change(gathered, tree, n, training, parent, members);
+        // Change per removed link. A single child removes no link here but permits merges further
+        // up. Changes are not negative, so their bits sort like their values. The first of equal
+        // groups comes first.
+        let rank = change / (members.len() as f32 - 0.75);
+        let index = scratch.groups.len() as u64;
+        (scratch.order).push(u64::from(rank.abs().to_bits()) << 32 | index);
+        scratch.groups.push(Group {
+            parent,
+            first,
+            change,
+        });
+    }
 }
 
 /// Squared change if the group is merged, relative to the lights' mean squares.
@@ -207,21 +222,21 @@ fn group_change(
     n: Vec3A,
     training: &Training,
     parent: u32,
-    members: &[u64],
+    members: &[u32],
 ) -> f32 {
     let of_parent = &training.signals[parent as usize];
     let mut even = [0.0f32; TRAINING_LIGHTS];
     let mut odd = [0.0f32; TRAINING_LIGHTS];
     let mut sums = [0.0f32; 2];
     for &m in members {
-        let [a, b] = gathered.sums[child(m)];
+        let [a, b] = gathered.sums[m as usize];
         let (a, b) = (a.dot(n), b.dot(n));
         sums[0] += a;
         sums[1] += b;
         for (((e, o), f), p) in even
             .iter_mut()
             .zip(&mut odd)
-            .zip(&training.signals[child(m)])
+            .zip(&training.signals[m as usize])
             .zip(of_parent)
         {
             let d = f - p;
@@ -239,9 +254,9 @@ fn group_change(
     let unmet = both(a_mean, b_mean);
     let mut single = unmet * training.family[parent as usize];
     for &m in members {
-        let [a, b] = gathered.sums[child(m)];
+        let [a, b] = gathered.sums[m as usize];
         let (a, b) = (a.dot(n), b.dot(n));
-        single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[child(m)];
+        single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[m as usize];
     }
     (coherent / TRAINING_LIGHTS as f32 + GUARD * single).max(0.0)
 }
