@@ -156,14 +156,20 @@ pub fn irradiance(
             .map(|light| direct_irradiance(geometry, light, start, n, random))
             .sum()
     };
+    // Only rectangles are sampled at random. Others give every path the same direct light.
+    let start = x + n * geometry.ray_offset(x);
+    let is_random = lights.iter().any(|l| matches!(l, Light::Rect { .. }));
+    let same_direct =
+        (!is_random).then(|| light_sources(start, n, &mut Random::new(settings.seed, stream, 0)));
     let max = settings.bounces.unwrap_or(u32::MAX);
     let mut sums = [glam::DVec3::ZERO; 4];
     for path in 0..settings.paths {
         let mut random = Random::new(settings.seed ^ 0x72_65_66, stream, u64::from(path));
-        let mut position = x + n * geometry.ray_offset(x);
+        let mut position = start;
         let mut normal = n;
         let mut throughput = Vec3::ONE;
-        let mut direct = light_sources(position, normal, &mut random);
+        let mut direct =
+            same_direct.unwrap_or_else(|| light_sources(position, normal, &mut random));
         let mut indirect = Vec3::ZERO;
         // The light that comes along the next direction has `depth` reflections behind it once it
         // is emitted there, and one more once reflected.
