@@ -58,7 +58,7 @@ fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
 }
 
 fn runs(example: &str, at: &str) {
-    let picture = drawn(example, &["--at", at, "--press", "P", "--frames", "6"]);
+    let picture = drawn(example, &["--at", at, "--press", "P", "--frames", "16"]);
     assert_eq!(picture.dimensions(), (960, 540));
     // Lit: neither black nor of a few colors.
     let colors: std::collections::HashSet<[u8; 3]> = picture.pixels().map(|p| p.0).collect();
