@@ -33,7 +33,7 @@ use crate::scene::{Geometry, Light};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Largest part of the bake's rays that the estimate casts.
+/// Part of the bake's rays that the estimate casts, between the limits of [`Effort::paths`].
 const SHARE: f64 = 0.04;
 /// Number of lights that are evaluated together, one per color channel.
 const COLORS: usize = 3;
@@ -58,7 +58,7 @@ struct Effort {
     pool: usize,
     /// Number of these points, per triple, with ground truth.
     positions: usize,
-    /// Mean number of paths per point with ground truth.
+    /// Mean number of paths per point with ground truth, [`MIN_PATHS`] to 8192.
     paths: u32,
 }
 

@@ -41,7 +41,7 @@ impl Link {
     #[must_use]
     #[inline]
     pub fn vector(self) -> Vec3 {
-        // Inlined, unlike `to_f32`, which asks for the processor's instructions on every call.
+        // Inlined. `to_f32` selects the instructions of the processor on every call.
         let half = |bits: u32| f16::from_bits(bits as u16).to_f32_const();
         Vec3::new(half(self.xy), half(self.xy >> 16), half(self.z_sender))
     }

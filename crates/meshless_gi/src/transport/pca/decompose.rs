@@ -76,7 +76,7 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
     let a = Rows { rows, length };
     let smaller = a.count().min(length);
     let r = max + MORE;
-    let found = if length <= WHOLE || (length <= a.count() && 4 * r >= length) {
+    let found = if length <= WHOLE || (length <= a.count() && 2 * r >= length) {
         // AᵀA = V Σ² Vᵀ.
         let mut gram = vec![0.0; length * length];
         for row in a.iter() {
@@ -89,8 +89,8 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
         eigen(&gram, length)
     } else {
         // A is combined into fewer rows B with BᵀB = AᵀA, or nearly; with those of BBᵀ = W Σ² Wᵀ, V
-        // = BᵀW / Σ. Six products with r columns take longer than AAᵀ of fewer than 4 r rows.
-        let b = match smaller <= WHOLE || 4 * r >= smaller {
+        // = BᵀW / Σ.
+        let b = match smaller <= WHOLE || 2 * r >= smaller {
             true => a.rows.iter().map(|&v| f64::from(v)).collect(),
             false => a.range(r, seed),
         };
@@ -196,21 +196,16 @@ fn gram(b: &[f64], length: usize) -> Vec<f64> {
     gram
 }
 
-/// Eight sums side by side, in fixed order.
+/// Four sums side by side, in fixed order.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (a, a_rest) = a.as_chunks::<8>();
-    let (b, b_rest) = b.as_chunks::<8>();
-    for (a, b) in a.iter().zip(b) {
-        for k in 0..8 {
-            sums[k] += a[k] * b[k];
+    let mut sums = [0.0; 4];
+    let (a, b) = (a.chunks(4), b.chunks(4));
+    for (a, b) in a.zip(b) {
+        for ((s, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *s += a * b;
         }
     }
-    for (s, (a, b)) in sums.iter_mut().zip(a_rest.iter().zip(b_rest)) {
-        *s += a * b;
-    }
-    let [a, b, c, d, e, f, g, h] = sums;
-    ((a + b) + (c + d)) + ((e + f) + (g + h))
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 /// Roots of the eigenvalues, descending, and eigenvectors of a symmetric matrix without negative
