@@ -11,6 +11,7 @@
 
 #[path = "../../tests/twins/depth.rs"]
 mod depth;
+use meshless_gi_lab::fixtures::TestScene;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
@@ -25,7 +26,7 @@ use meshless_gi::{BakedScene, Limits, Preset, Progress, Recipe, SubsplatSettings
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use subsplat_support::{Level, LitScene, Source, View, clutter};
+use subsplat_support::{LitScene, Source, View, clutter};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [1920, 1080];
@@ -34,14 +35,14 @@ const RUNS: usize = 3;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let usage = "usage: subsplats_gpu [--bakes FOLDER] [LEVEL_FOLDER...]";
-    let (mut bakes, mut levels) = (None, vec![clutter()]);
+    let (mut bakes, mut scenes) = (None, vec![clutter()]);
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
             _ => {
-                let level = Level::read(arg.as_ref())?;
-                levels.push(level.ok_or_else(|| format!("no views of {arg} are known"))?);
+                let scene = TestScene::read(arg.as_ref())?;
+                scenes.push(scene.ok_or_else(|| format!("no views of {arg} are known"))?);
             }
         }
     }
@@ -52,9 +53,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     println!("|---|---|---|---|---|---|---|---|");
     let mut first = None;
-    for level in levels {
-        let scene = baked(&level, bakes.as_deref())?;
-        let stage = LitScene::new(level, scene);
+    for scene in scenes {
+        let baked = bake(&scene, bakes.as_deref())?;
+        let stage = LitScene::new(scene, baked);
         for i in 0..3 {
             let view = stage.view(i, SIZE);
             row(&harness, &view, i)?;
@@ -65,7 +66,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let view = stage.view(0, SIZE);
     println!(
         "\nVirtual point lights on {}, without shadows: milliseconds (and over those at every pixel).\n",
-        stage.level.name
+        stage.scene.name
     );
     println!("| lights | 16 pixels | 8 pixels | 4 pixels | 2 pixels | every pixel |");
     println!("|---|---|---|---|---|---|");
@@ -75,8 +76,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Error>> {
-    let file = bakes.map(|folder| folder.join(format!("{}.mgi", level.name)));
+fn bake(scene: &TestScene, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Error>> {
+    let file = bakes.map(|folder| folder.join(format!("{}.mgi", scene.name)));
     if let Some(file) = file.as_deref().filter(|f| f.exists()) {
         return Ok(BakedScene::read(file, &Limits::default())?);
     }
@@ -84,7 +85,7 @@ fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Erro
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    Ok(bake_scene(&level.mesh, &recipe, 0, &Progress::default())?.scene)
+    Ok(bake_scene(&scene.mesh, &recipe, 0, &Progress::default())?.scene)
 }
 
 /// Textures of a view on the device.
@@ -207,7 +208,7 @@ fn row(harness: &HeadlessDevice, view: &View<'_>, i: usize) -> Result<(), Box<dy
     let power: f64 = reference.iter().map(|&b| square(b)).sum();
     println!(
         "| {} | {} | {count} | {:.1} | {full:.1} | {by:.1} | {:.2} | {:.2} % |",
-        view.stage.level.name,
+        view.stage.scene.name,
         i + 1,
         f64::from(SIZE[0] * SIZE[1]) / f64::from(count),
         by / full,

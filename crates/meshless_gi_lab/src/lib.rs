@@ -5,10 +5,12 @@
 //! |---|---|
 //! | [`accuracy`] | metrics, closed forms, ground truth, alternative bases, a renderer, charts |
 //! | [`fixtures`] | scenes that tests and generators of documents share |
+//! | [`pictures`] | indirect light in views of scenes, beside the path tracer's |
 //! | [`report`] | sweeps over recipes, Pareto fronts, charts and a text |
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 pub mod accuracy;
 pub mod fixtures;
+pub mod pictures;
 pub mod report;

@@ -7,75 +7,31 @@
 //! do well, far from it the positions.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
-use crate::scene::{Geometry, Hit, Ray, SkyRadiance, TriangleMesh};
+use crate::scene::{Emitters, Geometry, Hit, Ray, SkyRadiance, TriangleMesh};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
-use std::collections::HashMap;
 
 /// Samples of each kind at a position: about 0.3 % of error for an emitter in full view.
 const SAMPLES: u32 = 2048;
-
-/// A triangle that emits.
-struct Emitter {
-    corners: [Vec3; 3],
-    normal: Vec3,
-    area: f32,
-    /// Share of all samples up to and with this triangle.
-    until: f32,
-    /// Its own share.
-    share: f32,
-}
 
 /// Emissive surfaces of some meshes and the sky around them.
 pub struct EmissionIntegrator<'a> {
     meshes: &'a [TriangleMesh],
     /// π times the sky's radiance, W/m².
     sky: SkyRadiance,
-    emitters: Vec<Emitter>,
-    /// Emitter of each emissive triangle, by mesh and index.
-    emitter_of: HashMap<(usize, u32), usize>,
+    /// Power of the emitters of all meshes.
+    power: f32,
 }
 
 impl<'a> EmissionIntegrator<'a> {
     /// Creates the integrator of the emission of `meshes` under a sky of radiance `sky`, W/(m² sr).
     #[must_use]
     pub fn new(meshes: &'a [TriangleMesh], sky: SkyRadiance) -> Self {
-        let mut emitters = Vec::new();
-        let mut emitter_of = HashMap::new();
-        let mut total = 0.0f64;
-        for (m, mesh) in meshes.iter().enumerate() {
-            for t in 0..mesh.len() {
-                let strength = mesh.material(t).map_or(0.0, |m| m.emissive.max_element());
-                let Some(corners) = mesh.triangle(t).filter(|_| strength > 0.0) else {
-                    continue;
-                };
-                let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-                let area = 0.5 * cross.length();
-                if area <= 0.0 || !(area * strength).is_finite() {
-                    continue;
-                }
-                total += f64::from(area * strength);
-                emitter_of.insert((m, t as u32), emitters.len());
-                emitters.push(Emitter {
-                    corners,
-                    normal: cross.normalize_or_zero(),
-                    area,
-                    until: 0.0,
-                    share: area * strength,
-                });
-            }
-        }
-        let mut sum = 0.0f64;
-        for emitter in &mut emitters {
-            sum += f64::from(emitter.share);
-            emitter.until = (sum / total) as f32;
-            emitter.share = (f64::from(emitter.share) / total) as f32;
-        }
+        let emitters = meshes.iter().filter_map(|mesh| mesh.emitters());
         Self {
             meshes,
             sky: sky * PI,
-            emitters,
-            emitter_of,
+            power: emitters.map(Emitters::power).sum(),
         }
     }
 
@@ -89,7 +45,7 @@ impl<'a> EmissionIntegrator<'a> {
     /// True where there is nothing to integrate.
     #[must_use]
     pub fn is_dark(&self) -> bool {
-        self.emitters.is_empty() && self.sky.is_black()
+        self.power <= 0.0 && self.sky.is_black()
     }
 
     /// Irradiance at surface point (x, n) from what glows, W/m². `stream` numbers the position: the
@@ -107,7 +63,7 @@ impl<'a> EmissionIntegrator<'a> {
         let start = x + n * lift;
         let mut random = Random::new(0x67_6c_6f_77, stream, 0);
         let mut shift = || Vec2::new(random.unit(), random.unit());
-        let (for_directions, for_places) = (shift(), shift());
+        let (for_directions, for_positions) = (shift(), shift());
         let mut sum = Vec3::ZERO;
         let (t, b) = tangents(n);
         for k in 0..SAMPLES {
@@ -115,50 +71,60 @@ impl<'a> EmissionIntegrator<'a> {
             let ray = Ray::new(start, (t * d.x + b * d.y + n * d.z).normalize_or(n));
             sum += match self.closest(&ray) {
                 None => self.sky.toward(ray.direction) / SAMPLES as f32,
-                Some((mesh, hit)) => self.seen(&ray, n, mesh, &hit),
+                Some((mesh, hit)) => self.contribution(&ray, n, mesh, &hit),
             };
-            if self.emitters.is_empty() {
+            let u = lattice(k, SAMPLES, for_positions);
+            let Some((mesh, position, primitive)) = self.position(u) else {
                 continue;
-            }
-            // One number chooses the triangle; where it lies in the triangle's share is uniform
-            // again.
-            let u = lattice(k, SAMPLES, for_places);
-            let index = self.emitters.partition_point(|e| e.until < u.x);
-            let emitter = &self.emitters[index.min(self.emitters.len() - 1)];
-            let within = 1.0 - (emitter.until - u.x) / emitter.share;
-            let to = emitter.position_at(Vec2::new(within.clamp(0.0, 1.0), u.y)) - start;
+            };
+            let to = position - start;
             if to.dot(n) <= 0.0 {
                 continue;
             }
             let ray = Ray::new(start, to.normalize_or(n));
-            if let Some((mesh, hit)) = self.closest(&ray)
-                && self
-                    .emitter_of
-                    .get(&(mesh, hit.primitive))
-                    .is_some_and(|&i| std::ptr::eq(&raw const self.emitters[i], emitter))
+            if let Some((first, hit)) = self.closest(&ray)
+                && (first, hit.primitive) == (mesh, primitive)
             {
-                sum += self.seen(&ray, n, mesh, &hit);
+                sum += self.contribution(&ray, n, mesh, &hit);
             }
         }
         sum
     }
 
+    /// Mesh, position and primitive of a sample of all emitters.
+    fn position(&self, u: Vec2) -> Option<(usize, Vec3, u32)> {
+        let mut rest = u.x * self.power;
+        let mut last = None;
+        for (m, mesh) in self.meshes.iter().enumerate() {
+            let Some(emitters) = mesh.emitters() else {
+                continue;
+            };
+            last = Some((m, emitters, (rest / emitters.power()).min(1.0)));
+            if rest < emitters.power() {
+                break;
+            }
+            rest -= emitters.power();
+        }
+        let (m, emitters, x) = last?;
+        let (position, primitive) = emitters.position(Vec2::new(x, u.y))?;
+        Some((m, position, primitive))
+    }
+
     /// The share of one sample that met a surface: L cos θ / (all densities with which it might
     /// have been drawn).
-    fn seen(&self, ray: &Ray, n: Vec3, mesh: usize, hit: &Hit) -> Vec3 {
-        let Some(&index) = self.emitter_of.get(&(mesh, hit.primitive)) else {
+    fn contribution(&self, ray: &Ray, n: Vec3, mesh: usize, hit: &Hit) -> Vec3 {
+        let mesh = &self.meshes[mesh];
+        let Some(emitters) = mesh.emitters() else {
             return Vec3::ZERO;
         };
-        let emitter = &self.emitters[index];
+        let by_position = emitters.density(ray, hit) * emitters.power() / self.power;
         let cosine = ray.direction.dot(n);
-        let facing = ray.direction.dot(emitter.normal).abs();
-        if cosine <= 0.0 || facing <= 0.0 {
+        if cosine <= 0.0 || by_position <= 0.0 {
             return Vec3::ZERO;
         }
-        let radiance = self.meshes[mesh].surface(ray, hit).emission / PI;
-        let by_place = emitter.share / emitter.area * hit.t * hit.t / facing;
+        let radiance = mesh.surface(ray, hit).emission / PI;
         let by_direction = cosine / PI;
-        radiance * (cosine / (SAMPLES as f32 * (by_place + by_direction)))
+        radiance * (cosine / (SAMPLES as f32 * (by_position + by_direction)))
     }
 
     /// The closest hit in any of the meshes.
@@ -168,15 +134,6 @@ impl<'a> EmissionIntegrator<'a> {
             .enumerate()
             .filter_map(|(i, mesh)| Some((i, mesh.cast(ray)?)))
             .min_by(|(_, a), (_, b)| a.t.total_cmp(&b.t))
-    }
-}
-
-impl Emitter {
-    /// A position on the triangle, uniform in area for uniform `u`.
-    fn position_at(&self, u: Vec2) -> Vec3 {
-        let [a, b, c] = self.corners;
-        let root = u.x.sqrt();
-        a * (1.0 - root) + b * (root * (1.0 - u.y)) + c * (root * u.y)
     }
 }
 

@@ -2,9 +2,10 @@
 //! errors.
 //!
 //! Path tracing from the position: cosine-weighted directions, next-event estimation of the light
-//! sources at every vertex, emission and sky by the directions themselves. With the density cos θ /
-//! π a direction's share of the irradiance is the radiosity that it meets, so that E = Σ_m Π ρ ·
-//! E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source
+//! sources at every vertex, the sky by the directions themselves, and emissive surfaces by both: a
+//! position on an emitter and the direction share the work by the balance heuristic (Veach and
+//! Guibas 1995). With the density cos θ / π a direction's share of the irradiance is the radiosity
+//! that it meets, so that E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source
 //! (emissive surfaces and the sky among them) to the position; "indirect" is what was diffusely
 //! reflected once or more.
 //!
@@ -14,9 +15,10 @@
 //! position, which makes the mean less noisy than independent paths; the standard error is that of
 //! independent paths and so rather too large than too small.
 
-use crate::samples::{Random, cosine_hemisphere, tangents};
-use crate::scene::{Geometry, Light, Ray, SkyRadiance};
-use glam::{Vec2, Vec3};
+use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
+use crate::scene::{Geometry, Hit, Light, Ray, SkyRadiance};
+use core::f32::consts::PI;
+use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Largest probability with which Russian roulette lets a path go on. A path that goes on weighs ρ
@@ -132,6 +134,98 @@ pub fn direct_irradiance(
     }
 }
 
+/// Scene and effort of a path.
+struct PathTracer<'a> {
+    geometry: &'a dyn Geometry,
+    lights: &'a [Light],
+    /// π times the radiance of the sky, W/m².
+    sky: SkyRadiance,
+    settings: &'a ReferenceSettings,
+}
+
+impl PathTracer<'_> {
+    /// Irradiance of all lights but the sky at a position that is lifted to `start`, W/m².
+    fn lights(&self, start: Vec3, n: Vec3, random: &mut Random) -> Vec3 {
+        let of = |light| direct_irradiance(self.geometry, light, start, n, random);
+        self.lights.iter().map(of).sum()
+    }
+
+    /// One sample of the irradiance by emissive surfaces at a position that is lifted to `start`,
+    /// W/m²: a position on an emitter, weighted for the balance with [`Self::emitted`].
+    fn emitters(&self, start: Vec3, n: Vec3, random: &mut Random) -> Vec3 {
+        let Some(emitters) = self.geometry.emitters() else {
+            return Vec3::ZERO;
+        };
+        let u = Vec2::new(random.unit(), random.unit());
+        let Some((ray, hit)) = emitters.visible(self.geometry, start, n, u) else {
+            return Vec3::ZERO;
+        };
+        let by_direction = ray.direction.dot(n).max(f32::MIN_POSITIVE) / PI;
+        let density = emitters.density(&ray, &hit) + by_direction;
+        self.geometry.surface(&ray, &hit).emission * (by_direction / density)
+    }
+
+    /// Emission at the hit of a cosine-weighted ray around `n`, W/m², weighted for the balance with
+    /// [`Self::emitters`].
+    fn emitted(&self, ray: &Ray, n: Vec3, hit: &Hit, emission: Vec3) -> Vec3 {
+        match self.geometry.emitters() {
+            Some(emitters) if emission != Vec3::ZERO => {
+                let by_direction = ray.direction.dot(n).max(f32::MIN_POSITIVE) / PI;
+                emission * (by_direction / (emitters.density(ray, hit) + by_direction))
+            }
+            _ => emission,
+        }
+    }
+
+    /// Direct and indirect irradiance of one path from `start`, W/m². `u` gives the first
+    /// direction, `direct` is the irradiance of the lights at `start`.
+    fn trace(&self, start: Vec3, n: Vec3, u: Vec2, direct: Vec3, random: &mut Random) -> [Vec3; 2] {
+        let geometry = self.geometry;
+        let bounces = self.settings.bounces;
+        let max = bounces.unwrap_or(u32::MAX);
+        let (mut position, mut normal, mut u) = (start, n, u);
+        let mut throughput = Vec3::ONE;
+        let mut sums = [direct, Vec3::ZERO];
+        // The light that comes along the next direction has `depth` reflections behind it once it
+        // is emitted there, and one more once reflected.
+        let mut depth = 0u32;
+        loop {
+            let (t, b) = tangents(normal);
+            let d = cosine_hemisphere(u);
+            let ray = Ray::new(position, (t * d.x + b * d.y + normal * d.z).normalize());
+            let hit = geometry.cast(&ray);
+            let surface = hit.map(|hit| (hit, geometry.surface(&ray, &hit)));
+            let emitted = match &surface {
+                Some((hit, surface)) => self.emitted(&ray, normal, hit, surface.emission),
+                None => self.sky.toward(ray.direction),
+            };
+            let emitted = emitted + self.emitters(position, normal, random);
+            sums[usize::from(depth > 0)] += throughput * emitted;
+            let Some((_, surface)) = surface else { break };
+            depth += 1;
+            if depth > max {
+                break;
+            }
+            throughput *= surface.albedo;
+            if bounces.is_none() && depth > 3 {
+                let survive = throughput.max_element().min(MAX_SURVIVE);
+                if random.unit() >= survive {
+                    break;
+                }
+                throughput /= survive;
+            }
+            if throughput == Vec3::ZERO {
+                break;
+            }
+            normal = surface.normal;
+            position = surface.position + normal * geometry.ray_offset(surface.position);
+            sums[1] += throughput * self.lights(position, normal, random);
+            u = Vec2::new(random.unit(), random.unit());
+        }
+        sums
+    }
+}
+
 /// Irradiance at surface point (`x`, `n`). `stream` numbers the position: the same position, stream
 /// and settings give the same answer.
 #[must_use]
@@ -143,79 +237,33 @@ pub fn irradiance(
     stream: u64,
     settings: &ReferenceSettings,
 ) -> Irradiance {
-    let sky: SkyRadiance = lights
-        .iter()
-        .filter_map(|light| match light {
-            Light::Sky { radiance } => Some(*radiance * core::f32::consts::PI),
-            _ => None,
-        })
-        .sum();
-    let light_sources = |start: Vec3, n: Vec3, random: &mut Random| -> Vec3 {
-        lights
-            .iter()
-            .map(|light| direct_irradiance(geometry, light, start, n, random))
-            .sum()
+    let sky = lights.iter().filter_map(|light| match light {
+        Light::Sky { radiance } => Some(*radiance * PI),
+        _ => None,
+    });
+    let tracer = PathTracer {
+        geometry,
+        lights,
+        sky: sky.sum(),
+        settings,
     };
     // Only rectangles are sampled at random. Others give every path the same direct light.
     let start = x + n * geometry.ray_offset(x);
     let is_random = lights.iter().any(|l| matches!(l, Light::Rect { .. }));
     let same_direct =
-        (!is_random).then(|| light_sources(start, n, &mut Random::new(settings.seed, stream, 0)));
-    let max = settings.bounces.unwrap_or(u32::MAX);
-    let mut sums = [glam::DVec3::ZERO; 4];
+        (!is_random).then(|| tracer.lights(start, n, &mut Random::new(settings.seed, stream, 0)));
+    // The first direction is stratified over the paths by a lattice.
+    let mut shift = Random::new(settings.seed ^ 0x73_68, stream, 0);
+    let shift = Vec2::new(shift.unit(), shift.unit());
+    let mut sums = [DVec3::ZERO; 4];
     for path in 0..settings.paths {
         let mut random = Random::new(settings.seed ^ 0x72_65_66, stream, u64::from(path));
-        let mut position = start;
-        let mut normal = n;
-        let mut throughput = Vec3::ONE;
-        let mut direct =
-            same_direct.unwrap_or_else(|| light_sources(position, normal, &mut random));
-        let mut indirect = Vec3::ZERO;
-        // The light that comes along the next direction has `depth` reflections behind it once it
-        // is emitted there, and one more once reflected.
-        let mut depth = 0u32;
-        loop {
-            let (t, b) = tangents(normal);
-            // The first two dimensions are stratified over the paths by a lattice.
-            let u = if depth == 0 {
-                let mut shift = Random::new(settings.seed ^ 0x73_68, stream, 0);
-                crate::samples::lattice(path, settings.paths, Vec2::new(shift.unit(), shift.unit()))
-            } else {
-                Vec2::new(random.unit(), random.unit())
-            };
-            let d = cosine_hemisphere(u);
-            let ray = Ray::new(position, (t * d.x + b * d.y + normal * d.z).normalize());
-            let hit = geometry.cast(&ray);
-            let seen = hit.map(|hit| geometry.surface(&ray, &hit));
-            let emitted =
-                throughput * seen.map_or_else(|| sky.toward(ray.direction), |s| s.emission);
-            if depth == 0 {
-                direct += emitted;
-            } else {
-                indirect += emitted;
-            }
-            let Some(seen) = seen else { break };
-            depth += 1;
-            if depth > max {
-                break;
-            }
-            throughput *= seen.albedo;
-            if settings.bounces.is_none() && depth > 3 {
-                let survive = throughput.max_element().min(MAX_SURVIVE);
-                if random.unit() >= survive {
-                    break;
-                }
-                throughput /= survive;
-            }
-            if throughput == Vec3::ZERO {
-                break;
-            }
-            position = seen.position + seen.normal * geometry.ray_offset(seen.position);
-            normal = seen.normal;
-            indirect += throughput * light_sources(position, normal, &mut random);
-        }
+        let direct = same_direct.unwrap_or_else(|| tracer.lights(start, n, &mut random));
+        let u = lattice(path, settings.paths, shift);
         // Squares in double precision: their difference to the squared mean is small.
-        let (direct, indirect) = (direct.as_dvec3(), indirect.as_dvec3());
+        let [direct, indirect] = tracer
+            .trace(start, n, u, direct, &mut random)
+            .map(|e| e.as_dvec3());
         let values = [direct, direct * direct, indirect, indirect * indirect];
         for (sum, value) in sums.iter_mut().zip(values) {
             *sum += value;
@@ -223,9 +271,9 @@ pub fn irradiance(
     }
     let count = f64::from(settings.paths.max(1));
     let [direct, direct_square, indirect, indirect_square] = sums.map(|s| s / count);
-    let error = |mean: glam::DVec3, square: glam::DVec3| {
-        let variance = (square - mean * mean).max(glam::DVec3::ZERO) / (count - 1.0).max(1.0);
-        glam::DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()).as_vec3()
+    let error = |mean: DVec3, square: DVec3| {
+        let variance = (square - mean * mean).max(DVec3::ZERO) / (count - 1.0).max(1.0);
+        DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()).as_vec3()
     };
     Irradiance {
         direct: direct.as_vec3(),
@@ -248,4 +296,110 @@ pub fn irradiance_at_all(
         .enumerate()
         .map(|(k, &(x, n))| irradiance(geometry, lights, x, n, k as u64, settings))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eval::EmissionIntegrator;
+    use crate::scene::{Bounds, Material, Surface, TriangleMesh};
+
+    /// Geometry whose emitters only rays of the hemisphere find.
+    struct WithoutEmitters<'a>(&'a TriangleMesh);
+
+    impl Geometry for WithoutEmitters<'_> {
+        fn bounds(&self) -> Bounds {
+            self.0.bounds()
+        }
+
+        fn cast(&self, ray: &Ray) -> Option<Hit> {
+            self.0.cast(ray)
+        }
+
+        fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+            self.0.occluded(from, to)
+        }
+
+        fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+            self.0.surface(ray, hit)
+        }
+    }
+
+    /// A floor of 8 x 8 m, and a sign of 30 x 10 cm that hangs `height` meters above its middle and
+    /// faces down.
+    fn sign_above_floor(height: f32) -> TriangleMesh {
+        let quad = |x: f32, y: f32, z: f32| {
+            [(-x, -z), (x, -z), (x, z), (-x, z)].map(|(x, z)| Vec3::new(x, y, z))
+        };
+        let mut triangles = Vec::new();
+        for [a, b, c, d] in [quad(4.0, 0.0, 4.0), quad(0.15, height, 0.05)] {
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        let sign = Material::emissive(Vec3::splat(0.3), Vec3::new(40.0, 20.0, 0.0));
+        let floor = Material::diffuse(Vec3::splat(0.6));
+        TriangleMesh::new(triangles, vec![0, 0, 1, 1], vec![floor, sign])
+    }
+
+    fn settings(paths: u32) -> ReferenceSettings {
+        ReferenceSettings {
+            paths,
+            bounces: Some(4),
+            seed: 5,
+        }
+    }
+
+    #[test]
+    fn small_emitter_has_little_noise() {
+        let mesh = sign_above_floor(5.0);
+        let meshes = std::slice::from_ref(&mesh);
+        let right = EmissionIntegrator::new(meshes, SkyRadiance::BLACK);
+        for x in [Vec3::ZERO, Vec3::new(2.0, 0.0, -1.0)] {
+            let e = irradiance(&mesh, &[], x, Vec3::Y, 1, &settings(256));
+            let right = right.irradiance(x, Vec3::Y, 1);
+            assert!((e.direct.x / right.x - 1.0).abs() < 5e-3, "{e:?} {right}");
+            assert!(e.direct_error.x < 5e-3 * right.x, "{e:?}");
+            let blind = irradiance(&WithoutEmitters(&mesh), &[], x, Vec3::Y, 1, &settings(256));
+            assert!(blind.direct_error.x > 0.3 * right.x || blind.direct.x == 0.0);
+        }
+    }
+
+    /// With and without samples of the emitters the mean is the same, far from an emitter and a
+    /// hand's breadth away from it.
+    #[test]
+    fn balance_of_samples_is_unbiased() {
+        for height in [0.1, 1.0] {
+            let mesh = sign_above_floor(height);
+            // On the floor, and between floor and sign, toward the floor.
+            for (x, n) in [
+                (Vec3::new(0.2, 0.0, 0.1), Vec3::Y),
+                (Vec3::new(0.05, 0.5 * height, 0.0), Vec3::NEG_Y),
+            ] {
+                let both = irradiance(&mesh, &[], x, n, 2, &settings(20_000));
+                let blind = irradiance(&WithoutEmitters(&mesh), &[], x, n, 3, &settings(200_000));
+                let parts = [
+                    (
+                        both.direct,
+                        both.direct_error,
+                        blind.direct,
+                        blind.direct_error,
+                    ),
+                    (
+                        both.indirect,
+                        both.indirect_error,
+                        blind.indirect,
+                        blind.indirect_error,
+                    ),
+                ];
+                let error = both.direct_error.x;
+                assert!(error <= 0.01 * both.direct.x.max(0.1), "{both:?}");
+                for (a, ea, b, eb) in parts {
+                    let error = (ea * ea + eb * eb).x.sqrt();
+                    assert!(
+                        (a - b).x.abs() <= 4.0 * error,
+                        "{height} {n}: {both:?} {blind:?}"
+                    );
+                }
+            }
+        }
+    }
 }

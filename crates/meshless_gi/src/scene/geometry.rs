@@ -1,6 +1,6 @@
 //! The one interface between light transport and geometry ([L08] §5.1): cast, occlusion, surface.
 
-use super::MaterialFactors;
+use super::{Emitters, MaterialFactors};
 use glam::Vec3;
 
 /// An axis-aligned box, in meters.
@@ -178,6 +178,12 @@ pub trait Geometry: Sync {
     /// same names may come again.
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         Vec::new()
+    }
+
+    /// Emissive triangles, for samples of their area. `None` if nothing emits, or if only rays of
+    /// the hemisphere can find what emits.
+    fn emitters(&self) -> Option<&Emitters> {
+        None
     }
 
     /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and

@@ -6,6 +6,7 @@
 //! same distance the triangle with the lower index wins, so that an answer does not depend on the
 //! order of traversal.
 
+mod emissive_triangles;
 mod rays;
 
 use rays::{interpolate, normal, power_of_two};
@@ -16,8 +17,8 @@ use super::geometry::mesh_ray_offset;
 use super::occluder::MeshNode;
 use super::watertight::{TriangleHit, WatertightRay};
 use super::{
-    Bounds, Bvh, Geometry, Hit, HitPoint, Material, MaterialFactors, MaterialTerms, MeshProblems,
-    Ray, Surface, Texture,
+    Bounds, Bvh, Emitters, Geometry, Hit, HitPoint, Material, MaterialFactors, MaterialTerms,
+    MeshProblems, Ray, Surface, Texture,
 };
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
@@ -81,6 +82,7 @@ pub struct TriangleMesh {
     wide: CwBvh,
     bvh_time: Duration,
     problems: MeshProblems,
+    emitters: Emitters,
     /// Ray offsets of the cells of points.
     lifts: Vec<Lifts>,
     /// The nodes of the file that it came from; none where there was no file, or one without any.
@@ -164,7 +166,7 @@ impl TriangleMesh {
         for (k, face) in faces.iter().enumerate() {
             face_index[face.index as usize] = k as u32;
         }
-        Self {
+        let mut mesh = Self {
             faces,
             face_index,
             uvs: kept_uvs,
@@ -174,10 +176,13 @@ impl TriangleMesh {
             wide,
             bvh_time,
             problems,
+            emitters: Emitters::default(),
             lifts: Vec::new(),
             nodes: Vec::new(),
             node_of: Vec::new(),
-        }
+        };
+        mesh.emitters = Emitters::new(mesh.emissive_triangles());
+        mesh
     }
 
     /// A mesh from vertices and indices; triangles whose indices are out of range are dropped and

@@ -8,6 +8,7 @@ mod bvh_build;
 mod cornell;
 #[cfg(feature = "json")]
 mod description;
+mod emitters;
 mod error;
 mod geometry;
 #[cfg(feature = "gltf")]
@@ -42,6 +43,7 @@ pub use bvh::{Bvh, BvhNode, BvhTriangle};
 pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "json")]
 pub use description::SceneDescription;
+pub use emitters::Emitters;
 pub use error::SceneError;
 pub use geometry::{Barrier, Bounds, Geometry, Hit, HitPoint, MaterialTerms, Ray, Surface};
 #[cfg(feature = "gltf")]

@@ -4,8 +4,8 @@
 
 use super::mesh::{FaceParts, is_usable};
 use super::{
-    Barrier, Bounds, Bvh, Geometry, Hit, HitPoint, Material, MaterialFactors, MaterialTerms, Ray,
-    Surface, TriangleMesh,
+    Barrier, Bounds, Bvh, Emitters, Geometry, Hit, HitPoint, Material, MaterialFactors,
+    MaterialTerms, Ray, Surface, TriangleMesh,
 };
 use glam::Vec3;
 
@@ -291,6 +291,10 @@ impl Geometry for OccluderGeometry<'_> {
 
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         self.shut.open.materials()
+    }
+
+    fn emitters(&self) -> Option<&Emitters> {
+        self.shut.open.emitters()
     }
 
     fn crossed_occluders(&self, ray: &Ray) -> u64 {

@@ -77,7 +77,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             .collect(),
         ..Chart::default()
     };
-    let mut names: Vec<&str> = found.lights.iter().map(|l| l.level.as_str()).collect();
+    let mut names: Vec<&str> = found.lights.iter().map(|l| l.scene.as_str()).collect();
     names.dedup();
     let light = Chart {
         title: "Effect of the threshold of light".into(),
@@ -90,7 +90,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
         series: names
             .iter()
             .map(|&name| {
-                let own = found.lights.iter().filter(|l| l.level == name);
+                let own = found.lights.iter().filter(|l| l.scene == name);
                 Series {
                     points: own
                         .map(|l| {
@@ -145,8 +145,8 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
         .iter()
         .filter(|r| r.measured.share() <= BOUND.0 && r.measured.flip <= BOUND.1)
         .count();
-    let mut levels: Vec<&str> = found.rows.iter().map(|r| r.level.as_str()).collect();
-    levels.dedup();
+    let mut names: Vec<&str> = found.rows.iter().map(|r| r.scene.as_str()).collect();
+    names.dedup();
     writeln!(
         out,
         "# Multiresolution splatting\n\n\
@@ -157,8 +157,8 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
          - For fewer evaluations raise `radiance_threshold`. It is the only setting with a large effect. A table below has its cost.\n\
          - Keep the depth test at `Plane`: floors at a grazing angle are not edges to it.\n\
          - Keep `detail` at 0: nodes store vectors, so that bumps are shaded correctly without it.\n",
-        if levels.len() > 1 {
-            levels[1..].join(", ")
+        if names.len() > 1 {
+            names[1..].join(", ")
         } else {
             "none".into()
         },
@@ -195,7 +195,7 @@ fn views(found: &Found, out: &mut String) -> Result<(), Error> {
         writeln!(
             out,
             "| {} | {} | {} | {} | {} | {} | {} | 1/{:.1} | {:.4} | {} | {full:.2} s | {few:.2} s | {:.1} |",
-            row.level,
+            row.scene,
             row.view + 1,
             n[4],
             n[3],
@@ -222,11 +222,11 @@ fn light(found: &Found, out: &mut String) -> Result<(), Error> {
         LIGHTS.map(|l| format!(" {} |", threshold(l))).concat(),
         "---|".repeat(LIGHTS.len())
     )?;
-    let mut names: Vec<&str> = found.lights.iter().map(|l| l.level.as_str()).collect();
+    let mut names: Vec<&str> = found.lights.iter().map(|l| l.scene.as_str()).collect();
     names.dedup();
     for name in names {
         write!(out, "| {name} |")?;
-        for l in found.lights.iter().filter(|l| l.level == name) {
+        for l in found.lights.iter().filter(|l| l.scene == name) {
             write!(
                 out,
                 " 1/{:.1}, {:.4} |",

@@ -1,4 +1,4 @@
-//! The experiments: views of every level, tests of discontinuities along a path ([N09] Fig. 9),
+//! The experiments: views of every scene, tests of discontinuities along a path ([N09] Fig. 9),
 //! resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
 
 use super::bumps::{self, Bumpy};
@@ -20,9 +20,9 @@ pub const NORMALS: [f32; 6] = [0.1, 0.25, 0.5, 1.0, 1.4, 2.0];
 /// Thresholds of light that are compared.
 pub const LIGHTS: [f32; 6] = [0.01, 0.015, 0.02, 0.03, 0.05, f32::INFINITY];
 
-/// One of a level's views at the size of a screen, with the default settings.
+/// One of a scene's views at the size of a screen, with the default settings.
 pub struct Row {
-    pub level: String,
+    pub scene: String,
     pub view: usize,
     pub measured: Measured,
     /// Values of full resolution and of subsplats.
@@ -59,7 +59,7 @@ pub struct Cell {
 
 /// A threshold of light.
 pub struct Light {
-    pub level: String,
+    pub scene: String,
     pub light: f32,
     pub measured: Measured,
 }
@@ -67,7 +67,7 @@ pub struct Light {
 /// All that was found.
 pub struct Found {
     pub rows: Vec<Row>,
-    /// The level that the other experiments are made on.
+    /// The scene that the other experiments are made on.
     pub on: String,
     pub pairs: Vec<Pair>,
     pub cells: Vec<Cell>,
@@ -81,25 +81,25 @@ fn mean(all: &[Measured], of: impl Fn(&Measured) -> f64) -> f64 {
 }
 
 pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
-    let last = stages.last().ok_or("no level")?;
+    let last = stages.last().ok_or("no scene")?;
     let bumpy = bumps::measure();
     eprintln!("bumps are measured");
     let gloss = gloss::measure();
     let (mut rows, mut lights, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     for (s, stage) in stages.iter().enumerate() {
-        for i in 0..stage.level.views.len() {
+        for i in 0..stage.scene.views.len() {
             let view = stage.view(i, SCREEN);
             let settings = SubsplatSettings::default();
             let full = view.full_seconds();
             rows.push(Row {
-                level: stage.level.name.clone(),
+                scene: stage.scene.name.clone(),
                 view: i,
                 measured: view.measure(&settings),
                 seconds: [full, view.few_seconds(&settings)],
             });
             if i == 0 {
                 lights.extend(LIGHTS.map(|light| Light {
-                    level: stage.level.name.clone(),
+                    scene: stage.scene.name.clone(),
                     light,
                     measured: view.measure(&SubsplatSettings {
                         radiance_threshold: light,
@@ -112,14 +112,14 @@ pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
             }
             eprintln!(
                 "{} {i}: {:?}",
-                stage.level.name,
+                stage.scene.name,
                 rows[rows.len() - 1].measured
             );
         }
     }
     Ok(Found {
         rows,
-        on: last.level.name.clone(),
+        on: last.scene.name.clone(),
         pairs: along(last),
         cells,
         lights,
@@ -160,7 +160,7 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
 
 /// From the first view to the second, looking from target to target.
 fn path(stage: &LitScene) -> Vec<View<'_>> {
-    let [(a, at), (b, bt), _] = stage.level.views;
+    let [(a, at), (b, bt), _] = stage.scene.views;
     let position = |k: u32| {
         let t = k as f32 / (PLACES - 1) as f32;
         View::new(stage, a.lerp(b, t), at.lerp(bt, t), SMALL)

@@ -3,10 +3,10 @@
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports [--bakes FOLDER]
-//! [LEVEL_FOLDER...]
+//! [SCENE_FOLDER...]
 //! ```
 //!
-//! makes `docs/reports/subsplats.md` and `docs/reports/subsplats/`. A level's folder holds
+//! makes `docs/reports/subsplats.md` and `docs/reports/subsplats/`. A scene's folder holds
 //! `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
 //! measured, first. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise.
 
@@ -18,31 +18,32 @@ use meshless_gi_lab::fixtures::gloss as gloss_support;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use meshless_gi::{BakedScene, Limits, Progress, Recipe, bake_scene};
+use meshless_gi_lab::fixtures::TestScene;
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use subsplat_support::{Level, LitScene, clutter};
+use subsplat_support::{LitScene, clutter};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let usage = "usage: subsplats -o FOLDER [--bakes FOLDER] [LEVEL_FOLDER...]";
-    let (mut folder, mut bakes, mut levels) = (None, None, vec![clutter()]);
+    let usage = "usage: subsplats -o FOLDER [--bakes FOLDER] [SCENE_FOLDER...]";
+    let (mut folder, mut bakes, mut scenes) = (None, None, vec![clutter()]);
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
             "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
             _ => {
-                let level = Level::read(arg.as_ref())?;
-                levels.push(level.ok_or_else(|| format!("no views of {arg} are known"))?);
+                let scene = TestScene::read(arg.as_ref())?;
+                scenes.push(scene.ok_or_else(|| format!("no views of {arg} are known"))?);
             }
         }
     }
     let folder = folder.ok_or(usage)?;
     let mut stages = Vec::new();
-    for level in levels {
-        let scene = baked(&level, bakes.as_deref())?;
-        stages.push(LitScene::new(level, scene));
+    for scene in scenes {
+        let baked = bake(&scene, bakes.as_deref())?;
+        stages.push(LitScene::new(scene, baked));
     }
-    let names: Vec<&str> = stages.iter().map(|s| s.level.name.as_str()).collect();
+    let names: Vec<&str> = stages.iter().map(|s| s.scene.name.as_str()).collect();
     eprintln!("{} are lit", names.join(", "));
     let found = experiments::all(&stages)?;
     std::fs::create_dir_all(folder.join("subsplats"))?;
@@ -53,13 +54,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Error>> {
-    let file = bakes.map(|folder| folder.join(format!("{}.mgi", level.name)));
+fn bake(scene: &TestScene, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Error>> {
+    let file = bakes.map(|folder| folder.join(format!("{}.mgi", scene.name)));
     if let Some(file) = file.as_deref().filter(|f| f.exists()) {
         return Ok(BakedScene::read(file, &Limits::default())?);
     }
-    eprintln!("baking {}", level.name);
-    let baked = bake_scene(&level.mesh, &Recipe::default(), 0, &Progress::default())?;
+    eprintln!("baking {}", scene.name);
+    let baked = bake_scene(&scene.mesh, &Recipe::default(), 0, &Progress::default())?;
     if let Some(file) = file {
         baked.scene.write(&file)?;
     }

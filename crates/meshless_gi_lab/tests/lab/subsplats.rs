@@ -3,6 +3,7 @@
 //! these small sizes edges take a larger share of the pixels than at those of a screen
 //! (docs/reports/subsplats.md).
 
+use meshless_gi_lab::fixtures::TestScene;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use glam::{Mat4, Vec3};
@@ -17,7 +18,7 @@ use meshless_gi::{
 };
 use meshless_gi_lab::accuracy::RaycastView;
 use std::sync::atomic::{AtomicU32, Ordering};
-use subsplat_support::{Level, LitScene, Source, View, clutter, from};
+use subsplat_support::{LitScene, Source, View, clutter, from};
 
 const SIZE: [u32; 2] = [480, 270];
 /// Halves round by a part of 2048, of the vector's length.
@@ -126,7 +127,7 @@ fn holds(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
         let exact = at_nodes(&view, &settings, &shown);
         println!(
             "{} {i}: 1/{:.2}, FLIP {:.4}, NRMSE {:.4}, at nodes {exact:.1e}",
-            stage.level.name,
+            stage.scene.name,
             1.0 / m.share(),
             m.flip,
             m.nrmse
@@ -153,15 +154,15 @@ fn holds(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
 }
 
 fn published(name: &str) -> LitScene {
-    let level = Level::read(&meshless_gi_lab::fixtures::data::published(name))
-        .expect("a level")
+    let scene = TestScene::read(&meshless_gi_lab::fixtures::data::published(name))
+        .expect("a scene")
         .expect("with views");
     let recipe = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    let baked = bake_scene(&level.mesh, &recipe, 0, &Progress::default()).expect("a bake");
-    LitScene::new(level, baked.scene)
+    let baked = bake_scene(&scene.mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    LitScene::new(scene, baked.scene)
 }
 
 #[test]
@@ -178,9 +179,9 @@ fn subsplats_in_open_rooms_match_full_resolution_in_motion() {
 
 #[test]
 fn subsplats_in_clutter_match_full_resolution_in_motion() {
-    let level = clutter();
+    let scene = clutter();
     let stage = LitScene {
-        level,
+        scene,
         source: Source::Made(sloping),
     };
     holds(&stage, &[0, 2], 0.004, 0.18);
@@ -194,7 +195,7 @@ fn subsplats_in_clutter_match_full_resolution_in_motion() {
 fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
-    let (eye, target) = stage.level.views[i];
+    let (eye, target) = stage.scene.views[i];
     let first = stage.view(i, size);
     let settings = SubsplatSettings::default();
     let step = 0.002 * (target - eye).cross(Vec3::Y).normalize();
@@ -245,7 +246,7 @@ fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
     let high = pops[pops.len() * 999 / 1000];
     println!(
         "{}: of {} pops 0.1 % are over {high:.4}, largest {:.4}, rms {found:.5}",
-        stage.level.name,
+        stage.scene.name,
         pops.len(),
         pops[pops.len() - 1]
     );
@@ -408,9 +409,9 @@ fn subsplats_of_sky_are_zero_without_evaluation() {
 /// else.
 #[test]
 fn subsplats_divide_cells_diagonal_to_edge() {
-    let level = clutter();
+    let scene = clutter();
     let stage = LitScene {
-        level,
+        scene,
         source: Source::Made(even),
     };
     let view = stage.view(0, SIZE);
@@ -570,10 +571,10 @@ fn detail_test_matches_equation_3_at_grazing_angles() {
 #[test]
 fn subsplats_of_any_settings_and_sizes_stay_finite() {
     let stage = LitScene {
-        level: clutter(),
+        scene: clutter(),
         source: Source::Made(sloping),
     };
-    let (eye, target) = stage.level.views[0];
+    let (eye, target) = stage.scene.views[0];
     let plain = SubsplatSettings::default();
     let wild = [
         plain,
@@ -641,7 +642,7 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
 #[test]
 fn subsplat_comparison_detects_one_wrong_node() {
     let stage = LitScene {
-        level: clutter(),
+        scene: clutter(),
         source: Source::Made(sloping),
     };
     let view = stage.view(0, SIZE);

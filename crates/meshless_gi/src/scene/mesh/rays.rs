@@ -175,6 +175,10 @@ impl Geometry for TriangleMesh {
         all.map(|m| (m.name.clone(), m.factors())).collect()
     }
 
+    fn emitters(&self) -> Option<&Emitters> {
+        (!self.emitters.is_empty()).then_some(&self.emitters)
+    }
+
     fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
         let Some(&face_index) = self.face_index.get(hit.primitive as usize) else {
             return HitPoint {

@@ -1,0 +1,106 @@
+//! Text of the document.
+
+use super::measure::{Measured, Row};
+use meshless_gi::Preset;
+use std::fmt::Write;
+
+/// Number of points of largest error that the document lists per reference.
+const LISTED: usize = 3;
+
+/// Returns the document.
+pub fn text(scenes: &[Measured], presets: &[Preset]) -> String {
+    let names: Vec<String> = presets.iter().map(|p| format!("{p:?}")).collect();
+    let mut out = format!(
+        "# Pictures\n\n\
+         Indirect light of scenes with details that are hard for a basis on points, beside the path\n\
+         tracer's. Printed by\n\n\
+         ```text\n\
+         cargo run -p meshless_gi_lab --example pictures -- -o docs/reports\n\
+         ```\n\n\
+         The light is irradiance without albedo, after one to four reflections of the light of\n\
+         lights, and after none to four of the light of the sky and of emissive surfaces, as a\n\
+         frame adds it to the direct light of its lights. Each scene has three views of 96 x 54\n\
+         pixels and 1000 random surface points, with 256 to 8192 paths each.\n\n\
+         - **wrong**: pixels that are visibly wrong. The reference's mean over pixels and channels\n\
+         \x20 is 0.2, in sRGB any channel is off by more than 24 of 255.\n\
+         - **NRMSE**: the reference's variance is subtracted. **99.5 %**: without the worst 0.5 %\n\
+         \x20 of the points. **p99**: 99th percentile of the error over the RMS of the reference.\n\
+         - **dark**: points whose reference is below 1 % of its RMS; how many of them are more than\n\
+         \x20 three standard errors above 5 % of the RMS.\n\n\
+         The pictures show the reference, then {}. Below each is its difference to the reference,\n\
+         three times magnified.\n",
+        names.join(", ")
+    );
+    for scene in scenes {
+        section(&mut out, scene);
+    }
+    out
+}
+
+fn section(out: &mut String, scene: &Measured) {
+    let _ = write!(out, "\n## {}\n\n", title(&scene.name));
+    let bytes: Vec<String> = scene
+        .bytes
+        .iter()
+        .map(|(preset, bytes)| format!("{preset:?} {:.1} MB", *bytes as f64 / 1e6))
+        .collect();
+    let _ = write!(
+        out,
+        "{} triangles. {}.\n\n",
+        scene.triangles,
+        bytes.join(", ")
+    );
+    out.push_str("| preset | points | wrong | NRMSE | 99.5 % | p99 | dark, wrong | dark |\n");
+    out.push_str("|---|---|---|---|---|---|---|---|\n");
+    for row in &scene.rows {
+        let e = &row.errors;
+        let _ = writeln!(
+            out,
+            "| {:?} | {} | {:.2} % | {:.1} % | {:.1} % | {:.0} % | {} | {} |",
+            row.preset,
+            row.set,
+            100.0 * e.wrong_fraction,
+            100.0 * e.nrmse,
+            100.0 * e.nrmse_without_worst,
+            100.0 * e.p99,
+            e.dark_wrong,
+            e.dark_count
+        );
+    }
+    out.push('\n');
+    for k in 1..=3 {
+        let _ = writeln!(out, "![View {k}](pictures/{}_{k}.png)\n", scene.name);
+    }
+    out.push_str("Points of largest error:\n\n| preset | points | position, m | normal | reference, W/m² | bake |\n|---|---|---|---|---|---|\n");
+    for row in &scene.rows {
+        worst(out, row);
+    }
+}
+
+fn worst(out: &mut String, row: &Row) {
+    for (point, value) in row.worst.iter().take(LISTED) {
+        let _ = writeln!(
+            out,
+            "| {:?} | {} | {} | {} | {} | {} |",
+            row.preset,
+            row.set,
+            vector(point.position, 2),
+            vector(point.normal, 1),
+            vector(point.irradiance, 2),
+            vector(*value, 2)
+        );
+    }
+}
+
+fn vector(v: glam::Vec3, digits: usize) -> String {
+    format!("{:.digits$}, {:.digits$}, {:.digits$}", v.x, v.y, v.z)
+}
+
+/// Name of a scene as a heading.
+fn title(name: &str) -> String {
+    let name = name.replace('_', " ");
+    let mut chars = name.chars();
+    chars.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(chars).collect()
+    })
+}

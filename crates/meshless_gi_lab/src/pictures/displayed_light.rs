@@ -1,0 +1,73 @@
+//! Light of a bake as a frame displays it.
+
+use super::BOUNCES;
+use super::view_reference::ReferencePoint;
+use glam::Vec3;
+use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings, Light, SkyRadiance};
+use rayon::prelude::*;
+
+/// Number of patches of a rectangle light.
+const PATCHES: u32 = 64;
+
+/// Values of a bake: its light after the solve of a frame.
+pub struct DisplayedLight<'a> {
+    scene: &'a BakedScene,
+    /// One of the lights and the sky, and one of emissive surfaces, whose light takes one sweep
+    /// more for as many reflections.
+    frames: [CpuFrame; 2],
+}
+
+impl<'a> DisplayedLight<'a> {
+    /// Solves `baked` under `lights`.
+    #[must_use]
+    pub fn new(baked: &'a BakedScene, lights: &[Light]) -> Self {
+        let sky: SkyRadiance = lights
+            .iter()
+            .filter_map(|light| match light {
+                Light::Sky { radiance } => Some(*radiance),
+                _ => None,
+            })
+            .sum();
+        let expanded: Vec<FrameLight> = lights
+            .iter()
+            .flat_map(|light| FrameLight::expand(light, PATCHES))
+            .collect();
+        let settings = FrameSettings {
+            baked_bounces: false,
+            ..FrameSettings::bounces(BOUNCES)
+        };
+        let solve = |lights: &[FrameLight], settings: FrameSettings| {
+            let mut frame = CpuFrame::new(baked);
+            frame.set_lights(baked, lights);
+            frame.solve(baked, &settings);
+            frame
+        };
+        let of_lights = FrameSettings {
+            emission: 0.0,
+            sky,
+            ..settings
+        };
+        let of_emitters = FrameSettings {
+            emission: 1.0,
+            sky: SkyRadiance::BLACK,
+            sweeps: settings.sweeps + 1,
+            ..settings
+        };
+        Self {
+            scene: baked,
+            frames: [solve(&expanded, of_lights), solve(&[], of_emitters)],
+        }
+    }
+
+    /// Irradiance at the points, W/m². 0 where the bake has none.
+    #[must_use]
+    pub fn at(&self, points: &[ReferencePoint]) -> Vec<Vec3> {
+        let at = |point: &ReferencePoint| -> Vec3 {
+            let frames = self.frames.iter();
+            let parts =
+                frames.filter_map(|f| f.irradiance(self.scene, point.position, point.normal));
+            parts.sum()
+        };
+        points.par_iter().map(at).collect()
+    }
+}
