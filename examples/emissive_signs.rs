@@ -194,8 +194,6 @@ fn set_up(
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[0.0, 1.6, 2.0], [0.0, 2.0, -5.0], [0.0, 2.0, -11.0]],
-        // Small emissive surfaces in a dark street need more rays than the preset's.
-        rays_per_point: Some(2048),
         dynamic_materials: true,
         ..default()
     };

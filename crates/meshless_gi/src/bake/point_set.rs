@@ -1,10 +1,11 @@
 //! Second stage: points, their hierarchy, light samples of senders, and weights between levels.
 
 use super::context::BakeContext;
+use super::link_method::LinkMethod;
 use super::survey::Survey;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats};
 use crate::asset::LightSamples;
-use crate::basis::{Hierarchy, HierarchySettings, Weights, place_light_samples};
+use crate::basis::{Hierarchy, HierarchySettings, SenderLevel, Weights, place_light_samples};
 use crate::scene::Geometry;
 
 /// Result of the stage.
@@ -48,6 +49,7 @@ pub(super) fn build_points(
         sender_overlap: method.sender_overlap(),
         clip: settings.clip_planes,
         drop_first: survey.drop_first,
+        separate_emitters: *method == LinkMethod::Averages && settings.fmm().is_none(),
     };
     let mut hierarchy = Hierarchy::build(geometry, viewpoints, &building, &|done| {
         context.progress.set(BakeStage::Points, 0.9 * done)
@@ -96,7 +98,10 @@ fn sample_senders(
     let level = hierarchy.level(finest);
     let (list, rays) = place_light_samples(
         geometry,
-        &hierarchy.senders[finest],
+        &SenderLevel {
+            basis: &hierarchy.senders[finest],
+            emissive: hierarchy.emissive.get(level.clone()).unwrap_or(&[]),
+        },
         &mut hierarchy.surfaces[level],
         settings.samples_per_sender,
         settings.seed,

@@ -8,7 +8,7 @@ use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
 use crate::transport::{
-    GatherSettings, SenderTree, TRAINING_LIGHTS, Training, coarse_rows, mean_squares,
+    GatherSettings, NormalRow, SenderTree, TRAINING_LIGHTS, Training, coarse_rows, mean_squares,
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -16,6 +16,10 @@ use rayon::prelude::*;
 /// Number of batches of [`TRAINING_LIGHTS`] lights that exposures are averaged over. The first
 /// batch has the training lights.
 const BATCHES: usize = 8;
+/// Number of training lights that emission replaces in a scene with emitters.
+const EMISSION_LIGHTS: usize = 2;
+/// Rec. 709 luminance, which represents the three channels.
+const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// Light positions in open space and the number of rays cast. Candidates lie half-way between
 /// bounces of importance particles. Each position has the largest clearance of its candidates: a
@@ -104,9 +108,44 @@ pub(super) fn train(
     for e in &mut exposure {
         *e /= counted.max(1) as f32;
     }
+    add_emission(hierarchy, &points.pull, &rows, &mut signals, &mut exposure);
     let sky = rows.iter().map(|row| row.1 * row.1).sum::<f32>() / rows.len().max(1) as f32;
     let sky = if sky > 0.0 { 1.0 / sky } else { 0.0 };
     (Training::new(signals, exposure, sky, tree), rays)
+}
+
+/// Makes the emission of the senders on emitters part of the training: in place of the last
+/// [`EMISSION_LIGHTS`] lights, and with the same part of the exposures.
+fn add_emission(
+    hierarchy: &Hierarchy,
+    pull: &Weights,
+    rows: &[NormalRow],
+    signals: &mut [[f32; TRAINING_LIGHTS]],
+    exposure: &mut [f32],
+) {
+    let mut emission = vec![[0.0f32; TRAINING_LIGHTS]; signals.len()];
+    for k in (0..signals.len())
+        .rev()
+        .filter(|&k| hierarchy.is_on_emitter(k))
+    {
+        emission[k][0] = match pull.row(k) {
+            [] => hierarchy.surfaces[k].emission.dot(LUMINANCE),
+            row => row
+                .iter()
+                .map(|w| w.weight * emission[w.index as usize][0])
+                .sum(),
+        };
+    }
+    let [square, ..] = mean_squares(rows, &emission);
+    if square <= 0.0 {
+        return;
+    }
+    let part = EMISSION_LIGHTS as f32 / TRAINING_LIGHTS as f32;
+    for ((signal, exposure), emission) in signals.iter_mut().zip(exposure).zip(&emission) {
+        let relative = emission[0] / square.sqrt();
+        signal[TRAINING_LIGHTS - EMISSION_LIGHTS..].fill(relative);
+        *exposure += part * (relative * relative - *exposure);
+    }
 }
 
 /// Radiosity of the senders for each light. Finest senders use their light samples, the others are
@@ -136,8 +175,7 @@ fn radiosity(
                     shine(geometry, sources, sample.x(), sample.n(), share, &mut row);
                 }
             }
-            // Rec. 709 luminance represents the three channels.
-            let albedo = s.albedo.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+            let albedo = s.albedo.dot(LUMINANCE);
             row.map(|e| albedo * e)
         })
         .collect();

@@ -2,12 +2,11 @@
 //! planes, parents and children.
 
 use super::clip::with_planes;
+use super::emitter_points::{emitter_candidates, on_emitters};
+use super::level_points::LevelPoints;
 use super::{LevelBasis, WeightEntry, Weights};
-use crate::samples::{
-    Candidate, DiskSettings, Point, fill_level, local_candidates, order, throw_darts,
-    trace_particles,
-};
-use crate::scene::{Geometry, Surface};
+use crate::samples::{Candidate, Point, local_candidates, order, throw_darts, trace_particles};
+use crate::scene::{Emitters, Geometry, Surface};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -39,6 +38,16 @@ pub struct HierarchySettings {
     pub clip: bool,
     /// Particles drop their first bounces.
     pub drop_first: bool,
+    /// Emissive surfaces have senders of their own, see [`super::emitter_points`].
+    pub separate_emitters: bool,
+}
+
+impl HierarchySettings {
+    /// Emitters that get senders of their own.
+    pub(super) fn emitters<'a>(&self, geometry: &'a dyn Geometry) -> Option<&'a Emitters> {
+        let emitters = geometry.emitters().filter(|_| self.separate_emitters);
+        emitters.filter(|e| e.is_sparse())
+    }
 }
 
 /// Levels of basis functions and their relations.
@@ -56,6 +65,8 @@ pub struct Hierarchy {
     pub rays: u64,
     /// Levels that reached their largest number of points.
     pub truncated: Vec<usize>,
+    /// `true` for each sender on an emissive surface. Empty if emitters are not separate.
+    pub emissive: Vec<bool>,
 }
 
 impl Hierarchy {
@@ -68,32 +79,18 @@ impl Hierarchy {
         progress: &(dyn Fn(f32) -> bool + Sync),
     ) -> Option<Self> {
         let mut rays = 0;
-        let mut filled: Vec<Vec<Candidate>> = Vec::new();
-        let mut truncated = Vec::new();
-        for l in 0..settings.levels {
-            let all_covering = l + 1 == settings.levels || l + 1 == settings.sender_levels;
-            let disks = fill_level(
-                geometry,
-                viewpoints,
-                &DiskSettings {
-                    radius: settings.coarse_radius / (1u32 << l) as f32,
-                    open_only: !all_covering,
-                    max: settings.max[l],
-                    seed: settings.seed.wrapping_add(l as u64),
-                    drop_first: settings.drop_first,
-                },
-            );
-            rays += disks.rays;
-            if disks.truncated {
-                truncated.push(l);
-            }
-            let mut points = disks.points;
-            order(&mut points, &geometry.bounds());
-            filled.push(points);
-            if !progress(0.7 * (l + 1) as f32 / settings.levels as f32) {
-                return None;
-            }
-        }
+        let emitters = settings.emitters(geometry);
+        let (on_emitter, cast) = emitters.map_or_else(Default::default, |emitters| {
+            emitter_candidates(geometry, emitters, viewpoints, settings.seed)
+        });
+        rays += cast;
+        let filled = LevelPoints::new(geometry, viewpoints, settings, &on_emitter, progress)?;
+        rays += filled.rays;
+        let LevelPoints {
+            points: filled,
+            truncated,
+            ..
+        } = filled;
         let mut level_starts = vec![0];
         for level in &filled {
             level_starts.push(level_starts[level_starts.len() - 1] + level.len() as u32);
@@ -132,13 +129,19 @@ impl Hierarchy {
                 return None;
             }
         }
+        let surfaces: Vec<Surface> = filled.iter().flatten().map(|c| c.surface).collect();
+        let emissive = emitters.map_or_else(Vec::new, |emitters| {
+            let senders = level_starts[settings.sender_levels] as usize;
+            on_emitters(geometry, emitters, &surfaces[..senders])
+        });
         Some(Self {
             levels,
             senders,
-            surfaces: filled.iter().flatten().map(|c| c.surface).collect(),
+            surfaces,
             level_starts,
             rays,
             truncated,
+            emissive,
         })
     }
 
@@ -290,8 +293,8 @@ impl Hierarchy {
             .map_init(Vec::new, |found, (l, i)| {
                 found.clear();
                 if l > 0 {
-                    let surface = &self.surfaces[i];
-                    self.senders[l - 1].raw_weights(surface.position, surface.normal, found);
+                    let (x, n) = (self.surfaces[i].position, self.surfaces[i].normal);
+                    self.raw_sender_weights(l - 1, x, n, self.is_on_emitter(i), found);
                 }
                 let first = if l > 0 { self.level_starts[l - 1] } else { 0 };
                 let mut best = (0.0, i as u32);
@@ -332,6 +335,12 @@ impl Hierarchy {
         let mut areas = vec![vec![0.0f32; tree.len()]; reach.len()];
         for level in &mut areas {
             level[first as usize..].fill(0.01);
+            // Few particles meet an emitter. Its disks count alike.
+            for (i, area) in level.iter_mut().enumerate().skip(first as usize) {
+                if self.is_on_emitter(i) {
+                    *area = 1.0;
+                }
+            }
         }
         let mut rays = 0;
         let mut found = 0;
@@ -355,7 +364,8 @@ impl Hierarchy {
                     leaves.raw_weights(c.surface.position, c.surface.normal, weights);
                     let mut best = (0.0, u32::MAX);
                     for w in weights.iter() {
-                        if w.weight > best.0 {
+                        let is_on_emitter = self.is_on_emitter((first + w.index) as usize);
+                        if w.weight > best.0 && !is_on_emitter {
                             best = (w.weight, w.index);
                         }
                     }
@@ -405,7 +415,7 @@ impl Hierarchy {
 }
 
 /// Scales the weights to a sum of one. Clears a row whose sum is next to nothing.
-fn normalize(row: &mut Vec<WeightEntry>) {
+pub(super) fn normalize(row: &mut Vec<WeightEntry>) {
     let sum: f32 = row.iter().map(|w| w.weight).sum();
     if sum <= super::NO_COVER {
         row.clear();

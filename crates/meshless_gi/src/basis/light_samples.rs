@@ -23,12 +23,22 @@ use rayon::prelude::*;
 /// the first, the others give.
 const LATTICES: u32 = 4;
 
+/// Finest level of senders.
+#[derive(Clone, Copy, Debug)]
+pub struct SenderLevel<'a> {
+    /// Basis functions.
+    pub basis: &'a LevelBasis,
+    /// `true` for each sender on an emissive surface, whose samples lie on emissive surfaces, as
+    /// those of the other senders do not. Empty if emitters are not separate.
+    pub emissive: &'a [bool],
+}
+
 /// The positions of a level's functions, so many each, behind one another; `surfaces` are those at
 /// the functions' centers and get the mean reflectance and emission over the positions. Also says
 /// how many rays it took.
 pub fn place_light_samples(
     geometry: &dyn Geometry,
-    level: &LevelBasis,
+    level: &SenderLevel<'_>,
     surfaces: &mut [Surface],
     per_sender: u32,
     seed: u64,
@@ -67,7 +77,7 @@ pub fn place_light_samples(
 /// radii where there are so many; how many rays that took.
 fn look_around(
     geometry: &dyn Geometry,
-    level: &LevelBasis,
+    level: &SenderLevel<'_>,
     i: usize,
     surface: &Surface,
     reach: &[f32],
@@ -75,7 +85,8 @@ fn look_around(
     seen: &mut Vec<Surface>,
 ) -> u64 {
     seen.clear();
-    let point = &level.points[i];
+    let point = &level.basis.points[i];
+    let is_on_emitter = level.emissive.get(i).copied();
     let (x, n) = (surface.position, surface.normal);
     let (t, b) = tangents(n);
     let mut random = Random::new(seed, 0x70_6c_61_63, i as u64);
@@ -102,8 +113,16 @@ fn look_around(
             let Some(hit) = geometry.cast(&ray) else {
                 continue;
             };
+            let is_emitter = || {
+                geometry
+                    .emitters()
+                    .is_some_and(|e| e.contains(hit.primitive))
+            };
+            if is_on_emitter.is_some_and(|own| own != is_emitter()) {
+                continue;
+            }
             let there = geometry.surface(&ray, &hit);
-            if weight(point, &level.planes, there.position, there.normal) <= 0.0 {
+            if weight(point, &level.basis.planes, there.position, there.normal) <= 0.0 {
                 continue;
             }
             rays += 1;
@@ -164,6 +183,13 @@ mod tests {
         TriangleMesh::new(triangles, vec![0; 4], vec![Material::default()])
     }
 
+    fn senders(basis: &LevelBasis) -> SenderLevel<'_> {
+        SenderLevel {
+            basis,
+            emissive: &[],
+        }
+    }
+
     fn surface(position: Vec3, normal: Vec3) -> Surface {
         Surface {
             position,
@@ -205,7 +231,7 @@ mod tests {
         );
         let mut surfaces: Vec<Surface> =
             level.points.iter().map(|p| surface(p.x(), p.n())).collect();
-        let (samples, rays) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
+        let (samples, rays) = place_light_samples(&mesh, &senders(&level), &mut surfaces, 16, 3);
         assert_eq!(samples.len(), 32);
         assert!(rays >= 2 * 32);
         let (open, beside) = samples.split_at(16);
@@ -228,7 +254,7 @@ mod tests {
         let x = Vec3::new(0.0, 5.0, 0.0);
         let level = LevelBasis::new(vec![Point::new(x, Vec3::Y, 0.5)], Vec::new());
         let mut surfaces = [surface(x, Vec3::Y)];
-        let (samples, _) = place_light_samples(&mesh, &level, &mut surfaces, 4, 1);
+        let (samples, _) = place_light_samples(&mesh, &senders(&level), &mut surfaces, 4, 1);
         assert!(samples.len() == 4 && samples.iter().all(|p| p.x() == x));
         assert_eq!(surfaces[0].albedo, Vec3::ONE);
     }
@@ -264,7 +290,7 @@ mod tests {
     #[test]
     fn light_samples_on_point_sphere_follow_curvature() {
         let (mesh, level, mut surfaces) = ball();
-        let (samples, _) = place_light_samples(&mesh, &level, &mut surfaces, 16, 3);
+        let (samples, _) = place_light_samples(&mesh, &senders(&level), &mut surfaces, 16, 3);
         let mut sum = 0.0;
         for (point, own) in level.points.iter().zip(samples.chunks(16)) {
             let square = |p: &LightSample| (p.x() - point.x()).length_squared();
@@ -281,7 +307,7 @@ mod tests {
     #[test]
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
-        let (samples, _) = place_light_samples(&mesh, &level, &mut surfaces, 64, 3);
+        let (samples, _) = place_light_samples(&mesh, &senders(&level), &mut surfaces, 64, 3);
         // Nothing but the ball is there: a light above a position's own and its neighbors' horizon
         // shines on it. The start is a frame's.
         let blocked = |raised: f32| {

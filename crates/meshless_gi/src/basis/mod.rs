@@ -1,9 +1,11 @@
 //! Representation of light: the multilevel Shepard basis of \[L08\] §2.
 
 mod clip;
+mod emitter_points;
 mod flat;
 mod hierarchy;
 mod kernel;
+mod level_points;
 mod light_samples;
 mod probes;
 mod shepard;
@@ -13,7 +15,7 @@ mod weights;
 pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{LEAN_FROM, kernel, weight};
-pub use light_samples::place_light_samples;
+pub use light_samples::{SenderLevel, place_light_samples};
 pub use probes::{PROBE_OVERLAP, probe_basis, weight_in_space};
 pub use shepard::{LevelBasis, support_bounds};
 pub use voronoi_cells::{CellPart, find_cells};

@@ -3,8 +3,8 @@
 //!
 //! Path tracing from the position: cosine-weighted directions, next-event estimation of the light
 //! sources at every vertex, the sky by the directions themselves, and emissive surfaces by both: a
-//! position on an emitter and the direction share the work by the balance heuristic (Veach and
-//! Guibas 1995). With the density cos θ / π a direction's share of the irradiance is the radiosity
+//! position on an emitter and the direction share the work by the balance heuristic (\[VG95\]
+//! §3.2). With the density cos θ / π a direction's share of the irradiance is the radiosity
 //! that it meets, so that E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source
 //! (emissive surfaces and the sky among them) to the position; "indirect" is what was diffusely
 //! reflected once or more.
@@ -16,7 +16,7 @@
 //! independent paths and so rather too large than too small.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
-use crate::scene::{Geometry, Hit, Light, Ray, SkyRadiance};
+use crate::scene::{Emitters, Geometry, Hit, Light, Ray, SkyRadiance};
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -140,6 +140,8 @@ struct PathTracer<'a> {
     lights: &'a [Light],
     /// π times the radiance of the sky, W/m².
     sky: SkyRadiance,
+    /// Emitters that are sampled by area.
+    emitters: Option<&'a Emitters>,
     settings: &'a ReferenceSettings,
 }
 
@@ -152,8 +154,8 @@ impl PathTracer<'_> {
 
     /// One sample of the irradiance by emissive surfaces at a position that is lifted to `start`,
     /// W/m²: a position on an emitter, weighted for the balance with [`Self::emitted`].
-    fn emitters(&self, start: Vec3, n: Vec3, random: &mut Random) -> Vec3 {
-        let Some(emitters) = self.geometry.emitters() else {
+    fn emitter_sample(&self, start: Vec3, n: Vec3, random: &mut Random) -> Vec3 {
+        let Some(emitters) = self.emitters else {
             return Vec3::ZERO;
         };
         let u = Vec2::new(random.unit(), random.unit());
@@ -166,9 +168,9 @@ impl PathTracer<'_> {
     }
 
     /// Emission at the hit of a cosine-weighted ray around `n`, W/m², weighted for the balance with
-    /// [`Self::emitters`].
+    /// [`Self::emitter_sample`].
     fn emitted(&self, ray: &Ray, n: Vec3, hit: &Hit, emission: Vec3) -> Vec3 {
-        match self.geometry.emitters() {
+        match self.emitters {
             Some(emitters) if emission != Vec3::ZERO => {
                 let by_direction = ray.direction.dot(n).max(f32::MIN_POSITIVE) / PI;
                 emission * (by_direction / (emitters.density(ray, hit) + by_direction))
@@ -199,7 +201,7 @@ impl PathTracer<'_> {
                 Some((hit, surface)) => self.emitted(&ray, normal, hit, surface.emission),
                 None => self.sky.toward(ray.direction),
             };
-            let emitted = emitted + self.emitters(position, normal, random);
+            let emitted = emitted + self.emitter_sample(position, normal, random);
             sums[usize::from(depth > 0)] += throughput * emitted;
             let Some((_, surface)) = surface else { break };
             depth += 1;
@@ -245,6 +247,7 @@ pub fn irradiance(
         geometry,
         lights,
         sky: sky.sum(),
+        emitters: geometry.emitters().filter(|e| e.is_sparse()),
         settings,
     };
     // Only rectangles are sampled at random. Others give every path the same direct light.

@@ -68,9 +68,15 @@ pub fn gather_direction(i: u32, count: u32, shift: Vec2) -> (Vec3, f32) {
     let z = z.clamp(1e-6, 1.0);
     let r = (1.0 - z * z).max(0.0).sqrt();
     let (s, c) = on_circle(u.y);
+    (Vec3::new(r * c, r * s, z), gather_weight(z, count))
+}
+
+/// Weight of a direction of [`gather_direction`] whose cosine is `z`.
+#[must_use]
+pub fn gather_weight(z: f32, count: u32) -> f32 {
+    let (a, b) = (COSINE_SHARE, 1.0 - COSINE_SHARE);
     // p(ω) = (2 a z + b) / 2π, so 1 / (π p) = 2 / (2 a z + b).
-    let w = 2.0 / ((2.0 * a * z + b) * count as f32);
-    (Vec3::new(r * c, r * s, z), w)
+    2.0 / ((2.0 * a * z + b) * count as f32)
 }
 
 #[cfg(test)]

@@ -16,7 +16,9 @@ mod random;
 mod scatter;
 mod viewpoints;
 
-pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
+pub use direction::{
+    cosine_hemisphere, gather_direction, gather_weight, lattice, tangents, uniform_sphere,
+};
 pub use distance::{F_SQUASH, dist, dist_squared, distance_5d};
 pub use grid::{GridSlot, HashedGrid};
 pub use light_sample::LightSample;

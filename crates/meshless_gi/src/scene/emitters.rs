@@ -1,7 +1,7 @@
 //! Emissive triangles of a geometry, and directions toward them drawn by area and strength.
 //!
 //! Sampling an emitter by area has little noise far from it, sampling the hemisphere has little
-//! noise near it. Integrators combine both by the balance heuristic (Veach and Guibas 1995), which
+//! noise near it. Integrators combine both by the balance heuristic (\[VG95\] §3.2), which
 //! needs the density of the area samples for every direction: [`Emitters::density`].
 
 use super::{Geometry, Hit, Ray};
@@ -31,16 +31,24 @@ pub struct Emitters {
     emitters: Vec<Emitter>,
     index_of: HashMap<u32, u32>,
     power: f32,
+    is_sparse: bool,
 }
+
+/// Largest part of the area of a geometry that sparse emitters cover.
+const SPARSE: f64 = 0.5;
 
 impl Emitters {
     /// Collects triangles: index of the primitive, corners in meters, and mean emission of any unit
-    /// that all have in common. Leaves out those without area or emission.
+    /// that all have in common. Leaves out those without area or emission. `total_area` is that of
+    /// the geometry, m².
     #[must_use]
-    pub fn new(triangles: impl IntoIterator<Item = (u32, [Vec3; 3], f32)>) -> Self {
+    pub fn new(
+        triangles: impl IntoIterator<Item = (u32, [Vec3; 3], f32)>,
+        total_area: f64,
+    ) -> Self {
         let mut emitters = Vec::new();
         let mut index_of = HashMap::new();
-        let mut sum = 0.0f64;
+        let (mut sum, mut emissive_area) = (0.0f64, 0.0f64);
         for (primitive, corners, strength) in triangles {
             let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
             let area = 0.5 * cross.length();
@@ -49,6 +57,7 @@ impl Emitters {
                 continue;
             }
             sum += f64::from(power);
+            emissive_area += f64::from(area);
             index_of.insert(primitive, emitters.len() as u32);
             emitters.push((
                 sum,
@@ -73,13 +82,27 @@ impl Emitters {
             emitters: emitters.into_iter().map(finish).collect(),
             index_of,
             power: sum as f32,
+            is_sparse: emissive_area <= SPARSE * total_area,
         }
+    }
+
+    /// Returns `true` if emitters cover at most half of the area of the geometry. Samples of their
+    /// area are worth their cost then. Rays of the hemisphere find the others without noise.
+    #[must_use]
+    pub fn is_sparse(&self) -> bool {
+        self.is_sparse
     }
 
     /// Returns `true` if nothing emits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.emitters.is_empty()
+    }
+
+    /// Returns `true` if the primitive emits.
+    #[must_use]
+    pub fn contains(&self, primitive: u32) -> bool {
+        self.index_of.contains_key(&primitive)
     }
 
     /// Sum of area times mean emission over all triangles.
@@ -206,10 +229,8 @@ mod tests {
                 .visible(&mesh, Vec3::ZERO, Vec3::NEG_Y, u)
                 .is_none()
         );
-        let none = Emitters::new([
-            (0, [Vec3::ZERO; 3], 1.0),
-            (1, [Vec3::X, Vec3::Y, Vec3::Z], 0.0),
-        ]);
+        let corners = [Vec3::X, Vec3::Y, Vec3::Z];
+        let none = Emitters::new([(0, [Vec3::ZERO; 3], 1.0), (1, corners, 0.0)], 1.0);
         assert!(none.is_empty() && none.position(u).is_none());
         assert!(none.visible(&mesh, Vec3::ZERO, Vec3::Y, u).is_none());
     }

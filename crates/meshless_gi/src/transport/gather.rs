@@ -9,9 +9,13 @@
 
 use super::occluded_links::LinkTerm;
 use crate::basis::{Hierarchy, WeightEntry};
-use crate::samples::{Random, gather_direction, tangents};
-use crate::scene::{Geometry, HitPoint, Ray, SkyRadiance};
+use crate::samples::{Random, gather_direction, gather_weight, lattice, tangents};
+use crate::scene::{Emitters, Geometry, Hit, HitPoint, Ray, SkyRadiance};
+use core::f32::consts::PI;
 use glam::{Vec2, Vec3, Vec3A};
+
+/// Number of rays of the hemisphere for each ray toward an emitter.
+const RAYS_PER_EMITTER_RAY: u32 = 2;
 
 /// Sender levels that a hit is added to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,19 +90,29 @@ pub struct Gathered {
     pub unlit: f32,
     marks: Vec<bool>,
     found: Vec<WeightEntry>,
-    directions: Vec<(Vec3, f32)>,
-    hits: Vec<Hit>,
+    samples: Vec<GatherSample>,
 }
 
-/// Hit of a ray.
-struct Hit {
-    site: HitPoint,
-    /// Direction × weight.
-    value: Vec3A,
+/// Direction of a gather, and its hit.
+struct GatherSample {
+    direction: Vec3,
+    /// Cosine of the direction and the normal.
+    cosine: f32,
+    /// Weight before the sum over all directions is normalized.
+    weight: f32,
+    /// `None` for a direction into the sky.
+    hit: Option<SampleHit>,
     /// 0 for an even ray, 1 for an odd one.
     half: usize,
     /// Occluders on the way.
     crossed: u64,
+}
+
+/// Hit of a direction.
+struct SampleHit {
+    site: HitPoint,
+    /// `true` if the hit belongs to the senders on emitters.
+    is_emitter: bool,
 }
 
 impl Gathered {
@@ -114,8 +128,7 @@ impl Gathered {
             unlit: 0.0,
             marks: vec![false; senders],
             found: Vec::new(),
-            directions: Vec::new(),
-            hits: Vec::new(),
+            samples: Vec::new(),
         }
     }
 
@@ -152,6 +165,44 @@ impl Gathered {
         });
     }
 
+    /// Adds `value` to the senders that cover a hit.
+    fn deposit_hit(
+        &mut self,
+        scene: &GatherScene<'_>,
+        sample: &GatherSample,
+        hit: &SampleHit,
+        value: Vec3A,
+        n: Vec3,
+        found: &mut Vec<WeightEntry>,
+    ) {
+        let (y, m) = (hit.site.position, hit.site.normal);
+        let mut covered = false;
+        for l in (0..scene.sender_levels).rev() {
+            if !(scene.hierarchy).sender_weights(l, y, m, hit.is_emitter, found) {
+                continue;
+            }
+            covered = true;
+            let first = scene.hierarchy.level_starts[l];
+            for entry in &*found {
+                let (j, value) = (first + entry.index, value * entry.weight);
+                self.deposit(j, sample.half, value);
+                if sample.crossed != 0 {
+                    self.part(j, sample.crossed, value);
+                }
+            }
+            if scene.deposit == Deposit::Finest {
+                break;
+            }
+        }
+        if !covered {
+            let lost = match hit.site.lit {
+                true => &mut self.uncovered,
+                false => &mut self.unlit,
+            };
+            *lost += value.dot(n.into());
+        }
+    }
+
     /// Link F_ij.
     #[must_use]
     pub fn link(&self, sender: u32) -> Vec3A {
@@ -161,75 +212,100 @@ impl Gathered {
 }
 
 /// Gathers all links of point `i` of the hierarchy into `out`.
+///
+/// Emitters that have senders of their own are also sampled by area, with the balance heuristic
+/// (\[VG95\] §3.2): a direction of density p_h from N_h rays of the hemisphere and p_e from
+/// N_e samples of emitters counts 1 / (π (N_h p_h + N_e p_e)). Both are needed. A small sign meets
+/// few rays, and a large panel next to the receiver has few area samples where it is nearest.
 pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     out.reset();
-    let surface = &scene.hierarchy.surfaces[i];
-    let (x, n) = (surface.position, surface.normal);
-    let (t, b) = tangents(n);
-    let start = x + n * scene.geometry.ray_offset(x);
-    let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
-    let shift = Vec2::new(random.unit(), random.unit());
-    // The lattice deviates from the closed form Σ w cos θ = 1 by rounding and discrepancy. The
-    // ratio corrects that, so that a closed room of unit radiosity gathers exactly 1.
-    let mut directions = std::mem::take(&mut out.directions);
-    directions.clear();
-    directions.extend((0..scene.rays).map(|k| gather_direction(k, scene.rays, shift)));
-    let norm = 1.0 / directions.iter().fold(0.0, |sum, (d, w)| sum + w * d.z);
+    let mut samples = std::mem::take(&mut out.samples);
+    samples.clear();
     // All casts run before all look-ups, so that each has the processor's caches for itself.
-    let mut hits = std::mem::take(&mut out.hits);
-    hits.clear();
-    for (k, &(d, w)) in directions.iter().enumerate() {
-        let direction = (t * d.x + b * d.y + n * d.z).normalize();
-        let ray = Ray::new(start, direction);
-        let value = Vec3A::from(direction) * (w * norm);
-        let Some(hit) = scene.geometry.cast(&ray) else {
-            out.sky += value;
-            let crossed = scene.geometry.crossed_occluders(&ray);
-            if crossed != 0 {
-                out.part(out.sums.len() as u32, crossed, value);
-            }
-            continue;
-        };
-        hits.push(Hit {
-            site: scene.geometry.hit_point(&ray, &hit),
-            value,
-            half: k & 1,
-            crossed: scene
-                .geometry
-                .crossed_occluders(&Ray::segment(start, direction, hit.t)),
-        });
-    }
+    cast_samples(scene, i, &mut samples);
+    // The samples deviate from the closed form Σ w cos θ = 1 by rounding, discrepancy and the noise
+    // of area samples. The ratio corrects that, so that a closed room of unit radiosity gathers
+    // exactly 1.
+    let norm = 1.0 / samples.iter().fold(0.0, |sum, s| sum + s.weight * s.cosine);
+    let n = scene.hierarchy.surfaces[i].normal;
     let mut found = std::mem::take(&mut out.found);
-    for hit in &hits {
-        let mut covered = false;
-        for l in (0..scene.sender_levels).rev() {
-            let (x, n) = (hit.site.position, hit.site.normal);
-            if scene.hierarchy.senders[l].weights(x, n, &mut found) {
-                covered = true;
-                let first = scene.hierarchy.level_starts[l];
-                for entry in &found {
-                    let (j, value) = (first + entry.index, hit.value * entry.weight);
-                    out.deposit(j, hit.half, value);
-                    if hit.crossed != 0 {
-                        out.part(j, hit.crossed, value);
-                    }
-                }
-                if scene.deposit == Deposit::Finest {
-                    break;
+    for sample in &samples {
+        let value = Vec3A::from(sample.direction) * (sample.weight * norm);
+        match &sample.hit {
+            Some(hit) => out.deposit_hit(scene, sample, hit, value, n, &mut found),
+            None => {
+                out.sky += value;
+                if sample.crossed != 0 {
+                    out.part(out.sums.len() as u32, sample.crossed, value);
                 }
             }
-        }
-        if !covered {
-            let lost = match hit.site.lit {
-                true => &mut out.uncovered,
-                false => &mut out.unlit,
-            };
-            *lost += hit.value.dot(n.into());
         }
     }
     out.found = found;
-    out.directions = directions;
-    out.hits = hits;
+    out.samples = samples;
+}
+
+/// Casts the rays of the hemisphere around point `i`, then those toward emitters.
+fn cast_samples(scene: &GatherScene<'_>, i: usize, out: &mut Vec<GatherSample>) {
+    let geometry = scene.geometry;
+    let surface = &scene.hierarchy.surfaces[i];
+    let (x, n) = (surface.position, surface.normal);
+    let (t, b) = tangents(n);
+    let start = x + n * geometry.ray_offset(x);
+    let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
+    let shift = Vec2::new(random.unit(), random.unit());
+    let emitters = scene.hierarchy.separate_emitters(geometry);
+    let emitter_rays = emitters.map_or(0, |_| scene.rays.div_ceil(RAYS_PER_EMITTER_RAY));
+    // Weight w = 1 / (π N_h p_h) of a ray of the hemisphere, balanced with the area samples.
+    let balanced = |w: f32, emitters: &Emitters, ray: &Ray, hit: &Hit| {
+        w / (1.0 + PI * w * emitter_rays as f32 * emitters.density(ray, hit))
+    };
+    for k in 0..scene.rays {
+        let (d, w) = gather_direction(k, scene.rays, shift);
+        let direction = (t * d.x + b * d.y + n * d.z).normalize();
+        let ray = Ray::new(start, direction);
+        let hit = geometry.cast(&ray);
+        let length = hit.map_or(f32::INFINITY, |hit| hit.t);
+        let emitter = match (emitters, &hit) {
+            (Some(emitters), Some(hit)) if emitters.contains(hit.primitive) => Some(emitters),
+            _ => None,
+        };
+        out.push(GatherSample {
+            direction,
+            cosine: d.z,
+            weight: match (emitter, &hit) {
+                (Some(emitters), Some(hit)) => balanced(w, emitters, &ray, hit),
+                _ => w,
+            },
+            hit: hit.map(|hit| SampleHit {
+                site: geometry.hit_point(&ray, &hit),
+                is_emitter: emitter.is_some(),
+            }),
+            half: k as usize & 1,
+            crossed: geometry.crossed_occluders(&Ray::segment(start, direction, length)),
+        });
+    }
+    let Some(emitters) = emitters else { return };
+    let shift = Vec2::new(random.unit(), random.unit());
+    for k in 0..emitter_rays {
+        let u = lattice(k, emitter_rays, shift);
+        let Some((ray, hit)) = emitters.visible(geometry, start, n, u) else {
+            continue;
+        };
+        let (direction, cosine) = (ray.direction, ray.direction.dot(n));
+        let w = gather_weight(cosine, scene.rays);
+        out.push(GatherSample {
+            direction,
+            cosine,
+            weight: balanced(w, emitters, &ray, &hit),
+            hit: Some(SampleHit {
+                site: geometry.hit_point(&ray, &hit),
+                is_emitter: true,
+            }),
+            half: k as usize & 1,
+            crossed: geometry.crossed_occluders(&Ray::segment(start, direction, hit.t)),
+        });
+    }
 }
 
 /// Sky visibility of receiver `i` at (`x`, `n`), by the directions of [`gather`]: (1/π) ∫ ω dω over

@@ -35,5 +35,7 @@ pub use pack::{Packed, pack};
 pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
 pub use refine::{BoundedSettings, RawRow, Receivers, RefinedOperator, refine_bounded};
 pub use tiers::{TIERS, assign_tiers};
-pub use training::{TRAINING_LIGHTS, Training, TrainingRadiosity, coarse_rows, mean_squares};
+pub use training::{
+    NormalRow, TRAINING_LIGHTS, Training, TrainingRadiosity, coarse_rows, mean_squares,
+};
 pub use truncation_mass::TruncationMass;

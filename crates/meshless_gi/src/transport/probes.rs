@@ -156,6 +156,7 @@ fn one(
     };
     scratch.gathered.reset();
     scratch.met.clear();
+    let emitters = scene.hierarchy.separate_emitters(scene.geometry);
     for k in 0..scene.rays {
         let way = uniform_sphere(lattice(k, scene.rays, shift)).normalize_or(Vec3::Y);
         let ray = Ray::new(x, way);
@@ -177,8 +178,10 @@ fn one(
             continue;
         };
         let site = scene.geometry.hit_point(&ray, &hit);
+        let is_emitter = emitters.is_some_and(|e| e.contains(hit.primitive));
         let covering = (0..scene.sender_levels).rev().find(|&l| {
-            scene.hierarchy.senders[l].weights(site.position, site.normal, &mut scratch.found)
+            let (x, n) = (site.position, site.normal);
+            (scene.hierarchy).sender_weights(l, x, n, is_emitter, &mut scratch.found)
         });
         let Some(l) = covering else {
             out.lost += weight;

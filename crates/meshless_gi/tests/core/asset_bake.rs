@@ -73,7 +73,7 @@ fn bake_of_one_version_has_recorded_hash() {
     assert_eq!(
         (BAKE_VERSION, digest.as_str()),
         (
-            3,
+            4,
             "1fb651007b25a92c84de4f711a1bf8f8ec57229960e6a91c90fc1c197e801775"
         )
     );

@@ -62,6 +62,7 @@ impl Fixture {
             sender_overlap: Some(SENDER_OVERLAP),
             clip: settings.clip_planes,
             drop_first: false,
+            separate_emitters: true,
         };
         let hierarchy =
             Hierarchy::build(&mesh, &viewpoints, &building, &|_| true).expect("not canceled");

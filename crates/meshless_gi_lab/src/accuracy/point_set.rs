@@ -102,6 +102,7 @@ impl PointSet {
             sender_overlap: None,
             clip: false,
             drop_first: false,
+            separate_emitters: false,
         };
         let build = |levels: usize| {
             let built = Hierarchy::build(&geometry, &viewpoints, &settings(levels), &|_| true);

@@ -5,6 +5,7 @@
 mod asset_roundtrip;
 mod closed_forms;
 mod cpu_frame;
+mod emitters;
 mod error_estimate;
 mod evaluate;
 mod fmm;
