@@ -99,7 +99,7 @@ fn measure(world: &mut World) {
         world
             .spawn(Screenshot::primary_window())
             .observe(save_to_disk(file));
-    } else if state.lit_frames > 3 * SETTLE_FRAMES {
+    } else if state.lit_frames > 2 * SETTLE_FRAMES {
         state.waits += 1;
         if let (Some(pixels), true) = (&state.pixels, folder().join("window.png").exists()) {
             report(world, pixels);
