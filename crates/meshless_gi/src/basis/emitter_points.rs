@@ -83,21 +83,22 @@ pub(super) fn on_emitters(
 
 impl Hierarchy {
     /// Basis functions of sender level `l` that are not zero at (x, n), with weights that sum to
-    /// one: those on emitters at a position on an emitter, the others elsewhere. Replaces `out`.
-    /// Returns `false` if there is none.
+    /// one: those on emitters at a position on an emitter, the others elsewhere. `near` is the list
+    /// of the level's grid at `x`. Replaces `out`. Returns `false` if there is none.
     #[inline]
     pub fn sender_weights(
         &self,
         l: usize,
+        near: &[u32],
         x: Vec3,
         n: Vec3,
         is_emitter: bool,
         out: &mut Vec<WeightEntry>,
     ) -> bool {
         if self.emissive.is_empty() {
-            return self.senders[l].weights(x, n, out);
+            return self.senders[l].weights_among(near, x, n, out);
         }
-        self.raw_sender_weights(l, x, n, is_emitter, out);
+        self.raw_sender_weights(l, near, x, n, is_emitter, out);
         normalize(out);
         !out.is_empty()
     }
@@ -106,13 +107,14 @@ impl Hierarchy {
     pub(super) fn raw_sender_weights(
         &self,
         l: usize,
+        near: &[u32],
         x: Vec3,
         n: Vec3,
         is_emitter: bool,
         out: &mut Vec<WeightEntry>,
     ) {
         out.clear();
-        self.senders[l].raw_weights(x, n, out);
+        self.senders[l].raw_weights_among(near, x, n, out);
         let first = self.level_starts[l];
         let is_on_emitter = |w: &WeightEntry| self.is_on_emitter((first + w.index) as usize);
         out.retain(|w| is_on_emitter(w) == is_emitter);

@@ -294,7 +294,8 @@ impl Hierarchy {
                 found.clear();
                 if l > 0 {
                     let (x, n) = (self.surfaces[i].position, self.surfaces[i].normal);
-                    self.raw_sender_weights(l - 1, x, n, self.is_on_emitter(i), found);
+                    let near = self.senders[l - 1].grid.near(x);
+                    self.raw_sender_weights(l - 1, near, x, n, self.is_on_emitter(i), found);
                 }
                 let first = if l > 0 { self.level_starts[l - 1] } else { 0 };
                 let mut best = (0.0, i as u32);

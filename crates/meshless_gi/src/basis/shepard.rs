@@ -64,10 +64,22 @@ impl LevelBasis {
     /// normalized, appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
+        self.raw_weights_among(self.grid.near(x), x, n, out)
+    }
+
+    /// As [`raw_weights`](Self::raw_weights), with the functions that the grid lists near `x`.
+    #[inline]
+    pub(super) fn raw_weights_among(
+        &self,
+        near: &[u32],
+        x: Vec3,
+        n: Vec3,
+        out: &mut Vec<WeightEntry>,
+    ) -> f32 {
         const AT_ONCE: usize = 32;
         let mut sum = 0.0;
         let mut reaching = [(0u32, 0.0f32, 0.0f32); AT_ONCE];
-        for some in self.grid.near(x).chunks(AT_ONCE) {
+        for some in near.chunks(AT_ONCE) {
             // Two of three do not reach the position, which no processor can foresee: first those
             // that do are sorted out, without a branch.
             let mut count = 0;
@@ -92,8 +104,20 @@ impl LevelBasis {
     /// Replaces `out`; false, and `out` empty, where no function covers the position.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
+        self.weights_among(self.grid.near(x), x, n, out)
+    }
+
+    /// As [`weights`](Self::weights), with the functions that the grid lists near `x`.
+    #[inline]
+    pub(super) fn weights_among(
+        &self,
+        near: &[u32],
+        x: Vec3,
+        n: Vec3,
+        out: &mut Vec<WeightEntry>,
+    ) -> bool {
         out.clear();
-        let sum = self.raw_weights(x, n, out);
+        let sum = self.raw_weights_among(near, x, n, out);
         if sum <= super::NO_COVER {
             out.clear();
             return false;

@@ -4,10 +4,10 @@
 //! Path tracing from the position: cosine-weighted directions, next-event estimation of the light
 //! sources at every vertex, the sky by the directions themselves, and emissive surfaces by both: a
 //! position on an emitter and the direction share the work by the balance heuristic (\[VG95\]
-//! §3.2). With the density cos θ / π a direction's share of the irradiance is the radiosity
-//! that it meets, so that E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source
-//! (emissive surfaces and the sky among them) to the position; "indirect" is what was diffusely
-//! reflected once or more.
+//! §3.2). With the density cos θ / π a direction's share of the irradiance is the radiosity that it
+//! meets, so that E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is
+//! what goes from a light source (emissive surfaces and the sky among them) to the position;
+//! "indirect" is what was diffusely reflected once or more.
 //!
 //! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
 //! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability

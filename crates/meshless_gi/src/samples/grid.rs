@@ -9,6 +9,7 @@ use crate::scene::Bounds;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// One slot of the hash table: the cell it holds and where the cell's list starts. 16 bytes.
 #[repr(C)]
@@ -183,18 +184,29 @@ impl HashedGrid {
         self.list(Self::cell(p, self.cell_size))
     }
 
+    /// The range in `entries` of the indices whose boxes touch the cell of `p`.
+    #[must_use]
+    pub(crate) fn near_range(&self, p: Vec3) -> Range<u32> {
+        let list = self.list_range(Self::cell(p, self.cell_size));
+        list.start as u32..list.end as u32
+    }
+
     fn list(&self, cell: IVec3) -> &[u32] {
+        &self.entries[self.list_range(cell)]
+    }
+
+    fn list_range(&self, cell: IVec3) -> Range<usize> {
         let mask = self.slots.len() - 1;
         let mut at = Self::hash(cell) as usize & mask;
         loop {
             let slot = &self.slots[at];
             if slot.start == GridSlot::EMPTY {
-                return &[];
+                return 0..0;
             }
             if slot.cell == cell.to_array() {
                 let start = slot.start as usize;
                 let len = self.entries[start] as usize;
-                return &self.entries[start + 1..start + 1 + len];
+                return start + 1..start + 1 + len;
             }
             at = (at + 1) & mask;
         }

@@ -76,6 +76,8 @@ pub struct CutScratch {
     first_child: Vec<u32>,
     /// Next child of the same parent, or [`END`].
     next_sibling: Vec<u32>,
+    /// Senders with children in the row.
+    parents: Vec<u32>,
     /// Children of one parent.
     members: Vec<u32>,
     groups: Vec<Group>,
@@ -154,16 +156,15 @@ pub fn cut_row(
         }
     }
     let mut links = Vec::with_capacity(gathered.touched.len());
-    for (j, state) in scratch.state.iter_mut().enumerate() {
-        if std::mem::take(state) == 0 {
-            continue;
-        }
+    for_each_set(&scratch.state, |j| {
         let link = gathered.link(j as u32);
         if link != Vec3A::ZERO {
             links.push((j as u32, link));
         }
         gathered.sums[j] = [Vec3A::ZERO; 2];
-    }
+    });
+    scratch.state.fill(0);
+    links.reverse();
     links.shrink_to_fit();
     links
 }
@@ -180,20 +181,24 @@ fn list_groups(
 ) {
     let range = tree.level_starts[level] as usize..tree.level_starts[level + 1] as usize;
     // Descending, since each child is inserted in front of its siblings.
-    for j in range.clone().rev() {
+    scratch.parents.clear();
+    for_each_set(&scratch.state[range.clone()], |k| {
+        let j = range.start + k;
         let parent = tree.parent[j] as usize;
-        if scratch.state[j] != 0 && parent != j {
-            scratch.next_sibling[j] = std::mem::replace(&mut scratch.first_child[parent], j as u32);
+        if parent != j {
+            let first = &mut scratch.first_child[parent];
+            if *first == END {
+                scratch.parents.push(parent as u32);
+            }
+            scratch.next_sibling[j] = std::mem::replace(first, j as u32);
         }
-    }
+    });
+    scratch.parents.sort_unstable();
     scratch.groups.clear();
     scratch.order.clear();
-    // Parents have lower indices than their children.
-    for parent in 0..range.end as u32 {
+    for k in 0..scratch.parents.len() {
+        let parent = scratch.parents[k];
         let first = std::mem::replace(&mut scratch.first_child[parent as usize], END);
-        if first == END {
-            continue;
-        }
         scratch.list_members(first);
         let members = &scratch.members;
         if members.iter().any(|&m| scratch.state[m as usize] == 2) {
@@ -212,6 +217,22 @@ fn list_groups(
             first,
             change,
         });
+    }
+}
+
+/// Calls `each` with the indices of the states that are not 0, descending. Skips eight zeros at
+/// once.
+fn for_each_set(states: &[u8], mut each: impl FnMut(usize)) {
+    let (rest, eights) = states.as_rchunks::<8>();
+    for (k, eight) in eights.iter().enumerate().rev() {
+        if u64::from_ne_bytes(*eight) != 0 {
+            for b in (0..8).rev().filter(|&b| eight[b] != 0) {
+                each(rest.len() + 8 * k + b);
+            }
+        }
+    }
+    for k in (0..rest.len()).rev().filter(|&k| rest[k] != 0) {
+        each(k);
     }
 }
 

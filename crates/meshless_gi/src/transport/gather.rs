@@ -13,6 +13,7 @@ use crate::samples::{Random, gather_direction, gather_weight, lattice, tangents}
 use crate::scene::{Emitters, Geometry, Hit, HitPoint, Ray, SkyRadiance};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3, Vec3A};
+use std::ops::Range;
 
 /// Number of rays of the hemisphere for each ray toward an emitter.
 const RAYS_PER_EMITTER_RAY: u32 = 2;
@@ -113,6 +114,8 @@ struct SampleHit {
     site: HitPoint,
     /// `true` if the hit belongs to the senders on emitters.
     is_emitter: bool,
+    /// List of the finest level's grid at the hit.
+    near: Range<u32>,
 }
 
 impl Gathered {
@@ -178,7 +181,12 @@ impl Gathered {
         let (y, m) = (hit.site.position, hit.site.normal);
         let mut covered = false;
         for l in (0..scene.sender_levels).rev() {
-            if !(scene.hierarchy).sender_weights(l, y, m, hit.is_emitter, found) {
+            let grid = &scene.hierarchy.senders[l].grid;
+            let near = match l + 1 == scene.sender_levels {
+                true => &grid.entries[hit.near.start as usize..hit.near.end as usize],
+                false => grid.near(y),
+            };
+            if !(scene.hierarchy).sender_weights(l, near, y, m, hit.is_emitter, found) {
                 continue;
             }
             covered = true;
@@ -223,6 +231,11 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     samples.clear();
     // All casts run before all look-ups, so that each has the processor's caches for itself.
     cast_samples(scene, i, &mut samples);
+    // All look-ups in the grid of the finest level come first: none waits for another's memory.
+    let grid = &scene.hierarchy.senders[scene.sender_levels - 1].grid;
+    for hit in samples.iter_mut().filter_map(|s| s.hit.as_mut()) {
+        hit.near = grid.near_range(hit.site.position);
+    }
     // The samples deviate from the closed form Σ w cos θ = 1 by rounding, discrepancy and the noise
     // of area samples. The ratio corrects that, so that a closed room of unit radiosity gathers
     // exactly 1.
@@ -280,6 +293,7 @@ fn cast_samples(scene: &GatherScene<'_>, i: usize, out: &mut Vec<GatherSample>) 
             hit: hit.map(|hit| SampleHit {
                 site: geometry.hit_point(&ray, &hit),
                 is_emitter: emitter.is_some(),
+                near: 0..0,
             }),
             half: k as usize & 1,
             crossed: geometry.crossed_occluders(&Ray::segment(start, direction, length)),
@@ -301,6 +315,7 @@ fn cast_samples(scene: &GatherScene<'_>, i: usize, out: &mut Vec<GatherSample>) 
             hit: Some(SampleHit {
                 site: geometry.hit_point(&ray, &hit),
                 is_emitter: true,
+                near: 0..0,
             }),
             half: k as usize & 1,
             crossed: geometry.crossed_occluders(&Ray::segment(start, direction, hit.t)),

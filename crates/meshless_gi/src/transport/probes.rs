@@ -181,7 +181,8 @@ fn one(
         let is_emitter = emitters.is_some_and(|e| e.contains(hit.primitive));
         let covering = (0..scene.sender_levels).rev().find(|&l| {
             let (x, n) = (site.position, site.normal);
-            (scene.hierarchy).sender_weights(l, x, n, is_emitter, &mut scratch.found)
+            let near = scene.hierarchy.senders[l].grid.near(x);
+            (scene.hierarchy).sender_weights(l, near, x, n, is_emitter, &mut scratch.found)
         });
         let Some(l) = covering else {
             out.lost += weight;

@@ -15,7 +15,7 @@ pub fn text(scenes: &[Measured], presets: &[Preset]) -> String {
          Indirect light of scenes with details that are hard for a basis on points, beside the path\n\
          tracer's. Printed by\n\n\
          ```text\n\
-         cargo run -p meshless_gi_lab --example pictures -- -o docs/reports\n\
+         cargo run -p meshless_gi_lab --example pictures -- -o docs/reports --presets {}\n\
          ```\n\n\
          The light is irradiance without albedo, after one to four reflections of the light of\n\
          lights, and after none to four of the light of the sky and of emissive surfaces, as a\n\
@@ -29,6 +29,7 @@ pub fn text(scenes: &[Measured], presets: &[Preset]) -> String {
          \x20 three standard errors above 5 % of the RMS.\n\n\
          The pictures show the reference, then {}. Below each is its difference to the reference,\n\
          three times magnified.\n",
+        names.join(",").to_lowercase(),
         names.join(", ")
     );
     for scene in scenes {
