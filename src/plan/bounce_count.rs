@@ -80,12 +80,12 @@ impl BounceSelector {
         Self::default()
     }
 
-    /// Returns the number of reflections of this frame's solve. It is `asked`, or the number that
+    /// Returns the number of reflections of this frame's solve. It is `requested`, or the number that
     /// the bake's surfaces need with these factors of its materials. Without factors, the materials
     /// are as baked. Returns `None` for a bake that holds its bounces.
     pub fn pick(
         &mut self,
-        asked: GiBounceCount,
+        requested: GiBounceCount,
         bake: &BakedScene,
         factors: &[MaterialFactors],
     ) -> Option<BounceSelection> {
@@ -101,12 +101,12 @@ impl BounceSelector {
         let gain = known.then_some(self.gain);
         let max = FrameSettings::MAX_SWEEPS + 1;
         Some(BounceSelection {
-            bounces: match (asked, gain) {
+            bounces: match (requested, gain) {
                 (GiBounceCount::Fixed(bounces), _) => bounces.clamp(1, max),
                 (GiBounceCount::Auto, Some(gain)) => bounces_for_spectral_radius(gain),
                 (GiBounceCount::Auto, None) => UNKNOWN,
             },
-            forced: asked != GiBounceCount::Auto,
+            forced: requested != GiBounceCount::Auto,
             gain,
         })
     }
@@ -170,8 +170,8 @@ mod tests {
             picked(7, false, Some(0.58)).to_string(),
             "7 reflections: surfaces return 58 % of the light at most, and more would add 2.2 % at most"
         );
-        let asked = picked(2, true, Some(0.58)).to_string();
-        assert_eq!(asked, "2 reflections: so many are asked for");
+        let requested = picked(2, true, Some(0.58)).to_string();
+        assert_eq!(requested, "2 reflections: so many are asked for");
         assert!(picked(4, false, None).reason().contains("does not say"));
     }
 }

@@ -68,7 +68,7 @@ impl ColorModeSelector {
     /// Returns the channels of this frame's solve. Three channels start with the frame that needs
     /// them. One channel starts after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that need no more.
     /// The first light is taken as it is, and darkness changes nothing.
-    pub fn pick(&mut self, asked: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
+    pub fn pick(&mut self, requested: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
         let waits = match found.colors {
             ColorUniformity::Dark => false,
             ColorUniformity::One => {
@@ -82,7 +82,7 @@ impl ColorModeSelector {
                 false
             }
         };
-        let (channels, why) = match asked {
+        let (channels, why) = match requested {
             GiColorMode::Rgb => (Channels::Three, "they are asked for"),
             GiColorMode::Monochrome => (Channels::One(found.hue), "it is asked for"),
             GiColorMode::Auto => match (self.now, found.colors) {
@@ -104,7 +104,7 @@ impl ColorModeSelector {
         };
         ColorModeSelection {
             channels,
-            forced: asked != GiColorMode::Auto,
+            forced: requested != GiColorMode::Auto,
             why,
         }
     }

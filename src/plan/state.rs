@@ -69,9 +69,9 @@ pub struct SoftState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VolumeState {
     /// `true` if the scene is to have a volume and there is a texture for it.
-    pub asked: bool,
+    pub requested: bool,
     /// `true` if one of those cameras sees the scene, or any camera sees fog in it.
-    pub seen: bool,
+    pub is_visible: bool,
     /// `true` if the texture holds the light of an earlier frame for the current volume.
     pub held: bool,
     /// Number of voxels.
@@ -352,7 +352,7 @@ impl FrameState {
     /// Returns `true` if a view shows the scene over its G-buffer, or a camera without a G-buffer
     /// or with fog shows its volume.
     fn is_displayed(&self, scene: &SceneState) -> bool {
-        scene.volume.asked && scene.volume.seen || self.is_shown(scene.id)
+        scene.volume.requested && scene.volume.is_visible || self.is_shown(scene.id)
     }
 
     /// Returns `true` if a view shows the scene over its G-buffer.

@@ -100,9 +100,9 @@ pub struct TierController {
 impl TierController {
     /// Creates a controller for a bake's tiers, tier 1 first. A budget starts from all links.
     #[must_use]
-    pub fn new(asked: GiQuality, tiers: Vec<TierCandidate>) -> Self {
+    pub fn new(requested: GiQuality, tiers: Vec<TierCandidate>) -> Self {
         let top = tiers.len().max(1) as u32;
-        let tier = match asked {
+        let tier = match requested {
             GiQuality::Tier(n) => n.clamp(1, top),
             GiQuality::MaxError(max) => {
                 let met = tiers.iter().position(|tier| tier.error <= max);
@@ -111,7 +111,7 @@ impl TierController {
             GiQuality::Full | GiQuality::GpuBudget(_) => top,
         };
         Self {
-            request: asked,
+            request: requested,
             tiers,
             tier,
             cost: SolveCost::default(),

@@ -101,8 +101,8 @@ mod tests {
         schedule.add_systems(noted("tonemap").in_set(Core3dSystems::PostProcess));
         let fog = noted("fog").in_set(GiRenderSystems::CompositeFog);
         schedule.add_systems(fog.in_set(early.clone()));
-        let asked = noted("asked").before(GiRenderSystems::CompositeFog);
-        schedule.add_systems(asked.in_set(early.clone()));
+        let requested = noted("requested").before(GiRenderSystems::CompositeFog);
+        schedule.add_systems(requested.in_set(early.clone()));
         let bevys = noted("bevys_fog").after(Core3dSystems::MainPass);
         schedule.add_systems(bevys.before(early));
         schedule.add_systems(noted("opaque").in_set(Core3dSystems::MainPass));
@@ -110,7 +110,7 @@ mod tests {
         world.init_resource::<Ran>();
         schedule.run(&mut world);
         let ran = &world.resource::<Ran>().0;
-        assert_eq!(ran[..4], ["opaque", "bevys_fog", "asked", "fog"]);
+        assert_eq!(ran[..4], ["opaque", "bevys_fog", "requested", "fog"]);
         assert_eq!(ran.len(), 7);
         assert_eq!(ran[6], "tonemap");
     }

@@ -146,14 +146,14 @@ pub(crate) fn take_inventory(
     for scene in &mut world.scenes {
         let Some(bake) = &scene.bake else { continue };
         let pickers = pickers.entry(scene.id).or_default();
-        let asked = scene.solver.color_mode;
+        let requested = scene.solver.color_mode;
         let colors = surveyor.colors_of(scene.id);
-        scene.channels = Some(pickers.channels.pick(asked, colors));
+        scene.channels = Some(pickers.channels.pick(requested, colors));
         let which = Arc::as_ptr(bake) as usize;
         if pickers.bake != which {
             (pickers.bake, pickers.bounces) = (which, BounceSelector::new());
         }
-        let asked = scene.solver.bounces;
-        scene.bounces = pickers.bounces.pick(asked, bake, &scene.materials);
+        let requested = scene.solver.bounces;
+        scene.bounces = pickers.bounces.pick(requested, bake, &scene.materials);
     }
 }

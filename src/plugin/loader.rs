@@ -22,14 +22,15 @@ pub struct GiBakedSceneLoaderSettings {
     /// is allocated.
     pub max_bytes: u64,
     /// Condition for reading the scene file next to the bake, to detect a stale bake.
-    pub check_level: GiSceneCheck,
+    #[serde(alias = "check_level")]
+    pub check_scene: GiSceneCheck,
 }
 
 impl Default for GiBakedSceneLoaderSettings {
     fn default() -> Self {
         Self {
             max_bytes: Limits::default().max_bytes,
-            check_level: GiSceneCheck::default(),
+            check_scene: GiSceneCheck::default(),
         }
     }
 }
@@ -63,7 +64,7 @@ impl AssetLoader for GiBakedSceneLoader {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         let scene = read_bake(&bytes, settings.max_bytes)?;
-        let check = settings.check_level;
+        let check = settings.check_scene;
         self.checker.check(&scene.info, check, context).await;
         Ok(scene.into())
     }

@@ -149,12 +149,13 @@ impl GiRender {
         let runtime =
             (self.scenes.entry(scene.id)).or_insert_with(|| SceneRuntime::new(bake.clone()));
         runtime.solved_tier = None;
-        let seen = state.shown && (shown || SceneVolume::seen(&world.volumes, scene.id));
-        runtime.idle_frames = match seen {
+        let is_visible =
+            state.shown && (shown || SceneVolume::is_visible(&world.volumes, scene.id));
+        runtime.idle_frames = match is_visible {
             true => 0,
             false => runtime.idle_frames.saturating_add(1),
         };
-        if seen && let Some(placement) = &scene.placement {
+        if is_visible && let Some(placement) = &scene.placement {
             observe_lights(runtime, scene, placement, world, &mut state);
             if !runtime.soft.is_requested()
                 && let Some(counted) = runtime.soft.release()

@@ -85,7 +85,7 @@ pub(crate) struct Voxels {
     /// Key of the bake, which changes with a new bake under the same handle, and the requested
     /// settings.
     bake: (AssetId<GiBakedScene>, usize),
-    asked: GiIrradianceVolume,
+    requested: GiIrradianceVolume,
 }
 
 /// Returns the key of the bake that an asset holds now.
@@ -96,14 +96,14 @@ fn bake_key(id: AssetId<GiBakedScene>, asset: &GiBakedScene) -> (AssetId<GiBaked
 impl Voxels {
     /// Returns the volume of a bake. `None` if it has no probes.
     fn new(
-        asked: &GiIrradianceVolume,
+        requested: &GiIrradianceVolume,
         asset: &GiBakedScene,
         id: AssetId<GiBakedScene>,
     ) -> Option<Self> {
         Some(Self {
-            shape: VoxelGrid::from_scene(&asset.scene, asked.voxel_size, asked.max_voxels)?,
+            shape: VoxelGrid::from_scene(&asset.scene, requested.voxel_size, requested.max_voxels)?,
             bake: bake_key(id, asset),
-            asked: *asked,
+            requested: *requested,
         })
     }
 
@@ -139,12 +139,16 @@ pub(crate) fn update_irradiance_volumes(
     let mut standing = Vec::new();
     for (child, parent, voxels, layers) in &made {
         let root = parent.parent();
-        let still =
-            |(_, gi, asked, own): &(_, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)| {
-                let now = assets.get(&gi.0).map(|asset| bake_key(gi.0.id(), asset));
-                (now == Some(voxels.bake) && asked.same_voxels(&voxels.asked))
-                    .then(|| own.cloned().unwrap_or_default())
-            };
+        let still = |(_, gi, requested, own): &(
+            _,
+            &GiScene,
+            &GiIrradianceVolume,
+            Option<&RenderLayers>,
+        )| {
+            let now = assets.get(&gi.0).map(|asset| bake_key(gi.0.id(), asset));
+            (now == Some(voxels.bake) && requested.same_voxels(&voxels.requested))
+                .then(|| own.cloned().unwrap_or_default())
+        };
         match roots.get(root).ok().as_ref().and_then(still) {
             Some(own) if !standing.contains(&root) => {
                 standing.push(root);
@@ -155,12 +159,12 @@ pub(crate) fn update_irradiance_volumes(
             _ => commands.entity(child).despawn(),
         }
     }
-    for (root, gi, asked, layers) in &roots {
+    for (root, gi, requested, layers) in &roots {
         if standing.contains(&root) {
             continue;
         }
         let asset = assets.get(&gi.0);
-        let Some(voxels) = asset.and_then(|asset| Voxels::new(asked, asset, gi.0.id())) else {
+        let Some(voxels) = asset.and_then(|asset| Voxels::new(requested, asset, gi.0.id())) else {
             continue;
         };
         commands.spawn((
@@ -224,7 +228,7 @@ pub(crate) struct ExtractedVolume {
     pub voxels: Voxels,
     pub texture: wgpu::TextureView,
     sampler: wgpu::Sampler,
-    pub seen: bool,
+    pub is_visible: bool,
 }
 
 impl ExtractedVolume {
@@ -307,13 +311,14 @@ pub(crate) fn extract_volumes(
         let shows = |(id, _, seen, _): (Entity, _, &VisibleEntities, _)| {
             out.display(id) == Some(true) && seen.get(class).contains(&entity)
         };
-        let seen = cameras.iter().any(sees) || displays.iter().any(shows) || fogs.shows_scene(id);
+        let is_visible =
+            cameras.iter().any(sees) || displays.iter().any(shows) || fogs.shows_scene(id);
         out.all.push(ExtractedVolume {
             scene: id,
             voxels: *voxels,
             texture: wgpu::TextureView::clone(&texture.texture_view),
             sampler: wgpu::Sampler::clone(&texture.sampler),
-            seen,
+            is_visible,
         });
     }
 }

@@ -91,7 +91,7 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     let mesh = mesh_of_quads(&quads);
     let bake = bake_scene(&mesh, &draft(), 0, &Progress::default()).unwrap();
     let scene = bake.scene;
-    let pick = |asked| BounceSelector::new().pick(asked, &scene, &[]).unwrap();
+    let pick = |requested| BounceSelector::new().pick(requested, &scene, &[]).unwrap();
     let dark = pick(GiBounceCount::Auto);
     println!("{dark}");
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
@@ -99,8 +99,8 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
         dark.bounces,
         bounces_for_spectral_radius(scene.info.energy.spectral_radius_bound)
     );
-    for (asked, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
-        let picked = pick(GiBounceCount::Fixed(asked));
+    for (requested, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
+        let picked = pick(GiBounceCount::Fixed(requested));
         assert_eq!((picked.bounces, picked.forced), (taken, true));
     }
 }

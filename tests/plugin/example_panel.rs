@@ -29,7 +29,7 @@ fn app_with_panel() -> (App, Entity, Entity, Entity) {
     .insert_resource(GlobalAmbientLight::NONE)
     .insert_resource(PanelPreset(Preset::Draft))
     .init_resource::<Asked>()
-    .add_observer(|event: On<BakeAgain>, mut asked: ResMut<Asked>| asked.0.push(event.0));
+    .add_observer(|event: On<BakeAgain>, mut requested: ResMut<Asked>| requested.0.push(event.0));
     assert!(app.is_plugin_added::<DiagnosticsPlugin>());
     ready(&mut app);
     let (root, eye, _, light_source) = lit_room(&mut app, PLACE);

@@ -119,7 +119,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     // It fits: solved again in each frame in which the light moves, by the octree.
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
-    let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");
+    let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was requested for");
     assert!(plan.contains(&said) && dispatched == walked, "{plan}");
     let found = picture(&mut stand.app, &stand.image);
     assert_alike("octree", &by_octree, &found);
@@ -132,11 +132,11 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let work = choices[links as usize - 1].work;
     stand
         .app
-        .insert_resource(SolveCostSource::Given(Arc::new(move |asked| {
-            if asked > work {
+        .insert_resource(SolveCostSource::Given(Arc::new(move |requested| {
+            if requested > work {
                 20.0
             } else {
-                2.0 * asked as f32 / work as f32
+                2.0 * requested as f32 / work as f32
             }
         })));
     let root = stand.root;
@@ -172,7 +172,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
-    let said = format!("with tier {links} of {links}: nothing less was asked for");
+    let said = format!("with tier {links} of {links}: nothing less was requested for");
     assert!(plan.contains(&said), "{plan}");
     let said = "with its links: the octree's order is 7, the kernels take 6";
     assert!(plan.contains(said), "{plan}");
@@ -196,7 +196,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
     let choices = TierCandidate::all_of(&bake, settings.sweeps);
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
-    let cost = move |asked: u64| 2.0 * asked as f32 / work as f32;
+    let cost = move |requested: u64| 2.0 * requested as f32 / work as f32;
     (stand.app).insert_resource(SolveCostSource::Given(Arc::new(cost)));
     let root = stand.root;
     let ask = |stand: &mut Stand, ms: f32| {

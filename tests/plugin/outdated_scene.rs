@@ -169,17 +169,18 @@ fn unchecked_scene_is_not_reported() {
     let root = tempfile::tempdir().unwrap();
     let assets = write_level(root.path());
     std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
+    // The second is an earlier name.
     let meta = |check: &str| {
         let text = format!(
-            r#"(meta_format_version: "1.0", asset: Load(loader: "bevy_meshless_gi::plugin::loader::GiBakedSceneLoader", settings: (check_level: {check})))"#
+            r#"(meta_format_version: "1.0", asset: Load(loader: "bevy_meshless_gi::plugin::loader::GiBakedSceneLoader", settings: ({check})))"#
         );
         std::fs::write(assets.join("room.mgi.meta"), text).unwrap();
     };
-    meta("Never");
+    meta("check_scene: Never");
     let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
     load(&mut app);
     assert_eq!(stale(&app, "room.mgi"), None);
-    meta("Always");
+    meta("check_level: Always");
     let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
     let found = until(&mut app, "the comparison", |app| stale(app, "room.mgi"));
     assert!(found.contains("content"), "{found}");

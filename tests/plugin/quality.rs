@@ -127,9 +127,9 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
     // Thousandths of a millisecond that all links take.
     let load = Arc::new(AtomicU32::new(2_000));
     let (given, count) = (load.clone(), Arc::new(AtomicU32::new(0)));
-    let asked = count.clone();
+    let requested = count.clone();
     app.insert_resource(SolveCostSource::Given(Arc::new(move |work| {
-        let n = asked.fetch_add(1, Ordering::Relaxed);
+        let n = requested.fetch_add(1, Ordering::Relaxed);
         let noise = 1.0 + 0.15 * ((n.wrapping_mul(0x9e37_79b9) >> 16) as f32 / 32768.0 - 1.0);
         noise * given.load(Ordering::Relaxed) as f32 / 1000.0 * work as f32 / all
     })));

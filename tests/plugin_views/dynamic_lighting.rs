@@ -191,7 +191,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     // As many reflections as surfaces call for: more where a wall is painted white, and no fewer
     // when it is dark again.
     let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
-    let asked = std::mem::take(&mut solver.bounces);
+    let requested = std::mem::take(&mut solver.bounces);
     let reflections = |app: &mut App, gray: f32| {
         let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
         assets.get_mut(&left).unwrap().base_color = Color::linear_rgb(gray, gray, gray);
@@ -210,7 +210,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     );
     assert_eq!(reflections(&mut app, 0.05), white);
     let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
-    solver.bounces = asked;
+    solver.bounces = requested;
     run(&mut app, 2);
 
     // A name that comes again, one that is unknown, a material that is gone: the rest follows.

@@ -260,7 +260,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     let (_, image, ball) = unbaked_room(&mut app);
     run(&mut app, 2);
     assert_eq!(picture(&mut app, &image).mean(), 0.0, "no light yet");
-    let asked = GiReflectiveShadowMap::default();
+    let requested = GiReflectiveShadowMap::default();
     let to_ball = |from: Vec3| Transform::from_translation(from).looking_at(RED.center, Vec3::Y);
     let spot_at = to_ball(Vec3::new(0.5, 1.5, 0.8));
     let sun_at = to_ball(Vec3::new(0.8, 2.3, 1.6));
@@ -310,7 +310,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
                 app.world_mut().spawn((sun, sun_at)).id()
             }
         };
-        app.world_mut().entity_mut(entity).insert(asked.clone());
+        app.world_mut().entity_mut(entity).insert(requested.clone());
         run(&mut app, 3);
         let c = counters(&app);
         assert_eq!(captures(&mut app)[1], 1, "{name}");
@@ -322,7 +322,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
         ];
         let ran = ran.map(|s| c.dispatches_of(s));
         assert_eq!(ran, [2, 0, 1, 1], "{name}: texels and choice; {}", c.plan);
-        let vpls = cpu_vpls(&balls, &light, &asked, None);
+        let vpls = cpu_vpls(&balls, &light, &requested, None);
         let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
         let drawn = picture(&mut app, &image);
         println!("{name}: mean {} and {}", expected.mean(), drawn.mean());
@@ -332,12 +332,12 @@ fn every_light_type_reflects_off_ball_without_bake() {
     }
     // Two at once, whose maps take turns in the same textures.
     let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
-    app.world_mut().entity_mut(entity).insert(asked.clone());
+    app.world_mut().entity_mut(entity).insert(requested.clone());
     let other = Vec3::new(-0.8, 0.9, 0.9);
     let second = spawn_light_source(&mut app, other);
     let few = GiReflectiveShadowMap {
         vpl_count: 32,
-        ..asked.clone()
+        ..requested.clone()
     };
     app.world_mut().entity_mut(second).insert(few.clone());
     run(&mut app, 3);
@@ -345,7 +345,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     let c = counters(&app);
     let ran = [FrameStage::RSM, FrameStage::VPL].map(|s| c.dispatches_of(s));
     assert_eq!(ran, [4, 1], "{}", c.plan);
-    let mut vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &asked, None);
+    let mut vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &requested, None);
     vpls.extend(cpu_vpls(&balls, &light_source(other), &few, None));
     let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
     assert_bounce_alike("bounce_two", &expected, &picture(&mut app, &image));
@@ -364,7 +364,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
         balls: vec![moved],
         ..Things::default()
     };
-    let vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &asked, None);
+    let vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &requested, None);
     let expected = cpu_bounce(&room_and_ball(moved), &vpls, None, view());
     assert_bounce_alike("bounce_moved", &expected, &drawn);
 }
@@ -379,9 +379,9 @@ fn ran(app: &App) -> [u32; 2] {
 fn static_reflector_is_not_redrawn_and_keeps_light() {
     let mut app = app();
     let (_, image, ball) = unbaked_room(&mut app);
-    let asked = GiReflectiveShadowMap::default();
+    let requested = GiReflectiveShadowMap::default();
     let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
-    app.world_mut().entity_mut(entity).insert(asked.clone());
+    app.world_mut().entity_mut(entity).insert(requested.clone());
     run(&mut app, 3);
     assert_eq!(ran(&app), [2, 1]);
     let drawn = picture(&mut app, &image);
@@ -477,12 +477,12 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         let mut material = materials.get_mut(id).unwrap();
         [material.perceptual_roughness, material.reflectance] = SMOOTH;
     }
-    let asked = GiReflectiveShadowMap {
+    let requested = GiReflectiveShadowMap {
         trace_shadows: false,
         ..default()
     };
     let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
-    app.world_mut().entity_mut(entity).insert(asked.clone());
+    app.world_mut().entity_mut(entity).insert(requested.clone());
     let mut bright = app.world_mut().get_mut::<PointLight>(entity).unwrap();
     bright.intensity *= BRIGHT;
     run(&mut app, 3);
@@ -524,7 +524,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         intensity: Vec3::splat(BRIGHT * CANDELA),
         range: 20.0,
     };
-    let vpls = cpu_vpls(&balls, &bright, &asked, None);
+    let vpls = cpu_vpls(&balls, &bright, &requested, None);
     // The ball itself is rough.
     let mut gloss = with.clone();
     for (g, w) in gloss.pixels.iter_mut().zip(&without.pixels) {
@@ -574,12 +574,12 @@ fn fully_dynamic_scene_has_one_bounce() {
     let (root, image, _) = unbaked_room(&mut app);
     app.world_mut().entity_mut(root).insert(GiReflector);
     let light_source_at = Vec3::new(0.3, 1.5, 0.5);
-    let asked = GiReflectiveShadowMap {
+    let requested = GiReflectiveShadowMap {
         vpl_count: 256,
         ..default()
     };
     let entity = spawn_light_source(&mut app, light_source_at);
-    app.world_mut().entity_mut(entity).insert(asked.clone());
+    app.world_mut().entity_mut(entity).insert(requested.clone());
     run(&mut app, 3);
     assert!(
         captures(&mut app)[1] > 1,
@@ -587,7 +587,7 @@ fn fully_dynamic_scene_has_one_bounce() {
     );
     let drawn = picture(&mut app, &image);
     let all = room_and_ball(RED);
-    let vpls = cpu_vpls(&all, &light_source(light_source_at), &asked, None);
+    let vpls = cpu_vpls(&all, &light_source(light_source_at), &requested, None);
     let expected = cpu_bounce(&all, &vpls, None, view());
     assert_alike("bounce_dynamic", &expected, &drawn);
 }
@@ -616,8 +616,8 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let ball = spawn_ball(&mut app, behind);
     run(&mut app, 3);
     let baked = picture(&mut app, &image);
-    let asked = GiReflectiveShadowMap::default();
-    app.world_mut().entity_mut(entity).insert(asked.clone());
+    let requested = GiReflectiveShadowMap::default();
+    app.world_mut().entity_mut(entity).insert(requested.clone());
     run(&mut app, 2);
     let same = picture(&mut app, &image);
     assert!(
@@ -652,7 +652,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
         balls: vec![behind],
         ..Things::default()
     };
-    let vpls = cpu_vpls(&balls, &light, &asked, Some(&bake));
+    let vpls = cpu_vpls(&balls, &light, &requested, Some(&bake));
     let seen = room_and_ball(behind);
     let expected = cpu_bounce(&seen, &vpls, Some(&bake), view());
     assert_bounce_alike("bounce_beside_bake", &expected, &alone);
@@ -673,7 +673,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     // Without shadows, the block lets it through.
     let see_through = GiReflectiveShadowMap {
         trace_shadows: false,
-        ..asked
+        ..requested
     };
     app.world_mut()
         .entity_mut(entity)

@@ -117,11 +117,11 @@ impl Geometry for Things {
 pub fn cpu_vpls(
     moving: &Things,
     light: &Light,
-    asked: &GiReflectiveShadowMap,
+    requested: &GiReflectiveShadowMap,
     bake: Option<&BakedScene>,
 ) -> Vec<Vpl> {
     let light = FrameLight::expand(light, 1)[0];
-    let side = asked.texels();
+    let side = requested.texels();
     let views = map_views(&light, &moving.boxes(), side).expect("it is in reach");
     let mut texels = Vec::new();
     for view in &views {
@@ -143,7 +143,7 @@ pub fn cpu_vpls(
         texels.extend(rsm::texels(&params, &drawn.depth, &drawn.gbuffer));
     }
     let count = texels.len() as u32;
-    if let Some(bake) = bake.filter(|_| asked.trace_shadows) {
+    if let Some(bake) = bake.filter(|_| requested.trace_shadows) {
         let nodes = bake.bvh.nodes.len() as u32;
         let params = RsmShadowParams::new(Mat4::IDENTITY, &light, count, nodes, extent(bake));
         rsm::shadow(&params, &bake.bvh, &mut texels);
@@ -151,7 +151,7 @@ pub fn cpu_vpls(
     let params = RsmSelectParams {
         texels: count,
         first: 0,
-        vpls: asked.vpl_count.clamp(1, MAX_VPLS),
+        vpls: requested.vpl_count.clamp(1, MAX_VPLS),
         pad: 0,
     };
     rsm::select_vpls(&params, &texels)

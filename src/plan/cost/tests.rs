@@ -239,8 +239,8 @@ fn cost_of_occluders_volumes_and_soft_shadows_has_own_units() {
     (scene.occluders_changed, scene.passages) = (1, 5000);
     scene.probes = true;
     scene.volume = VolumeState {
-        asked: true,
-        seen: true,
+        requested: true,
+        is_visible: true,
         held: false,
         voxels: 4096,
     };

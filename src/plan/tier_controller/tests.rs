@@ -41,7 +41,7 @@ fn budget(ms: f32) -> TierController {
 
 #[test]
 fn tier_is_selected_by_number_or_error() {
-    let of = |asked| TierController::new(asked, tiers()).selection();
+    let of = |requested| TierController::new(requested, tiers()).selection();
     assert_eq!(of(GiQuality::Full).tier, 4);
     for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
         let picked = of(GiQuality::Tier(n));

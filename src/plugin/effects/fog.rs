@@ -42,7 +42,7 @@ pub(super) const EFFECT: Effect = Effect {
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for fog in state.fogs.iter().filter(|f| f.volumes > 0) {
         let scene = state.active_scenes().find(|s| s.id == fog.scene);
-        if scene.is_some_and(|s| s.volume.asked && s.probes) {
+        if scene.is_some_and(|s| s.volume.requested && s.probes) {
             let (stage, reason) = (FrameStage::FOG, RunReason::FogInView(fog.volumes));
             plan.push(EFFECT.name, stage, fog.scene, reason).view = Some(fog.view);
         }
@@ -74,17 +74,17 @@ struct FogDraws<'a> {
 type ReadyVolumes<'a> = Vec<(SceneId, &'a ExtractedVolume, &'a wgpu::TextureView)>;
 
 impl<'a> FogDraws<'a> {
-    /// Collects the draws of a view, in the order of its fog volumes. `seen` is the camera without
+    /// Collects the draws of a view, in the order of its fog volumes. `camera` has not
     /// the intensity of a scene.
     fn new(
         view: &ExtractedFogView,
-        seen: &FogView,
+        camera: &FogView,
         input: &'a PostProcessWorld<'_>,
         ready: &ReadyVolumes<'a>,
     ) -> Self {
         let mut out = Self::default();
         for lit in &view.lit {
-            out.add(lit, seen, input, ready);
+            out.add(lit, camera, input, ready);
         }
         out
     }
@@ -93,7 +93,7 @@ impl<'a> FogDraws<'a> {
     fn add(
         &mut self,
         lit: &LitFog,
-        seen: &FogView,
+        camera: &FogView,
         input: &'a PostProcessWorld<'_>,
         ready: &ReadyVolumes<'a>,
     ) {
@@ -110,16 +110,16 @@ impl<'a> FogDraws<'a> {
             texture: lit.fog.texture.filter(|_| density.is_some()),
             ..lit.fog
         };
-        let seen = FogView {
-            exposure: seen.exposure * own.strength,
-            ..*seen
+        let camera = FogView {
+            exposure: camera.exposure * own.strength,
+            ..*camera
         };
         let world_from_local = Mat4::from(placement.world_from_local);
         let key = (lit.scene, fog.asymmetry);
         let light = self.lights.iter().position(|k| *k == key);
         let light = light.unwrap_or_else(|| {
             let shape = volume.shape();
-            let params = FogInscatterParams::new(&seen, fog.asymmetry, shape, &world_from_local);
+            let params = FogInscatterParams::new(&camera, fog.asymmetry, shape, &world_from_local);
             self.lights.push(key);
             self.inscatter.push(params);
             self.volumes.push(written);
@@ -132,7 +132,7 @@ impl<'a> FogDraws<'a> {
             .map(|other| other.cube.into())
             .collect();
         self.params.push(FogParams::new(
-            &seen,
+            &camera,
             &fog,
             volume.shape(),
             own.bounds,
@@ -203,14 +203,14 @@ fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) {
         Some((pass.scene, volume, written))
     });
     let ready: ReadyVolumes = ready.collect();
-    let seen = FogView {
+    let camera = FogView {
         view_from_clip: view.clip_from_view().inverse(),
         world_from_view: view.view.world_from_view.to_matrix(),
         viewport: view.view.viewport.as_vec4().to_array(),
         exposure: view.camera.exposure * fogged.intensity,
         steps: fogged.steps,
     };
-    let draws = FogDraws::new(fogged, &seen, world, &ready);
+    let draws = FogDraws::new(fogged, &camera, world, &ready);
     let readable = wgpu::TextureUsages::TEXTURE_BINDING;
     if draws.params.is_empty() || !view.depth.texture.usage().contains(readable) {
         return;
@@ -245,8 +245,8 @@ mod tests {
                 probes: true,
                 slots: vec![SlotChange::None; 2],
                 volume: VolumeState {
-                    asked: true,
-                    seen: true,
+                    requested: true,
+                    is_visible: true,
                     held: true,
                     voxels: 100,
                 },
@@ -320,7 +320,7 @@ mod tests {
             |s| s.fogs.clear(),
             |s| s.fogs[0].volumes = 0,
             |s| s.fogs[0].scene = SceneId(9),
-            |s| s.scenes[0].volume.asked = false,
+            |s| s.scenes[0].volume.requested = false,
             |s| s.scenes[0].probes = false,
             |s| s.device_able = false,
         ];

@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn soft_shadows_without_data_state_reason() {
         type Change = fn(&mut FrameState);
-        let asked = SoftState {
+        let requested = SoftState {
             lights: 1,
             remembers: true,
             ..SoftState::default()
@@ -314,7 +314,7 @@ mod tests {
         ];
         for (change, why) in cases {
             let mut state = at_rest();
-            state.scenes[0].soft = asked;
+            state.scenes[0].soft = requested;
             change(&mut state);
             let plan = plan_frame(&state);
             assert_eq!(

@@ -42,7 +42,7 @@ pub(super) const EFFECT: Effect = Effect {
 };
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
-    for scene in (state.active_scenes()).filter(|s| s.volume.asked && s.volume.seen) {
+    for scene in (state.active_scenes()).filter(|s| s.volume.requested && s.volume.is_visible) {
         let reason = match solve_reason(scene) {
             _ if !scene.probes => {
                 plan.skipped.push((scene.id, None, SkipReason::NoFreeSpace));
@@ -96,16 +96,16 @@ impl SceneVolume {
     pub fn describe(&self, requested: &VolumeRequest<'_>) -> VolumeState {
         let shape = *requested.volume.shape();
         VolumeState {
-            asked: self.refused != Some(shape),
-            seen: requested.volume.seen,
+            requested: self.refused != Some(shape),
+            is_visible: requested.volume.is_visible,
             held: false,
             voxels: u64::from(shape.voxels()),
         }
     }
 
     /// Returns `true` if a camera shows the scene by its volume, or fog in it.
-    pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
-        world.find(id).is_some_and(|v| v.seen)
+    pub fn is_visible(world: &ExtractedVolumes, id: SceneId) -> bool {
+        world.find(id).is_some_and(|v| v.is_visible)
     }
 
     /// Continues the search for the volume's weights, and records its voxels once all are found.
@@ -260,15 +260,15 @@ mod tests {
             [(A, None, SkipReason::NotInView)]
         );
         // First a volume out of view, then a view without a volume.
-        state.scenes[0].volume.asked = true;
+        state.scenes[0].volume.requested = true;
         assert_eq!(stages(&state), []);
         state.scenes[0].volume = VolumeState {
-            seen: true,
+            is_visible: true,
             ..VolumeState::default()
         };
         assert_eq!(stages(&state), []);
         // A new volume of a scene at rest, and one that is written.
-        state.scenes[0].volume.asked = true;
+        state.scenes[0].volume.requested = true;
         assert_eq!(stages(&state), [FrameStage::VOLUME]);
         let plan = plan_frame(&state);
         assert_eq!(

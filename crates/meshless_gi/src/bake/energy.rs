@@ -360,12 +360,12 @@ impl Senders {
                     if !averages && !self.own[j] {
                         return (0.0, Vec::new());
                     }
-                    let asked = self.own[j] && index_of(j).is_some();
-                    let mut from = vec![0.0; if asked { chosen } else { 0 }];
+                    let is_needed = self.own[j] && index_of(j).is_some();
+                    let mut from = vec![0.0; if is_needed { chosen } else { 0 }];
                     let mut sum = 0.0;
                     let mut add = |k: usize, f: f64| {
                         sum += f.abs();
-                        if let (true, Some(index)) = (asked, index_of(k)) {
+                        if let (true, Some(index)) = (is_needed, index_of(k)) {
                             from[index] += f;
                         }
                     };

@@ -145,7 +145,7 @@ fn light_errors(
     let bounds = geometry.bounds();
     candidates.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
     let radii = scene.points.iter().map(|p| p.radius);
-    let mut question = Question {
+    let mut estimator = TripleEstimator {
         scene,
         geometry,
         effort,
@@ -166,7 +166,7 @@ fn light_errors(
             })
             .collect();
         let pool = spread(&candidates, effort.pool, &mut random);
-        let (found, cast) = question.ask(&sources, k as u64, &pool, &mut random);
+        let (found, cast) = estimator.errors(&sources, k as u64, &pool, &mut random);
         rays += cast;
         for (all, found) in all.iter_mut().zip(found) {
             all.extend(found);
@@ -176,7 +176,7 @@ fn light_errors(
 }
 
 /// Estimate for three lights. Vectors of three have one number per light.
-struct Question<'a> {
+struct TripleEstimator<'a> {
     scene: &'a BakedScene,
     geometry: &'a dyn Geometry,
     effort: &'a Effort,
@@ -194,9 +194,9 @@ struct Halves {
     direct: DVec3,
 }
 
-impl Question<'_> {
+impl TripleEstimator<'_> {
     /// Errors of all tiers under the lights that return light, and the number of rays cast.
-    fn ask(
+    fn errors(
         &mut self,
         sources: &[Light],
         stream: u64,
@@ -444,10 +444,10 @@ fn summarize(sources: &[LightError]) -> ErrorEstimate {
             interval: nrmse as f32,
         };
     }
-    let seen = mean(&|l| (l.square - m).powi(2)) * count / (count - 1.0);
+    let observed = mean(&|l| (l.square - m).powi(2)) * count / (count - 1.0);
     // The median, since a single light with large noise often has a large error.
-    let noise = median(sources.iter().map(|l| l.noise)).clamp(0.0, seen);
-    let width = student(count - 1.0) * (seen - noise + seen / count).sqrt();
+    let noise = median(sources.iter().map(|l| l.noise)).clamp(0.0, observed);
+    let width = student(count - 1.0) * (observed - noise + observed / count).sqrt();
     ErrorEstimate {
         nrmse: nrmse as f32,
         interval: ((m + width).sqrt() - nrmse) as f32,

@@ -38,7 +38,7 @@ pub struct HierarchySettings {
     pub clip: bool,
     /// Particles drop their first bounces.
     pub drop_first: bool,
-    /// Emissive surfaces have senders of their own, see [`super::emitter_points`].
+    /// Emissive surfaces have senders of their own, see `emitter_points.rs`.
     pub separate_emitters: bool,
 }
 

@@ -26,16 +26,16 @@ pub fn fmm_down(
     let leaves = operator.nodes.iter().filter(|n| n.is_leaf());
     for i in leaves.flat_map(|n| n.receiver_range()) {
         let point = &operator.points[i];
-        let seen = Vec3::from_array(point.sky);
-        let light = match seen == Vec3::ZERO {
+        let visible_sky = Vec3::from_array(point.sky);
+        let light = match visible_sky == Vec3::ZERO {
             true => Vec4::ZERO,
             false => Vec4::from_array(radiosity[sky]),
         };
         let [x, y, z] = passes.values[i].map(Vec4::from_array);
         out[point.point as usize] = VectorIrradiance {
-            x: (point.factor * x + seen.x * light).to_array(),
-            y: (point.factor * y + seen.y * light).to_array(),
-            z: (point.factor * z + seen.z * light).to_array(),
+            x: (point.factor * x + visible_sky.x * light).to_array(),
+            y: (point.factor * y + visible_sky.y * light).to_array(),
+            z: (point.factor * z + visible_sky.z * light).to_array(),
         };
     }
 }

@@ -51,7 +51,7 @@ pub fn sample_spacing(scene: &BakedScene) -> f32 {
     }
     let senders = scene.light_samples.list.chunks_exact(count);
     let stride = senders.len().div_ceil(ASKED).max(1);
-    let (mut variance, mut asked) = (0.0f32, 0u32);
+    let (mut variance, mut sampled) = (0.0f32, 0u32);
     for own in senders.step_by(stride) {
         let share = 1.0 / count as f32;
         let middle: Vec3 = own.iter().map(|p| share * p.x()).sum();
@@ -59,9 +59,9 @@ pub fn sample_spacing(scene: &BakedScene) -> f32 {
             .iter()
             .map(|p| share * p.x().distance_squared(middle))
             .sum::<f32>();
-        asked += 1;
+        sampled += 1;
     }
-    let sample_spacing = 2.0 * (variance / asked.max(1) as f32).sqrt() / (count as f32).sqrt();
+    let sample_spacing = 2.0 * (variance / sampled.max(1) as f32).sqrt() / (count as f32).sqrt();
     if sample_spacing.is_finite() {
         sample_spacing
     } else {

@@ -41,7 +41,7 @@ pub use light::{SoftLight, corners, lambert, unshadowed, window};
 /// The golden section.
 pub const GOLDEN: f32 = 0.618_034;
 
-/// Sample `k` of `light` as seen from x: its position, meters.
+/// Sample `k` of `light` as visible from x: its position, meters.
 #[must_use]
 #[inline]
 pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
@@ -191,7 +191,7 @@ impl VisibilityQuery for DecodedVisibility<'_> {
         let grid = self.visibility.grid;
         let (local, plane) = (self.local(direction), self.local(normal));
         let (texels, weights) = grid.lookup(local);
-        let mut seen = 0.0;
+        let mut visible = 0.0;
         for (texel, weight) in texels.into_iter().zip(weights) {
             let over = grid.direction(texel as usize).dot(plane);
             let far = match over < 0.0 {
@@ -204,9 +204,9 @@ impl VisibilityQuery for DecodedVisibility<'_> {
             let (e, error) = self.depth(texel);
             let threshold = light - (self.params.before * error).max(min);
             let ramp = (self.params.ramp * error).max(min);
-            seen += weight * (0.5 + (e - threshold) / ramp).clamp(0.0, 1.0);
+            visible += weight * (0.5 + (e - threshold) / ramp).clamp(0.0, 1.0);
         }
-        seen
+        visible
     }
 }
 
@@ -241,17 +241,17 @@ pub fn visible_fraction(
 ) -> (f32, Vec3) {
     let normal = light.normal();
     let samples = light.columns * light.rows;
-    let (mut sum, mut seen, mut hidden) = (0.0, 0.0, Vec3::ZERO);
+    let (mut sum, mut visible, mut hidden) = (0.0, 0.0, Vec3::ZERO);
     for k in 0..samples {
         if let Some((w, direction, distance)) = weigh(light, sample(light, k, x), x, n) {
             let v = sight.sees(direction, distance, normal);
             sum += w;
-            seen += w * v;
+            visible += w * v;
             hidden += (w * (1.0 - v)) * direction;
         }
     }
     if sum > 0.0 {
-        ((seen / sum).clamp(0.0, 1.0), hidden / sum)
+        ((visible / sum).clamp(0.0, 1.0), hidden / sum)
     } else {
         (1.0, Vec3::ZERO)
     }

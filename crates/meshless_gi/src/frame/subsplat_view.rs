@@ -37,7 +37,7 @@ pub struct Subsplats {
     pub counts: SubsplatCounts,
 }
 
-/// Runs the kernels of the screen. `evaluate` is asked for the light at a pixel, and puts it into
+/// Runs the kernels of the screen. `evaluate` is requested for the light at a pixel, and puts it into
 /// the node.
 #[must_use]
 pub fn subsplats(
@@ -60,12 +60,12 @@ pub fn subsplats(
             upsample(params, picture, k, &mut nodes);
         }
         // Nodes of even cells are those of the level above.
-        let asked: Vec<[u32; 2]> = list
+        let requested: Vec<[u32; 2]> = list
             .iter()
             .map(|&cell| unpack_cell(cell))
             .filter(|[x, y]| k == params.coarsest_level || x % 2 == 1 || y % 2 == 1)
             .collect();
-        let found: Vec<(usize, SubsplatNode)> = asked
+        let found: Vec<(usize, SubsplatNode)> = requested
             .par_iter()
             .map(|&[x, y]| {
                 let at = levels.index(k, x, y);

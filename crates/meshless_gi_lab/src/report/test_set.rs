@@ -31,7 +31,7 @@ pub struct TestSetSize {
 }
 
 /// One light, and what is true under it.
-struct Question {
+struct TestCase {
     light_source: Light,
     positions: Vec<(Vec3, Vec3)>,
     /// After as many reflections as [`TestSet::bounces`].
@@ -69,14 +69,14 @@ impl ReferenceValues {
 
 /// Positions, lights and what is true there.
 pub struct TestSet {
-    questions: Vec<Question>,
+    cases: Vec<TestCase>,
     bounces: u32,
 }
 
 /// Score of a bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TestScore {
-    /// Against the reference with as many reflections as the exam has.
+    /// Against the reference with as many reflections as the test set has.
     pub errors: Errors,
     /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other
     /// positions.
@@ -118,7 +118,7 @@ impl TestSet {
             &mut random,
         );
         let lit = NonEmissive { geometry };
-        let questions: Vec<Question> = (0..)
+        let cases: Vec<TestCase> = (0..)
             .zip(light_sources)
             .filter_map(|(k, position)| {
                 let positions: Vec<(Vec3, Vec3)> = (0..size.positions)
@@ -146,7 +146,7 @@ impl TestSet {
                 let (some, all) = (truth(Some(bounces), &paths), truth(None, &few));
                 let direct: f32 = some.iter().map(|e| e.direct.length_squared() / 3.0).sum();
                 let strength = (positions.len() as f32 / direct).sqrt();
-                strength.is_finite().then(|| Question {
+                strength.is_finite().then(|| TestCase {
                     light_source: light_source(strength),
                     positions,
                     truth: ReferenceValues::new(&some, strength),
@@ -154,7 +154,7 @@ impl TestSet {
                 })
             })
             .collect();
-        (!questions.is_empty()).then_some(Self { questions, bounces })
+        (!cases.is_empty()).then_some(Self { cases, bounces })
     }
 
     /// Reflections of the truth that is not of all of them.
@@ -166,28 +166,26 @@ impl TestSet {
     /// Lights that light anything.
     #[must_use]
     pub fn light_sources(&self) -> Vec<Light> {
-        self.questions.iter().map(|q| q.light_source).collect()
+        self.cases.iter().map(|q| q.light_source).collect()
     }
 
     /// All positions, those of one light after the other's: position in meters and unit normal.
     pub fn positions(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
-        self.questions
-            .iter()
-            .flat_map(|q| q.positions.iter().copied())
+        self.cases.iter().flat_map(|q| q.positions.iter().copied())
     }
 
     /// Standard error of the reference over its values, both as root mean squares: with as many
     /// reflections as [`TestSet::bounces`], and with all.
     #[must_use]
     pub fn noise(&self) -> (f64, f64) {
-        let of = |truth: fn(&Question) -> &ReferenceValues| {
-            let all: Vec<&ReferenceValues> = self.questions.iter().map(truth).collect();
+        let of = |truth: fn(&TestCase) -> &ReferenceValues| {
+            let all: Vec<&ReferenceValues> = self.cases.iter().map(truth).collect();
             ReferenceValues::noise(&all)
         };
         (of(|q| &q.truth), of(|q| &q.all))
     }
 
-    /// Examines a bake whose frame runs with `settings`.
+    /// Measures a bake whose frame runs with `settings`.
     #[must_use]
     pub fn grade(&self, scene: &BakedScene, settings: &FrameSettings) -> TestScore {
         let settings = FrameSettings {
@@ -197,7 +195,7 @@ impl TestSet {
         };
         let mut frame = CpuFrame::new(scene);
         let (mut values, mut dark) = (Vec::new(), 0usize);
-        for q in &self.questions {
+        for q in &self.cases {
             frame.set_lights(scene, &FrameLight::expand(&q.light_source, 1));
             frame.solve(scene, &settings);
             for &(x, n) in &q.positions {
@@ -206,9 +204,9 @@ impl TestSet {
                 values.push(found.unwrap_or_default());
             }
         }
-        let of = |truth: fn(&Question) -> &ReferenceValues| -> ReferenceValues {
+        let of = |truth: fn(&TestCase) -> &ReferenceValues| -> ReferenceValues {
             let mut all = ReferenceValues::default();
-            for q in &self.questions {
+            for q in &self.cases {
                 all.0.extend(&truth(q).0);
                 all.1.extend(&truth(q).1);
             }
