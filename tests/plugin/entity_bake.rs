@@ -387,7 +387,8 @@ fn halves(scene: &BakedScene) -> [(Vec3, Vec3); 2] {
     let finest = *scene.level_starts.iter().rev().nth(1).unwrap() as usize;
     for (point, surface) in scene.points.iter().zip(&scene.surfaces).skip(finest) {
         let p = point.x();
-        if p.y.abs() < 1e-3 && p.x.abs() > 0.1 {
+        // Points on walls can be as low.
+        if p.y.abs() < 1e-3 && point.n().y > 0.5 && p.x.abs() > 0.1 {
             let sum = &mut sums[usize::from(p.x > 0.0)];
             sum.0 += Vec3::from(surface.albedo);
             sum.1 += Vec3::from(surface.emission);

@@ -119,7 +119,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     // It fits: solved again in each frame in which the light moves, by the octree.
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
-    let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was requested for");
+    let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");
     assert!(plan.contains(&said) && dispatched == walked, "{plan}");
     let found = picture(&mut stand.app, &stand.image);
     assert_alike("octree", &by_octree, &found);
@@ -172,7 +172,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
-    let said = format!("with tier {links} of {links}: nothing less was requested for");
+    let said = format!("with tier {links} of {links}: nothing less was asked for");
     assert!(plan.contains(&said), "{plan}");
     let said = "with its links: the octree's order is 7, the kernels take 6";
     assert!(plan.contains(said), "{plan}");
