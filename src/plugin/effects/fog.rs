@@ -74,8 +74,8 @@ struct FogDraws<'a> {
 type ReadyVolumes<'a> = Vec<(SceneId, &'a ExtractedVolume, &'a wgpu::TextureView)>;
 
 impl<'a> FogDraws<'a> {
-    /// Collects the draws of a view, in the order of its fog volumes. `camera` has not
-    /// the intensity of a scene.
+    /// Collects the draws of a view, in the order of its fog volumes. `camera` does not include the
+    /// intensity of a scene.
     fn new(
         view: &ExtractedFogView,
         camera: &FogView,
