@@ -80,9 +80,9 @@ impl BounceSelector {
         Self::default()
     }
 
-    /// Returns the number of reflections of this frame's solve. It is `requested`, or the number that
-    /// the bake's surfaces need with these factors of its materials. Without factors, the materials
-    /// are as baked. Returns `None` for a bake that holds its bounces.
+    /// Returns the number of reflections of this frame's solve: `requested`, or the number that the
+    /// bake's surfaces need with these factors of its materials. Without factors, the materials are
+    /// as baked. Returns `None` for a bake that holds its bounces.
     pub fn pick(
         &mut self,
         requested: GiBounceCount,

@@ -37,8 +37,8 @@ pub struct Subsplats {
     pub counts: SubsplatCounts,
 }
 
-/// Runs the kernels of the screen. `evaluate` is requested for the light at a pixel, and puts it into
-/// the node.
+/// Runs the kernels of the screen. `evaluate` computes the light at a pixel and puts it into the
+/// node.
 #[must_use]
 pub fn subsplats(
     params: &SubsplatParams,
