@@ -1,5 +1,5 @@
-//! Light in fog: what a position in the air scatters toward an eye of a level's indirect light,
-//! beside the reference integrator; and none of the next room's.
+//! Light in fog: radiance that a position in the air scatters toward a camera, beside the reference
+//! integrator, and no light of the adjacent room.
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::internals::basis::PROBE_OVERLAP;
@@ -21,24 +21,32 @@ use meshless_gi::{
 use meshless_gi_lab::accuracy::errors;
 use meshless_gi_lab::fixtures::data::open_rooms;
 use std::f32::consts::{FRAC_1_PI, PI};
+use std::sync::OnceLock;
 
 /// Reflections that count, as the frame has them.
 const REFLECTIONS: u32 = 4;
 /// Directions that light of a position comes from in the reference.
 const AROUND: u32 = 512;
 
-/// A room with a light, an opening in its wall, and a second room.
-fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
-    let (mesh, lights) = open_rooms();
+/// Bakes a mesh at Draft with probes.
+fn baked(mesh: &TriangleMesh) -> BakedScene {
     let recipe = Recipe {
         preset: Preset::Draft,
         probes: Some(ProbeSettings::default()),
         ..Recipe::default()
     };
-    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
-        .unwrap()
-        .scene;
-    (mesh, lights, scene)
+    let baked = bake_scene(mesh, &recipe, 0, &Progress::default());
+    baked.expect("a bake").scene
+}
+
+/// A room with a light, an opening in its wall, and a second room. Baked once for all tests.
+fn rooms() -> &'static (TriangleMesh, Vec<Light>, BakedScene) {
+    static ROOMS: OnceLock<(TriangleMesh, Vec<Light>, BakedScene)> = OnceLock::new();
+    ROOMS.get_or_init(|| {
+        let (mesh, lights) = open_rooms();
+        let scene = baked(&mesh);
+        (mesh, lights, scene)
+    })
 }
 
 /// Input of fog: a volume of a bake in one light.
@@ -48,8 +56,7 @@ struct Air {
 }
 
 impl Air {
-    /// With voxels of so many meters, or as long as the plugin makes them where nothing else is
-    /// said.
+    /// Voxels of `edge` meters, or of the plugin's default size.
     fn new(scene: &BakedScene, lights: &[Light], edge: Option<f32>) -> Self {
         let mut frame = CpuFrame::new(scene);
         let lights: Vec<FrameLight> = lights
@@ -77,17 +84,17 @@ impl Air {
         Self { shape, texels }
     }
 
-    /// Radiance of a position towards an eye whose ray goes along `d`, W/(m² sr).
+    /// Radiance of a position toward a camera whose ray has direction `d`, W/(m² sr).
     fn scattered(&self, x: Vec3, asymmetry: f32, d: Vec3) -> Vec3 {
-        // An eye far away, for which all rays go along `d`.
-        let alike = FogView {
+        // A distant camera, whose rays are all parallel to `d`.
+        let parallel = FogView {
             view_from_clip: Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1).inverse(),
             world_from_view: Mat4::look_to_rh(x, d, d.any_orthonormal_vector()).inverse(),
             viewport: [0.0, 0.0, 1.0, 1.0],
             exposure: 1.0,
             steps: 1,
         };
-        let params = FogInscatterParams::new(&alike, asymmetry, &self.shape, &Mat4::IDENTITY);
+        let params = FogInscatterParams::new(&parallel, asymmetry, &self.shape, &Mat4::IDENTITY);
         let texel = (x - self.shape.origin()) / self.shape.voxel();
         read_voxels(params.size, &self.texels, texel, |voxel| {
             Vec3::from_slice(&fog_inscatter(&params, &self.texels, voxel)[..3])
@@ -95,8 +102,7 @@ impl Air {
     }
 }
 
-/// Positions in the air of both rooms and of the door between them, and where a ray goes through
-/// each.
+/// Positions in the air of both rooms and of the door between them, each with a ray direction.
 fn positions() -> Vec<(Vec3, Vec3)> {
     (0..80)
         .map(|k| {
@@ -110,22 +116,22 @@ fn positions() -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Henyey and Greenstein (1941): how much of the light that comes from `w` goes to an eye whose ray
-/// goes along `d`, 1/sr. Both are turned round: so is the light's way.
+/// Phase function of Henyey and Greenstein (1941), 1/sr, for light from direction `w` and a camera
+/// ray of direction `d`. Both point against the light's path.
 fn phase(asymmetry: f32, w: Vec3, d: Vec3) -> f32 {
     let g = asymmetry;
     (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * w.dot(d)).powf(1.5))
 }
 
-/// Radiance of the surfaces around each position after one reflection and more, by rays from there,
-/// as the reference integrator has it.
+/// Radiance of the surfaces around each position after one reflection and more, by rays from the
+/// position and the reference integrator: (position, direction, radiance).
 fn around(
     mesh: &TriangleMesh,
     lights: &[Light],
     positions: &[(Vec3, Vec3)],
 ) -> Vec<(usize, Vec3, Vec3)> {
     let mut hits = Vec::new();
-    let mut seen = Vec::new();
+    let mut visible = Vec::new();
     for (k, &(x, _)) in positions.iter().enumerate() {
         let shift = Vec2::new(k as f32 * 0.618, k as f32 * 0.755).fract();
         for i in 0..AROUND {
@@ -133,7 +139,7 @@ fn around(
             let ray = Ray::new(x, w);
             let surface = mesh.cast(&ray).map(|hit| mesh.surface(&ray, &hit));
             if let Some(surface) = surface.filter(|s| s.front) {
-                seen.push((k, w, surface.albedo));
+                visible.push((k, w, surface.albedo));
                 hits.push((surface.position, surface.normal));
             }
         }
@@ -147,11 +153,10 @@ fn around(
     let radiance = |((k, w, albedo), e): ((usize, Vec3, Vec3), &Irradiance)| {
         (k, w, albedo * FRAC_1_PI * (e.direct + e.indirect))
     };
-    seen.into_iter().zip(&lit).map(radiance).collect()
+    visible.into_iter().zip(&lit).map(radiance).collect()
 }
 
-/// The integral at each position of that radiance times what `weight` says of the position and the
-/// direction that light comes from.
+/// Integral at each position of that radiance times `weight(position, direction)`.
 fn integrals(
     around: &[(usize, Vec3, Vec3)],
     positions: usize,
@@ -164,8 +169,8 @@ fn integrals(
     sums
 }
 
-fn nrmse(found: &[Vec3], right: &[Vec3]) -> f64 {
-    errors(found, right, &vec![Vec3::ZERO; right.len()]).nrmse
+fn nrmse(values: &[Vec3], reference: &[Vec3]) -> f64 {
+    errors(values, reference, &vec![Vec3::ZERO; reference.len()]).nrmse
 }
 
 #[test]
@@ -173,15 +178,15 @@ fn fog_matches_reference() {
     let (mesh, lights, scene) = rooms();
     let positions = positions();
     let asymmetries = [0.0, 0.25, 0.5, 0.75];
-    let around = around(&mesh, &lights, &positions);
+    let around = around(mesh, lights, &positions);
     let all = positions.len();
     let right = asymmetries.map(|g| integrals(&around, all, |k, w| phase(g, w, positions[k].1)));
-    // What the six irradiances of that light say, at the positions themselves.
+    // Irradiance of the six sides at the positions themselves.
     let faces = [0, 1, 2, 3, 4, 5].map(|side| {
         let n = Vec3::AXES[side / 2] * [1.0, -1.0][side % 2];
         integrals(&around, all, |_, w| FRAC_1_PI * w.dot(n).max(0.0))
     });
-    let told: Vec<f64> = (asymmetries.iter().zip(&right))
+    let six_sides: Vec<f64> = (asymmetries.iter().zip(&right))
         .map(|(g, right)| {
             let one = |k: usize| -> Vec3 {
                 let weights = sides(*g, positions[k].1);
@@ -191,14 +196,14 @@ fn fog_matches_reference() {
         })
         .collect();
     println!(
-        "six irradiances of the reference itself, asymmetry {asymmetries:?}: NRMSE {told:.3?}"
+        "six irradiances of the reference itself, asymmetry {asymmetries:?}: NRMSE {six_sides:.3?}"
     );
     for (name, edge) in [
         ("default", None),
         ("0.1 m", Some(0.1)),
         ("0.4 m", Some(0.4)),
     ] {
-        let air = Air::new(&scene, &lights, edge);
+        let air = Air::new(scene, lights, edge);
         let found = asymmetries.map(|g| -> Vec<Vec3> {
             (positions.iter())
                 .map(|&(x, d)| air.scattered(x, g, d))
@@ -207,15 +212,18 @@ fn fog_matches_reference() {
         let off: Vec<f64> = (found.iter().zip(&right))
             .map(|(f, r)| nrmse(f, r))
             .collect();
-        // Fog that scatters evenly, where it does not.
+        // Isotropic fog in its place.
         let even: Vec<f64> = right.iter().map(|r| nrmse(&found[0], r)).collect();
         println!(
-            "{name} voxels ({}), asymmetry {asymmetries:?}: NRMSE {off:.3?}; as if it were 0: {even:.3?}",
+            "{name} voxels ({}), asymmetry {asymmetries:?}: NRMSE {off:.3?}; isotropic: {even:.3?}",
             air.shape.size()
         );
-        // What the volume adds to what six irradiances cannot say.
+        // Error of the volume on top of the error of six irradiances.
         for k in 0..asymmetries.len() {
-            assert!(off[k] <= told[k] + 0.04, "{name}: {off:?}, {told:?}");
+            assert!(
+                off[k] <= six_sides[k] + 0.04,
+                "{name}: {off:?}, {six_sides:?}"
+            );
         }
         for k in [1, 2] {
             assert!(off[k] < 0.5 * even[k], "{name}: {off:?}, {even:?}");
@@ -227,16 +235,16 @@ fn fog_matches_reference() {
         let mut moved = found[0].clone();
         moved.rotate_left(1);
         let [turned, moved] = [nrmse(&turned, &right[2]), nrmse(&moved, &right[0])];
-        println!("{name}: from the wrong side {turned:.3}, of the next place {moved:.3}");
+        println!("{name}: from the wrong side {turned:.3}, of the next position {moved:.3}");
         assert!(turned > 0.4 && moved > 0.1, "{turned} {moved}");
     }
 }
 
-/// Rays in parts of so many voxels, beside parts of an eighth of a voxel: what is lost.
+/// Error of ray steps of one to eight voxels, beside steps of an eighth of a voxel.
 #[test]
 fn fog_ray_step_error_is_bounded() {
     let (mesh, lights, scene) = rooms();
-    let air = Air::new(&scene, &lights, None);
+    let air = Air::new(scene, lights, None);
     let bounds = scene.info.bounds.map(Vec3::from);
     let size = [24u32, 16];
     let near = 0.1;
@@ -300,23 +308,14 @@ fn fog_ray_step_error_is_bounded() {
     assert!(off[1] < 0.01 && off[3] > 2.0 * off[1], "{off:?}");
 }
 
-/// Two rooms with two centimeters between them, a light in one: nothing is in the other's fog, up
-/// to its walls.
+/// Two rooms, two centimeters apart, one lit: the other room's fog is dark up to its walls.
 #[test]
 fn fog_in_unlit_room_is_dark() {
     let size = Vec3::new(3.0, 2.5, 3.0);
     let low = Vec3::new(3.02, 0.0, 0.0);
     let mut quads = room(Vec3::ZERO, size);
     quads.extend(room(low, low + size));
-    let recipe = Recipe {
-        preset: Preset::Draft,
-        probes: Some(ProbeSettings::default()),
-        ..Recipe::default()
-    };
-    let mesh = mesh_of_quads(&quads);
-    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
-        .unwrap()
-        .scene;
+    let scene = baked(&mesh_of_quads(&quads));
     let light_source = Light::Point {
         position: Vec3::new(1.5, 2.0, 1.5),
         intensity: Vec3::ONE,
@@ -341,7 +340,7 @@ fn fog_in_unlit_room_is_dark() {
     assert!(lit > 0.01 && dark <= 1e-4 * lit, "{dark} of {lit}");
 }
 
-/// The six walls of a room, seen from within.
+/// The six walls of a room, which face inward.
 fn room(low: Vec3, high: Vec3) -> Vec<Quad> {
     let axes = Vec3::AXES;
     (0..6)

@@ -1,8 +1,7 @@
-//! Soft shadows of rectangles from baked visibility, beside the reference integrator: ten per cent
-//! in the penumbra at fifty coefficients, for panels of several sizes in several positions, with
-//! the same constants, and not with five coefficients. On a bake without the finest levels;
-//! `examples/pca` measures those of the usual size, and the level whose penumbrae lie behind a
-//! door.
+//! Soft shadows of rectangles from baked visibility, beside the reference integrator: at most ten
+//! per cent of error in the penumbra with fifty coefficients, for panels of several sizes in several
+//! positions, and more with five coefficients. The bake has no finest levels; `examples/pca`
+//! measures bakes of the usual size and a scene whose penumbrae lie behind a door.
 
 use glam::Vec3;
 use meshless_gi::internals::frame::soft_shadow::{self, SoftLight};
@@ -15,9 +14,9 @@ use meshless_gi_lab::accuracy::{
 };
 use meshless_gi_lab::fixtures::data::published_mesh;
 
-/// The bound.
+/// Bound of the NRMSE.
 const BOUND: f64 = 0.10;
-/// Paths of the particles that say where it is held against the truth.
+/// Particle paths that select the measured positions.
 const PATHS: u64 = 1200;
 
 fn panel(center: [f32; 3], u: f32, v: f32) -> Light {
@@ -47,14 +46,14 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
     (mesh, baked.scene)
 }
 
-/// Errors from memory, by rays at the same points, and from five coefficients a point.
-fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
+/// NRMSE from baked visibility, by rays at the same points, and from five coefficients per point.
+fn measure(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
     let visibility = scene.visibility.as_ref().expect("visibility");
     let positions: Vec<PenumbraSample> = penumbra_samples(scene, mesh, light, PATHS)
         .into_iter()
         .filter(PenumbraSample::in_penumbra)
         .collect();
-    assert!(positions.len() > 100, "{} places", positions.len());
+    assert!(positions.len() > 100, "{} positions", positions.len());
     let soft_light = SoftLight::from_light(light, 25).expect("a rectangle");
     let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[soft_light]);
     let by_rays = deficits_by_rays(scene, mesh, &soft_light, visibility.points.len());
@@ -70,29 +69,29 @@ fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Ligh
     ]
 }
 
-fn meets(name: &str, panels: &[Light]) {
+fn check(name: &str, panels: &[Light]) {
     let (mesh, scene) = baked(name);
     let visibility = scene.visibility.as_ref().expect("visibility");
     assert!(visibility.clusters.iter().all(|c| c.components <= 50));
     let few = visibility.truncated(5);
     assert!(few.bytes() < visibility.bytes() / 2);
     let all: Vec<[f64; 3]> = (panels.iter())
-        .map(|p| found(&mesh, &scene, &few, p))
+        .map(|p| measure(&mesh, &scene, &few, p))
         .collect();
-    println!("{name}, from memory, by rays, from five coefficients: {all:.4?}");
-    for (light, [memory, rays, few]) in panels.iter().zip(&all) {
+    println!("{name}, from baked visibility, by rays, from five coefficients: {all:.4?}");
+    for (light, [stored, rays, few]) in panels.iter().zip(&all) {
         assert!(
-            *memory <= BOUND,
-            "{name}: {memory}, by rays {rays}, {light:?}"
+            *stored <= BOUND,
+            "{name}: {stored}, by rays {rays}, {light:?}"
         );
-        // Must fail: a memory that is too short.
+        // Must fail: too few coefficients.
         assert!(*few > BOUND, "{name}: {few} from five, {light:?}");
     }
 }
 
 #[test]
 fn penumbrae_in_box_with_blocks_match_reference() {
-    meets(
+    check(
         "cornell",
         &[
             panel([2.78, 5.46, 2.795], 0.65, 0.525),
