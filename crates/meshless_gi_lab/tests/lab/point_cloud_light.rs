@@ -1,6 +1,6 @@
-//! Light among points: closed rooms of points, whose light has a closed form, evenly sampled and
-//! noisy; and a statue of points in a room of triangles, each of them lit by the other, beside the
-//! reference integrator. Comparisons are also made with a wrong input and must fail there.
+//! Light between points: closed rooms of points, evenly sampled and noisy, beside the closed form,
+//! and a statue of points in a room of triangles beside the reference integrator. Each comparison
+//! must fail for a wrong input.
 
 use meshless_gi_lab::fixtures::points as points_support;
 
@@ -24,8 +24,8 @@ fn bulb() -> [Light; 1] {
     }]
 }
 
-/// Reflected irradiance where each `step`th point is seen from the middle, with the points' areas.
-/// All reflections.
+/// Reflected irradiance of each `step`th point at the first hit of the ray from the origin to it,
+/// W/m², with the area of the point, m². All reflections.
 fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)> {
     let (cells, _) = cloud.mesh();
     let scene = baked(&cells, preset);
@@ -33,8 +33,8 @@ fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)>
         .step_by(step)
         .filter_map(|i| {
             let ray = Ray::new(Vec3::ZERO, cloud.positions[i].normalize());
-            let seen = cells.surface(&ray, &cells.cast(&ray)?);
-            Some(((seen.position, seen.normal), cloud.areas[i]))
+            let surface = cells.surface(&ray, &cells.cast(&ray)?);
+            Some(((surface.position, surface.normal), cloud.areas[i]))
         })
         .unzip();
     let (_, indirect) = shown(&scene, cells, &bulb(), &samples, Bounces::All);
@@ -57,7 +57,7 @@ fn ball(spacing: f32, albedo: f32) -> PlyPoints {
     }
 }
 
-/// A closed cube of 2 m around the origin, evenly sampled, seen from inside.
+/// A closed cube of 2 m around the origin, evenly sampled, which faces inward.
 fn cube(spacing: f32, albedo: f32) -> PlyPoints {
     let side = |axis: usize, high: bool| {
         let at = |u: f32, v: f32| {
@@ -75,21 +75,21 @@ fn cube(spacing: f32, albedo: f32) -> PlyPoints {
         }
     };
     let sides: Vec<_> = (0..6).map(|k| side(k % 3, k < 3)).collect();
-    let points = scatter(&mesh_of_quads(&sides), spacing, 2).expect("so many fit");
+    let points = scatter(&mesh_of_quads(&sides), spacing, 2).expect("points");
     let normals = points.normals.as_ref().expect("scattered with normals");
     let inside = points
         .positions
         .iter()
         .zip(normals)
         .all(|(x, n)| x.dot(*n) < 0.0);
-    assert!(inside, "the room faces its inside");
+    assert!(inside, "the room must face inward");
     points
 }
 
-/// The mean over the surface, and the root mean square of what differs from it, in parts of it.
-fn mean_and_spread(found: &[(f32, f32)]) -> (f64, f64) {
+/// Mean over the surface, and the standard deviation as a fraction of the mean.
+fn mean_and_spread(values: &[(f32, f32)]) -> (f64, f64) {
     let sum = |of: &dyn Fn(f64) -> f64| -> f64 {
-        found
+        values
             .iter()
             .map(|(e, a)| of(f64::from(*e)) * f64::from(*a))
             .sum()
@@ -99,37 +99,34 @@ fn mean_and_spread(found: &[(f32, f32)]) -> (f64, f64) {
     (mean, spread / mean)
 }
 
-/// Wherever the light is: inside a ball reflected light is the same everywhere, and in any closed
-/// room its mean is Φ ρ / ((1 − ρ) A). At ρ = 0.9 what one reflection loses through slits between
-/// points counts ten times.
+/// Reflected light in a ball is the same everywhere, and its mean in any closed room is
+/// Φ ρ / ((1 − ρ) A), for any position of the light. At ρ = 0.9 the loss of one reflection through
+/// slits between points counts ten times.
 #[test]
 fn closed_point_rooms_conserve_energy() {
-    for albedo in [0.5f32, 0.9] {
-        let power = 4.0 * PI * f64::from(INTENSITY);
-        for (what, points, area, [off, uneven]) in [
-            ("ball", ball(0.06, albedo), 4.0 * PI, [0.02, 0.02]),
-            ("cube", cube(0.06, albedo), 24.0, [0.02, f64::INFINITY]),
-        ] {
-            let cloud = PointCloud::new(points, &[]).expect("a cloud");
-            let right = closed_form::enclosure_reflected(power / area, albedo.into(), None);
-            let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
-            println!(
-                "{what} of {} points, reflectance {albedo}: {:+.2} % off, spread {:.2} %",
-                cloud.len(),
-                100.0 * (mean / right - 1.0),
-                100.0 * spread
-            );
-            assert!(
-                (mean / right - 1.0).abs() < off,
-                "{what} {albedo}: {mean}, {right} is right"
-            );
-            assert!(spread < uneven, "{what} {albedo}: {spread}");
-        }
+    let albedo = 0.9f32;
+    let power = 4.0 * PI * f64::from(INTENSITY);
+    for (name, points, area, max_spread) in [
+        ("ball", ball(0.06, albedo), 4.0 * PI, 0.02),
+        ("cube", cube(0.06, albedo), 24.0, f64::INFINITY),
+    ] {
+        let cloud = PointCloud::new(points, &[]).expect("a cloud");
+        let expected = closed_form::enclosure_reflected(power / area, albedo.into(), None);
+        let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
+        let error = mean / expected - 1.0;
+        println!(
+            "{name} of {} points: error {:+.2} %, spread {:.2} %",
+            cloud.len(),
+            100.0 * error,
+            100.0 * spread
+        );
+        assert!(error.abs() < 0.02, "{name}: {mean}, expected {expected}");
+        assert!(spread < max_spread, "{name}: {spread}");
     }
 }
 
-/// A noisy scan: half a spacing off in any direction. What cells lose to each other's rims and
-/// slits is what the mean is off.
+/// A noisy scan: points displaced by half a spacing in any direction. The error of the mean is the
+/// light lost at the rims of cells and in slits between them.
 #[test]
 fn noisy_closed_point_room_conserves_energy() {
     const SPACING: f32 = 0.04;
@@ -141,32 +138,31 @@ fn noisy_closed_point_room_conserves_energy() {
     }
     let cloud = PointCloud::new(points, &[Vec3::ZERO]).expect("a cloud");
     let power = 4.0 * PI * f64::from(INTENSITY);
-    let right = closed_form::enclosure_reflected(power / 24.0, 0.5, None);
+    let expected = closed_form::enclosure_reflected(power / 24.0, 0.5, None);
     let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
     println!(
-        "{} noisy points: {:+.1} % off, spread {:.1} %",
+        "{} noisy points: error {:+.1} %, spread {:.1} %",
         cloud.len(),
-        100.0 * (mean / right - 1.0),
+        100.0 * (mean / expected - 1.0),
         100.0 * spread
     );
     assert!(
-        (mean / right - 1.0).abs() < 0.03,
-        "{mean}, {right} is right"
+        (mean / expected - 1.0).abs() < 0.03,
+        "{mean}, expected {expected}"
     );
     // The light is nearer to some walls: without noise it is 0.11.
     assert!(spread < 0.16, "{spread}");
 }
 
-/// The five walls of the box as triangles and the statue as points, each with what it reflects
-/// times a factor.
-fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
+/// The five walls of the box as triangles and the statue as points, with albedos times a factor.
+fn walls_and_statue(walls: f32, statue_factor: f32) -> (TriangleMesh, usize) {
     let mut quads = cornell_box();
     quads.truncate(5);
     for quad in &mut quads {
         quad.material.base_color *= Vec3::splat(walls).extend(1.0);
     }
-    let mut points = scatter(&statue(), 0.03, 1).expect("so many fit");
-    let orange = Vec3::new(0.85, 0.4, 0.06) * stands;
+    let mut points = scatter(&statue(), 0.03, 1).expect("points");
+    let orange = Vec3::new(0.85, 0.4, 0.06) * statue_factor;
     points.albedo = Some(vec![orange; points.positions.len()]);
     let cloud = PointCloud::new(points, &[]).expect("a cloud");
     let room = mesh_of_quads(&quads);
@@ -174,10 +170,10 @@ fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
     (TriangleMesh::joined(vec![room, cloud.mesh().0]), count)
 }
 
-/// Positions on the walls and on the statue, as cameras in front, on the left and on the right see
-/// them.
-fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2] {
-    let mut found = [Vec::new(), Vec::new()];
+/// Positions on the walls and on the statue that are visible to cameras in front, on the left and on
+/// the right.
+fn visible_positions(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2] {
+    let mut positions = [Vec::new(), Vec::new()];
     for k in 0..count {
         let mut r = Random::new(4, 4, k);
         let eye = [
@@ -191,15 +187,14 @@ fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2
             continue;
         };
         let surface = level.surface(&ray, &hit);
-        found[usize::from(hit.primitive as usize >= walls)]
+        positions[usize::from(hit.primitive as usize >= walls)]
             .push((surface.position, surface.normal));
     }
-    found
+    positions
 }
 
 /// Light from the points alone on the triangles, from the triangles alone on the points, and all of
-/// it on both. What is left at `Draft` is the recipe's and not the points': the same statue as
-/// triangles is as far off.
+/// it on both. The same statue as triangles has as large an error at `Draft`.
 #[test]
 fn point_statue_and_triangle_room_exchange_light() {
     let light_source = [Light::Rect {
@@ -209,13 +204,13 @@ fn point_statue_and_triangle_room_exchange_light() {
         radiance: Vec3::splat(25.0),
     }];
     let sum = |light: &[Vec3]| light.iter().sum::<Vec3>();
-    for (what, walls, stands, bounds) in [
+    for (name, walls, statue_factor, bounds) in [
         ("the statue reflects", 0.0, 1.0, [0.165, 0.215]),
         ("the walls reflect", 1.0, 0.0, [0.045, 0.215]),
         ("all reflects", 1.0, 1.0, [0.09, 0.215]),
     ] {
-        let (level, count) = walls_and_statue(walls, stands);
-        let samples = seen(&level, count, 900);
+        let (level, count) = walls_and_statue(walls, statue_factor);
+        let samples = visible_positions(&level, count, 900);
         let scene = baked(&level, Preset::Draft);
         let all: Vec<(Vec3, Vec3)> = samples.concat();
         let truth = reference(&level, &light_source, &all, 64);
@@ -227,7 +222,7 @@ fn point_statue_and_triangle_room_exchange_light() {
             Bounces::Count(REFLECTIONS),
         );
         let cut = samples[0].len();
-        for (name, from, to, bound) in [
+        for (part, from, to, bound) in [
             ("walls", 0, cut, bounds[0]),
             ("statue", cut, all.len(), bounds[1]),
         ] {
@@ -236,15 +231,15 @@ fn point_statue_and_triangle_room_exchange_light() {
             let error = nrmse(found, &truth, indirect);
             let own: Vec<Vec3> = truth[0].iter().map(indirect).collect();
             println!(
-                "{what}: on the {name} ({} places) NRMSE {error:.4}, sum {:.1} against {:.1}",
+                "{name}: on the {part} ({} positions) NRMSE {error:.4}, sum {:.1}, reference {:.1}",
                 to - from,
                 sum(found),
                 sum(&own)
             );
-            assert!(error < bound, "{what}, {name}: {error}");
-            // The same light on the wrong positions is far off.
-            let turned: Vec<Vec3> = found.iter().rev().copied().collect();
-            assert!(nrmse(&turned, &truth, indirect) > 0.25, "{what}, {name}");
+            assert!(error < bound, "{name}, {part}: {error}");
+            // Must fail: the same light at wrong positions.
+            let reversed: Vec<Vec3> = found.iter().rev().copied().collect();
+            assert!(nrmse(&reversed, &truth, indirect) > 0.25, "{name}, {part}");
         }
     }
 }
