@@ -23,9 +23,9 @@ use meshless_gi_lab::fixtures::data::open_rooms;
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::OnceLock;
 
-/// Reflections that count, as the frame has them.
+/// Number of reflections in the frame and in the reference.
 const REFLECTIONS: u32 = 4;
-/// Directions that light of a position comes from in the reference.
+/// Number of directions per position in the reference.
 const AROUND: u32 = 512;
 
 /// Bakes a mesh at Draft with probes.
@@ -56,7 +56,7 @@ struct Air {
 }
 
 impl Air {
-    /// Voxels of `edge` meters, or of the plugin's default size.
+    /// Computes the volume with voxels of `edge` meters, or of the plugin's default size.
     fn new(scene: &BakedScene, lights: &[Light], edge: Option<f32>) -> Self {
         let mut frame = CpuFrame::new(scene);
         let lights: Vec<FrameLight> = lights

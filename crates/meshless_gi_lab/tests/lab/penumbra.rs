@@ -1,5 +1,5 @@
 //! Soft shadows of rectangles from baked visibility, beside the reference integrator: at most ten
-//! per cent of error in the penumbra with fifty coefficients, for panels of several sizes in several
+//! per cent of error in the penumbra with fifty coefficients, for panels of several sizes and
 //! positions, and more with five coefficients. The bake has no finest levels; `examples/pca`
 //! measures bakes of the usual size and a scene whose penumbrae lie behind a door.
 
