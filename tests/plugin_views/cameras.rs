@@ -503,13 +503,13 @@ fn masked_materials_with_volume_are_lit_once() {
     assert!(again.nrmse(&opaque) < 0.005, "{}", again.nrmse(&opaque));
 }
 
-/// Findings of an app with a baked room, a camera of this kind, and so many frames.
-fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> {
+/// Warnings of an app with a baked room and a camera of these components after 40 frames.
+fn warnings_with(components: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> {
     let mut app = app();
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
     let mut eye = app.world_mut().spawn(camera(&image, view()));
-    eye.insert(kind);
+    eye.insert(components);
     change(&mut app, root);
     run(&mut app, 40);
     app.world().resource::<GiWarnings>().0.clone()
@@ -518,42 +518,45 @@ fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> 
 #[test]
 fn bake_without_gi_camera_warns_once() {
     let nothing = |_: &mut App, _: Entity| {};
-    assert_eq!(told((), nothing), [GiWarning::NoDisplay]);
+    assert_eq!(warnings_with((), nothing), [GiWarning::NoDisplay]);
     let deferred = (DepthPrepass, NormalPrepass, DeferredPrepass, Msaa::Off);
-    assert_eq!(told(deferred, nothing), [GiWarning::NoDeferredDisplay]);
-    // Both cures; a camera that is turned off; one that does not see the bake; and a display that
+    assert_eq!(
+        warnings_with(deferred, nothing),
+        [GiWarning::NoDeferredDisplay]
+    );
+    // Both remedies, an inactive camera, a camera that does not see the bake, and a display that
     // is turned off.
-    assert_eq!(told(GiCamera::default(), nothing), []);
+    assert_eq!(warnings_with(GiCamera::default(), nothing), []);
     let volume = |app: &mut App, root: Entity| {
         app.world_mut()
             .entity_mut(root)
             .insert(GiIrradianceVolume::default());
     };
-    assert_eq!(told((), volume), [GiWarning::NoFreeSpace]);
+    assert_eq!(warnings_with((), volume), [GiWarning::NoFreeSpace]);
     let inactive = Camera {
         is_active: false,
         ..default()
     };
-    assert_eq!(told(inactive, nothing), []);
-    assert_eq!(told(RenderLayers::layer(3), nothing), []);
+    assert_eq!(warnings_with(inactive, nothing), []);
+    assert_eq!(warnings_with(RenderLayers::layer(3), nothing), []);
     let off = GiCamera {
         enabled: false,
         ..default()
     };
-    assert_eq!(told(off, nothing), []);
+    assert_eq!(warnings_with(off, nothing), []);
 }
 
 #[test]
 fn missing_camera_message_names_remedies_volume_first_for_forward() {
     let warned = |finding: GiWarning| {
-        ["GiIrradianceVolume", "GiCamera"].map(|cure| finding.message().find(cure))
+        ["GiIrradianceVolume", "GiCamera"].map(|remedy| finding.message().find(remedy))
     };
     let [Some(volume), Some(camera)] = warned(GiWarning::NoDisplay) else {
-        panic!("both cures");
+        panic!("the message lacks a remedy");
     };
     assert!(volume < camera);
     let [Some(volume), Some(camera)] = warned(GiWarning::NoDeferredDisplay) else {
-        panic!("both cures");
+        panic!("the message lacks a remedy");
     };
     assert!(camera < volume);
 }
