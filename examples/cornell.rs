@@ -70,7 +70,7 @@ fn main() -> ExitCode {
 
 fn usage(why: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: cornell [--soft] [--screenshot FILE.png [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
+        "{why}\nusage: cornell [--soft] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }

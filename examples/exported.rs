@@ -77,7 +77,7 @@ fn main() -> ExitCode {
 
 fn usage(error: &str) -> ExitCode {
     eprintln!(
-        "{error}\nusage: exported [--data FOLDER] [--screenshot FILE.png [--frames N] [--press KEY,KEY]]"
+        "{error}\nusage: exported [--data FOLDER] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }

@@ -93,7 +93,7 @@ fn main() -> ExitCode {
 
 fn usage(why: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
+        "{why}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }

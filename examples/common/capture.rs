@@ -1,8 +1,8 @@
 //! Pictures of an example without a window (`--screenshot`).
 //!
 //! ```text
-//! --screenshot FILE.png    writes a picture of 960 × 540 pixels, and ends; no window opens, and
-//! software Vulkan does
+//! --screenshot FILE.png    writes a picture, and ends; no window opens, and software Vulkan does
+//! --size WIDTHxHEIGHT      of this size, in pixels (960x540); text is scaled with the width
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
 //! --at T                   of the time T on the example's clock, which stands still
@@ -29,13 +29,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Size of a picture, in pixels.
-const SIZE: UVec2 = UVec2::new(960, 540);
+/// Size of a picture, in pixels, and its limit along an edge.
+const DEFAULT_SIZE: UVec2 = UVec2::new(960, 540);
+const MAX_EDGE: u32 = 8192;
 
 /// Picture options of the command line.
 #[derive(Resource, Clone)]
 pub struct Capture {
     file: PathBuf,
+    /// In pixels.
+    size: UVec2,
     frames: u32,
     while_baking: bool,
     /// Clock time of the picture.
@@ -79,7 +82,7 @@ impl Capture {
             Err(why) => why,
         };
         eprintln!(
-            "{why}\nusage: {example} [--screenshot FILE.png [--at T] [--frames N] [--while-baking] [--press KEY,KEY]]"
+            "{why}\nusage: {example} [--screenshot FILE.png [--size WIDTHxHEIGHT] [--at T] [--frames N] [--while-baking] [--press KEY,KEY]]"
         );
         Err(ExitCode::from(2))
     }
@@ -100,6 +103,7 @@ impl Capture {
             Ok(Some(arguments.remove(at)))
         };
         let file = value("--screenshot")?;
+        let size = value("--size")?;
         let frames = value("--frames")?;
         let keys = value("--press")?;
         let at = value("--at")?;
@@ -107,12 +111,17 @@ impl Capture {
         arguments.retain(|a| a != "--while-baking");
         let while_baking = arguments.len() < before;
         let Some(file) = file else {
-            return if frames.is_some() || keys.is_some() || at.is_some() || while_baking {
-                Err("--frames, --at, --press and --while-baking belong to --screenshot".into())
+            let values = [&size, &frames, &keys, &at];
+            return if while_baking || values.iter().any(|value| value.is_some()) {
+                Err(
+                    "--size, --frames, --at, --press and --while-baking belong to --screenshot"
+                        .into(),
+                )
             } else {
                 Ok(None)
             };
         };
+        let size = size.map_or(Ok(DEFAULT_SIZE), |text| parse_size(&text))?;
         let frames = match frames {
             None => 30,
             Some(text) => text.parse().map_err(|why| format!("--frames: {why}"))?,
@@ -147,6 +156,7 @@ impl Capture {
         let keys = keys.map_or(Ok(Vec::new()), |k| k.split(',').map(together).collect())?;
         Ok(Some(Self {
             file: file.into(),
+            size,
             frames,
             while_baking,
             at,
@@ -155,19 +165,34 @@ impl Capture {
     }
 }
 
+/// Parses `WIDTHxHEIGHT`.
+fn parse_size(text: &str) -> Result<UVec2, String> {
+    let edge = |text: &str| {
+        text.parse()
+            .ok()
+            .filter(|edge| (1..=MAX_EDGE).contains(edge))
+    };
+    text.split_once('x')
+        .and_then(|(width, height)| Some(UVec2::new(edge(width)?, edge(height)?)))
+        .ok_or_else(|| {
+            format!("--size: {text} is not WIDTHxHEIGHT with edges from 1 to {MAX_EDGE}")
+        })
+}
+
 /// Target of all cameras.
 #[derive(Resource)]
 struct Picture(Handle<Image>);
 
 impl Plugin for Capture {
     fn build(&self, app: &mut App) {
-        let mut image =
-            Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
+        let UVec2 { x, y } = self.size;
+        let mut image = Image::new_target_texture(x, y, TextureFormat::Rgba8UnormSrgb, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
         let sixtieth = Duration::from_secs_f64(1.0 / 60.0);
         app.insert_resource(self.clone())
             .insert_resource(Picture(image))
+            .insert_resource(UiScale(x as f32 / DEFAULT_SIZE.x as f32))
             .insert_resource(TimeUpdateStrategy::ManualDuration(sixtieth))
             .add_plugins(ScheduleRunnerPlugin::run_loop(Duration::ZERO))
             .add_observer(aim)

@@ -6,6 +6,10 @@ use image::RgbImage;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// Size of the pictures, in pixels.
+const WIDTH: u32 = 480;
+const HEIGHT: u32 = 270;
+
 /// Builds an example as the tests are built, so that nothing is built twice, and returns its path.
 fn program(example: &str) -> PathBuf {
     let built = Command::new(env!("CARGO"))
@@ -29,8 +33,9 @@ fn drawn(example: &str, options: &[&str]) -> RgbImage {
     let _ = std::fs::remove_file(&file);
     let run = Command::new(program(example))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["--screenshot"])
+        .arg("--screenshot")
         .arg(&file)
+        .args(["--size", &format!("{WIDTH}x{HEIGHT}")])
         .args(options)
         .output()
         .unwrap();
@@ -42,7 +47,7 @@ fn drawn(example: &str, options: &[&str]) -> RgbImage {
     image::open(&file).unwrap().into_rgb8()
 }
 
-/// The part of the pixels from `low` to `high` (0 to 1 along each edge) that are nearly white, as
+/// The part of the pixels from `low` to `high` (0 to 1 along each edge) that are bright, as
 /// letters are.
 fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
     let at = |part: f32, edge: u32| (part * edge as f32) as u32;
@@ -50,7 +55,7 @@ fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
     let (mut white, mut all) = (0u32, 0u32);
     for y in at(low[1], h)..at(high[1], h) {
         for x in at(low[0], w)..at(high[0], w) {
-            white += u32::from(picture.get_pixel(x, y).0.iter().all(|c| *c > 240));
+            white += u32::from(picture.get_pixel(x, y).0.iter().all(|c| *c > 180));
             all += 1;
         }
     }
@@ -59,7 +64,7 @@ fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
 
 fn runs(example: &str, at: &str) {
     let picture = drawn(example, &["--at", at, "--press", "P", "--frames", "16"]);
-    assert_eq!(picture.dimensions(), (960, 540));
+    assert_eq!(picture.dimensions(), (WIDTH, HEIGHT));
     // Lit: neither black nor of a few colors.
     let colors: std::collections::HashSet<[u8; 3]> = picture.pixels().map(|p| p.0).collect();
     let mean = picture
@@ -74,7 +79,7 @@ fn runs(example: &str, at: &str) {
         colors.len()
     );
     assert!(mean > 8.0 && colors.len() > 2000, "{example}: {mean}");
-    assert!(table > 0.015, "{example}: {table}");
+    assert!(table > 0.05, "{example}: {table}");
 }
 
 #[test]
@@ -104,12 +109,12 @@ fn exported_volume_example_lights_room_without_plugin() {
     let direct = drawn("exported", &["--data", folder, "--press", "Space"]);
     // Two sides of the blocks get no direct light: one faces the red wall, the other the green one.
     let patch = |picture: &RgbImage, [left, top]: [u32; 2]| {
-        let pixels = (0..200).map(|i| picture.get_pixel(left + i % 5, top + i / 5).0);
+        let pixels = (0..40).map(|i| picture.get_pixel(left + i % 2, top + i / 2).0);
         pixels.fold([0.0; 3], |sum, p| {
-            [0, 1, 2].map(|k| sum[k] + f64::from(p[k]) / 200.0)
+            [0, 1, 2].map(|k| sum[k] + f64::from(p[k]) / 40.0)
         })
     };
-    let (red, green) = ([385, 300], [588, 380]);
+    let (red, green) = ([193, 150], [294, 190]);
     println!("{:?}, {:?}", patch(&lit, red), patch(&lit, green));
     let [r, g, _] = patch(&lit, red);
     assert!(r > 40.0 && r > 1.5 * g, "{r}, {g}");
