@@ -381,6 +381,14 @@ fn floor() -> Mesh {
     .with_inserted_indices(Indices::U32(vec![0, 1, 2, 0, 2, 3]))
 }
 
+/// A recipe whose finest level has points on both halves of the floor.
+fn fine() -> Recipe {
+    Recipe {
+        max_refinement_points: None,
+        ..quick()
+    }
+}
+
 /// Mean albedo and emission of the points on the floor with x below (first) and above zero.
 fn halves(scene: &BakedScene) -> [(Vec3, Vec3); 2] {
     let mut sums = [(Vec3::ZERO, Vec3::ZERO, 0.0); 2];
@@ -441,7 +449,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
         ..default()
     };
     let root = room_with_floor(&mut app, floor(), material.clone());
-    let (summary, scene) = bake(&mut app, root, quick());
+    let (summary, scene) = bake(&mut app, root, fine());
     assert_eq!(summary.warnings, []);
     let [left, right] = halves(&scene);
     assert!(left.0.x > 0.5 && right.0.x < 0.3, "{left:?} {right:?}");
@@ -449,7 +457,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     // The other way round.
     material.flip(true, false);
     let root = room_with_floor(&mut app, floor(), material.clone());
-    let [left, right] = halves(&bake(&mut app, root, quick()).1);
+    let [left, right] = halves(&bake(&mut app, root, fine()).1);
     assert!(right.0.x > 0.5 && left.0.x < 0.3, "{left:?} {right:?}");
     // Emission: black elsewhere.
     let root = room_with_floor(
@@ -461,7 +469,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
             ..default()
         },
     );
-    let [left, right] = halves(&bake(&mut app, root, quick()).1);
+    let [left, right] = halves(&bake(&mut app, root, fine()).1);
     assert!(
         left.1.x > 3.0 * right.1.x && left.1.x > 3.0,
         "{left:?} {right:?}"
@@ -483,7 +491,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
         ..default()
     };
     let root = room_with_floor(&mut app, painted, white);
-    let [left, right] = halves(&bake(&mut app, root, quick()).1);
+    let [left, right] = halves(&bake(&mut app, root, fine()).1);
     near(left.0, Vec3::new(1.0, 0.5, 0.25));
     near(right.0, Vec3::new(0.2, 0.1, 0.05));
 

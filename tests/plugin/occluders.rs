@@ -33,6 +33,7 @@ fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedSce
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
+        max_refinement_points: Some(1000),
         rays_per_point: Some(128),
         occluders: vec![screen],
         probes,

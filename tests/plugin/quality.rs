@@ -2,9 +2,10 @@
 //! that holds while camera and light move. The time is given by the test, for no test is decided by
 //! a clock.
 
-use crate::support::app::{app, headless_plugins, picture, ready, run};
+use crate::support::app::{app, drawable, headless_plugins, picture, ready, run};
 use crate::support::scenes::{cornell, cpu_indirect};
 use crate::support::stage::{assert_alike, counters, light_source, lit_room, settings, view};
+use bevy::camera::RenderTarget;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_meshless_gi::GiActiveTier;
@@ -115,12 +116,20 @@ fn requested_tier_matches_cpu() {
     }
 }
 
+/// Replaces the camera's target by a small image, for tests of many frames that read no picture.
+fn shrink_target(app: &mut App, stage: &Stage) {
+    let image = (app.world_mut().resource_mut::<Assets<Image>>()).add(drawable(32, 24));
+    let target = RenderTarget::Image(image.into());
+    app.world_mut().entity_mut(stage.eye).insert(target);
+}
+
 /// A budget holds while light and camera move and the load changes under it, and the tier does not
 /// flip.
 #[test]
 fn gpu_budget_is_met_while_light_and_camera_move() {
     let mut app = app();
     let stage = stage(&mut app);
+    shrink_target(&mut app, &stage);
     let (_, bake) = cornell();
     let choices = TierCandidate::all_of(&bake, 3);
     let all = choices[3].work as f32;
@@ -211,6 +220,7 @@ fn gpu_timings_reach_tier_controller() {
     ));
     ready(&mut app);
     let stage = stage(&mut app);
+    shrink_target(&mut app, &stage);
     ask(
         &mut app,
         &stage,

@@ -30,6 +30,7 @@ fn cornell() -> (Room, Arc<BakedScene>) {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
+        max_refinement_points: Some(1000),
         rays_per_point: Some(128),
         sky: SkyModel::Harmonics,
         dynamic_materials: true,

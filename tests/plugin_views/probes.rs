@@ -25,6 +25,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
+        max_refinement_points: Some(1000),
         rays_per_point: Some(128),
         probes: probes.then_some(ProbeSettings {
             spacing: Some(0.3),

@@ -29,6 +29,7 @@ fn remembering() -> Arc<BakedScene> {
             coarse_radius: Some(0.3),
             levels: Some(4),
             sender_levels: Some(4),
+            max_refinement_points: Some(1000),
             rays_per_point: Some(32),
             seed: 1,
             soft_shadows: Some(VisibilityRecipe::default()),

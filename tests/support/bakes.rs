@@ -63,6 +63,7 @@ pub fn quick() -> Recipe {
         coarse_radius: Some(0.4),
         levels: Some(3),
         sender_levels: Some(2),
+        max_refinement_points: Some(1000),
         rays_per_point: Some(64),
         ..default()
     }

@@ -117,6 +117,7 @@ impl Room {
             coarse_radius: Some(0.4),
             levels: Some(3),
             sender_levels: Some(2),
+            max_refinement_points: Some(1000),
             rays_per_point: Some(128),
             seed,
             ..Recipe::default()
