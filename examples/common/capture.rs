@@ -29,15 +29,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Size of a picture, in pixels, and its limit along an edge.
+/// Default size of a picture, in pixels. Text has its own size at this width.
 const DEFAULT_SIZE: UVec2 = UVec2::new(960, 540);
+/// Largest edge of a picture, in pixels: every device has textures of this size.
 const MAX_EDGE: u32 = 8192;
 
 /// Picture options of the command line.
 #[derive(Resource, Clone)]
 pub struct Capture {
     file: PathBuf,
-    /// In pixels.
+    /// Size of the picture, in pixels.
     size: UVec2,
     frames: u32,
     while_baking: bool,

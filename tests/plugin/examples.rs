@@ -126,16 +126,32 @@ fn exported_volume_example_lights_room_without_plugin() {
 }
 
 #[test]
-fn examples_reject_unknown_arguments() {
-    let run = Command::new(program("doors"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .arg("--nonsense")
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&run.stderr);
-    assert_eq!(run.status.code(), Some(2), "{said}");
-    assert!(
-        said.contains("--nonsense") && said.contains("usage: doors"),
-        "{said}"
-    );
+fn examples_reject_invalid_arguments() {
+    let refused: [&[&str]; 7] = [
+        &["--nonsense"],
+        &["--size", "480x270"],
+        &["--screenshot", "never.png", "--size"],
+        &["--screenshot", "never.png", "--size", "480"],
+        &["--screenshot", "never.png", "--size", "480x0"],
+        &["--screenshot", "never.png", "--size", "9000x270"],
+        &["--screenshot", "never.png", "--size", "-4x270"],
+    ];
+    let doors = program("doors");
+    for arguments in refused {
+        let run = Command::new(&doors)
+            .current_dir(env!("CARGO_TARGET_TMPDIR"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&run.stderr);
+        let option = if arguments.contains(&"--size") {
+            "--size"
+        } else {
+            arguments[0]
+        };
+        assert_eq!(run.status.code(), Some(2), "{arguments:?}: {said}");
+        let (reason, usage) = said.split_once("usage: doors").expect("the usage");
+        assert!(reason.contains(option), "{arguments:?}: {said}");
+        assert!(usage.contains("--size WIDTHxHEIGHT"), "{said}");
+    }
 }
