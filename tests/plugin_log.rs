@@ -106,7 +106,7 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
         let start = format!("indirect light on {label}: ");
         let line = info.iter().find(|line| line.starts_with(&start));
         let line = line.unwrap_or_else(|| panic!("no line of {label}: {info:?}"));
-        let points = format!(": {} points, ", bake.points.len());
+        let points = format!(": {} points, ", bake.data().points.len());
         assert!(
             line.replace(',', "").contains(&points.replace(',', "")),
             "{line}"
@@ -132,7 +132,7 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
 
     // Another bake of one scene adds one line. The same bake in another asset adds none.
     let again = room.bake(3);
-    assert_ne!(again.points.len(), bake.points.len());
+    assert_ne!(again.data().points.len(), bake.data().points.len());
     set_bake(&mut app, named, again.clone());
     move_lights(&mut app, [first, second], 5);
     set_bake(&mut app, named, Arc::new((*again).clone()));

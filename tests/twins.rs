@@ -118,25 +118,28 @@ fn projection_problems(
     let twin: Vec<f32> = (0..lights.len())
         .flat_map(|s| cpu.projected(s).to_vec())
         .collect();
-    let senders = scene.senders();
-    let finest = scene.finest_senders().start;
+    let senders = scene.data().senders();
+    let finest = scene.data().finest_senders().start;
     let found = differing(gpu, &twin, 1, SINGLE, Scale::Item);
     let flips = found.iter().filter(|&&i| {
         // The difference equals the contribution of one of the sender's samples.
         let (light, j) = (&lights[i / senders], i % senders);
-        let count = scene.light_samples.per_sender as usize;
+        let count = scene.data().light_samples.per_sender as usize;
         let difference = (gpu[i] - twin[i]).abs();
         let is = |whole: f32| {
             (difference - whole).abs() <= SINGLE * whole + SINGLE * gpu[i].max(twin[i])
         };
         if j < finest || count == 0 {
-            let point = &scene.points[j];
+            let point = &scene.data().points[j];
             return is(project::unshadowed(light, point.x(), point.n()));
         }
-        let own = &scene.light_samples.list[(j - finest) * count..(j - finest + 1) * count];
+        let own = &scene.data().light_samples.list[(j - finest) * count..(j - finest + 1) * count];
         let mut positions = project::samples_for_light(light, own);
         let used = positions.len() as f32;
-        let (extent, apart) = (project::extent(scene), project::sample_spacing(scene));
+        let (extent, apart) = (
+            project::extent(scene.data()),
+            project::sample_spacing(scene.data()),
+        );
         positions.any(|p| is(project::unshadowed_within(light, p.x(), p.n(), extent, apart) / used))
     });
     (found.len(), flips.count())
@@ -151,7 +154,7 @@ fn project_kernel_matches_twin() {
     let twin = cpu(&scene, &lights, &settings(0, false));
     let shadowed = (0..lights.len()).any(|s| {
         // The coarser senders, which are lit at their own points.
-        let own = &scene.points[..scene.finest_senders().start];
+        let own = &scene.data().points[..scene.data().finest_senders().start];
         let pairs = twin.projected(s).iter().zip(own);
         pairs
             .into_iter()
@@ -175,7 +178,7 @@ fn project_kernel_matches_twin() {
     assert_eq!(frame.counters().dispatches_of(Pass::Project), 2);
     assert_eq!(frame.counters().projected, lights.len() as u64);
 
-    let count = lights.len() * scene.senders();
+    let count = lights.len() * scene.data().senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
     // Only tolerance: a ray that passes an edge within rounding may be on either side of it. Of
     // 2970 rays at most two do.
@@ -195,7 +198,7 @@ fn project_kernel_matches_twin() {
     );
     assert!(differing > flips, "a moved light is not noticed");
     let mut bright = scene.clone();
-    bright.bvh.nodes.clear();
+    bright.data_mut().bvh.nodes.clear();
     let (differing, _) = projection_problems(
         &bright,
         &lights,
@@ -207,7 +210,7 @@ fn project_kernel_matches_twin() {
         "missing shadows are not noticed: {differing}"
     );
     let mut elsewhere = scene.clone();
-    elsewhere.light_samples.list[5].position[1] += 0.01;
+    elsewhere.data_mut().light_samples.list[5].position[1] += 0.01;
     let twin = cpu(&elsewhere, &lights, &settings(0, false));
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
     assert!(differing > flips, "a moved place is not noticed");
@@ -237,7 +240,7 @@ fn project_above_dispatch_limit_matches_twin() {
         (counters.dispatches_of(Pass::Project), counters.projected),
         (2, 70_000)
     );
-    let lit = scene.senders();
+    let lit = scene.data().senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, lights.len() * lit);
     let of = |start: usize| &gpu[start * lit..(start + few.len()) * lit];
     assert!(of(0).iter().any(|g| *g > 0.0));
@@ -269,7 +272,7 @@ fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked,
 fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
     let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
-    let form = scene.operator.form;
+    let form = scene.data().operator.form;
     let lights = synthetic::lights();
     let twin = cpu(scene, &lights, settings);
     let frame = GpuFrame::new(&kernels, &harness.queue, scene, lights.len() as u32).unwrap();
@@ -310,7 +313,7 @@ fn heavier(weights: &mut meshless_gi::internals::basis::Weights, at: usize) {
 
 /// Reverses a few links, from link `at` on. Several are needed because some senders are black.
 fn bend(scene: &mut BakedScene, at: usize) {
-    for link in scene.operator.links[at..].iter_mut().take(5) {
+    for link in scene.data_mut().operator.links[at..].iter_mut().take(5) {
         *link = Link::pack(-link.vector(), 1.0, link.sender() as u16);
     }
 }
@@ -321,21 +324,23 @@ fn frame_of_averages_matches_twin() {
         SenderForm::Averages,
         &settings(0, false),
         &[
-            (SENDERS, |s| s.surfaces[97].albedo[1] += 0.001),
-            (SENDERS, |s| s.surfaces[95].emission[2] += 0.001),
+            (SENDERS, |s| s.data_mut().surfaces[97].albedo[1] += 0.001),
+            (SENDERS, |s| s.data_mut().surfaces[95].emission[2] += 0.001),
             (SENDERS, |s| {
-                s.surfaces[90..100].iter_mut().for_each(|s| s.sky[0] += 0.1)
+                s.data_mut().surfaces[90..100]
+                    .iter_mut()
+                    .for_each(|s| s.sky[0] += 0.1)
             }),
-            (SENDERS, |s| heavier(&mut s.pull, 12)),
+            (SENDERS, |s| heavier(&mut s.data_mut().pull, 12)),
             (VALUES, |s| bend(s, 99)),
-            (VALUES, |s| s.operator.rows[20].scale *= 1.001),
+            (VALUES, |s| s.data_mut().operator.rows[20].scale *= 1.001),
             (VALUES, |s| {
                 // The last point without a row of its own.
-                let inactive = (0..s.points.len())
+                let inactive = (0..s.data().points.len())
                     .rev()
-                    .find(|&i| s.operator.rows[i].tier == 0);
-                let at = s.parents.starts[inactive.unwrap()] as usize;
-                heavier(&mut s.parents, at);
+                    .find(|&i| s.data().operator.rows[i].tier == 0);
+                let at = s.data().parents.starts[inactive.unwrap()] as usize;
+                heavier(&mut s.data_mut().parents, at);
             }),
         ],
     );
@@ -363,13 +368,13 @@ fn frame_of_differences_matches_twin() {
         &settings(0, false),
         &[
             (PUSHED, |s| {
-                (20..40).for_each(|at| heavier(&mut s.parents, at))
+                (20..40).for_each(|at| heavier(&mut s.data_mut().parents, at))
             }),
             (APPLIED, |s| bend(s, 1000)),
             (FLAT, |s| {
                 // A parent on the coarsest level, where all rows are active.
-                let first = s.parents.starts[s.points.len() - 1];
-                heavier(&mut s.parents, first as usize);
+                let first = s.data().parents.starts[s.data().points.len() - 1];
+                heavier(&mut s.data_mut().parents, first as usize);
             }),
         ],
     );
@@ -385,7 +390,7 @@ fn frame_of_components_matches_twin() {
         Scale::Rms,
     );
     const COLUMN: fn(&mut BakedScene) -> &mut Column = |s| {
-        let compression = s.operator.compression.as_mut().unwrap();
+        let compression = s.data_mut().operator.compression.as_mut().unwrap();
         &mut compression.columns[22]
     };
     for sweeps in [0, 2] {
@@ -397,7 +402,7 @@ fn frame_of_components_matches_twin() {
                 (COMPRESSED, |s| COLUMN(s).member -= 1),
                 (COMPRESSED, |s| COLUMN(s).count -= 1),
                 (COMPRESSED, |s| {
-                    let values = &mut s.operator.compression.as_mut().unwrap().values;
+                    let values = &mut s.data_mut().operator.compression.as_mut().unwrap().values;
                     values[20..60].iter_mut().for_each(|v| *v ^= 0x8000);
                 }),
                 (VALUES, |s| bend(s, 99)),
@@ -410,7 +415,7 @@ fn frame_of_components_matches_twin() {
 #[test]
 fn runtime_bounces_match_twin() {
     const FURTHER: Spoil = |s| {
-        s.surfaces[60..150]
+        s.data_mut().surfaces[60..150]
             .iter_mut()
             .for_each(|m| m.albedo[0] *= 1.01)
     };
@@ -419,7 +424,7 @@ fn runtime_bounces_match_twin() {
             (BOUNCED, FURTHER),
             (BOUNCED, |s| bend(s, 40)),
             (BOUNCED, |s| {
-                s.points[60..150]
+                s.data_mut().points[60..150]
                     .iter_mut()
                     .for_each(|p| p.normal = [0.6, 0.8, 0.0])
             }),
@@ -433,12 +438,19 @@ fn runtime_bounces_match_twin() {
 fn under_a_sky() -> BakedScene {
     let mut scene = synthetic::scene(SenderForm::Averages);
     let mut dice = synthetic::Dice::new(7);
-    let senders = scene.senders();
-    for (k, link) in scene.operator.links.iter_mut().enumerate().step_by(19) {
+    let senders = scene.data().senders();
+    for (k, link) in scene
+        .data_mut()
+        .operator
+        .links
+        .iter_mut()
+        .enumerate()
+        .step_by(19)
+    {
         let term = senders + 1 + k % 8;
         *link = Link::pack(link.vector(), 1.0, term as u16);
     }
-    scene.sky = Some(SkyVisibility {
+    scene.data_mut().sky = Some(SkyVisibility {
         senders: (0..senders)
             .map(|_| std::array::from_fn(|_| dice.signed()))
             .collect(),
@@ -467,12 +479,12 @@ fn directional_sky_matches_twin() {
             &settings,
             &[
                 (BOUNCED, |s| {
-                    let seen = &mut s.sky.as_mut().unwrap().senders;
+                    let seen = &mut s.data_mut().sky.as_mut().unwrap().senders;
                     seen[80..120].iter_mut().for_each(|t| t[4] += 0.05);
                 }),
                 (VALUES, |s| {
-                    let first = s.senders() as u32 + 1;
-                    let links = s.operator.links.iter_mut();
+                    let first = s.data().senders() as u32 + 1;
+                    let links = s.data_mut().operator.links.iter_mut();
                     let terms = links.filter(|l| l.sender() > first);
                     terms.for_each(|l| *l = Link::pack(l.vector(), 1.0, l.sender() as u16 - 1));
                 }),
@@ -483,13 +495,16 @@ fn directional_sky_matches_twin() {
 
 /// Removes the rows of some points of tier 1, of senders if `senders`. These points then inherit.
 fn orphan(scene: &mut BakedScene, senders: bool) {
-    let (first, count) = (scene.level_starts[1] as usize, scene.senders());
+    let (first, count) = (
+        scene.data().level_starts[1] as usize,
+        scene.data().senders(),
+    );
     let range = if senders {
         first..count
     } else {
-        count..scene.points.len()
+        count..scene.data().points.len()
     };
-    let rows = scene.operator.rows[range].iter_mut();
+    let rows = scene.data_mut().operator.rows[range].iter_mut();
     let mut taken = 0;
     for row in rows.filter(|row| row.tier == 1).take(5) {
         row.tier = 0;
@@ -533,15 +548,15 @@ fn baked_bounces_match_twin() {
             &settings(3, true),
             &[
                 (FURTHER, |s| {
-                    s.bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
+                    s.data_mut().bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
                 }),
                 // A parent on the coarsest level, of a sender on the next.
                 (FURTHER, |s| {
-                    let first = s.parents.starts[s.level_starts[1] as usize + 2];
-                    heavier(&mut s.parents, first as usize);
+                    let first = s.data().parents.starts[s.data().level_starts[1] as usize + 2];
+                    heavier(&mut s.data_mut().parents, first as usize);
                 }),
                 (SENDERS, |s| {
-                    s.bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
+                    s.data_mut().bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
                 }),
                 (VALUES, |s| bend(s, 77)),
             ],
@@ -556,7 +571,7 @@ fn links_above_binding_limit_are_split() {
     let scene = synthetic::scene(SenderForm::Averages);
     let lights = synthetic::lights();
     let settings = settings(2, false);
-    let limit = size_of_val(scene.operator.links.as_slice()) as u64 / 3;
+    let limit = size_of_val(scene.data().operator.links.as_slice()) as u64 / 3;
     let make = |limit| {
         SceneBuffers::with_limit(
             &harness.device,
@@ -578,10 +593,15 @@ fn links_above_binding_limit_are_split() {
                 "the last apply takes four parts, those of the sweeps one or more: {parts}"
             );
         }
-        let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, 12 * scene.points.len());
+        let gpu: Vec<f32> = output(
+            &harness,
+            &frame,
+            Pass::Averages,
+            12 * scene.data().points.len(),
+        );
         let mut wrong = scene.clone();
         // Links of the last part that this tier uses.
-        let sizes = scene.operator.tier_sizes();
+        let sizes = scene.data().operator.tier_sizes();
         bend(&mut wrong, sizes[tier as usize - 1].1 as usize - 5);
         let spoiled = cpu(&wrong, &lights, &settings);
         same(
@@ -617,8 +637,8 @@ fn cornell_box_bakes_match_twin() {
         let scene = baked::cornell(rule, mode);
         eprintln!(
             "{rule:?}, {mode:?}: {} points, {} links",
-            scene.points.len(),
-            scene.operator.links.len()
+            scene.data().points.len(),
+            scene.data().operator.links.len()
         );
         let lights = baked::lights();
         let settings = FrameSettings::bounces(3);
@@ -630,7 +650,7 @@ fn cornell_box_bakes_match_twin() {
         harness
             .run(|e| frame.project(&kernels, &harness.queue, e, &all))
             .unwrap();
-        let count = lights.len() * scene.senders();
+        let count = lights.len() * scene.data().senders();
         let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
         // As in `project`, a ray within rounding of an edge may be on either side of it. At most
         // one in 10 000.
@@ -643,7 +663,7 @@ fn cornell_box_bakes_match_twin() {
         let mut wrong = lights.clone();
         wrong[0].color[1] *= 1.001;
         // One frame for all tiers, so no data of one may remain in the next.
-        for tier in (1..=scene.tiers()).rev() {
+        for tier in (1..=scene.data().tiers()).rev() {
             let settings = FrameSettings { tier, ..settings };
             let twin = cpu(&scene, &lights, &settings);
             frame = solved(&harness, &kernels, frame, &twin, &settings);
@@ -679,7 +699,7 @@ fn octree_above_limit_falls_back_to_links() {
         let passes = [Pass::Pull, Pass::Apply, Pass::FmmUp, Pass::FmmEvaluate];
         passes.map(|p| frame.counters().dispatches_of(p))
     };
-    let levels = scene.fmm.as_ref().unwrap().levels() as u64;
+    let levels = scene.data().fmm.as_ref().unwrap().levels() as u64;
     assert_eq!(run(&scene), [0, 0, 3 * levels, 3]);
     assert_eq!(falls_back(&scene, 128 << 20), None);
     let why = falls_back(&scene, 1 << 16);
@@ -688,14 +708,14 @@ fn octree_above_limit_falls_back_to_links() {
         "{why:?}"
     );
     // An order that exceeds any workgroup.
-    scene.fmm.as_mut().unwrap().order = 7;
+    scene.data_mut().fmm.as_mut().unwrap().order = 7;
     let why = falls_back(&scene, 128 << 20);
     assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
     // No links to replace it.
-    scene.operator.rows.fill(Row::default());
-    scene.operator.links.clear();
+    scene.data_mut().operator.rows.fill(Row::default());
+    scene.data_mut().operator.links.clear();
     let error = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap_err();
     assert!(
         matches!(

@@ -108,10 +108,10 @@ impl Outlook {
     /// directions out of the scene.
     fn all(scene: &BakedScene) -> Vec<Self> {
         let far = diagonal(scene);
-        let viewpoints = scene.info.viewpoints.iter().take(64);
+        let viewpoints = scene.info().viewpoints.iter().take(64);
         let rated: Vec<(Vec3, f32)> = viewpoints
             .map(|at| Vec3::from_array(*at))
-            .map(|at| (at, clearance(&scene.bvh, at, far)))
+            .map(|at| (at, clearance(&scene.data().bvh, at, far)))
             .collect();
         let largest = rated.iter().map(|(_, clear)| *clear).fold(0.0, f32::max);
         let wide = rated.iter().filter(|(_, clear)| *clear >= 0.5 * largest);
@@ -121,7 +121,7 @@ impl Outlook {
                 all.push(Self {
                     from: *from,
                     toward,
-                    free: free_way(&scene.bvh, *from, toward, far),
+                    free: free_way(&scene.data().bvh, *from, toward, far),
                 });
             }
         }
@@ -131,7 +131,7 @@ impl Outlook {
 }
 
 fn diagonal(scene: &BakedScene) -> f32 {
-    let [low, high] = scene.info.bounds.map(Vec3::from_array);
+    let [low, high] = scene.info().bounds.map(Vec3::from_array);
     (high - low).length()
 }
 
@@ -187,12 +187,12 @@ impl Lit {
             ..FrameSettings::bounces(4)
         };
         frame.solve(scene, &settings);
-        let step = (scene.points.len() / SAMPLES).max(1);
-        let indices = (0..scene.points.len()).step_by(step);
+        let step = (scene.data().points.len() / SAMPLES).max(1);
+        let indices = (0..scene.data().points.len()).step_by(step);
         let points = indices.filter_map(|i| {
-            let (x, n) = (scene.points[i].x(), scene.points[i].n());
+            let (x, n) = (scene.data().points[i].x(), scene.data().points[i].n());
             let irradiance = frame.irradiance(scene, x, n)? + frame.direct(scene, x, n);
-            let albedo = Vec3::from_array(scene.surfaces[i].albedo);
+            let albedo = Vec3::from_array(scene.data().surfaces[i].albedo);
             let radiance = albedo * irradiance / PI;
             let luminance = radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722));
             luminance.is_finite().then_some((x, n, luminance))
@@ -208,7 +208,7 @@ impl Lit {
             // Front side, without an occluder except the surface itself in the last 1 %.
             let clear = || {
                 let ray = Ray::segment(from, toward, 0.99 * distance);
-                !scene.bvh.occluded(&ray)
+                !scene.data().bvh.occluded(&ray)
             };
             (toward.dot(*n) < 0.0 && clear()).then_some((toward, *luminance))
         };

@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         frame.set_lights(&scene, &FrameLight::expand(&light, 1));
         frame.solve(&scene, &FrameSettings::bounces(4));
         let values = frame.vector_irradiance();
-        let scalars: Vec<[f32; 4]> = (scene.points.iter().zip(values))
+        let scalars: Vec<[f32; 4]> = (scene.data().points.iter().zip(values))
             .map(|(p, e)| e.dot(p.n()).extend(0.0).to_array())
             .collect();
         let mut positions = walls(&quads, PLACES);
@@ -165,9 +165,9 @@ fn gather<T>(
     add: impl Fn(&mut T, f32, usize),
 ) -> Option<(T, f32)> {
     let (mut cover, mut denominator) = (0.0, 0.0);
-    for &j in scene.display.grid.near(x) {
-        let point = &scene.points[j as usize];
-        let w = weight(point, &scene.display.planes, x, n);
+    for &j in scene.data().display.grid.near(x) {
+        let point = &scene.data().points[j as usize];
+        let w = weight(point, &scene.data().display.planes, x, n);
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
             cover += w;
@@ -220,10 +220,10 @@ fn display(
 ) {
     let (mut looked, mut count, mut planes) = (0usize, 0usize, 0usize);
     for &(x, n) in positions {
-        for &j in scene.display.grid.near(x) {
-            let point = &scene.points[j as usize];
+        for &j in scene.data().display.grid.near(x) {
+            let point = &scene.data().points[j as usize];
             looked += 1;
-            if weight(point, &scene.display.planes, x, n) > 0.0 {
+            if weight(point, &scene.data().display.planes, x, n) > 0.0 {
                 count += 1;
                 planes += point.plane_range().len();
             }
@@ -244,17 +244,17 @@ fn display(
         },
     ]);
     let own = size_of_val(values);
-    let links = scene.operator.links.len() * 8;
-    let others = size_of_val(&scene.points[..])
-        + size_of_val(&scene.surfaces[..])
+    let links = scene.data().operator.links.len() * 8;
+    let others = size_of_val(&scene.data().points[..])
+        + size_of_val(&scene.data().surfaces[..])
         + links
-        + size_of_val(&scene.display.grid.entries[..])
-        + size_of_val(&scene.display.planes[..])
-        + size_of_val(&scene.bvh.triangles[..])
-        + size_of_val(&scene.bvh.nodes[..]);
+        + size_of_val(&scene.data().display.grid.entries[..])
+        + size_of_val(&scene.data().display.planes[..])
+        + size_of_val(&scene.data().bvh.triangles[..])
+        + size_of_val(&scene.data().bvh.nodes[..]);
     println!(
         "| {name} | {} | {own} | {:.1} % | {:.1} | {:.1} | {:.0} | {:.0} | {:.3} | {:.3} |",
-        scene.points.len(),
+        scene.data().points.len(),
         100.0 * own as f64 / (own + others) as f64,
         a_place(looked),
         a_place(count),
@@ -308,10 +308,10 @@ fn solve(
     scene: &BakedScene,
     senders: &[[f32; 4]],
 ) -> Result<String, Box<dyn Error>> {
-    let links = scene.operator.links.len();
-    let rows = &scene.operator.rows;
+    let links = scene.data().operator.links.len();
+    let rows = &scene.data().operator.rows;
     let gray: Vec<f32> = senders.iter().map(|f| f[0]).collect();
-    let all = &scene.operator.links;
+    let all = &scene.data().operator.links;
     let [three, one] = fastest([
         &mut || {
             for row in rows {
@@ -424,7 +424,7 @@ impl<'a> Applied<'a> {
                 usage,
             })
         };
-        let (rows, links) = (&scene.operator.rows, &scene.operator.links);
+        let (rows, links) = (&scene.data().operator.rows, &scene.data().operator.links);
         let count = rows.len() as u32;
         let order: Vec<u32> = (0..count).collect();
         let read = wgpu::BufferUsages::STORAGE;

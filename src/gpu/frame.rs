@@ -114,7 +114,7 @@ impl GpuFrame {
         scene: &BakedScene,
         factors: &[MaterialFactors],
     ) -> u64 {
-        if scene.materials.is_none() {
+        if scene.data().materials.is_none() {
             return 0;
         }
         self.factors = factors.to_vec();
@@ -130,7 +130,7 @@ impl GpuFrame {
 
     /// Uploads the current surfaces of the senders. Returns their size in bytes.
     fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
-        let (surfaces, seen) = current_surfaces(scene, &self.factors, &self.passing);
+        let (surfaces, seen) = current_surfaces(scene.data(), &self.factors, &self.passing);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffers.surfaces, 0, bytes);

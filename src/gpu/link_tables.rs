@@ -34,15 +34,15 @@ impl LinkTables {
         shape: &SceneDimensions,
     ) -> Result<Self, GpuError> {
         let senders = shape.senders() as u32;
-        let order = row_order(&scene.operator.rows);
-        let row = |&i: &u32| scene.operator.rows[i as usize];
+        let order = row_order(&scene.data().operator.rows);
+        let row = |&i: &u32| scene.data().operator.rows[i as usize];
         let ordered: Vec<Row> = order.iter().map(row).collect();
         let parts = cut(&ordered, make.limit)?;
         let links = parts
             .iter()
             .map(|p| {
                 let range = p.links.start as usize..p.links.end as usize;
-                make.upload("links", &scene.operator.links[range])
+                make.upload("links", &scene.data().operator.links[range])
             })
             .collect::<Result<Vec<_>, _>>()?;
         // Number of senders among the first n rows, for every n.

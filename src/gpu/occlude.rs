@@ -68,7 +68,7 @@ impl OccluderBuffers {
         occluders: &Occluders,
         ordered: &[Row],
     ) -> Result<Self, GpuError> {
-        let rows = scene.probes.as_ref().map_or(&[][..], |p| &p.rows);
+        let rows = scene.data().probes.as_ref().map_or(&[][..], |p| &p.rows);
         Ok(Self {
             links: PassageBuffers::new(make, table, ordered, &occluders.links)?,
             probes: PassageBuffers::new(make, table, rows, &occluders.probes)?,
@@ -98,7 +98,7 @@ impl GpuFrame {
         scene: &BakedScene,
         gains: &[f32],
     ) -> u64 {
-        let Some(known) = &scene.occluders else {
+        let Some(known) = &scene.data().occluders else {
             return 0;
         };
         let gains = sanitize_transmittances(known, gains);
@@ -107,10 +107,10 @@ impl GpuFrame {
         let buffers = self.buffers();
         if let Some(own) = &buffers.occluders {
             queue.write_buffer(&own.passing, 0, bytemuck::cast_slice(&passes));
-            let first = scene.bvh.first_occluder();
+            let first = scene.data().bvh.first_occluder();
             let mut moving = Bvh {
                 nodes: Vec::new(),
-                triangles: scene.bvh.triangles[first..].to_vec(),
+                triangles: scene.data().bvh.triangles[first..].to_vec(),
             };
             moving.set_transmittances(&gains);
             let triangles: &[u8] = bytemuck::cast_slice(&moving.triangles);

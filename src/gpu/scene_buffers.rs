@@ -147,11 +147,12 @@ impl SceneBuffers {
             queue,
             limit,
         };
-        let mut shape = SceneDimensions::new(scene);
+        let mut shape = SceneDimensions::new(scene.data());
         let slots = slots.max(1);
         let (points, senders) = (shape.points() as u64, shape.senders() as u64);
 
         let octree = scene
+            .data()
             .fmm
             .as_ref()
             .map(|octree| GpuFmm::with_limit(device, queue, octree, senders as u32, limit));
@@ -171,15 +172,15 @@ impl SceneBuffers {
             sender_parts,
         } = LinkTables::new(&make, &mut table, scene, &shape)?;
 
-        let probes = (scene.probes.as_ref())
+        let probes = (scene.data().probes.as_ref())
             .map(|probes| ProbeBuffers::new(&make, &mut table, probes))
             .transpose()?;
-        let occluders = (scene.occluders.as_ref())
+        let occluders = (scene.data().occluders.as_ref())
             .map(|known| OccluderBuffers::new(&make, &mut table, scene, known, &ordered))
             .transpose()?;
         let coefficients = |what| make.empty::<[f32; 4]>(what, shape.coefficients() as u64);
-        let sky = (scene.sky.as_ref()).map(|s| make.upload("sky terms", &s.senders));
-        let bounces = (scene.bounces.as_ref())
+        let sky = (scene.data().sky.as_ref()).map(|s| make.upload("sky terms", &s.senders));
+        let bounces = (scene.data().bounces.as_ref())
             .map(|b| BounceBuffers::new(&make, b, shape.coefficients() as u64))
             .transpose()?;
         let differences = match shape.form {
@@ -189,11 +190,11 @@ impl SceneBuffers {
                 make.empty::<VectorIrradiance>("receiver differences", points)?,
             ]),
         };
-        let components = (scene.operator.compression.as_ref())
+        let components = (scene.data().operator.compression.as_ref())
             .map(|c| ComponentBuffers::new(&make, c))
             .transpose()?;
         Ok(Self {
-            grid: (&scene.display.grid).into(),
+            grid: (&scene.data().display.grid).into(),
             params: uniform(device, "solve", size_of::<SolveParams>() as u64),
             spans: table.upload(queue),
             levels,
@@ -201,20 +202,20 @@ impl SceneBuffers {
             tier_parts,
             sender_parts,
             links,
-            points: make.upload("points", &scene.points)?,
-            light_samples: make.upload("light samples", &scene.light_samples.list)?,
-            surfaces: make.upload("surfaces", &scene.surfaces)?,
-            rows: make.upload("rows", &scene.operator.rows)?,
+            points: make.upload("points", &scene.data().points)?,
+            light_samples: make.upload("light samples", &scene.data().light_samples.list)?,
+            surfaces: make.upload("surfaces", &scene.data().surfaces)?,
+            rows: make.upload("rows", &scene.data().operator.rows)?,
             order: make.upload("row order", &order)?,
-            pull_starts: make.upload("pull rows", &scene.pull.starts)?,
-            pull_entries: make.upload("pull weights", &scene.pull.entries)?,
-            parent_starts: make.upload("parent rows", &scene.parents.starts)?,
-            parent_entries: make.upload("parent weights", &scene.parents.entries)?,
-            planes: make.upload("clip planes", &scene.display.planes)?,
-            grid_slots: make.upload("grid slots", &scene.display.grid.slots)?,
-            grid_entries: make.upload("grid entries", &scene.display.grid.entries)?,
-            nodes: make.upload("BVH nodes", &scene.bvh.nodes)?,
-            triangles: make.upload("BVH triangles", &scene.bvh.triangles)?,
+            pull_starts: make.upload("pull rows", &scene.data().pull.starts)?,
+            pull_entries: make.upload("pull weights", &scene.data().pull.entries)?,
+            parent_starts: make.upload("parent rows", &scene.data().parents.starts)?,
+            parent_entries: make.upload("parent weights", &scene.data().parents.entries)?,
+            planes: make.upload("clip planes", &scene.data().display.planes)?,
+            grid_slots: make.upload("grid slots", &scene.data().display.grid.slots)?,
+            grid_entries: make.upload("grid entries", &scene.data().display.grid.entries)?,
+            nodes: make.upload("BVH nodes", &scene.data().bvh.nodes)?,
+            triangles: make.upload("BVH triangles", &scene.data().bvh.triangles)?,
             bounces,
             lights: make.empty::<FrameLight>("lights", u64::from(slots))?,
             changed: make.empty::<u32>("changed lights", u64::from(slots))?,

@@ -89,10 +89,10 @@ impl BounceSelector {
         bake: &BakedScene,
         factors: &[MaterialFactors],
     ) -> Option<BounceSelection> {
-        if bake.bounces.is_some() {
+        if bake.data().bounces.is_some() {
             return None;
         }
-        let baked = bake.info.energy.spectral_radius_bound;
+        let baked = bake.info().energy.spectral_radius_bound;
         let known = baked.is_finite() && baked > 0.0;
         if known && (self.gain < baked || self.factors != factors) {
             self.factors = factors.to_vec();
@@ -117,8 +117,8 @@ impl BounceSelector {
 /// baked one. It never exceeds the albedo of the brightest surface, because a row of the operator
 /// covers one hemisphere at most.
 fn max_spectral_radius(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
-    let baked = bake.info.energy.spectral_radius_bound;
-    let Some(live) = &bake.materials else {
+    let baked = bake.info().energy.spectral_radius_bound;
+    let Some(live) = &bake.data().materials else {
         return baked;
     };
     let pairs = live.factors.iter().zip(factors);
@@ -131,7 +131,7 @@ fn max_spectral_radius(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     if growth <= 1.0 {
         return baked;
     }
-    let surfaces = dynamic_surfaces(bake, factors).unwrap_or_default();
+    let surfaces = dynamic_surfaces(bake.data(), factors).unwrap_or_default();
     let albedos = surfaces.iter().flat_map(|s| s.albedo);
     let brightest = albedos.fold(0.0, f32::max);
     (baked * growth).min(brightest).max(baked)

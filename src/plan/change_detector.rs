@@ -75,7 +75,7 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
     /// whose materials are fixed.
     #[must_use]
     pub fn materials_changed(&self, bake: &BakedScene, factors: &[MaterialFactors]) -> bool {
-        let Some(live) = &bake.materials else {
+        let Some(live) = &bake.data().materials else {
             return false;
         };
         let uploaded = match self.factors.is_empty() {

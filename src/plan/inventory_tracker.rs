@@ -150,16 +150,16 @@ impl Facts {
             hues[0] = hues[0].with(Hues::from_color(albedo.into()));
             hues[1] = hues[1].with(Hues::from_color(emission.into()));
         };
-        for (j, surface) in bake.surfaces.iter().enumerate() {
+        for (j, surface) in bake.data().surfaces.iter().enumerate() {
             let own = [surface.albedo, surface.emission];
             add(&mut facts.all, own);
             let covers = |live: &DynamicMaterials| !live.row(j).is_empty();
             // Points that do not send light have no row.
-            if j < bake.senders() && !bake.materials.as_ref().is_some_and(covers) {
+            if j < bake.data().senders() && !bake.data().materials.as_ref().is_some_and(covers) {
                 add(&mut facts.rest, own);
             }
         }
-        if let Some(live) = &bake.materials {
+        if let Some(live) = &bake.data().materials {
             facts.shares = vec![[Hues::None; 2]; live.factors.len()];
             for share in &live.shares {
                 if let Some(hues) = facts.shares.get_mut(share.material as usize) {
@@ -406,7 +406,7 @@ fn count_scene(
         facts,
     };
     // A bake for a uniform sky uses the mean of any other sky.
-    let sky = match scene.bake.is_some_and(|bake| bake.sky.is_none()) {
+    let sky = match scene.bake.is_some_and(|bake| bake.data().sky.is_none()) {
         true => Hues::from_color(scene.sky.mean),
         false => sky,
     };

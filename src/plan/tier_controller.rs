@@ -43,9 +43,9 @@ impl TierCandidate {
     /// of rule `fmm` is above all links.
     #[must_use]
     pub fn all_of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
-        let mut work = vec![0u64; scene.link_tiers() as usize];
-        let senders = scene.senders();
-        for (i, row) in scene.operator.rows.iter().enumerate() {
+        let mut work = vec![0u64; scene.data().link_tiers() as usize];
+        let senders = scene.data().senders();
+        for (i, row) in scene.data().operator.rows.iter().enumerate() {
             if (1..=work.len() as u32).contains(&row.tier) {
                 let times = if i < senders {
                     1 + u64::from(sweeps)
@@ -58,11 +58,11 @@ impl TierCandidate {
         for t in 1..work.len() {
             work[t] += work[t - 1];
         }
-        let (octree, links) = (scene.fmm.as_ref(), work.len());
+        let (octree, links) = (scene.data().fmm.as_ref(), work.len());
         work.extend(octree.map(|octree| octree.work() * (1 + u64::from(sweeps))));
         (work.into_iter().enumerate())
             .map(|(t, work)| {
-                let info = scene.info.tiers.get(t);
+                let info = scene.info().tiers.get(t);
                 Self {
                     work,
                     // An unknown error counts as infinite.

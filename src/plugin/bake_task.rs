@@ -181,10 +181,10 @@ pub(crate) fn collect_bakes(
             let scene = output.scene;
             let summary = GiBakeSummary {
                 seconds: output.seconds,
-                estimated_nrmse: scene.info.estimated_nrmse,
-                triangles: scene.info.triangles,
-                points: scene.points.len() as u64,
-                links: scene.operator.links.len() as u64,
+                estimated_nrmse: scene.info().estimated_nrmse,
+                triangles: scene.info().triangles,
+                points: scene.data().points.len() as u64,
+                links: scene.data().operator.links.len() as u64,
                 loaded: output.loaded,
                 warnings,
             };

@@ -127,7 +127,7 @@ pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &Render
     let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
         return false;
     };
-    let [min, max] = bake.info.bounds.map(Vec3::from_array);
+    let [min, max] = bake.info().bounds.map(Vec3::from_array);
     let bounds = Aabb::from_min_max(min, max);
     layers.intersects(&scene.layers)
         && frustum.intersects_obb(&bounds, &placement.world_from_local, true, true)
@@ -186,7 +186,7 @@ impl Warned {
 
     fn check_sky(&mut self, root: Entity, sky: &SkyRadiance, bake: Option<&BakedScene>) {
         if !sky.is_uniform()
-            && bake.is_some_and(|b| b.sky.is_none())
+            && bake.is_some_and(|b| b.data().sky.is_none())
             && self.sky_unsupported.insert(root)
         {
             warn!(
@@ -209,7 +209,10 @@ impl Warned {
 
     fn check_occluder(&mut self, entity: Entity, name: &str, scenes: &[ExtractedScene]) {
         let has_name = |scene: &ExtractedScene| {
-            let occluders = scene.bake.as_ref().and_then(|b| b.occluders.as_ref());
+            let occluders = scene
+                .bake
+                .as_ref()
+                .and_then(|b| b.data().occluders.as_ref());
             occluders.is_some_and(|o| o.names.iter().any(|known| known == name))
         };
         if !scenes.iter().any(has_name) && self.unknown_names.insert(entity) {
@@ -267,7 +270,7 @@ impl SceneSources<'_, '_> {
             (factors, names) = resolved.factors(bake, root.materials, self.materials.as_deref());
             warned.check_materials(entity, names);
         }
-        let occluders = bake.as_ref().and_then(|b| b.occluders.as_ref());
+        let occluders = bake.as_ref().and_then(|b| b.data().occluders.as_ref());
         let transmittances = occluders.map_or_else(Vec::new, |occluders| {
             transmittances(occluders, self.occluders.iter().map(|o| o.1))
         });

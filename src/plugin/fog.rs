@@ -196,7 +196,7 @@ pub(crate) fn extract_fogs(
         };
         let strength = roots.get(parent.parent()).map_or(0.0, |fog| fog.intensity);
         if strength > 0.0 && strength.is_finite() {
-            let bounds = bake.info.bounds.map(Vec3::from_array);
+            let bounds = bake.info().bounds.map(Vec3::from_array);
             let [low, high] = bounds;
             let middle = Affine3A::from_translation(0.5 * (low + high));
             let cube = placement.world_from_local * middle * Affine3A::from_scale(high - low);

@@ -108,7 +108,7 @@ fn draw(
         let scene = &asset.scene;
         let lit = coefficients
             .get(entity)
-            .filter(|c| c.len() == scene.points.len());
+            .filter(|c| c.len() == scene.data().points.len());
         let largest = lit
             .as_ref()
             .map_or(0.0, |c| c.iter().copied().fold(0.0, f32::max));
@@ -116,8 +116,8 @@ fn draw(
             (0..scene.levels()).filter(|l| group.level.is_none_or(|only| only as usize == *l))
         {
             let color = level_color(level, scene.levels());
-            for i in scene.level(level) {
-                let point = &scene.points[i];
+            for i in scene.data().level(level) {
+                let point = &scene.data().points[i];
                 let at = transform.world_from_local.transform_point3(point.x());
                 let normal = transform
                     .world_from_local
@@ -137,7 +137,7 @@ fn draw(
                 let shines = lit
                     .as_ref()
                     .is_some_and(|c| c[i] > group.threshold * largest);
-                if group.coefficients && scene.operator.rows[i].tier != 0 && shines {
+                if group.coefficients && scene.data().operator.rows[i].tier != 0 && shines {
                     gizmos.cross(at, 2.0 * group.size * radius, Color::srgb(0.0, 1.0, 0.0));
                 }
             }

@@ -45,7 +45,7 @@ impl ResolvedMaterials {
             return;
         }
         let mut known: HashMap<&str, Vec<usize>> = HashMap::default();
-        if let Some(live) = &bake.materials {
+        if let Some(live) = &bake.data().materials {
             for (at, name) in live.names.iter().enumerate() {
                 known.entry(name).or_default().push(at);
             }
@@ -71,7 +71,7 @@ impl ResolvedMaterials {
         assets: Option<&Assets<StandardMaterial>>,
     ) -> (Vec<MaterialFactors>, &[String]) {
         self.follow(bake, named);
-        let Some(live) = &bake.materials else {
+        let Some(live) = &bake.data().materials else {
             return (Vec::new(), &self.unknown);
         };
         let mut out = live.factors.clone();

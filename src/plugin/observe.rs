@@ -56,8 +56,8 @@ fn describe_view(view: &ExtractedGiView, too_large: bool) -> ViewState {
 /// Describes a scene, as far as its bake and settings do.
 fn describe_scene(scene: &ExtractedScene, largest_binding: u64, read_back: bool) -> SceneState {
     let bake = scene.bake.as_deref();
-    let probes = bake.and_then(|b| b.probes.as_ref());
-    let occluders = bake.and_then(|b| b.occluders.as_ref());
+    let probes = bake.and_then(|b| b.data().probes.as_ref());
+    let occluders = bake.and_then(|b| b.data().occluders.as_ref());
     SceneState {
         loaded: bake.is_some(),
         shown: scene.shown && scene.placement.is_some(),
@@ -67,11 +67,11 @@ fn describe_scene(scene: &ExtractedScene, largest_binding: u64, read_back: bool)
         tier: scene.tier.clone(),
         channels: scene.channels,
         bounces: scene.bounces,
-        rays: bake.map_or(0, BakedScene::rays_per_slot),
+        rays: bake.map_or(0, |bake| bake.data().rays_per_slot()),
         passages: occluders.map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
         sky: match (bake, scene.sky.is_uniform()) {
             (_, true) | (None, _) => SkyUse::Uniform,
-            (Some(bake), false) if bake.sky.is_some() => SkyUse::Terms,
+            (Some(bake), false) if bake.data().sky.is_some() => SkyUse::Terms,
             (Some(_), false) => SkyUse::Mean,
         },
         no_octree: bake.and_then(|b| falls_back(b, largest_binding)),

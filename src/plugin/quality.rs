@@ -106,7 +106,7 @@ impl SelectionInputs {
         solver: &GiSolver,
         max_binding: u64,
     ) -> Self {
-        let sweeps = match bake.bounces {
+        let sweeps = match bake.data().bounces {
             Some(_) => 0,
             // Dynamic materials may need more. The measured cost of solves includes them.
             None => {

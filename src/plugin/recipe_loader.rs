@@ -157,7 +157,7 @@ impl RecipeInputs {
         let Baked {
             mut scene, stats, ..
         } = baked.map_err(|error| self.failed(error))?;
-        scene.info.level_digest = self.files.digest();
+        scene.data_mut().info.level_digest = self.files.digest();
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
         Ok(scene)
     }
@@ -257,7 +257,7 @@ impl AssetLoader for GiRecipeLoader {
         if is_container(&bytes) {
             let scene = read_bake(&bytes, Limits::default().max_bytes)?;
             let check = GiSceneCheck::default();
-            self.checker.check(&scene.info, check, context).await;
+            self.checker.check(&scene.info(), check, context).await;
             return Ok(scene.into());
         }
         let path = context.path().clone();

@@ -122,7 +122,7 @@ impl ExtractedScene {
 
 /// Bounds of a bake in its local space.
 pub(crate) fn bounds(bake: &BakedScene) -> Bounds {
-    let [min, max] = bake.info.bounds.map(Vec3::from_array);
+    let [min, max] = bake.info().bounds.map(Vec3::from_array);
     Bounds { min, max }
 }
 

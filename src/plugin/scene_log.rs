@@ -60,20 +60,20 @@ pub(crate) fn log_scenes(
 /// Returns the size of a bake, its preset and its estimated error. `bytes`: its memory on the
 /// device.
 fn summary(bake: &BakedScene, bytes: u64) -> String {
-    let links = bake.operator.links.len() as f64;
+    let links = bake.data().operator.links.len() as f64;
     let links = match links {
         n if n < 1e5 => format!("{} links", thousands(n as u64)),
         n => format!("{:.1} M links", 1e-6 * n),
     };
     let mut parts = vec![
-        format!("{} points", thousands(bake.points.len() as u64)),
+        format!("{} points", thousands(bake.data().points.len() as u64)),
         links,
         format!("{:.1} MB", 1e-6 * bytes as f64),
     ];
     parts.extend(preset_of(bake).map(|preset| format!("{preset:?}")));
     // A bake whose error was not estimated stores zero.
-    if bake.info.estimated_nrmse > 0.0 {
-        let percent = 100.0 * bake.info.estimated_nrmse;
+    if bake.info().estimated_nrmse > 0.0 {
+        let percent = 100.0 * bake.info().estimated_nrmse;
         parts.push(format!("estimated error {percent:.1} %"));
     }
     parts.join(", ")
@@ -81,7 +81,7 @@ fn summary(bake: &BakedScene, bytes: u64) -> String {
 
 /// Returns the preset whose tolerances the bake has. `None` if it has others.
 fn preset_of(bake: &BakedScene) -> Option<Preset> {
-    let found = BakeSettings::from_ron(&bake.info.recipe).ok()?;
+    let found = BakeSettings::from_ron(&bake.info().recipe).ok()?;
     [Preset::Draft, Preset::Medium, Preset::High]
         .into_iter()
         .find(|preset| {

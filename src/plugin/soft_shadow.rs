@@ -173,7 +173,7 @@ pub(crate) fn check_soft(
     }
     let forgetful = |gi: &GiScene| {
         let asset = assets.as_ref().and_then(|a| a.get(&gi.0));
-        asset.is_some_and(|asset| asset.scene.visibility.is_none())
+        asset.is_some_and(|asset| asset.scene.data().visibility.is_none())
     };
     if scenes.iter().any(forgetful) {
         found.push(GiWarning::NoVisibility);

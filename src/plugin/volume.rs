@@ -101,7 +101,11 @@ impl Voxels {
         id: AssetId<GiBakedScene>,
     ) -> Option<Self> {
         Some(Self {
-            shape: VoxelGrid::from_scene(&asset.scene, requested.voxel_size, requested.max_voxels)?,
+            shape: VoxelGrid::from_scene(
+                asset.scene.data(),
+                requested.voxel_size,
+                requested.max_voxels,
+            )?,
             bake: bake_key(id, asset),
             requested: *requested,
         })
@@ -331,7 +335,7 @@ pub(crate) fn check_volumes(
     assets: Res<Assets<GiBakedScene>>,
     mut findings: ResMut<GiWarnings>,
 ) {
-    let empty = |gi: &GiScene| (assets.get(&gi.0)).is_some_and(|a| a.scene.probes.is_none());
+    let empty = |gi: &GiScene| (assets.get(&gi.0)).is_some_and(|a| a.scene.data().probes.is_none());
     if settings.warn_double_counting && roots.iter().any(empty) {
         add_warnings(vec![GiWarning::NoFreeSpace], &mut findings);
     }

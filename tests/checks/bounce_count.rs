@@ -23,7 +23,7 @@ fn draft() -> Recipe {
 
 /// Sums the light of all points, each for its own normal.
 fn light(frame: &CpuFrame, scene: &BakedScene) -> f64 {
-    (frame.vector_irradiance().iter().zip(&scene.points))
+    (frame.vector_irradiance().iter().zip(&scene.data().points))
         .map(|(e, point)| f64::from(e.dot(point.n()).element_sum()))
         .sum()
 }
@@ -97,7 +97,7 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
     assert_eq!(
         dark.bounces,
-        bounces_for_spectral_radius(scene.info.energy.spectral_radius_bound)
+        bounces_for_spectral_radius(scene.info().energy.spectral_radius_bound)
     );
     for (requested, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
         let picked = pick(GiBounceCount::Fixed(requested));

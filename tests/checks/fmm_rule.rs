@@ -137,19 +137,19 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             let work = TierCandidate::all_of(&scene, REFLECTIONS - 1);
             println!(
                 "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, a frame as {} links, gain {:.3}, not reciprocal {:.3}",
-                scene.info.estimated_nrmse,
-                scene.info.estimated_nrmse_interval,
+                scene.info().estimated_nrmse,
+                scene.info().estimated_nrmse_interval,
                 work.last().map_or(0, |tier| tier.work),
-                scene.info.energy.spectral_radius_bound,
-                scene.info.energy.reciprocity
+                scene.info().energy.spectral_radius_bound,
+                scene.info().energy.reciprocity
             );
             (scene, found, error)
         });
         assert!(fmm.2 < max, "{name}: {}, at most {max}", fmm.2);
         assert!(bounded.2 < max, "{name}: {}", bounded.2);
         // There are no links, and the octree is what carried the light.
-        assert!(fmm.0.operator.links.is_empty() && fmm.0.fmm.is_some());
-        assert_eq!((fmm.0.tiers(), fmm.0.link_tiers()), (1, 0));
+        assert!(fmm.0.data().operator.links.is_empty() && fmm.0.data().fmm.is_some());
+        assert_eq!((fmm.0.data().tiers(), fmm.0.data().link_tiers()), (1, 0));
         let turned: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
         assert!(nrmse(&turned, &truth) > 0.2);
         if name.contains("ball") {
@@ -211,10 +211,10 @@ fn fmm_bake_has_links_as_lower_tiers() {
     let level = mesh_of_quads(&cornell_box());
     let both = baked(&level, &quick(TransportMethod::fmm(), true));
     let links = baked(&level, &quick(TransportMethod::Bounded, false));
-    let tiers = both.link_tiers();
-    assert_eq!(both.tiers(), tiers + 1);
-    assert_eq!(both.info.tiers.len() as u32, tiers + 1);
-    assert!(both.operator.links.len() > 1000);
+    let tiers = both.data().link_tiers();
+    assert_eq!(both.data().tiers(), tiers + 1);
+    assert_eq!(both.info().tiers.len() as u32, tiers + 1);
+    assert!(both.data().operator.links.len() > 1000);
     let lights: Vec<FrameLight> = (light_source().iter())
         .flat_map(|l| FrameLight::expand(l, 4))
         .collect();
@@ -232,7 +232,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
     assert!(values(&both, tiers) == values(&links, tiers));
     let (octree, linked) = (values(&both, u32::MAX), values(&both, tiers));
     let (mut square, mut power) = (0.0, 0.0);
-    for ((a, b), p) in octree.iter().zip(&linked).zip(&both.points) {
+    for ((a, b), p) in octree.iter().zip(&linked).zip(&both.data().points) {
         let (a, b) = (a.dot(p.n()), b.dot(p.n()));
         square += (a - b).length_squared();
         power += b.length_squared();
@@ -305,18 +305,19 @@ fn fmm_closed_room_conserves_energy() {
         let sweeps = frame.converge(&scene, &FrameSettings::bounces(1), 1e-4);
         let right = 1.0 / (1.0 - albedo);
         let (mut mean, mut worst) = (0.0, 0.0f32);
-        for (e, p) in frame.vector_irradiance().iter().zip(&scene.points) {
+        for (e, p) in frame.vector_irradiance().iter().zip(&scene.data().points) {
             let e = e.dot(p.n()).x / right;
-            mean += e / scene.points.len() as f32;
+            mean += e / scene.data().points.len() as f32;
             worst = worst.max((e - 1.0).abs());
         }
         println!(
             "albedo {albedo}: mean {mean:.4}, worst {worst:.3}, {sweeps} sweeps, gain {:.4}, rows off one {:.1e}",
-            scene.info.energy.spectral_radius_bound, scene.info.energy.row_deviation
+            scene.info().energy.spectral_radius_bound,
+            scene.info().energy.row_deviation
         );
         assert!((mean - 1.0).abs() < 0.01, "{mean}");
         assert!(worst < 0.05, "{worst}");
-        assert!((scene.info.energy.spectral_radius_bound - albedo).abs() < 0.01);
+        assert!((scene.info().energy.spectral_radius_bound - albedo).abs() < 0.01);
     }
 }
 

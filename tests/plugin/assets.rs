@@ -44,7 +44,7 @@ fn plugin_without_renderer_loads_assets_only() {
     std::fs::write(&file, again.to_bytes().unwrap()).unwrap();
     app.world().resource::<AssetServer>().reload("room.mgi");
     let second = until(&mut app, "reloading", |app| {
-        loaded(app).filter(|s| s.info.fingerprint != first.info.fingerprint || **s != *first)
+        loaded(app).filter(|s| s.info().fingerprint != first.info().fingerprint || **s != *first)
     });
     assert_eq!(*second, *again);
 
@@ -155,7 +155,7 @@ struct Ends(Vec<GiBakeFinished>);
 
 fn asset_points(app: &App, handle: &Handle<GiBakedScene>) -> u64 {
     let assets = app.world().resource::<Assets<GiBakedScene>>();
-    assets.get(handle).unwrap().scene.points.len() as u64
+    assets.get(handle).unwrap().scene.data().points.len() as u64
 }
 
 #[test]
@@ -208,7 +208,7 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
         .resource::<Assets<GiBakedScene>>()
         .get(&handle)
         .unwrap();
-    assert!(asset.scene.points.len() > 100 && !asset.scene.operator.links.is_empty());
+    assert!(asset.scene.data().points.len() > 100 && !asset.scene.data().operator.links.is_empty());
     let summary = end_of(&app, good)
         .expect("the event comes with the light")
         .unwrap();

@@ -30,7 +30,7 @@ use std::time::Duration;
 /// The parts of a bake that its file has, without its request.
 fn without_request(scene: &BakedScene) -> BakedScene {
     let mut scene = scene.clone();
-    scene.info.request.clear();
+    scene.data_mut().info.request.clear();
     scene
 }
 
@@ -70,9 +70,9 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     let theirs = bake_scene(&mesh, &recipe, 2, &Progress::default()).unwrap();
     let theirs = theirs.scene;
     assert_eq!(triangles(&ours), triangles(&theirs));
-    assert_eq!((ours.info.triangles, theirs.info.triangles), (20, 20));
+    assert_eq!((ours.info().triangles, theirs.info().triangles), (20, 20));
     let factors = |scene: &BakedScene| {
-        let live = scene.materials.as_ref().unwrap();
+        let live = scene.data().materials.as_ref().unwrap();
         let mut all: Vec<_> = (live.factors.iter())
             .map(|f| (f.base_color.map(f32::to_bits), f.emissive.map(f32::to_bits)))
             .collect();
@@ -84,14 +84,14 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     };
     assert_eq!(factors(&ours), factors(&theirs));
     // The order of triangles differs; the light does not.
-    assert_eq!(ours.points, theirs.points);
-    let (a, b) = (ours.info.estimated_nrmse, theirs.info.estimated_nrmse);
+    assert_eq!(ours.data().points, theirs.data().points);
+    let (a, b) = (ours.info().estimated_nrmse, theirs.info().estimated_nrmse);
     println!("estimated NRMSE: entities {a}, file {b}");
     assert!(a > 0.0 && (a - b).abs() < 1e-3 * b, "{a} {b}");
     // The assets of the scene are named, so that light follows them.
     let named = app.world().get::<GiDynamicMaterials>(root).unwrap();
     assert!(!named.0.is_empty());
-    let live = ours.materials.as_ref().unwrap();
+    let live = ours.data().materials.as_ref().unwrap();
     for (name, _) in &named.0 {
         assert!(live.names.contains(name), "{name}");
     }
@@ -195,7 +195,7 @@ fn unusable_meshes_are_named_and_skipped() {
 
     let (bake, told) = warnings(|| bake(&mut app, root, quick()));
     let (summary, scene) = bake;
-    assert_eq!(scene.info.triangles, 21, "the room and the lid");
+    assert_eq!(scene.info().triangles, 21, "the room and the lid");
     let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
     for text in &texts {
         assert!(told.contains(text), "{text} is in the log");
@@ -283,7 +283,7 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
     let summary = end_of(&mut app, replaced).unwrap();
     assert!(
         scene_of(&app, replaced)
-            .info
+            .info()
             .recipe
             .contains("rays_per_point:64")
     );
@@ -356,7 +356,11 @@ fn mirrored_and_instanced_meshes_keep_front_faces() {
                 .iter()
                 .any(|[p, q, r]| near(*p, a) && near(*q, b) && near(*r, c))
         };
-        assert_eq!(scene.bvh.triangles.iter().filter(same).count(), 1, "{flip}");
+        assert_eq!(
+            scene.data().bvh.triangles.iter().filter(same).count(),
+            1,
+            "{flip}"
+        );
     }
 }
 
@@ -392,8 +396,14 @@ fn fine() -> Recipe {
 /// Mean albedo and emission of the points on the floor with x below (first) and above zero.
 fn halves(scene: &BakedScene) -> [(Vec3, Vec3); 2] {
     let mut sums = [(Vec3::ZERO, Vec3::ZERO, 0.0); 2];
-    let finest = *scene.level_starts.iter().rev().nth(1).unwrap() as usize;
-    for (point, surface) in scene.points.iter().zip(&scene.surfaces).skip(finest) {
+    let finest = *scene.data().level_starts.iter().rev().nth(1).unwrap() as usize;
+    for (point, surface) in scene
+        .data()
+        .points
+        .iter()
+        .zip(&scene.data().surfaces)
+        .skip(finest)
+    {
         let p = point.x();
         // Points on walls can be as low.
         if p.y.abs() < 1e-3 && point.n().y > 0.5 && p.x.abs() > 0.1 {
@@ -509,7 +519,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     );
     let scene = bake(&mut app, root, quick()).1;
     assert_eq!(
-        scene.bvh.triangles.len(),
+        scene.data().bvh.triangles.len(),
         18,
         "the floor's two are left out"
     );
@@ -565,8 +575,8 @@ fn equal_scenes_any_spawn_order_have_equal_bakes() {
         bake(&mut app, root, quick()).1
     });
     assert_eq!(a, b);
-    assert!(!a.info.request.is_empty());
-    assert_ne!(a.info.request, c.info.request);
+    assert!(!a.info().request.is_empty());
+    assert_ne!(a.info().request, c.info().request);
     assert_ne!(without_request(&a), without_request(&c));
 }
 
@@ -591,12 +601,15 @@ fn saved_bake_is_loaded_if_matching_and_else_replaced() {
         ..quick()
     };
     assert!(!bake(&mut app, root, request(finer.clone())).0.loaded);
-    assert!(read().info.recipe.contains("rays_per_point:96"));
+    assert!(read().info().recipe.contains("rays_per_point:96"));
     let tile = triangle([0.0, 0.1, 0.2].map(|v| Vec3::new(v, 1.0 + 20.0 * v * v, 0.2)));
     let tile = spawn_mesh(&mut app, root, tile, default(), default());
     let (other, changed) = bake(&mut app, root, request(finer.clone()));
     assert!(!other.loaded);
-    assert_eq!((changed.info.triangles, read().info.triangles), (21, 21));
+    assert_eq!(
+        (changed.info().triangles, read().info().triangles),
+        (21, 21)
+    );
     app.world_mut()
         .entity_mut(tile)
         .insert(Transform::from_xyz(0.0, 0.2, 0.0));
@@ -611,7 +624,7 @@ fn saved_bake_is_loaded_if_matching_and_else_replaced() {
         &mended.warnings[..],
         [GiBakeWarning::NotLoaded { path, .. }] if *path == file
     ));
-    assert_eq!(read().info.triangles, 21);
+    assert_eq!(read().info().triangles, 21);
     // A file that can't be written: the light is there all the same.
     let below_a_file = file.join("room.mgi");
     let unsaved = GiBakeRequest::new(finer).save_to(&below_a_file);
@@ -717,7 +730,7 @@ fn occluder_entities_are_found_by_name_or_component() {
         ..quick()
     };
     let (summary, scene) = bake(&mut app, root, recipe);
-    let occluders = scene.occluders.as_ref().unwrap();
+    let occluders = scene.data().occluders.as_ref().unwrap();
     assert_eq!(occluders.names, ["door", "gate"]);
     assert!(!occluders.links.is_empty(), "light passes them");
     let is_open = |w: &GiBakeWarning| matches!(w, GiBakeWarning::OpenOccluder { .. });
@@ -755,7 +768,7 @@ fn dynamic_materials_keep_app_names() {
     let named = &app.world().get::<GiDynamicMaterials>(root).unwrap().0;
     assert_eq!(named.len(), handles.len());
     assert_eq!(named[0], ("sign".into(), handles[3].clone()));
-    let live = scene.materials.as_ref().unwrap();
+    let live = scene.data().materials.as_ref().unwrap();
     for (name, handle) in named {
         let at = live
             .names
@@ -792,7 +805,7 @@ fn custom_material_is_gray_and_named() {
         .remove::<MeshMaterial3d<StandardMaterial>>()
         .insert((MeshMaterial3d(paint), Name::new("pond")));
     let (summary, scene) = bake(&mut app, root, quick());
-    assert_eq!(scene.info.triangles, 20);
+    assert_eq!(scene.info().triangles, 20);
     assert!(matches!(
         &summary.warnings[..],
         [GiBakeWarning::CustomMaterial { entity }] if entity.contains("`pond`")
@@ -822,7 +835,7 @@ fn failed_scenes_and_missing_assets_are_named() {
     let no_material = MeshMaterial3d::<StandardMaterial>(server.load("nowhere.material"));
     app.world_mut().entity_mut(lost).insert(no_material);
     let (summary, scene) = bake(&mut app, root, quick());
-    assert_eq!(scene.info.triangles, 22);
+    assert_eq!(scene.info().triangles, 22);
     let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
     for part in [
         "its scene is not in the bake",

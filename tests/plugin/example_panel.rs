@@ -117,7 +117,7 @@ fn panel_controls_follow_lights_and_key() {
     let (mut app, root, _, _) = app_with_panel();
     let tiers = app.world().resource::<Assets<GiBakedScene>>();
     let gi = app.world().get::<GiScene>(root).unwrap();
-    let tiers = tiers.get(&gi.0).unwrap().scene.tiers();
+    let tiers = tiers.get(&gi.0).unwrap().scene.data().tiers();
     let tier = |n| Control::Quality(GiQuality::Tier(n));
     assert!(find(&mut app, tier(tiers)).is_some());
     assert!(find(&mut app, tier(tiers + 1)).is_none());

@@ -909,13 +909,13 @@ fn coefficients_are_read_back_only_for_gizmos() {
     let mut frame = CpuFrame::new(&bake);
     frame.set_lights(&bake, &FrameLight::expand(&light_source(position), 1));
     frame.solve(&bake, &settings());
-    assert_eq!(values.len(), bake.points.len());
+    assert_eq!(values.len(), bake.data().points.len());
     let largest = values.iter().copied().fold(0.0, f32::max);
     for (i, v) in frame
         .vector_irradiance()
         .iter()
         .enumerate()
-        .filter(|(i, _)| bake.operator.rows[*i].tier != 0)
+        .filter(|(i, _)| bake.data().operator.rows[*i].tier != 0)
     {
         let size: f32 = [v.x, v.y, v.z]
             .iter()

@@ -56,13 +56,13 @@ fn lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Pictur
     frame.set_occluders(bake, &[gain]);
     let mut now = bake.clone();
     let [links, of_probes] = frame.links(bake);
-    now.operator.links = links.to_vec();
-    if let Some(probes) = &mut now.probes {
+    now.data_mut().operator.links = links.to_vec();
+    if let Some(probes) = &mut now.data_mut().probes {
         probes.links = of_probes.to_vec();
     }
-    now.bvh = frame.bvh(bake).clone();
+    now.data_mut().bvh = frame.bvh(bake).clone();
     let surfaces = frame.surfaces(bake);
-    now.surfaces[..surfaces.len()].copy_from_slice(surfaces);
+    now.data_mut().surfaces[..surfaces.len()].copy_from_slice(surfaces);
     let placed = Transform::IDENTITY;
     cpu_indirect(
         room,
@@ -185,7 +185,7 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
     assert_alike("drawn door", &shut, &picture(&mut app, &image));
     // With planes that do not lean the screen is black.
     let mut upright = (*bake).clone();
-    let arrays = &mut *upright;
+    let arrays = upright.data_mut();
     let probes = &mut arrays.probes.as_mut().unwrap().planes;
     for plane in probes.iter_mut().chain(&mut arrays.display.planes) {
         let length = Vec3::from_slice(&plane[..3]).length();

@@ -93,8 +93,8 @@ impl Stand {
 #[test]
 fn moving_light_uses_octree_if_it_fits_else_links() {
     let (room, bake) = baked(2);
-    let tiers = bake.tiers();
-    let links = bake.link_tiers();
+    let tiers = bake.data().tiers();
+    let links = bake.data().link_tiers();
     assert!(links >= 1 && tiers == links + 1);
     let mut stand = stand(&room, &bake);
     let cpu = |tier| {
@@ -112,7 +112,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let [by_octree, by_links] = [tiers, links].map(cpu);
     // For each reflection up and down all levels of the octree, and the positions; links take one
     // dispatch for each.
-    let levels = bake.fmm.as_ref().expect("an octree").levels() as u32;
+    let levels = bake.data().fmm.as_ref().expect("an octree").levels() as u32;
     let reflections = settings().sweeps + 1;
     let walked = reflections * (2 * levels + 1);
 
@@ -167,7 +167,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
 fn device_below_octree_limits_uses_links_with_reason() {
     // No workgroup holds the expansions of this order.
     let (room, bake) = baked(7);
-    let links = bake.link_tiers();
+    let links = bake.data().link_tiers();
     let mut stand = stand(&room, &bake);
     stand.walk(4);
     let (plan, dispatched) = stand.solved();

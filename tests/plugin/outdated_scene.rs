@@ -198,8 +198,8 @@ fn bake_of_other_version_is_reported_without_scene() {
     let assets = write_level(root.path());
     let file = assets.join("room.mgi");
     let mut scene = BakedScene::read(&file, &Limits::default()).unwrap();
-    scene.info.bake_version -= 1;
-    scene.info.level = None;
+    scene.data_mut().info.bake_version -= 1;
+    scene.data_mut().info.level = None;
     scene.write(&file).unwrap();
     let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
     let ((), lines) = warnings(|| load(&mut app));

@@ -303,7 +303,7 @@ fn bounce_count_follows_surface_albedo() {
     let (few, short) = ask(&mut app, GiBounceCount::Fixed(2));
     assert!(few.forced && few.bounces == 2, "{few}");
     let (many, whole) = ask(&mut app, GiBounceCount::Auto);
-    let gain = bake.info.energy.spectral_radius_bound;
+    let gain = bake.info().energy.spectral_radius_bound;
     assert!(
         !many.forced && many.bounces == bounces_for_spectral_radius(gain),
         "{many}"

@@ -222,7 +222,7 @@ fn load_unprocessed() {
         }
     });
     let scene = load_bake(&mut app, "levels/room.gi.ron");
-    println!("GIVEN {}", scene.info.given_recipe);
+    println!("GIVEN {}", scene.info().given_recipe);
 }
 
 /// Runs [`process_assets_in_child_process`] for the project at `root` and returns what it printed.
@@ -448,7 +448,7 @@ fn unprocessed_recipe_without_preset_is_baked_at_draft() {
     process_assets(&build(root.path())).unwrap();
     let mut app = bare_app_with(shipped(&root.path().join("imported_assets/Default")));
     let scene = load_bake(&mut app, "levels/room.gi.ron");
-    assert!(scene.info.given_recipe.contains("preset:Medium"));
+    assert!(scene.info().given_recipe.contains("preset:Medium"));
 }
 
 #[test]
@@ -473,20 +473,20 @@ fn process_assets_changed_input_is_baked_again() {
         BakedScene::from_bytes(&std::fs::read(path).unwrap(), &Limits::default()).unwrap()
     };
     let first = load(&output);
-    assert_eq!(first.info.triangles, 20);
+    assert_eq!(first.info().triangles, 20);
 
     // Nothing changed: nothing is baked. The level changes: it is.
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 0);
     std::fs::write(levels.join("room.glb"), glb(&room.recolored(|c| 0.5 * c))).unwrap();
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 1);
-    assert_ne!(load(&output).info.fingerprint, first.info.fingerprint);
+    assert_ne!(load(&output).info().fingerprint, first.info().fingerprint);
 
     // So do the recipe, and a file that a level names.
     let finer = RECIPE.replace("rays: 64", "rays: 96");
     std::fs::write(levels.join("room.gi.ron"), &finer).unwrap();
     let text = process("step", root.path());
     assert_eq!(text.matches("LOG baked").count(), 1, "{text}");
-    assert!(load(&output).info.recipe.contains("rays_per_point:96"));
+    assert!(load(&output).info().recipe.contains("rays_per_point:96"));
     std::fs::write(levels.join("room.gi.ron"), RECIPE).unwrap();
     let (json, binary) = gltf(&room, "parts.bin");
     std::fs::write(levels.join("parts.gltf"), json).unwrap();
@@ -504,7 +504,7 @@ fn process_assets_changed_input_is_baked_again() {
     smaller.0.extend([smaller.0[4]; 5]);
     std::fs::write(levels.join("parts.bin"), gltf(&smaller, "parts.bin").1).unwrap();
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 1);
-    assert_ne!(load(&parts).info.fingerprint, before.info.fingerprint);
+    assert_ne!(load(&parts).info().fingerprint, before.info().fingerprint);
 
     let last = load(&output);
 

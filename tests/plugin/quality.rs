@@ -52,7 +52,7 @@ fn requested_tier_matches_cpu() {
     let mut app = app();
     let stage = stage(&mut app);
     let (room, bake) = cornell();
-    let tiers = bake.operator.tiers();
+    let tiers = bake.data().operator.tiers();
     assert_eq!(tiers, 4);
     let lights: [Light; 1] = [light_source(PLACE)];
     let mut seen = Vec::new();

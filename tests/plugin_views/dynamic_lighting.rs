@@ -163,12 +163,12 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
             c.plan
         );
         assert!(c.projected_slots == 0 && c.dispatches_of(FrameStage::APPLY) > 0);
-        let mut factors = bake.materials.as_ref().unwrap().factors.clone();
+        let mut factors = bake.data().materials.as_ref().unwrap().factors.clone();
         factors[LEFT].base_color = paint.to_array();
         factors[TOP].emissive = [glow, 0.5 * glow, 0.1 * glow];
         let mut now = (*bake).clone();
-        let surfaces = dynamic_surfaces(&bake, &factors).unwrap();
-        now.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
+        let surfaces = dynamic_surfaces(bake.data(), &factors).unwrap();
+        now.data_mut().surfaces[..surfaces.len()].copy_from_slice(&surfaces);
         let wall = room.0[LEFT].color;
         let seen = room.recolored(|c| if c == wall { paint } else { c });
         let right = cpu_indirect(
@@ -205,7 +205,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     };
     let (gray, white) = (reflections(&mut app, 0.7), reflections(&mut app, 0.95));
     assert!(
-        bounces_for_spectral_radius(bake.info.energy.spectral_radius_bound) < white
+        bounces_for_spectral_radius(bake.info().energy.spectral_radius_bound) < white
             && gray <= white,
         "{gray} {white}"
     );

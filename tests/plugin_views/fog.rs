@@ -192,9 +192,9 @@ impl Shown {
             .collect();
         frame.set_lights(&bake, &lights);
         frame.solve(&bake, &settings());
-        let bounds = bake.info.bounds.map(Vec3::from_array);
+        let bounds = bake.info().bounds.map(Vec3::from_array);
         let shape = shape();
-        let weights = VoxelWeights::from_scene(shape, &bake);
+        let weights = VoxelWeights::from_scene(shape, bake.data());
         let values = VolumeValues {
             points: frame.vector_irradiance(),
             probes: frame.probes(),
@@ -259,7 +259,7 @@ impl Shown {
 
 /// Returns the volume's voxel grid.
 fn shape() -> VoxelGrid {
-    let [low, high] = bake().info.bounds.map(Vec3::from_array);
+    let [low, high] = bake().info().bounds.map(Vec3::from_array);
     let (low, high) = (low - VOXEL, high + VOXEL);
     let max = GiIrradianceVolume::default().max_voxels;
     VoxelGrid::new([low, high], voxels_of(high - low, VOXEL, max)).unwrap()

@@ -170,7 +170,7 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
     let bake = bakes.get(&gi.0).unwrap().scene.clone();
     let at = now.translation.to_array();
     assert_ne!(now, start);
-    assert!(bake.info.viewpoints.contains(&at), "{at:?}");
+    assert!(bake.info().viewpoints.contains(&at), "{at:?}");
     assert!(now.forward().y.abs() < 1e-3);
     assert!(
         (-4.0..16.0).contains(&ev100) && ev100 != Exposure::default().ev100,
@@ -182,7 +182,7 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
     let saved = folder.path().join("level.mgi");
     assert!(notice.contains("level.mgi"), "{notice}");
     let read = BakedScene::read(&saved, &Limits::default()).unwrap();
-    assert_eq!(read.info, bake.info);
+    assert_eq!(read.info(), bake.info());
 
     // A folder that is in the way is an error on the screen.
     std::fs::remove_file(&saved).unwrap();

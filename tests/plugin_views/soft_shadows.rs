@@ -128,12 +128,12 @@ fn expected(
         [0.0, 0.0, width, height],
         size,
         exposure(),
-        (&bake.display.grid).into(),
+        (&bake.data().display.grid).into(),
     );
     let lights = [few.to_local(&local_from_world)];
     let many = many.to_local(&local_from_world);
-    let occluded_irradiances = soft_shadow::occluded_irradiances(bake, &lights);
-    let params = SubtractShadowParams::new(bake, 1);
+    let occluded_irradiances = soft_shadow::occluded_irradiances(bake.data(), &lights);
+    let params = SubtractShadowParams::new(bake.data(), 1);
     let eye = local_from_world.transform_point3(look.translation);
     let mut out = Expected {
         bright: Picture {
@@ -158,7 +158,7 @@ fn expected(
         let surface = LitSurface::from_texel(texel, n, (eye - x).normalize());
         let bright = exposure() * subtract_shadow::drawn(&params, None, &lights, x, &surface);
         out.bright.pixels.push(bright.to_array());
-        let missing = subtract_shadow::occluded_radiance(bake, &occluded_irradiances, x, n);
+        let missing = subtract_shadow::occluded_radiance(bake.data(), &occluded_irradiances, x, n);
         out.taken
             .push(subtract_shadow::TAKEN * missing.unwrap_or_default());
         let rays = RayVisibility {
@@ -166,7 +166,7 @@ fn expected(
             start: x + n * room.ray_offset(x),
         };
         out.seen.push(
-            match soft_shadow::unshadowed(&many, x, n, extent(bake)) > 0.0 {
+            match soft_shadow::unshadowed(&many, x, n, extent(bake.data())) > 0.0 {
                 true => soft_shadow::visible_fraction(&many, x, n, &rays).0,
                 false => 1.0,
             },

@@ -120,7 +120,7 @@ pub fn scene_of(app: &App, root: Entity) -> Arc<BakedScene> {
 /// Corners of a bake's triangles, rounded to a tenth of a millimeter, sorted.
 pub fn triangles(scene: &BakedScene) -> Vec<[[i32; 3]; 3]> {
     let round = |p: [f32; 3]| p.map(|v| (1e4 * v).round() as i32);
-    let mut all: Vec<_> = (scene.bvh.triangles.iter())
+    let mut all: Vec<_> = (scene.data().bvh.triangles.iter())
         .map(|t| {
             let mut corners = [t.a, t.b, t.c].map(round);
             // The winding stays.

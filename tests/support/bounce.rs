@@ -144,9 +144,10 @@ pub fn cpu_vpls(
     }
     let count = texels.len() as u32;
     if let Some(bake) = bake.filter(|_| requested.trace_shadows) {
-        let nodes = bake.bvh.nodes.len() as u32;
-        let params = RsmShadowParams::new(Mat4::IDENTITY, &light, count, nodes, extent(bake));
-        rsm::shadow(&params, &bake.bvh, &mut texels);
+        let nodes = bake.data().bvh.nodes.len() as u32;
+        let params =
+            RsmShadowParams::new(Mat4::IDENTITY, &light, count, nodes, extent(bake.data()));
+        rsm::shadow(&params, &bake.data().bvh, &mut texels);
     }
     let params = RsmSelectParams {
         texels: count,
@@ -167,9 +168,10 @@ pub fn cpu_bounce(
     let count = lights.len() as u32;
     let (params, bvh) = match bake {
         Some(bake) => {
-            let nodes = bake.bvh.nodes.len() as u32;
-            let shadowed = VplParams::shadowed(count, Mat4::IDENTITY, nodes, extent(bake), 0.0);
-            (shadowed, bake.bvh.clone())
+            let nodes = bake.data().bvh.nodes.len() as u32;
+            let shadowed =
+                VplParams::shadowed(count, Mat4::IDENTITY, nodes, extent(bake.data()), 0.0);
+            (shadowed, bake.data().bvh.clone())
         }
         None => (VplParams::unshadowed(count), Bvh::default()),
     };

@@ -325,7 +325,13 @@ pub fn cpu_indirect_textured(
 /// free space.
 fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || Some(frame.probe_irradiance(bake, x, n)?.irradiance(n));
-    match splat_covered(&bake.points, &bake.display, frame.vector_irradiance(), x, n) {
+    match splat_covered(
+        &bake.data().points,
+        &bake.data().display,
+        frame.vector_irradiance(),
+        x,
+        n,
+    ) {
         Some((e, cover)) => {
             let (e, share) = (e.dot(n).max(Vec3::ZERO), share(cover, SEAM));
             let rest = if share < 1.0 { space() } else { None };

@@ -35,10 +35,10 @@ fn monochrome_frame_matches_twin() {
                 &[
                     (VALUES, |s| bend(s, 99)),
                     (VALUES, |s| {
-                        (s.operator.rows.iter_mut()).for_each(|r| r.scale *= 1.001);
+                        (s.data_mut().operator.rows.iter_mut()).for_each(|r| r.scale *= 1.001);
                     }),
                     (VALUES, |s| {
-                        (s.surfaces.iter_mut()).for_each(|s| s.albedo[1] *= 1.01);
+                        (s.data_mut().surfaces.iter_mut()).for_each(|s| s.albedo[1] *= 1.01);
                     }),
                 ],
             );
@@ -49,7 +49,7 @@ fn monochrome_frame_matches_twin() {
 /// Returns a scene of gray surfaces and its lights, all in `HUE`.
 fn gray(form: SenderForm) -> (BakedScene, Vec<FrameLight>) {
     let mut scene = synthetic::scene(form);
-    for surface in &mut scene.surfaces {
+    for surface in &mut scene.data_mut().surfaces {
         surface.albedo = [surface.albedo[1]; 3];
         surface.emission = (surface.emission[1] * HUE).to_array();
     }
@@ -95,7 +95,7 @@ fn monochrome_of_gray_scene_equals_rgb() {
         let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
         let frame = solved(&harness, &kernels, frame, &right, &at(Channels::One(HUE)));
         let values: Vec<VectorIrradiance> =
-            output(&harness, &frame, Pass::Averages, scene.points.len());
+            output(&harness, &frame, Pass::Averages, scene.data().points.len());
         let found = differing(
             &values,
             right.vector_irradiance(),
@@ -132,12 +132,12 @@ fn monochrome_probes_match_twin() {
     let twin = cpu(&scene, &lights, &settings);
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
     let frame = solved(&harness, &kernels, frame, &twin, &settings);
-    let rows = scene.probes.as_ref().unwrap().rows.len();
+    let rows = scene.data().probes.as_ref().unwrap().rows.len();
     let found: Vec<VectorIrradiance> = output(&harness, &frame, Pass::Volume, rows);
     let wrong = |twin: &CpuFrame| differing(&found, twin.probes(), 12, SINGLE, Scale::Rms).len();
     assert_eq!(wrong(&twin), 0);
     let mut spoiled = scene.clone();
-    for row in &mut spoiled.probes.as_mut().unwrap().rows {
+    for row in &mut spoiled.data_mut().probes.as_mut().unwrap().rows {
         row.scale *= 1.001;
     }
     assert!(wrong(&cpu(&spoiled, &lights, &settings)) > rows / 2);

@@ -44,7 +44,7 @@ fn scene() -> BakedScene {
         occluders,
         ..recipe(TransportMethod::Bounded, BounceMode::Runtime)
     });
-    let sets = &scene.occluders.as_ref().unwrap().sets;
+    let sets = &scene.data().occluders.as_ref().unwrap().sets;
     assert_eq!(*sets, [0, 1, 1 << 33, 1 << 33 | 1]);
     scene
 }
@@ -85,7 +85,7 @@ fn occluders_closed_and_open_match_twin() {
     let scene = scene();
     let lights = lights();
     let slots: Vec<u32> = (0..lights.len() as u32).collect();
-    let probes = scene.probes.as_ref().unwrap();
+    let probes = scene.data().probes.as_ref().unwrap();
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
     let mut set = |gains: &[f32]| {
         frame.set_lights(&kernels, &harness.queue, &lights).unwrap();
@@ -100,11 +100,16 @@ fn occluders_closed_and_open_match_twin() {
             .unwrap();
         // One for the operator, one for the probes.
         assert_eq!(dispatched, 2);
-        let count = lights.len() * scene.senders();
-        let links: Vec<Link> = output(&harness, &frame, Pass::Occlude, scene.operator.links.len());
+        let count = lights.len() * scene.data().senders();
+        let links: Vec<Link> = output(
+            &harness,
+            &frame,
+            Pass::Occlude,
+            scene.data().operator.links.len(),
+        );
         let projected: Vec<f32> = output(&harness, &frame, Pass::Project, count);
         let values: Vec<VectorIrradiance> =
-            output(&harness, &frame, Pass::Averages, scene.points.len());
+            output(&harness, &frame, Pass::Averages, scene.data().points.len());
         let space: Vec<VectorIrradiance> =
             output(&harness, &frame, Pass::Volume, probes.rows.len());
         (links, projected, values, space)
@@ -140,7 +145,13 @@ fn occluders_closed_and_open_match_twin() {
         assert!(wrong.iter().all(|&n| n > 20), "{two:?}: {wrong:?}");
     }
     let open = vectors(&set(&[]).0);
-    let found = differing(&open, &vectors(&scene.operator.links), 3, HALF, Scale::Rms);
+    let found = differing(
+        &open,
+        &vectors(&scene.data().operator.links),
+        3,
+        HALF,
+        Scale::Rms,
+    );
     assert!(found.is_empty(), "open again");
 }
 
@@ -151,7 +162,7 @@ fn occluded_link_chunks_match_twin() {
     let scene = scene();
     let (device, queue) = (&harness.device, &harness.queue);
     // Smallest limit that all other arrays fit.
-    let limit = 3 * std::mem::size_of_val(scene.operator.links.as_slice()) as u64 / 4;
+    let limit = 3 * std::mem::size_of_val(scene.data().operator.links.as_slice()) as u64 / 4;
     let buffers = SceneBuffers::with_limit(device, queue, &scene, 1, limit).unwrap();
     let mut frame = GpuFrame::with_buffers(queue, buffers);
     let gains = gains([0.3, 0.6]);
@@ -167,7 +178,7 @@ fn occluded_link_chunks_match_twin() {
         .unwrap();
     assert!(dispatched >= 3, "{dispatched} dispatches");
     let values: Vec<VectorIrradiance> =
-        output(&harness, &frame, Pass::Averages, scene.points.len());
+        output(&harness, &frame, Pass::Averages, scene.data().points.len());
     let right = twin(&scene, &gains);
     let off = differing(
         &values,

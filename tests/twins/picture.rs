@@ -114,7 +114,7 @@ fn splat_all(
     let texels = pixels.zip(screen.depth.iter().zip(&screen.gbuffer));
     texels
         .map(|(pixel, (&depth, &texel))| {
-            splat::splat_pixel(params, scene, values, pixel, depth, texel)
+            splat::splat_pixel(params, scene.data(), values, pixel, depth, texel)
         })
         .collect()
 }
@@ -152,7 +152,7 @@ fn splat_and_composite_match_twin() {
             viewport,
             SIZE,
             scale,
-            (&scene.display.grid).into(),
+            (&scene.data().display.grid).into(),
         )
     };
     let put = CompositeParams {
@@ -192,14 +192,25 @@ fn splat_and_composite_match_twin() {
         expected[found[0]]
     );
     for spoil in [
-        |s: &mut BakedScene| s.display.planes.iter_mut().for_each(|p| p[3] -= 0.05),
         |s: &mut BakedScene| {
-            let planes = s.display.planes.iter_mut().step_by(3);
+            s.data_mut()
+                .display
+                .planes
+                .iter_mut()
+                .for_each(|p| p[3] -= 0.05)
+        },
+        |s: &mut BakedScene| {
+            let planes = s.data_mut().display.planes.iter_mut().step_by(3);
             planes.for_each(|p| *p = p.map(|c| 1.1 * c));
         },
-        |s: &mut BakedScene| s.points.iter_mut().for_each(|p| p.radius *= 1.01),
         |s: &mut BakedScene| {
-            s.points[..200]
+            s.data_mut()
+                .points
+                .iter_mut()
+                .for_each(|p| p.radius *= 1.01)
+        },
+        |s: &mut BakedScene| {
+            s.data_mut().points[..200]
                 .iter_mut()
                 .for_each(|p| p.position[1] += 0.01)
         },

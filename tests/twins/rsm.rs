@@ -113,8 +113,8 @@ fn shade_params(light: &FrameLight, scene: &BakedScene, texels: u32) -> RsmShado
         local_from_space(&local_from_world(), ORIGIN),
         light,
         texels,
-        scene.bvh.nodes.len() as u32,
-        project::extent(scene),
+        scene.data().bvh.nodes.len() as u32,
+        project::extent(scene.data()),
     )
 }
 
@@ -253,7 +253,7 @@ fn rsm_matches_twin() {
             let mut twin = bare.clone();
             if shadows {
                 let params = shade_params(light, &scene, twin.len() as u32);
-                rsm::shadow(&params, &scene.bvh, &mut twin);
+                rsm::shadow(&params, &scene.data().bvh, &mut twin);
                 assert!(twin != bare, "the scene shadows nothing");
             }
             let gpu: Vec<RsmTexel> = harness.read(maps.texels(), twin.len()).unwrap();
@@ -439,7 +439,7 @@ fn vpl_matches_twin() {
                     let pixel = [i as u32 % size[0], i as u32 / size[0]];
                     let earlier = if over { before[i] } else { [0.0; 4] };
                     let drawn = (pixel, screen.depth[i], screen.gbuffer[i]);
-                    vpl::vpl_pixel(params, lit, lights, &scene.bvh, drawn, earlier)
+                    vpl::vpl_pixel(params, lit, lights, &scene.data().bvh, drawn, earlier)
                 })
                 .collect::<Vec<_>>()
         };
@@ -460,7 +460,7 @@ fn vpl_matches_twin() {
             continue;
         }
         let other = VplParams {
-            nodes: scene.bvh.nodes.len() as u32 - lit.nodes,
+            nodes: scene.data().bvh.nodes.len() as u32 - lit.nodes,
             ..maps.params(Some(&by))
         };
         assert!(wrong(&picture(&params, &other, &lights)) > 20, "shadows");

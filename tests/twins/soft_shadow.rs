@@ -55,7 +55,7 @@ pub fn lights() -> [SoftLight; 4] {
 fn soft_shadows_match_twin() {
     let harness = harness();
     let scene = baked();
-    let visibility = scene.visibility.as_ref().unwrap();
+    let visibility = scene.data().visibility.as_ref().unwrap();
     let lights = lights();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let buffers = SceneBuffers::new(&harness.device, &harness.queue, &scene, 1).unwrap();
@@ -71,9 +71,12 @@ fn soft_shadows_match_twin() {
     assert_eq!(soft_buffers.counters().dispatches_of(Pass::SoftShadow), 1);
     assert!(soft_buffers.count() == 10 && soft_buffers.bytes() > visibility.bytes() as u64 / 2);
     let gpu: Vec<VectorIrradiance> = harness
-        .read(soft_buffers.occluded_irradiances(), scene.points.len())
+        .read(
+            soft_buffers.occluded_irradiances(),
+            scene.data().points.len(),
+        )
         .unwrap();
-    let cpu = soft_shadow::occluded_irradiances(&scene, &lights);
+    let cpu = soft_shadow::occluded_irradiances(scene.data(), &lights);
     // Thresholds magnify the last bits of a depth, which is a sum of twenty products.
     let tolerance = 2e-3;
     let found = differing(&gpu, &cpu, 12, tolerance, Scale::Rms);
@@ -95,51 +98,51 @@ fn soft_shadows_match_twin() {
     others[0].center[0] += 0.02;
     noticed(
         "another place",
-        &soft_shadow::occluded_irradiances(&scene, &others),
+        &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
     let mut others = lights;
     others[1] = SoftLight::default();
     noticed(
         "a light less",
-        &soft_shadow::occluded_irradiances(&scene, &others),
+        &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
     let mut spoiled = scene.clone();
-    let memory = spoiled.visibility.as_mut().unwrap();
+    let memory = spoiled.data_mut().visibility.as_mut().unwrap();
     for cluster in &memory.clusters {
         memory.scales[cluster.scales as usize] *= 0.8;
     }
     noticed(
         "other means",
-        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
     );
     let mut spoiled = scene.clone();
-    for point in &mut spoiled.visibility.as_mut().unwrap().points {
+    for point in &mut spoiled.data_mut().visibility.as_mut().unwrap().points {
         point.mask[0] &= !1;
     }
     noticed(
         "coefficients of others",
-        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
     );
     let mut spoiled = scene.clone();
-    for point in &mut spoiled.visibility.as_mut().unwrap().points {
+    for point in &mut spoiled.data_mut().visibility.as_mut().unwrap().points {
         point.error *= 4;
     }
     noticed(
         "other errors",
-        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
     );
     let mut spoiled = scene.clone();
-    for cluster in &mut spoiled.visibility.as_mut().unwrap().clusters {
+    for cluster in &mut spoiled.data_mut().visibility.as_mut().unwrap().clusters {
         cluster.near *= 1.5;
     }
     noticed(
         "another unit",
-        &soft_shadow::occluded_irradiances(&spoiled, &lights),
+        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
     );
     let mut unspread = cpu.clone();
-    assert!(visibility.points.len() < scene.points.len());
+    assert!(visibility.points.len() < scene.data().points.len());
     unspread[visibility.points.len()..].fill(VectorIrradiance::default());
     noticed("no parents' mean", &unspread);
-    let params = SoftShadowParams::new(visibility, extent(&scene), lights.len());
+    let params = SoftShadowParams::new(visibility, extent(scene.data()), lights.len());
     assert!(params.points > 0 && params.lights == 4);
 }

@@ -88,7 +88,7 @@ impl Scene {
             }),
             ..baked::recipe(TransportMethod::Bounded, BounceMode::Runtime)
         });
-        let probes = scene.probes.as_mut().unwrap();
+        let probes = scene.data_mut().probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());
         // Some planes are tilted, as those of occluders are.
         let leaning = probes.planes.iter_mut().step_by(2);
@@ -145,11 +145,11 @@ impl Scene {
             [0.0, 0.0, SIZE[0] as f32, SIZE[1] as f32],
             SIZE,
             SCALE,
-            (&self.scene.display.grid).into(),
+            (&self.scene.data().display.grid).into(),
         );
         SplatParams {
             // Wide, so that surfaces and probes share many pixels of the baked scene itself.
-            seam: self.scene.probes.as_ref().map_or(0.0, |_| 1.2),
+            seam: self.scene.data().probes.as_ref().map_or(0.0, |_| 1.2),
             ..params
         }
     }
@@ -160,8 +160,8 @@ impl Scene {
             let i = (pixel[1] * SIZE[0] + pixel[0]) as usize;
             let (depth, texel) = (self.view.depth[i], self.view.gbuffer[i]);
             let values = self.twin.vector_irradiance();
-            splat::splat_node(&params, scene, values, pixel, depth, texel, node);
-            if let Some(probes) = &scene.probes {
+            splat::splat_node(&params, scene.data(), values, pixel, depth, texel, node);
+            if let Some(probes) = &scene.data().probes {
                 let params = params.with_grid((&probes.grid).into());
                 let values = self.twin.probes();
                 probe::probe_node(&params, probes, values, pixel, depth, texel, node);
@@ -379,7 +379,11 @@ fn compare(settings: &SubsplatSettings) {
         cpu.texels.len()
     );
     let mut wrong = of.scene.clone();
-    wrong.points.iter_mut().for_each(|p| p.position[1] += 0.05);
+    wrong
+        .data_mut()
+        .points
+        .iter_mut()
+        .for_each(|p| p.position[1] += 0.05);
     let spoiled = of.on_cpu(settings, &wrong);
     let noticed = differing(&gpu.texels, &spoiled.texels);
     let lit = cpu.texels.iter().filter(|t| t[3] == 1.0).count();
@@ -428,7 +432,7 @@ fn probe_nodes_match_twin() {
     assert!(found * 500 <= cpu.texels.len(), "{found} pixels differ");
     // Only probes light the ball, and they light nothing else.
     let mut without = of.scene.clone();
-    without.probes = None;
+    without.data_mut().probes = None;
     let dark = of.on_cpu(&settings, &without).texels;
     let lit = |texels: &[[f32; 4]]| texels.iter().filter(|t| t[3] == 1.0).count();
     let ball = lit(&cpu.texels) - lit(&dark);
@@ -444,7 +448,7 @@ fn probe_nodes_match_twin() {
         }),
     ] {
         let mut wrong = of.scene.clone();
-        spoil(wrong.probes.as_mut().unwrap());
+        spoil(wrong.data_mut().probes.as_mut().unwrap());
         let noticed = differing(&gpu.texels, &of.on_cpu(&settings, &wrong).texels);
         assert!(noticed * 10 > ball, "{what} go unnoticed: {noticed}");
     }
@@ -468,7 +472,7 @@ fn probe_kernel_matches_twin() {
     );
 
     // apply, over the rows of the probes.
-    let probes = of.scene.probes.as_ref().unwrap();
+    let probes = of.scene.data().probes.as_ref().unwrap();
     let values: Vec<VectorIrradiance> = harness
         .read(
             frame.buffers().output(Pass::ProbeOver).unwrap(),
@@ -551,7 +555,8 @@ fn probe_kernel_matches_twin() {
             .filter(|&i| {
                 let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
                 let (depth, texel) = (of.view.depth[i], of.view.gbuffer[i]);
-                let twin = splat::splat_pixel(&params, &of.scene, values, pixel, depth, texel);
+                let twin =
+                    splat::splat_pixel(&params, of.scene.data(), values, pixel, depth, texel);
                 (twin[3] - before[i][3]).abs() > 2e-3
             })
             .count()

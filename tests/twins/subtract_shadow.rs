@@ -82,9 +82,9 @@ impl Shaded {
                 [0.0, 0.0, width, height],
                 SIZE,
                 2.0,
-                (&scene.display.grid).into(),
+                (&scene.data().display.grid).into(),
             ),
-            occluded_irradiances: soft_shadow::occluded_irradiances(&scene, &lights),
+            occluded_irradiances: soft_shadow::occluded_irradiances(scene.data(), &lights),
             scene,
             drawn,
             lights,
@@ -95,12 +95,12 @@ impl Shaded {
     /// Returns the twins' output: of `subtract_shadow`, and of `next_scene` after the earlier
     /// scene.
     fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
-        let params = SubtractShadowParams::new(&self.scene, self.lights.len());
+        let params = SubtractShadowParams::new(self.scene.data(), self.lights.len());
         let tables = gloss.then_some(&self.tables);
         let pixel = |i: u32| {
             subtract_shadow::subtract_shadow_pixel(
                 (&params, &self.view),
-                &self.scene,
+                self.scene.data(),
                 &self.occluded_irradiances,
                 (&self.lights, tables),
                 [i % SIZE[0], i / SIZE[0]],
@@ -135,7 +135,7 @@ fn on_gpu(
     let (device, queue) = (&harness.device, &harness.queue);
     let kernels = KernelPipelines::new(device).unwrap();
     let scene_buffers = SceneBuffers::new(device, queue, scene, 1).unwrap();
-    let visibility = scene.visibility.as_ref().unwrap();
+    let visibility = scene.data().visibility.as_ref().unwrap();
     let soft_buffers =
         SoftShadowBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
     // From the twin's values, so that `soft_shadow` does not affect the comparison.
@@ -303,7 +303,11 @@ fn compare(gloss: bool) {
             }
         }),
         ("radius of points", |s| {
-            s.scene.points.iter_mut().for_each(|p| p.radius *= 0.97);
+            s.scene
+                .data_mut()
+                .points
+                .iter_mut()
+                .for_each(|p| p.radius *= 0.97);
         }),
         ("occluded_irradiances", |s| {
             s.occluded_irradiances
@@ -335,7 +339,7 @@ fn compare(gloss: bool) {
         let (lights, drawn, scene) = (
             shaded.lights.clone(),
             shaded.drawn.gbuffer.clone(),
-            shaded.scene.points.clone(),
+            shaded.scene.data().points.clone(),
         );
         let (occluded_irradiances, scale) =
             (shaded.occluded_irradiances.clone(), shaded.view.scale);
@@ -343,7 +347,11 @@ fn compare(gloss: bool) {
         let noticed = apart(&alone, &shaded.run(gloss)[0]);
         println!("{what}: {noticed}");
         assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");
-        (shaded.lights, shaded.drawn.gbuffer, shaded.scene.points) = (lights, drawn, scene);
+        (
+            shaded.lights,
+            shaded.drawn.gbuffer,
+            shaded.scene.data_mut().points,
+        ) = (lights, drawn, scene);
         (shaded.occluded_irradiances, shaded.view.scale) = (occluded_irradiances, scale);
     }
 }

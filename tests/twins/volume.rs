@@ -22,13 +22,13 @@ fn volumes_match_twin() {
     let lights = of.twin.lights().len() as u32;
     let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
     let mut frame = solved(&harness, &kernels, frame, &of.twin, &settings(2, false));
-    let probes = of.scene.probes.as_ref().unwrap();
+    let probes = of.scene.data().probes.as_ref().unwrap();
     let read = |buffer, count| -> Vec<VectorIrradiance> { harness.read(buffer, count).unwrap() };
     let buffers = frame.buffers();
     let in_space = read(buffers.output(Pass::Volume).unwrap(), probes.rows.len());
     let on_walls = read(
         buffers.output(Pass::Averages).unwrap(),
-        of.scene.points.len(),
+        of.scene.data().points.len(),
     );
     let values = VolumeValues {
         points: &on_walls,
@@ -37,12 +37,12 @@ fn volumes_match_twin() {
 
     // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the
     // bake's.
-    let [low, high] = of.scene.info.bounds.map(Vec3::from_array);
+    let [low, high] = of.scene.info().bounds.map(Vec3::from_array);
     let turned = Mat4::from_quat(Quat::from_rotation_y(0.7) * Quat::from_rotation_x(-0.3));
     let size = UVec3::new(19, 17, 21);
     let shape = VoxelGrid::new([low - 0.3, high + 0.3], size).unwrap();
     let params = VolumeParams::new(&shape, &turned);
-    let weights = VoxelWeights::from_scene(shape, &of.scene);
+    let weights = VoxelWeights::from_scene(shape, of.scene.data());
     let texels = shape.texels();
     assert_eq!(texels, UVec3::new(19, 34, 63));
     let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
@@ -96,7 +96,7 @@ fn volumes_match_twin() {
     };
     let corner = low - 0.3 + 0.5 * shape.voxel() * Vec3::X;
     let aside = VoxelGrid::new([corner, corner + (high - low + 0.6)], size).unwrap();
-    let aside = VoxelWeights::from_scene(aside, &of.scene);
+    let aside = VoxelWeights::from_scene(aside, of.scene.data());
     let spoiled: [(&str, Voxels<'_>); 6] = [
         ("values", (params, &weights, moved(&on_walls, &aloft))),
         (

@@ -271,10 +271,10 @@ fn specular_in_moved_baked_scene_matches_twin() {
     let by = synthetic::scene(SenderForm::Averages);
     let mut scene = Scene::new(SIZE, virtual_lights(&room(), 32, 40), ROUGHNESS);
     let open = scene.full();
-    scene.bvh = by.bvh.clone();
-    let nodes = by.bvh.nodes.len() as u32;
+    scene.bvh = by.data().bvh.clone();
+    let nodes = by.data().bvh.nodes.len() as u32;
     let shift = Mat4::from_translation(Vec3::new(-2.0, 0.0, -1.5));
-    scene.lit = VplParams::shadowed(40, shift, nodes, project::extent(&by), 0.0);
+    scene.lit = VplParams::shadowed(40, shift, nodes, project::extent(by.data()), 0.0);
     let full = scene.full();
     let hidden = open
         .iter()

@@ -48,7 +48,7 @@ pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let baked = input::bake(&args.bake)?;
-    let tiers = baked.tiers();
+    let tiers = baked.data().tiers();
     if let Some(tier) = args.tier
         && !(1..=tiers).contains(&tier)
     {
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let points = points::read(&args.points)?;
     check_writable(&args.output).map_err(|error| ToolError::write(&args.output, &error))?;
     let varies = |light: &Light| matches!(light, Light::Sky { radiance } if !radiance.is_uniform());
-    if baked.sky.is_none() && description.lights.iter().any(varies) {
+    if baked.data().sky.is_none() && description.lights.iter().any(varies) {
         return Err(ToolError::Input(
             "the sky varies, but the bake has a uniform sky; bake with `--sky harmonics`".into(),
         ));
@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let meshes = geometry(&baked, &description, &mut budget)?;
 
     let step = progress::Step::new(format!("{} points", output::count(points.len() as u64)));
-    let bounces = args.bounces.unwrap_or(Bounces::Count(baked.info.bounces));
+    let bounces = args.bounces.unwrap_or(Bounces::Count(baked.info().bounces));
     let tier = args.tier.unwrap_or(tiers);
     let evaluator = Evaluator::with_tier(&baked, &meshes, &description.lights, bounces, tier);
     let values: Vec<Evaluated> = points
@@ -83,7 +83,9 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 
 /// Returns the viewpoints of the bake, in meters. Points without normals face them.
 pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
-    (baked.info.viewpoints.iter()).map(|&v| v.into()).collect()
+    (baked.info().viewpoints.iter())
+        .map(|&v| v.into())
+        .collect()
 }
 
 /// Reads the geometry, which direct light of emissive surfaces and of the sky needs. Missing files
@@ -97,7 +99,7 @@ pub fn geometry(
         .lights
         .iter()
         .any(|light| matches!(light, Light::Sky { .. }));
-    let needed = sky || baked.surfaces.iter().any(|s| s.emission != [0.0; 3]);
+    let needed = sky || baked.data().surfaces.iter().any(|s| s.emission != [0.0; 3]);
     let viewpoints = viewpoints(baked);
     let mut meshes = Vec::new();
     for path in &description.geometry {
@@ -115,11 +117,11 @@ pub fn geometry(
         ));
     }
     let triangles: u64 = meshes.iter().map(|m| m.len() as u64).sum();
-    if !meshes.is_empty() && triangles != baked.info.triangles {
+    if !meshes.is_empty() && triangles != baked.info().triangles {
         output::note(&format!(
             "the scene has {} triangles, the bake was made from {}; it may belong to another scene",
             output::count(triangles),
-            output::count(baked.info.triangles)
+            output::count(baked.info().triangles)
         ));
     }
     Ok(meshes)

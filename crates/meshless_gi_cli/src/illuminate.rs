@@ -52,9 +52,14 @@ impl Surface {
     /// Returns the points of the bake.
     fn from_bake(baked: &BakedScene) -> Self {
         Self {
-            positions: baked.points.iter().map(|p| p.x()).collect(),
-            normals: baked.points.iter().map(|p| p.n()).collect(),
-            albedo: baked.surfaces.iter().map(|s| s.albedo.into()).collect(),
+            positions: baked.data().points.iter().map(|p| p.x()).collect(),
+            normals: baked.data().points.iter().map(|p| p.n()).collect(),
+            albedo: baked
+                .data()
+                .surfaces
+                .iter()
+                .map(|s| s.albedo.into())
+                .collect(),
         }
     }
 
@@ -113,7 +118,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         mean.z
     );
     if let Some(path) = &args.output_bake {
-        baked.illumination = irradiance.iter().map(Vec3::to_array).collect();
+        baked.data_mut().illumination = irradiance.iter().map(Vec3::to_array).collect();
         let size = (baked.write(path)).map_err(|error| ToolError::asset(path, &error))?;
         summary += &format!("{}: {}\n", path.display(), output::bytes(size));
     }
@@ -130,7 +135,7 @@ fn illuminate(
 ) -> Vec<Vec3> {
     let count = surface.positions.len();
     let step = progress::Step::new(format!("{} points", output::count(count as u64)));
-    let bounces = Bounces::Count(baked.info.bounces);
+    let bounces = Bounces::Count(baked.info().bounces);
     let evaluator = Evaluator::new(baked, meshes, &description.lights, bounces);
     let values: Vec<Evaluated> = (0..count)
         .into_par_iter()

@@ -20,6 +20,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let scene = input::bake(&args.bake)?;
     let stats = scene
+        .data()
         .validate()
         .map_err(|problems| ToolError::asset(&args.bake, &AssetError::Invalid(problems)))?;
     let size = std::fs::metadata(&args.bake)
@@ -34,22 +35,22 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 
 fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Value {
     json!({
-        "info": scene.info,
+        "info": scene.info(),
         "stats": stats,
         "bytes": size,
         "levels": scene.levels(),
-        "sender_levels": scene.sender_levels,
-        "points": scene.points.len(),
-        "samples_per_sender": scene.light_samples.per_sender,
-        "sender_form": format!("{:?}", scene.operator.form),
-        "display_radius": scene.display.radius,
+        "sender_levels": scene.data().sender_levels,
+        "points": scene.data().points.len(),
+        "samples_per_sender": scene.data().light_samples.per_sender,
+        "sender_form": format!("{:?}", scene.data().operator.form),
+        "display_radius": scene.data().display.radius,
         "tiers": tiers(scene),
     })
 }
 
 /// Returns one entry per tier, fewest links first.
 fn tiers(scene: &BakedScene) -> serde_json::Value {
-    (scene.info.tiers.iter().zip(1..))
+    (scene.info().tiers.iter().zip(1..))
         .map(|(tier, number)| {
             json!({
                 "tier": number,
@@ -67,9 +68,9 @@ fn tiers(scene: &BakedScene) -> serde_json::Value {
 /// Returns the links of a tier as a fraction of all links.
 fn share(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
     // The octree has no links. Its tier lies above those of the links.
-    match number > scene.link_tiers() {
+    match number > scene.data().link_tiers() {
         true => 1.0,
-        false => tier.links as f64 / scene.operator.links.len().max(1) as f64,
+        false => tier.links as f64 / scene.data().operator.links.len().max(1) as f64,
     }
 }
 
@@ -79,14 +80,14 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
     add_operator(&mut table, scene, stats);
     add_optional_data(&mut table, scene, stats);
     add_display(&mut table, scene, stats);
-    add_errors(&mut table, &scene.info);
+    add_errors(&mut table, &scene.info());
     add_tiers(&mut table, scene);
     table.text()
 }
 
 /// Adds the file, its origin and the points.
 fn add_source(table: &mut Table, path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) {
-    let info = &scene.info;
+    let info = &scene.info();
     let position = |p: [f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
     table
         .row(
@@ -126,7 +127,7 @@ fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
             format!(
                 "{} on {} of {} levels",
                 output::count(stats.senders),
-                scene.sender_levels,
+                scene.data().sender_levels,
                 scene.levels()
             ),
         )
@@ -137,7 +138,7 @@ fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
                 "{}, at most {} per row, as {}",
                 output::count(stats.links),
                 output::count(stats.longest_row),
-                format!("{:?}", scene.operator.form).to_lowercase()
+                format!("{:?}", scene.data().operator.form).to_lowercase()
             ),
         )
         .row(
@@ -154,7 +155,7 @@ fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
         )
         .row(
             "octree",
-            match &scene.fmm {
+            match &scene.data().fmm {
                 None => "none".into(),
                 Some(octree) => format!(
                     "order {}, {} samples in {} nodes, {} entries, {}",
@@ -168,18 +169,21 @@ fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
         )
         .row(
             "illumination",
-            match scene.illumination.is_empty() {
+            match scene.data().illumination.is_empty() {
                 true => "none".into(),
-                false => format!("{} points", output::count(scene.illumination.len() as u64)),
+                false => format!(
+                    "{} points",
+                    output::count(scene.data().illumination.len() as u64)
+                ),
             },
         )
         .row(
             "bounces",
             match stats.bounce_links {
-                0 => format!("{}, in the frame", scene.info.bounces),
+                0 => format!("{}, in the frame", scene.info().bounces),
                 links => format!(
                     "{}, baked: {} links",
-                    scene.info.bounces,
+                    scene.info().bounces,
                     output::count(links)
                 ),
             },
@@ -191,7 +195,7 @@ fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) 
     table
         .row(
             "probes",
-            match &scene.probes {
+            match &scene.data().probes {
                 None => "none: dynamic objects get the light of nearby surfaces".into(),
                 Some(probes) => format!(
                     "{} probes, {} links, {} clip planes, {}",
@@ -221,7 +225,7 @@ fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) 
         )
         .row(
             "occluders",
-            match &scene.occluders {
+            match &scene.data().occluders {
                 None => "none".into(),
                 Some(o) => format!(
                     "{}, {} link terms pass them, {}",
@@ -233,7 +237,7 @@ fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) 
         )
         .row(
             "visibility",
-            match &scene.visibility {
+            match &scene.data().visibility {
                 None => "none: no soft shadows".into(),
                 Some(v) => format!(
                     "{} × {} directions, {} clusters, {} coefficients ({:.0} %), {}",
@@ -255,7 +259,7 @@ fn add_display(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
             "display",
             format!(
                 "radius {} m, {} clip planes, {} cells, at most {} points per cell",
-                scene.display.radius,
+                scene.data().display.radius,
                 output::count(stats.planes),
                 output::count(stats.grid_cells),
                 output::count(stats.longest_list)
@@ -304,7 +308,7 @@ fn add_errors(table: &mut Table, info: &BakeInfo) {
 
 /// Adds one row per tier.
 fn add_tiers(table: &mut Table, scene: &BakedScene) {
-    for (tier, number) in scene.info.tiers.iter().zip(1..) {
+    for (tier, number) in scene.info().tiers.iter().zip(1..) {
         table.row(
             if number == 1 { "tiers" } else { "" },
             format!(

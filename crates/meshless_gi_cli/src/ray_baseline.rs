@@ -25,7 +25,7 @@ pub fn measure(
     stats: &BakeStats,
     threads: usize,
 ) -> Result<RayBaseline, ToolError> {
-    let settings = BakeSettings::from_ron(&scene.info.recipe)
+    let settings = BakeSettings::from_ron(&scene.info().recipe)
         .map_err(|error| ToolError::Input(format!("settings in the bake: {error}")))?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
@@ -33,7 +33,7 @@ pub fn measure(
         .map_err(|error| ToolError::Usage(error.to_string()))?;
     let step = progress::Step::new("timing the gather rays");
     let began = Instant::now();
-    let rays = pool.install(|| cast_gather_rays(mesh, scene, &settings));
+    let rays = pool.install(|| cast_gather_rays(mesh, scene.data(), &settings));
     let seconds = began.elapsed().as_secs_f64();
     drop(step);
     // The gather also covered receivers that got no row.

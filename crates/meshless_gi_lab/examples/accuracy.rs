@@ -101,9 +101,9 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
     }
     let (baked, mesh) = made.ok_or_else(|| format!("{}: no L0.json", folder.display()))?;
     let (stats, seconds) = (&baked.stats, &baked.stats.seconds);
-    let settings: BakeSettings = BakeSettings::from_ron(&baked.scene.info.recipe)?;
+    let settings: BakeSettings = BakeSettings::from_ron(&baked.scene.info().recipe)?;
     let began = Instant::now();
-    let cast = cast_gather_rays(&mesh, &baked.scene, &settings);
+    let cast = cast_gather_rays(&mesh, baked.scene.data(), &settings);
     let alone = began.elapsed().as_secs_f64() * stats.gather_rays as f64 / cast as f64;
     let bake = format!(
         "| {name} | {:.1} | {:.1}, {:.1}, {:.1}, {:.1} | {alone:.1} | {:.2} | {:.0} % | {} | {} | {} | {} | {:.1} ± {:.1} % |\n",
@@ -149,8 +149,8 @@ fn compare_tiers(
         (truth.compare(&evaluator, k).indirect, sum)
     };
     let (_, all) = at(u32::MAX);
-    let links = scene.operator.links.len() as f64;
-    (scene.info.tiers.iter().zip(1..))
+    let links = scene.data().operator.links.len() as f64;
+    (scene.info().tiers.iter().zip(1..))
         .map(|(tier, t)| {
             let (against_truth, sum) = at(t);
             format!(

@@ -295,8 +295,8 @@ fn walk(scene: &BakedScene) -> Vec3 {
         )],
     );
     let soft_light = SoftLight::sphere(Vec3::new(0.2, 0.9, 0.1), 0.1, Vec3::ONE, 5.0, 4);
-    let mut sum = match scene.visibility {
-        Some(_) => soft_shadow::occluded_irradiances(scene, &[soft_light])
+    let mut sum = match scene.data().visibility {
+        Some(_) => soft_shadow::occluded_irradiances(scene.data(), &[soft_light])
             .iter()
             .map(|d| d.dot(Vec3::Y))
             .sum(),
@@ -320,7 +320,7 @@ fn walk(scene: &BakedScene) -> Vec3 {
                 ..FrameSettings::default()
             },
         );
-        for p in scene.points.iter().take(4) {
+        for p in scene.data().points.iter().take(4) {
             sum += frame.irradiance(scene, p.x(), p.n()).unwrap_or_default();
         }
         sum += frame
@@ -370,7 +370,7 @@ fn mutated_assets_are_rejected_or_harmless() {
         worst.fetch_max(taken as u64, Ordering::Relaxed);
         let outcome = match read {
             Ok(scene) => {
-                assert!(scene.validate().is_ok(), "mutation {i}");
+                assert!(scene.data().validate().is_ok(), "mutation {i}");
                 walk(&scene);
                 0
             }
@@ -416,8 +416,8 @@ fn mutation_harness_detects_memory_and_index_errors() {
     assert!(taken >= 3 << 20);
     let mut scene = build(&makes()[0]);
     walk(&scene);
-    let first = scene.operator.rows[0].start as usize;
-    scene.operator.links[first].z_sender |= 0xffff_0000;
-    assert!(scene.validate().is_err());
+    let first = scene.data().operator.rows[0].start as usize;
+    scene.data_mut().operator.links[first].z_sender |= 0xffff_0000;
+    assert!(scene.data().validate().is_err());
     assert!(std::panic::catch_unwind(|| walk(&scene)).is_err());
 }

@@ -221,7 +221,7 @@ impl Case {
         let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
             .unwrap()
             .scene;
-        let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+        let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
         // Not the particles that the bake asked.
         let landed = trace_particles(&mesh, &viewpoints, 0..2048, 0x5417e, false).candidates;
         let positions = landed
@@ -241,7 +241,7 @@ impl Case {
     /// Returns the bake with these emissions of the panels.
     fn baked(&self, emissions: [Emission; 2]) -> BakedScene {
         let mut scene = self.scene.clone();
-        let live = scene.materials.as_ref().expect("dynamic materials");
+        let live = scene.data().materials.as_ref().expect("dynamic materials");
         let of = PANELS.map(|panel| live.names.iter().position(|name| name == panel).unwrap());
         for ((&m, emission), corners) in of.iter().zip(emissions).zip(self.parts.panels) {
             match emission {
@@ -309,7 +309,7 @@ impl Case {
 
 /// Shares of material `m` in all senders, with the sender of each.
 fn shares_of(scene: &BakedScene, m: u32) -> Vec<(usize, usize)> {
-    let live = scene.materials.as_ref().unwrap();
+    let live = scene.data().materials.as_ref().unwrap();
     let rows = live.starts.windows(2).enumerate();
     rows.flat_map(|(j, row)| (row[0]..row[1]).map(move |k| (j, k as usize)))
         .filter(|&(_, k)| live.shares[k].material == m)
@@ -320,7 +320,7 @@ fn shares_of(scene: &BakedScene, m: u32) -> Vec<(usize, usize)> {
 /// material. Its base color has no texture, so that part is the reflectance for a color of one.
 fn make_uniform(scene: &mut BakedScene, m: u32) {
     let shares = shares_of(scene, m);
-    let live = scene.materials.as_mut().unwrap();
+    let live = scene.data_mut().materials.as_mut().unwrap();
     for (_, k) in shares {
         live.shares[k].emission = live.shares[k].albedo;
     }
@@ -330,9 +330,9 @@ fn make_uniform(scene: &mut BakedScene, m: u32) {
 /// nearest to its mirror image.
 fn mirror(scene: &mut BakedScene, m: u32, [a, b, c, _]: [Vec3; 4]) {
     let shares = shares_of(scene, m);
-    let at = |j: usize| scene.points[j].x();
+    let at = |j: usize| scene.data().points[j].x();
     let along = (b - a).normalize();
-    let live = scene.materials.as_ref().unwrap();
+    let live = scene.data().materials.as_ref().unwrap();
     let mut changed = live.shares.clone();
     for &(j, k) in &shares {
         let x = at(j) - 2.0 * (at(j) - 0.5 * (a + c)).dot(along) * along;
@@ -340,24 +340,24 @@ fn mirror(scene: &mut BakedScene, m: u32, [a, b, c, _]: [Vec3; 4]) {
         let nearest = shares.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
         changed[k].emission = live.shares[nearest.unwrap().1].emission;
     }
-    scene.materials.as_mut().unwrap().shares = changed;
+    scene.data_mut().materials.as_mut().unwrap().shares = changed;
 }
 
 /// `scene` with the factors of its materials changed, as a frame has it. `change` also gets the
 /// index of the material.
 fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> BakedScene {
-    let live = scene.materials.as_ref().expect("live materials");
+    let live = scene.data().materials.as_ref().expect("live materials");
     let mut factors = live.factors.clone();
     factors
         .iter_mut()
         .enumerate()
         .for_each(|(m, f)| change(m, f));
-    let surfaces = dynamic_surfaces(scene, &factors).unwrap();
+    let surfaces = dynamic_surfaces(scene.data(), &factors).unwrap();
     let mut out = scene.clone();
-    out.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
+    out.data_mut().surfaces[..surfaces.len()].copy_from_slice(&surfaces);
     // The same through a frame, which notices what changes and nothing else.
     let light_source = [FrameLight::point(
-        scene.points[0].x() + scene.points[0].n(),
+        scene.data().points[0].x() + scene.data().points[0].n(),
         Vec3::ONE,
         f32::INFINITY,
     )];
@@ -391,7 +391,7 @@ fn panels_match(case: &Case) {
     };
     let lit = case.baked(on(0, Emission::Uniform));
     let mut dimmer = lit.clone();
-    for surface in &mut dimmer.surfaces {
+    for surface in &mut dimmer.data_mut().surfaces {
         surface.emission = surface.emission.map(|e| 0.7 * e);
     }
     let mesh = case.parts.mesh(on(0, Emission::Uniform), |_| {});

@@ -55,8 +55,8 @@ fn holds(folder: &Path, nrmse: f64) {
         m.indirect,
         m.direct.nrmse,
         m.uncovered,
-        scene.info.estimated_nrmse,
-        scene.info.estimated_nrmse_interval
+        scene.info().estimated_nrmse,
+        scene.info().estimated_nrmse_interval
     );
     assert!(m.indirect.nrmse <= nrmse, "{name}: {:?}", m.indirect);
     assert!(
@@ -70,7 +70,7 @@ fn holds(folder: &Path, nrmse: f64) {
     }
     // Must fail: walls that reflect a tenth less.
     let mut darker = scene;
-    for surface in &mut darker.surfaces {
+    for surface in &mut darker.data_mut().surfaces {
         surface.albedo = surface.albedo.map(|a| 0.9 * a);
     }
     let wrong = measure(&darker, &mesh, &description.lights, &truth);
@@ -105,7 +105,7 @@ fn sponza_at_medium_matches_reference() {
 fn flat_basis_covers_every_reachable_point() {
     let (_, mesh, _) = load(&published("rooms_open"));
     let scene = baked(&mesh, Preset::Draft);
-    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     // Not the particles that the bake asked.
     let landed = trace_particles(&mesh, &viewpoints, 0..4096, 0xfeed, false).candidates;
     let holes = |reach: f32| {
@@ -113,10 +113,10 @@ fn flat_basis_covers_every_reachable_point() {
             .par_iter()
             .filter(|c| {
                 let (x, n) = (c.surface.position, c.surface.normal);
-                !scene.display.grid.near(x).iter().any(|&j| {
-                    let mut point = scene.points[j as usize];
+                !scene.data().display.grid.near(x).iter().any(|&j| {
+                    let mut point = scene.data().points[j as usize];
                     point.radius *= reach;
-                    weight(&point, &scene.display.planes, x, n) > 1e-6
+                    weight(&point, &scene.data().display.planes, x, n) > 1e-6
                 })
             })
             .count()

@@ -148,8 +148,8 @@ fn scene_is_gray_if_surfaces_and_lights_are() {
 #[test]
 fn dynamic_material_textures_count_with_factors() {
     let mut baked = (*bake(true)).clone();
-    let senders = baked.senders() as u32;
-    for surface in &mut baked.surfaces[..2] {
+    let senders = baked.data().senders() as u32;
+    for surface in &mut baked.data_mut().surfaces[..2] {
         (surface.albedo, surface.emission) = ([0.0; 3], [0.0; 3]);
     }
     let share = |material, albedo, emission| MaterialCoverage {
@@ -157,7 +157,7 @@ fn dynamic_material_textures_count_with_factors() {
         albedo,
         emission,
     };
-    baked.materials = Some(DynamicMaterials {
+    baked.data_mut().materials = Some(DynamicMaterials {
         names: vec!["wall".into(), "sign".into()],
         factors: vec![MaterialFactors::default(); 2],
         starts: [0, 1].into_iter().chain((0..senders).map(|_| 2)).collect(),
@@ -167,6 +167,7 @@ fn dynamic_material_textures_count_with_factors() {
         ],
     });
     baked
+        .data_mut()
         .materials
         .as_mut()
         .expect("some")

@@ -122,10 +122,10 @@ impl SceneSoft {
     pub fn describe(&self, bake: &BakedScene) -> SoftState {
         SoftState {
             lights: self.lights.len(),
-            remembers: bake.visibility.is_some(),
+            remembers: bake.data().visibility.is_some(),
             held: false,
             largest_buffer: self.too_large,
-            points: (bake.visibility.as_ref()).map_or(0, |v| v.points.len() as u64),
+            points: (bake.data().visibility.as_ref()).map_or(0, |v| v.points.len() as u64),
         }
     }
 
@@ -149,7 +149,7 @@ impl SceneSoft {
         bake: &BakedScene,
     ) -> Result<Option<Vec<SoftLight>>, GpuError> {
         let lights = self.local_lights();
-        let Some(visibility) = &bake.visibility else {
+        let Some(visibility) = &bake.data().visibility else {
             return Ok(None);
         };
         let mut record = || -> Result<(), GpuError> {

@@ -464,7 +464,7 @@ fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (
     let state = FrameState {
         scenes: vec![SceneState {
             slots: slots.changes,
-            rays: bake.rays_per_slot(),
+            rays: bake.data().rays_per_slot(),
             ..SceneState::new(A)
         }],
         views: vec![view(7, &[A])],

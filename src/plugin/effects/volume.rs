@@ -155,12 +155,12 @@ impl SceneVolume {
             return;
         }
         self.buffers = None;
-        if bake.probes.is_none() {
+        if bake.data().probes.is_none() {
             return;
         }
         let begun = self.weights.take().filter(|p| *p.shape() == shape);
         let mut weights = begun.unwrap_or_else(|| VoxelWeights::new(shape));
-        if !weights.find(bake, EVALUATIONS_PER_FRAME) {
+        if !weights.find(bake.data(), EVALUATIONS_PER_FRAME) {
             self.weights = Some(weights);
             return;
         }

@@ -53,7 +53,7 @@ pub(super) fn run(
     let baked = bake_scene(&mesh, &request.recipe, bake_threads(), progress)?;
     drop(progress_log);
     let mut output = BakeOutput::from(baked);
-    output.scene.info.request = key;
+    output.scene.data_mut().info.request = key;
     let mut saved = String::new();
     if let Some(path) = save_to {
         match save(path, &output.scene) {
@@ -101,13 +101,13 @@ fn load(
     warnings: &mut Vec<Warning>,
 ) -> Option<BakedScene> {
     match BakedScene::read(path, &Limits::default()) {
-        Ok(scene) if scene.info.request == key => Some(scene),
+        Ok(scene) if scene.info().request == key => Some(scene),
         Ok(scene) => {
             let now = BakeInputs {
                 content_hash: Some(&now.0.content_hash()),
                 recipe: Some(now.1),
             };
-            let differs = Staleness::compare(&scene.info, &now);
+            let differs = Staleness::compare(&scene.info(), &now);
             let what = match differs.is_stale() {
                 true => differs.to_string(),
                 false => "occluders".into(),

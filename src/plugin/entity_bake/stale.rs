@@ -48,7 +48,7 @@ fn wants_comparison(
     server: &AssetServer,
 ) -> bool {
     let is_done = |c: &BakeComparison| c.asset == gi.0.id() && c.work.is_none();
-    let is_of_entities = |bake: &GiBakedScene| !bake.scene.info.request.is_empty();
+    let is_of_entities = |bake: &GiBakedScene| !bake.scene.info().request.is_empty();
     // A bake of this session has no path, and was made from the current meshes.
     !is_requested
         && !comparison.is_some_and(is_done)
@@ -83,7 +83,7 @@ pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'sta
             if let Some(hash) = work.take() {
                 comparison.work = None;
                 // Nothing below the root: the bake may be shown with other means.
-                if hash.is_some_and(|hash| is_stale(&scene.info, &hash)) {
+                if hash.is_some_and(|hash| is_stale(&scene.info(), &hash)) {
                     warn_stale(world, root, asset);
                 }
             }
@@ -93,7 +93,7 @@ pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'sta
         if wait::pending(world, &found).is_some() {
             continue;
         }
-        let collected = collect(world, found, scene.materials.is_some());
+        let collected = collect(world, found, scene.data().materials.is_some());
         let work = Background::spawn("meshless gi hash", move || hash(&collected), || None).ok();
         world
             .entity_mut(root)

@@ -2,11 +2,11 @@
 //! sections that are there together or not at all; what points see of the sky stands with their
 //! surfaces, and is not stored twice.
 
-use super::baked::{BakedScene, PointSurface};
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
+use super::scene_data::{PointSurface, SceneData};
 use super::section_io::{broken, items, section};
 use super::sections::kind;
 use super::violation::Check;
@@ -159,7 +159,7 @@ pub(super) fn read(
     }))
 }
 
-impl BakedScene {
+impl SceneData {
     /// The passes stay within the arrays, every division is by something, and every point gets a
     /// value: the nodes are a tree whose leaves share no point, lists lie behind one another and
     /// name nodes that are as far away as expansions need, leaves where points are asked for.

@@ -1,6 +1,6 @@
 //! Facts about a bake: inputs, error and sizes. All are equal for equal input on any machine.
 
-use super::baked::BakedScene;
+use super::scene_data::SceneData;
 use crate::transport::Link;
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,7 @@ pub struct TierInfo {
 impl TierInfo {
     /// The tiers of a scene, their errors not measured yet.
     #[must_use]
-    pub fn all_of(scene: &BakedScene) -> Vec<Self> {
+    pub fn all_of(scene: &SceneData) -> Vec<Self> {
         let sizes = scene.tier_sizes().into_iter();
         sizes
             .map(|(rows, links)| Self {

@@ -2,11 +2,11 @@
 //! at run time. In memory, in the file, and validation. Four sections that are present together or
 //! not at all.
 
-use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
+use super::scene_data::SceneData;
 use super::section_io::{broken, counts, items, section, starts};
 use super::validate::{BRIGHTEST, TOLERANCE};
 use super::violation::Check;
@@ -163,7 +163,7 @@ pub(super) fn read(
     }))
 }
 
-impl BakedScene {
+impl SceneData {
     /// Every look-up of a frame stays within the arrays, and no sender reflects more than it gets.
     pub(super) fn check_materials(&self, check: &mut Check) {
         let Some(live) = &self.materials else { return };

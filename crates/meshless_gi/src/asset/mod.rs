@@ -3,7 +3,7 @@
 //! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are each other's inverse;
 //! [`BakedScene::read`] and [`BakedScene::write`] are the same for files. No bytes, however
 //! hostile, make reading panic or take more memory than [`Limits`] says, and what comes out has
-//! passed [`BakedScene::validate`].
+//! passed [`SceneData::validate`].
 
 mod baked;
 mod codec;
@@ -17,6 +17,7 @@ mod layouts;
 mod materials;
 mod occluders;
 mod probes;
+mod scene_data;
 mod section_io;
 mod sections;
 mod sky;
@@ -26,7 +27,7 @@ mod validate_columns;
 mod violation;
 mod visibility;
 
-pub use baked::{BakedScene, FlatBasis, LightSamples, PointSurface, SceneData};
+pub use baked::BakedScene;
 pub use container::{VERSION as FORMAT_VERSION, is_container};
 pub use error::{AssetError, Limits};
 pub use file::{check_writable, write_file};
@@ -35,6 +36,7 @@ pub use info::{BakeInfo, EnergyInfo, TierInfo};
 pub use materials::{DynamicMaterials, MaterialCoverage};
 pub use occluders::Occluders;
 pub use probes::Probes;
+pub use scene_data::{FlatBasis, LightSamples, PointSurface, SceneData};
 pub use sky::SkyVisibility;
 pub use stats::BakedStats;
 pub use violation::Violation;

@@ -2,12 +2,12 @@
 //! validation. Five sections that are present together or not at all (the one of the probes if
 //! there are probes). The occluders' triangles are the last of the BVH.
 
-use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::probes::LARGEST;
+use super::scene_data::SceneData;
 use super::section_io::{broken, items, section};
 use super::sections::kind;
 use super::validate::{LARGEST_ROW_SUM, TOLERANCE};
@@ -132,7 +132,7 @@ pub(super) fn read(
     }))
 }
 
-impl BakedScene {
+impl SceneData {
     /// Every look-up of the kernel `occlude` stays within the arrays, and no gains make more light
     /// than there is.
     pub(super) fn check_occluders(&self, check: &mut Check) {

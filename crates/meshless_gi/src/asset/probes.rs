@@ -2,11 +2,11 @@
 //! file, and whether a frame can run on them. Five sections that are there together or not at all;
 //! where rows start and the grid follow from the rest, and are not stored.
 
-use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::{AssetError, Limits};
 use super::layouts::{COUNT, LINK, PLANE, ROW};
+use super::scene_data::SceneData;
 use super::section_io::{broken, items, limit, rebuild_grid, section};
 use super::sections::kind;
 use super::validate::{LARGEST_LINK, TOLERANCE};
@@ -128,7 +128,7 @@ pub(super) fn read(
     }))
 }
 
-impl BakedScene {
+impl SceneData {
     /// Every look-up of the kernel `probe` stays within the arrays, and what it reads is finite.
     pub(super) fn check_probes(&self, check: &mut Check) {
         let Some(probes) = &self.probes else { return };

@@ -5,7 +5,6 @@
 //! rows start (their lengths are stored), the fields that are not used, and the display's grid,
 //! where building it again gives the same one.
 
-use super::baked::{BakedScene, FlatBasis, LightSamples, PointSurface, SceneData};
 use super::codec::Layout;
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
@@ -15,6 +14,7 @@ use super::layouts::{
     BOUNCE, COLOR, COLUMN, COUNT, INDEX, LINK, NODE, PLACE, PLANE, POINT, ROW, SLOT, SURFACE,
     TRIANGLE, VALUE, WEIGHT,
 };
+use super::scene_data::{FlatBasis, LightSamples, PointSurface, SceneData};
 use super::section_io::{broken, counts, items, limit, rebuild_grid, section, starts};
 use super::{materials, occluders, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights};
@@ -173,7 +173,7 @@ const ILLUMINATION: &Kind = &KINDS[ILLUMINATED];
 /// Words of the section "shape".
 const SHAPE_WORDS: usize = 8;
 
-impl BakedScene {
+impl SceneData {
     /// The scene as a `.mgi` file. The same scene gives the same bytes.
     ///
     /// # Errors
@@ -316,7 +316,7 @@ impl BakedScene {
         let mut triangles: Vec<BvhTriangle> = items(&file, TRIANGLES, TRIANGLE)?;
         let kinds = &KINDS[FIRST_OCCLUDER..];
         let occluders = occluders::read(&file, &mut triangles, kinds)?;
-        let scene = Self::from(SceneData {
+        let scene = Self {
             points,
             surfaces,
             level_starts: items(&file, LEVELS, INDEX)?,
@@ -354,7 +354,7 @@ impl BakedScene {
             },
             occluders,
             info: info(&file)?,
-        });
+        };
         scene.validate().map_err(AssetError::Invalid)?;
         Ok(scene)
     }

@@ -2,10 +2,10 @@
 //! Links to the eight terms ([`SkyRadiance`]) are among the operator's. The senders' direct light
 //! from the terms is here.
 
-use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
+use super::scene_data::SceneData;
 use super::section_io::{items, section};
 use super::violation::Check;
 use crate::scene::SkyRadiance;
@@ -58,7 +58,7 @@ pub(super) fn read(
     }))
 }
 
-impl BakedScene {
+impl SceneData {
     /// Numbers of the sky's terms that links may name behind the sky's own.
     pub(super) fn sky_terms(&self) -> usize {
         match self.sky {

@@ -1,9 +1,9 @@
 //! Counts of a valid baked scene, as `inspect` and `validate` show them.
 
-use super::baked::BakedScene;
 use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
 use super::probes::Probes;
+use super::scene_data::SceneData;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
 use crate::transport::fmm::FmmOperator;
@@ -78,7 +78,7 @@ pub struct BakedStats {
     pub memory: u64,
 }
 
-impl BakedScene {
+impl SceneData {
     pub(super) fn stats(&self, bvh_depth: u64) -> BakedStats {
         let rows = &self.operator.rows;
         let grid = &self.display.grid;

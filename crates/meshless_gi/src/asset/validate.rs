@@ -1,7 +1,7 @@
 //! Validation of a baked scene: every index and number is in range, and every traversal is finite.
 //! Nothing is used before it has passed (design D10).
 
-use super::baked::{BakedScene, LightSamples};
+use super::scene_data::{LightSamples, SceneData};
 use super::stats::BakedStats;
 use super::violation::{Check, Violation};
 use crate::basis::Weights;
@@ -20,7 +20,7 @@ pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
 pub(super) const LARGEST_LINK: f32 = 16.0;
 
-impl BakedScene {
+impl SceneData {
     /// Checks everything that a frame relies on. A scene that passes can be used without a further
     /// test.
     ///

@@ -1,13 +1,13 @@
 //! Validation of an operator of components: its columns, and rows in them. Part of
 //! [`validate`](super::validate) (design D10).
 
-use super::baked::BakedScene;
+use super::scene_data::SceneData;
 use super::validate::{LARGEST_ROW_SUM, TOLERANCE};
 use super::violation::Check;
 use crate::transport::pca::Compression;
 use crate::transport::{Link, SenderForm};
 
-impl BakedScene {
+impl SceneData {
     /// Columns lie behind one another, as their values do, so that no value is read twice; those of
     /// a cluster share its senders, no sender is in two clusters, and the last column is the sky
     /// alone.

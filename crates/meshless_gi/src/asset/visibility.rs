@@ -2,11 +2,11 @@
 //! that are there together or not at all; where arrays of a cluster and a point start follows from
 //! how long those before are, and is not stored.
 
-use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
+use super::scene_data::SceneData;
 use super::section_io::{broken, items, section};
 use super::sections::kind;
 use super::violation::Check;
@@ -120,7 +120,7 @@ pub(super) fn read(
     Ok(Some(out))
 }
 
-impl BakedScene {
+impl SceneData {
     /// Every look-up of the kernel `soft_shadow` stays within the arrays, and what it reads is
     /// finite.
     pub(super) fn check_visibility(&self, check: &mut Check) {

@@ -8,7 +8,7 @@ use super::{
     BAKE_VERSION, BakeError, BakeStats, SkyModel, canonical_recipe, materials, occluders, sky,
 };
 use crate::asset::{
-    BakeInfo, BakedScene, EnergyInfo, FlatBasis, PointSurface, SceneData, SkyVisibility, TierInfo,
+    BakeInfo, EnergyInfo, FlatBasis, PointSurface, SceneData, SkyVisibility, TierInfo,
 };
 use crate::transport::pca::Compression;
 use crate::transport::{RawRow, assign_tiers, pack};
@@ -17,7 +17,7 @@ use glam::Vec3;
 /// Result of the stage: a scene with one bounce of light, and data that later stages measure it
 /// with.
 pub(super) struct Assembled {
-    pub scene: BakedScene,
+    pub scene: SceneData,
     /// Rows of all points in full precision.
     pub rows: Vec<RawRow>,
     /// For each point, the part of its hemisphere that has no sender.
@@ -89,7 +89,7 @@ pub(super) fn assemble(
     let (probes, probe_terms) = probes.map_or((None, Vec::new()), |baked| {
         (Some(baked.probes), baked.occluded)
     });
-    let mut scene = BakedScene::from(SceneData {
+    let mut scene = SceneData {
         surfaces,
         sender_levels: settings.sender_levels,
         light_samples: points.light_samples,
@@ -118,7 +118,7 @@ pub(super) fn assemble(
         bvh: source.bvh.clone(),
         info: bake_info(context, survey, stats),
         level_starts: hierarchy.level_starts,
-    });
+    };
     scene.info.tiers = TierInfo::all_of(&scene);
     let coarsest = &hierarchy.surfaces[scene.level(0)];
     Ok(Assembled {

@@ -3,7 +3,7 @@
 use super::assembly::Assembled;
 use super::context::BakeContext;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats, BounceMode, energy};
-use crate::asset::{BakeInfo, BakedScene, SceneData};
+use crate::asset::{BakeInfo, SceneData};
 use crate::transport::{BounceScene, bounce_operator};
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ pub(super) fn bound_and_bounce(
     settings: &BakeSettings,
     assembled: Assembled,
     stats: &mut BakeStats,
-) -> Result<BakedScene, BakeError> {
+) -> Result<SceneData, BakeError> {
     let Assembled {
         mut scene,
         rows,
@@ -47,14 +47,13 @@ pub(super) fn bound_and_bounce(
     if context.progress.is_canceled() {
         return Err(BakeError::Canceled);
     }
-    let data = scene.into_data();
     let info = BakeInfo {
         energy,
-        ..data.info
+        ..scene.info
     };
-    Ok(BakedScene::from(SceneData {
+    Ok(SceneData {
         bounces,
         info,
-        ..data
-    }))
+        ..scene
+    })
 }

@@ -24,7 +24,7 @@
 //! and points.
 
 use super::energy_components as components;
-use crate::asset::{BakedScene, EnergyInfo, PointSurface};
+use crate::asset::{EnergyInfo, PointSurface, SceneData};
 use crate::frame::{CpuFrame, FrameSettings};
 use crate::transport::SenderForm;
 use crate::transport::pca::Compression;
@@ -48,7 +48,7 @@ const ROUNDING: f64 = 0.01;
 
 /// Rescales rows and reduces albedos, and returns the measured energy. `missed` has, for each
 /// point, the part of its gathered light that hit a surface without a sender.
-pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
+pub(super) fn enforce_energy_bound(scene: &mut SceneData, missed: &[f32]) -> EnergyInfo {
     renormalize_rows(scene, missed);
     if let Some(compression) = scene.operator.compression.take() {
         let energy = conserve_components(scene, &compression, missed);
@@ -66,7 +66,7 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
         all_sums.push(sums);
         reciprocity = residual;
     }
-    let mut gains = |scene: &BakedScene| -> (f64, f64) {
+    let mut gains = |scene: &SceneData| -> (f64, f64) {
         let (mut gain, mut found) = (0.0f64, 0.0);
         for (&tier, sums) in tiers.iter().zip(&all_sums) {
             senders.tier = tier;
@@ -117,12 +117,12 @@ pub(super) fn enforce_energy_bound(scene: &mut BakedScene, missed: &[f32]) -> En
 
 /// Energy bound of an operator of components, see [`energy_components`](super::energy_components).
 fn conserve_components(
-    scene: &mut BakedScene,
+    scene: &mut SceneData,
     compression: &Compression,
     missed: &[f32],
 ) -> EnergyInfo {
     let tiers = scene.operator.tiers();
-    let gain = |scene: &BakedScene| {
+    let gain = |scene: &SceneData| {
         let all = (1..=tiers).map(|tier| components::gain(scene, compression, tier));
         all.fold(0.0, f64::max)
     };
@@ -164,14 +164,13 @@ pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
 }
 
 /// Rescales rows of averages so that they sum to the gathered part.
-fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
+fn renormalize_rows(scene: &mut SceneData, missed: &[f32]) {
     if !scene.operator.form.rows_stand_alone() {
         return;
     }
     let compression = scene.operator.compression.as_ref();
     let even = compression.map(|c| components::even_sums(scene, c));
     let max = scene.operator.coefficients(scene.senders());
-    let scene = &mut **scene;
     let operator = &mut scene.operator;
     let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
     for (i, ((row, point), &missed)) in rows.enumerate() {
@@ -192,20 +191,20 @@ fn renormalize_rows(scene: &mut BakedScene, missed: &[f32]) {
 }
 
 /// Largest and root-mean-square deviation from one of the rows of a white room under a white sky.
-fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
+fn deviation(scene: &mut SceneData, missed: &[f32]) -> (f64, f64) {
     let white = PointSurface {
         emission: [1.0; 3],
         ..PointSurface::default()
     };
     let white = vec![white; scene.surfaces.len()];
     let surfaces = std::mem::replace(&mut scene.surfaces, white);
-    let mut frame = CpuFrame::new(scene);
+    let mut frame = CpuFrame::from_data(scene);
     let settings = FrameSettings {
         sky: Vec3::splat(FRAC_1_PI).into(),
         baked_bounces: false,
         ..FrameSettings::bounces(1)
     };
-    frame.solve(scene, &settings);
+    frame.solve_data(scene, &settings);
     scene.surfaces = surfaces;
     let (mut largest, mut squares, mut count) = (0.0f64, 0.0, 0u64);
     let rows = scene.operator.rows.iter().zip(&scene.points);
@@ -242,7 +241,7 @@ struct Senders {
 }
 
 impl Senders {
-    fn new(scene: &BakedScene) -> Self {
+    fn new(scene: &SceneData) -> Self {
         let count = scene.senders();
         let finest = scene.finest_senders().start;
         let own = (0..count)
@@ -277,7 +276,7 @@ impl Senders {
     /// the sky. Operators of averages only.
     fn links(
         &self,
-        scene: &BakedScene,
+        scene: &SceneData,
         j: usize,
         n: Vec3,
         weight: f64,
@@ -304,7 +303,7 @@ impl Senders {
 
     /// Row `j` of a whole step in the form of differences, over the senders that `pull` does not
     /// fill: apply, flatten, push and pull in reverse.
-    fn resolve_row(&self, scene: &BakedScene, j: usize, row: &mut [f64]) {
+    fn resolve_row(&self, scene: &SceneData, j: usize, row: &mut [f64]) {
         row.fill(0.0);
         let n = scene.points[j].n();
         let mut add = |i: usize, weight: f64| {
@@ -341,7 +340,7 @@ impl Senders {
 
     /// Σ_k |F_jk·n_j| of every sender, and the reciprocity residual. In the form of differences the
     /// sum has only the senders that `pull` does not fill.
-    fn sums(&self, scene: &BakedScene) -> (Vec<f64>, f64) {
+    fn sums(&self, scene: &SceneData) -> (Vec<f64>, f64) {
         let coarsest = scene.level(0).len().min(self.count);
         let stride = coarsest.div_ceil(ROOTS).max(1);
         let chosen = coarsest.div_ceil(stride);
@@ -406,7 +405,7 @@ impl Senders {
     }
 
     /// Proved bound on the gain of a bounce, and an estimate of the gain.
-    fn gain(&self, scene: &BakedScene, sums: &[f64]) -> (f64, f64) {
+    fn gain(&self, scene: &SceneData, sums: &[f64]) -> (f64, f64) {
         let albedo = |j: usize| scene.surfaces[j].albedo.map(f64::from);
         let owners = (0..self.count).filter(|&j| self.own[j]);
         let mut bound = owners

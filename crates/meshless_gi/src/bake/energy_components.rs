@@ -13,7 +13,7 @@
 //! **Reciprocity** is measured for pairs of clusters: even light of each one on the senders of the
 //! other.
 
-use crate::asset::{BakedScene, PointSurface};
+use crate::asset::{PointSurface, SceneData};
 use crate::frame::{VectorIrradiance, apply, compress};
 use crate::transport::pca::Compression;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use rayon::prelude::*;
 const STEPS: usize = 24;
 
 /// Normal component of every row under even light, including the sky, as the rows are packed.
-pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f64> {
+pub(super) fn even_sums(scene: &SceneData, compression: &Compression) -> Vec<f64> {
     let ones = compression.of_ones();
     let operator = &scene.operator;
     (operator.rows.par_iter().zip(&scene.points))
@@ -38,7 +38,7 @@ pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f6
 
 /// Largest eigenvalue of a bounce in a frame of this tier, estimated by power iteration. The
 /// largest color channel counts.
-pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> f64 {
+pub(super) fn gain(scene: &SceneData, compression: &Compression, tier: u32) -> f64 {
     let senders = scene.senders();
     let mut own = vec![false; senders];
     let sky = senders as u32;
@@ -112,7 +112,7 @@ pub(super) fn lower(surfaces: &mut [PointSurface], factor: f64) -> u64 {
 }
 
 /// Reciprocity residual between clusters, relative to the exchanged light.
-pub(super) fn reciprocity(scene: &BakedScene, compression: &Compression) -> f64 {
+pub(super) fn reciprocity(scene: &SceneData, compression: &Compression) -> f64 {
     let ones = compression.of_ones();
     let sky = compression.columns.len() - 1;
     // Cluster of each column and of each sender.

@@ -11,7 +11,7 @@
 use super::energy::{GUARDED_FROM, MAX_GAIN};
 use super::energy_components::lower;
 use super::fmm::unit_response;
-use crate::asset::{BakedScene, EnergyInfo};
+use crate::asset::{EnergyInfo, SceneData};
 use crate::transport::fmm::passes::{Field, along};
 use crate::transport::fmm::{FmmOperator, Passes};
 use glam::Vec3;
@@ -25,7 +25,7 @@ const RUNS: usize = 12;
 /// `unlit` is the part of each point's hemisphere with unlit back sides, `areas` the area of each
 /// sender.
 pub(super) fn enforce_energy_bound(
-    scene: &mut BakedScene,
+    scene: &mut SceneData,
     unlit: &[f32],
     areas: &[f32],
 ) -> EnergyInfo {
@@ -67,7 +67,7 @@ pub(super) fn enforce_energy_bound(
 
 /// Irradiance at the senders along their normals, clamped to zero.
 fn arriving_sums(
-    scene: &BakedScene,
+    scene: &SceneData,
     octree: &FmmOperator,
     passes: &mut Passes<'_, f32>,
     light: &[[f32; 4]],
@@ -86,7 +86,7 @@ fn arriving_sums(
 }
 
 /// Largest eigenvalue of a bounce, estimated by power iteration. The largest color channel counts.
-fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
+fn gain(scene: &SceneData, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
     let finest = scene.finest_senders();
     let mut light = vec![[0.0f32; 4]; scene.senders()];
     light[finest.clone()].fill([1.0, 1.0, 1.0, 0.0]);
@@ -120,7 +120,7 @@ fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) 
 
 /// Reciprocity residual between groups of senders, relative to the exchanged light.
 fn reciprocity(
-    scene: &BakedScene,
+    scene: &SceneData,
     octree: &FmmOperator,
     passes: &mut Passes<'_, f32>,
     areas: &[f32],
@@ -157,7 +157,7 @@ fn reciprocity(
 
 /// Largest and root-mean-square deviation of the senders' irradiance from one, under even light and
 /// an even sky.
-fn deviation(scene: &BakedScene, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
+fn deviation(scene: &SceneData, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
     let (mut largest, mut squares) = (0.0f64, 0.0);
     let even = unit_response(octree, scene);
     for (i, (e, point)) in even.iter().zip(&scene.points).enumerate() {

@@ -67,8 +67,8 @@ impl Effort {
     /// positions and the same number of paths: the noise of the reference enters with its fourth
     /// power where it exceeds the error.
     fn from_scene(scene: &BakedScene) -> Self {
-        let rays_per_path = (RAYS_PER_BOUNCE * u64::from(scene.info.bounces)) as f64;
-        let paths = SHARE * scene.info.rays as f64 / rays_per_path;
+        let rays_per_path = (RAYS_PER_BOUNCE * u64::from(scene.info().bounces)) as f64;
+        let paths = SHARE * scene.info().rays as f64 / rays_per_path;
         let (triples, positions) = if paths >= f64::from(8 * 96 * MIN_PATHS) {
             (8, 96)
         } else {
@@ -134,7 +134,7 @@ fn light_errors(
 ) -> Option<(Vec<Vec<LightError>>, u64)> {
     // Differs from the seeds of the points and training lights of the bake.
     let seed = seed ^ 0x65_73_74_69_6d;
-    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let traced = trace_particles(geometry, &viewpoints, 0..PARTICLES, seed, false);
     let mut candidates = traced.candidates;
     let mut random = Random::new(seed, 0, 0);
@@ -144,7 +144,7 @@ fn light_errors(
     // Morton order: equal steps spread over the surface.
     let bounds = geometry.bounds();
     candidates.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
-    let radii = scene.points.iter().map(|p| p.radius);
+    let radii = scene.data().points.iter().map(|p| p.radius);
     let mut estimator = TripleEstimator {
         scene,
         geometry,
@@ -153,7 +153,7 @@ fn light_errors(
         frame: CpuFrame::new(scene),
         reach: 2.0 * radii.fold(f32::INFINITY, f32::min),
     };
-    let mut all: Vec<Vec<LightError>> = vec![Vec::new(); scene.tiers() as usize];
+    let mut all: Vec<Vec<LightError>> = vec![Vec::new(); scene.data().tiers() as usize];
     for (k, three) in sources.chunks_exact(COLORS).enumerate() {
         if !progress.set(BakeStage::ErrorEstimate, k as f32 / effort.triples as f32) {
             return None;
@@ -203,7 +203,7 @@ impl TripleEstimator<'_> {
         pool: &[Candidate],
         random: &mut Random,
     ) -> (Vec<Vec<LightError>>, u64) {
-        let tiers = self.scene.tiers();
+        let tiers = self.scene.data().tiers();
         let slots: Vec<FrameLight> = sources
             .iter()
             .flat_map(|l| FrameLight::expand(l, 1))
@@ -262,7 +262,7 @@ impl TripleEstimator<'_> {
         let settings = FrameSettings {
             emission: 0.0,
             tier,
-            ..FrameSettings::bounces(self.scene.info.bounces)
+            ..FrameSettings::bounces(self.scene.info().bounces)
         };
         self.frame.solve(self.scene, &settings);
         let at = |c: &Candidate| {
@@ -338,7 +338,7 @@ impl TripleEstimator<'_> {
         let lit = NonEmissive {
             geometry: self.geometry,
         };
-        let bounces = self.scene.info.bounces;
+        let bounces = self.scene.info().bounces;
         let noise = |i: usize| (whole[i].length_squared() / scores[i]).sqrt();
         let usual = drawn.iter().map(|&i| noise(i)).sum::<f64>() / drawn.len().max(1) as f64;
         let found: Vec<(Halves, u64)> = drawn

@@ -8,10 +8,11 @@ use std::time::Instant;
 /// Estimates the error of each tier.
 pub(super) fn estimate(
     context: &BakeContext<'_>,
-    scene: BakedScene,
+    scene: SceneData,
     stats: &mut BakeStats,
 ) -> Result<BakedScene, BakeError> {
     let began = Instant::now();
+    let scene = BakedScene::from(scene);
     let (geometry, seed) = (context.source.geometry, context.recipe.seed);
     let (estimates, rays) =
         estimate_errors(&scene, geometry, seed, context.progress).ok_or(BakeError::Canceled)?;

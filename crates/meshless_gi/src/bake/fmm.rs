@@ -14,7 +14,7 @@
 
 use super::context::BakeContext;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats, FmmRecipe, energy_fmm};
-use crate::asset::{BakedScene, TierInfo};
+use crate::asset::{SceneData, TierInfo};
 use crate::basis::{CellPart, Hierarchy, find_cells};
 use crate::scene::Geometry;
 use crate::transport::fmm::passes::{Field, along};
@@ -66,7 +66,7 @@ impl SenderCells {
 
     /// Points of the octree, and the sender of each: pieces of the emitting senders, then the
     /// points of all senders.
-    fn points(&self, scene: &BakedScene) -> (Vec<FmmPoint>, Vec<u32>) {
+    fn points(&self, scene: &SceneData) -> (Vec<FmmPoint>, Vec<u32>) {
         let (mut points, mut of) = (Vec::new(), Vec::new());
         for (j, cell) in self.cells.iter().enumerate() {
             for part in cell {
@@ -101,9 +101,9 @@ pub(super) fn add_octree(
     context: &BakeContext<'_>,
     settings: &BakeSettings,
     cells: Option<SenderCells>,
-    scene: BakedScene,
+    scene: SceneData,
     stats: &mut BakeStats,
-) -> Result<BakedScene, BakeError> {
+) -> Result<SceneData, BakeError> {
     let (Some(cells), Some(recipe)) = (cells, settings.fmm()) else {
         return Ok(scene);
     };
@@ -143,7 +143,7 @@ pub(super) fn add_octree(
 }
 
 /// The scene with the sky visibility of `sky_rays`.
-fn with_sky(mut scene: BakedScene, sky_rays: &[(Vec3, f32)]) -> BakedScene {
+fn with_sky(mut scene: SceneData, sky_rays: &[(Vec3, f32)]) -> SceneData {
     for (surface, (sky, _)) in scene.surfaces.iter_mut().zip(sky_rays) {
         surface.sky = sky.to_array();
     }
@@ -159,7 +159,7 @@ impl SenderCells {
 }
 
 /// Sets the correction factor of every receiver.
-fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
+fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &SceneData, unlit: &[f32]) {
     let unit = unit_response(operator, scene);
     for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
         let i = point.point as usize;
@@ -174,7 +174,7 @@ fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &BakedScene, unli
 }
 
 /// Irradiance of the senders along their normals for radiosity one.
-pub(super) fn unit_response(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
+pub(super) fn unit_response(operator: &FmmOperator, scene: &SceneData) -> Vec<f32> {
     let radiosity = vec![[1.0f32; 4]; scene.senders()];
     let mut passes = Passes::new(Field::from_operator(operator));
     passes.run(&radiosity);

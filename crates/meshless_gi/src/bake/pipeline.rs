@@ -29,12 +29,13 @@ pub(super) fn bake_to_target(
     };
     let began = Instant::now();
     let mut best: Option<Baked> = None;
-    let error = |baked: &Baked| baked.scene.info.estimated_nrmse;
+    let error = |baked: &Baked| baked.scene.data().info.estimated_nrmse;
     for quality in QualityParameters::refinement_steps(target) {
         let baked = bake_once(&context, &quality)?;
         let met = error(&baked) <= target;
         // A recipe that fixes every parameter of the quality levels repeats the same bake.
-        let repeats = best.as_ref().map(|b| &b.scene.info.recipe) == Some(&baked.scene.info.recipe);
+        let repeats = best.as_ref().map(|b| &b.scene.data().info.recipe)
+            == Some(&baked.scene.data().info.recipe);
         if best.as_ref().is_none_or(|best| error(&baked) < error(best)) {
             best = Some(baked);
         }

@@ -1,7 +1,7 @@
 //! The rays of a bake without anything else: a lower bound of its time.
 
 use super::BakeSettings;
-use crate::asset::BakedScene;
+use crate::asset::SceneData;
 use crate::scene::Geometry;
 use crate::transport::trace_gather_rays;
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 #[must_use]
 pub fn cast_gather_rays(
     geometry: &dyn Geometry,
-    scene: &BakedScene,
+    scene: &SceneData,
     settings: &BakeSettings,
 ) -> u64 {
     let rows = &scene.operator.rows;

@@ -3,7 +3,7 @@
 use super::context::BakeContext;
 use super::recipe::{RecipeError, in_range};
 use super::{BakeError, BakeSettings, BakeStage, BakeStats};
-use crate::asset::{BakedScene, SceneData};
+use crate::asset::SceneData;
 use crate::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
 };
@@ -77,9 +77,9 @@ impl VisibilityRecipe {
 pub(super) fn add_visibility(
     context: &BakeContext<'_>,
     settings: &BakeSettings,
-    scene: BakedScene,
+    scene: SceneData,
     stats: &mut BakeStats,
-) -> Result<BakedScene, BakeError> {
+) -> Result<SceneData, BakeError> {
     let Some(soft) = &settings.soft_shadows else {
         return Ok(scene);
     };
@@ -107,8 +107,8 @@ pub(super) fn add_visibility(
         let note = "soft shadows: visibility is baked with all occluders open; direct light of soft lights passes closed occluders";
         stats.warnings.push(note.into());
     }
-    Ok(BakedScene::from(SceneData {
+    Ok(SceneData {
         visibility: Some(visibility),
-        ..scene.into_data()
-    }))
+        ..scene
+    })
 }

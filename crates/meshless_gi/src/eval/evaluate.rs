@@ -112,7 +112,7 @@ impl<'a> Evaluator<'a> {
             .sum();
         let (frame, used) = solve(scene, &expand(PATCHES), &settings(sky, 1, tier), bounces);
         let mut solved = Solved::from_frame(&frame);
-        let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
+        let emits = scene.data().surfaces.iter().any(|s| s.emission != [0.0; 3]);
         if emits {
             let once_more = match bounces {
                 Bounces::Count(count) => Bounces::Count(count.max(1).saturating_add(1)),
@@ -122,7 +122,7 @@ impl<'a> Evaluator<'a> {
         }
         if emits || !sky.is_black() {
             let mut black = scene.clone();
-            for surface in &mut black.surfaces {
+            for surface in &mut black.data_mut().surfaces {
                 surface.albedo = [0.0; 3];
             }
             let mut unreflected = CpuFrame::new(&black);
@@ -146,7 +146,7 @@ impl<'a> Evaluator<'a> {
     /// [`EmissionIntegrator::irradiance`].
     #[must_use]
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
-        let scene = self.scene;
+        let scene = self.scene.data();
         let extent = project::extent(scene);
         let above = x + n * self.glow.surface_relief(x);
         let light_sources: Vec3 = self
@@ -177,7 +177,7 @@ impl<'a> Evaluator<'a> {
     /// reaches.
     #[must_use]
     pub fn probe_irradiance(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
-        let probes = self.scene.probes.as_ref()?;
+        let probes = self.scene.data().probes.as_ref()?;
         let light = probe::probe(probes, &self.solved.probes, x, n)?;
         Some(finite(light.irradiance(n)))
     }
@@ -212,9 +212,10 @@ pub(crate) fn solve(
 ) -> (CpuFrame, Option<u32>) {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, light_sources);
-    if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
+    let known = scene.info().bounces;
+    if scene.data().bounces.is_some() && bounces == Bounces::Count(known) {
         let baked = FrameSettings {
-            sweeps: scene.info.bounces.max(1) - 1,
+            sweeps: known.max(1) - 1,
             baked_bounces: true,
             ..*settings
         };

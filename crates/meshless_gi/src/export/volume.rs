@@ -89,7 +89,7 @@ impl ExportedVolume {
         lights: &[Light],
         export: &VolumeExport,
     ) -> Result<Self, ExportError> {
-        let shape = VoxelGrid::from_scene(scene, export.voxel, export.max_voxels)
+        let shape = VoxelGrid::from_scene(scene.data(), export.voxel, export.max_voxels)
             .ok_or(ExportError::NoFreeSpace)?;
         let sky: SkyRadiance = (lights.iter())
             .filter_map(|light| match light {
@@ -97,7 +97,7 @@ impl ExportedVolume {
                 _ => None,
             })
             .sum();
-        if scene.sky.is_none() && !sky.is_uniform() {
+        if scene.data().sky.is_none() && !sky.is_uniform() {
             return Err(ExportError::UniformSky);
         }
         let slots = lights.iter().flat_map(|l| FrameLight::expand(l, PATCHES));
@@ -107,7 +107,9 @@ impl ExportedVolume {
             emission: export.emission,
             ..FrameSettings::default()
         };
-        let bounces = export.bounces.unwrap_or(Bounces::Count(scene.info.bounces));
+        let bounces = export
+            .bounces
+            .unwrap_or(Bounces::Count(scene.info().bounces));
         let (frame, _) = solve(scene, &slots, &settings, bounces);
         let mut params = VolumeParams::new(&shape, &Mat4::IDENTITY);
         params.scale *= SMALL;
@@ -115,7 +117,11 @@ impl ExportedVolume {
             points: frame.vector_irradiance(),
             probes: frame.probes(),
         };
-        let texels = volume_texels(&params, &VoxelWeights::from_scene(shape, scene), values);
+        let texels = volume_texels(
+            &params,
+            &VoxelWeights::from_scene(shape, scene.data()),
+            values,
+        );
         let peak = texels
             .iter()
             .flat_map(|t| &t[..3])

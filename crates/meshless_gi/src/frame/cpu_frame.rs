@@ -8,8 +8,7 @@ use super::{
     FrameLight, FrameSettings, SceneDimensions, SolveSchedule, VectorIrradiance, bounce, project,
     pull, radiosity,
 };
-use crate::asset::BakedScene;
-use crate::asset::PointSurface;
+use crate::asset::{BakedScene, PointSurface, SceneData};
 use crate::scene::{Bvh, MaterialFactors};
 use crate::transport::Link;
 use transport::{Whom, octree};
@@ -78,6 +77,11 @@ impl CpuFrame {
     /// A frame without lights: everything is black.
     #[must_use]
     pub fn new(scene: &BakedScene) -> Self {
+        Self::from_data(scene.data())
+    }
+
+    /// As [`new`](Self::new), for a bake before its end.
+    pub(crate) fn from_data(scene: &SceneData) -> Self {
         let (points, senders) = (
             scene.points.len(),
             SceneDimensions::new(scene).coefficients(),
@@ -99,6 +103,7 @@ impl CpuFrame {
     /// Sets the lights, slot by slot, in the bake's local space, and projects the slots whose
     /// geometry is not what they were last projected for. Returns how many those were.
     pub fn set_lights(&mut self, scene: &BakedScene, lights: &[FrameLight]) -> usize {
+        let scene = scene.data();
         self.check(scene);
         if self.lights != lights {
             self.solved = None;
@@ -137,6 +142,7 @@ impl CpuFrame {
     /// bake of dynamic materials has any. Returns whether the senders' surfaces changed: the next
     /// [`solve`](Self::solve) then runs with them.
     pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
+        let scene = scene.data();
         self.check(scene);
         let Some(live) = &scene.materials else {
             return false;
@@ -158,8 +164,9 @@ impl CpuFrame {
     /// occluders ignore it. Returns `true` if a value changed: the lights are projected again then,
     /// and the next [`solve`](Self::solve) runs.
     pub fn set_occluders(&mut self, scene: &BakedScene, gains: &[f32]) -> bool {
-        self.check(scene);
-        let Some(known) = &scene.occluders else {
+        let data = scene.data();
+        self.check(data);
+        let Some(known) = &data.occluders else {
             return false;
         };
         let gains = sanitize_transmittances(known, gains);
@@ -170,12 +177,12 @@ impl CpuFrame {
         if same {
             return false;
         }
-        let probe_links = scene.probes.as_ref().map_or(&[][..], |p| &p.links);
+        let probe_links = data.probes.as_ref().map_or(&[][..], |p| &p.links);
         let occluded = self.occluded.get_or_insert_with(|| Occluded {
             gains: Vec::new(),
-            links: scene.operator.links.clone(),
+            links: data.operator.links.clone(),
             probe_links: probe_links.to_vec(),
-            bvh: scene.bvh.clone(),
+            bvh: data.bvh.clone(),
             seen: Vec::new(),
         });
         let passing = occluder_set_transmittances(known, &gains);
@@ -183,7 +190,7 @@ impl CpuFrame {
         occlude(&known.probes, &passing, &mut occluded.probe_links);
         occluded.bvh.set_transmittances(&gains);
         occluded.gains = gains;
-        self.paint(scene);
+        self.paint(data);
         self.projected_for.fill(FrameLight::default());
         let lights = std::mem::take(&mut self.lights);
         self.set_lights(scene, &lights);
@@ -191,7 +198,7 @@ impl CpuFrame {
     }
 
     /// The senders' surfaces anew, for the materials and the occluders as they are.
-    fn paint(&mut self, scene: &BakedScene) {
+    fn paint(&mut self, scene: &SceneData) {
         let passing = match (&self.occluded, &scene.occluders) {
             (Some(now), Some(known)) => occluder_set_transmittances(known, &now.gains),
             _ => Vec::new(),
@@ -207,6 +214,11 @@ impl CpuFrame {
     /// Carries the light on to all points, unless lights and settings are those of the last solve.
     /// Returns whether anything ran.
     pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
+        self.solve_data(scene.data(), settings)
+    }
+
+    /// As [`solve`](Self::solve), for a bake before its end.
+    pub(crate) fn solve_data(&mut self, scene: &SceneData, settings: &FrameSettings) -> bool {
         self.check(scene);
         if self.solved == Some(*settings) {
             self.counters.skipped_solves += 1;
@@ -254,15 +266,15 @@ impl CpuFrame {
     }
 
     /// Starts anew where the scene has another size.
-    fn check(&mut self, scene: &BakedScene) {
+    fn check(&mut self, scene: &SceneData) {
         if self.made_for != size(scene) {
-            *self = Self::new(scene);
+            *self = Self::from_data(scene);
         }
     }
 }
 
 /// Sizes that determine the lengths of the arrays.
-fn size(scene: &BakedScene) -> [usize; 5] {
+fn size(scene: &SceneData) -> [usize; 5] {
     [
         scene.points.len(),
         scene.senders(),
@@ -272,12 +284,12 @@ fn size(scene: &BakedScene) -> [usize; 5] {
     ]
 }
 
-fn probe_rows(scene: &BakedScene) -> usize {
+fn probe_rows(scene: &SceneData) -> usize {
     scene.probes.as_ref().map_or(0, |p| p.rows.len())
 }
 
 /// The senders' surfaces: those of the frame, where it has any.
-fn surfaces<'a>(own: &'a [PointSurface], scene: &'a BakedScene) -> &'a [PointSurface] {
+fn surfaces<'a>(own: &'a [PointSurface], scene: &'a SceneData) -> &'a [PointSurface] {
     match own.is_empty() {
         true => &scene.surfaces,
         false => own,
@@ -288,7 +300,7 @@ fn surfaces<'a>(own: &'a [PointSurface], scene: &'a BakedScene) -> &'a [PointSur
 fn sender_inputs<'a>(
     own: &'a [PointSurface],
     occluded: &'a Option<Occluded>,
-    scene: &'a BakedScene,
+    scene: &'a SceneData,
 ) -> SenderInputs<'a> {
     SenderInputs {
         points: &scene.points,
@@ -301,11 +313,11 @@ fn sender_inputs<'a>(
 }
 
 /// The BVH: that of the frame, where it has one.
-fn bvh<'a>(occluded: &'a Option<Occluded>, scene: &'a BakedScene) -> &'a Bvh {
+fn bvh<'a>(occluded: &'a Option<Occluded>, scene: &'a SceneData) -> &'a Bvh {
     occluded.as_ref().map_or(&scene.bvh, |o| &o.bvh)
 }
 
 /// Columns of an operator of components, the sky's among them.
-fn columns(scene: &BakedScene) -> usize {
+fn columns(scene: &SceneData) -> usize {
     (scene.operator.compression.as_ref()).map_or(0, |c| c.columns.len())
 }

@@ -6,7 +6,7 @@
 
 use super::light::BRIGHTEST;
 use super::occlude::occlude_sky;
-use crate::asset::{BakedScene, DynamicMaterials, PointSurface};
+use crate::asset::{DynamicMaterials, PointSurface, SceneData};
 use crate::scene::{MaterialFactors, SkyRadiance};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -70,7 +70,7 @@ pub fn dynamic_surface(
 /// bake has no dynamic materials.
 #[must_use]
 pub fn dynamic_surfaces(
-    scene: &BakedScene,
+    scene: &SceneData,
     factors: &[MaterialFactors],
 ) -> Option<Vec<PointSurface>> {
     let live = scene.materials.as_ref()?;
@@ -88,7 +88,7 @@ pub fn dynamic_surfaces(
 /// is empty if the bake supports a uniform sky only.
 #[must_use]
 pub fn current_surfaces(
-    scene: &BakedScene,
+    scene: &SceneData,
     factors: &[MaterialFactors],
     passing: &[f32],
 ) -> (Vec<PointSurface>, Vec<[f32; SkyRadiance::TERMS]>) {

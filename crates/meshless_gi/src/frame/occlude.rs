@@ -6,7 +6,7 @@
 //! Sky irradiance is updated on the CPU, over a few thousand senders: direct sky irradiance of a
 //! sender is the sum of its own links to the sky.
 
-use crate::asset::{BakedScene, Occluders, PointSurface};
+use crate::asset::{Occluders, PointSurface, SceneData};
 use crate::scene::SkyRadiance;
 use crate::transport::{Link, Operator, PackedLinkTerm, link_of_parts};
 use glam::Vec3;
@@ -53,7 +53,7 @@ pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link])
 /// `surfaces`, one per sender and as baked. Changes `seen`, the visibility of the sky's further
 /// terms, if the bake has them.
 pub fn occlude_sky(
-    scene: &BakedScene,
+    scene: &SceneData,
     passing: &[f32],
     surfaces: &mut [PointSurface],
     seen: &mut [[f32; SkyRadiance::TERMS]],

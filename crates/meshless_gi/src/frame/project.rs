@@ -4,7 +4,7 @@
 //! The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
 
 use super::light::FrameLight;
-use crate::asset::BakedScene;
+use crate::asset::SceneData;
 use crate::samples::LightSample;
 use crate::scene::{Bvh, Ray};
 use glam::Vec3;
@@ -15,7 +15,7 @@ pub const FAR: f32 = 1e30;
 
 /// Largest edge of the box around the geometry, meters; 0 where there is none.
 #[must_use]
-pub fn extent(scene: &BakedScene) -> f32 {
+pub fn extent(scene: &SceneData) -> f32 {
     let [min, max] = scene.info.bounds.map(Vec3::from_array);
     let size = (max - min).max_element();
     if size.is_finite() { size.max(0.0) } else { 0.0 }
@@ -43,7 +43,7 @@ pub fn min_distance_squared(extent: f32) -> f32 {
 /// disks of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of
 /// that: a position stands for a square of edge 2σ / √positions.
 #[must_use]
-pub fn sample_spacing(scene: &BakedScene) -> f32 {
+pub fn sample_spacing(scene: &SceneData) -> f32 {
     const ASKED: usize = 256;
     let count = scene.light_samples.per_sender as usize;
     if count < 2 {
@@ -192,7 +192,7 @@ pub fn samples_for_light<'a>(
 #[must_use]
 #[inline]
 pub fn project_sender(
-    scene: &BakedScene,
+    scene: &SceneData,
     bvh: &Bvh,
     extent: f32,
     sample_spacing: f32,
@@ -218,7 +218,7 @@ pub fn project_sender(
 
 /// Fills `out`, one value a sender.
 pub fn project(
-    scene: &BakedScene,
+    scene: &SceneData,
     bvh: &Bvh,
     extent: f32,
     sample_spacing: f32,

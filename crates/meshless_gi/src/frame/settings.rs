@@ -5,7 +5,7 @@ use super::Channels;
 use super::layout::SolveParams;
 use super::light::BRIGHTEST;
 use super::project::{extent, sample_spacing};
-use crate::asset::BakedScene;
+use crate::asset::SceneData;
 use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;
 use glam::Vec3;
@@ -97,7 +97,7 @@ pub struct SceneDimensions {
 impl SceneDimensions {
     /// The shape of `scene`.
     #[must_use]
-    pub fn new(scene: &BakedScene) -> Self {
+    pub fn new(scene: &SceneData) -> Self {
         Self {
             level_starts: scene.level_starts.clone(),
             sender_levels: (scene.sender_levels as usize).min(scene.levels()),

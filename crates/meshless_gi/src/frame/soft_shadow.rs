@@ -25,7 +25,7 @@
 use super::flatten;
 use super::layout::{SolveParams, VectorIrradiance};
 use super::project::extent;
-use crate::asset::BakedScene;
+use crate::asset::SceneData;
 use crate::samples::{Point, tangents};
 use crate::scene::Geometry;
 use crate::transport::pca::{Visibility, VisibilityCluster, frame};
@@ -334,7 +334,7 @@ pub fn soft_shadow(
 /// Occluded irradiance at all points of `scene`, W/m², by its own visibility
 /// ([`occluded_irradiances_from`]). Zero for a bake without visibility.
 #[must_use]
-pub fn occluded_irradiances(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
+pub fn occluded_irradiances(scene: &SceneData, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
     match &scene.visibility {
         Some(visibility) => occluded_irradiances_from(scene, visibility, lights),
         None => vec![VectorIrradiance::default(); scene.points.len()],
@@ -345,7 +345,7 @@ pub fn occluded_irradiances(scene: &BakedScene, lights: &[SoftLight]) -> Vec<Vec
 /// [`soft_shadow`], and the parents' mean at finer points.
 #[must_use]
 pub fn occluded_irradiances_from(
-    scene: &BakedScene,
+    scene: &SceneData,
     visibility: &Visibility,
     lights: &[SoftLight],
 ) -> Vec<VectorIrradiance> {
@@ -358,7 +358,7 @@ pub fn occluded_irradiances_from(
 
 /// Fills points of the levels after the first `known` with the mean of their parents, coarse levels
 /// first. This is `flatten` with no row in use.
-pub fn fill_finer_levels(scene: &BakedScene, known: usize, values: &mut [VectorIrradiance]) {
+pub fn fill_finer_levels(scene: &SceneData, known: usize, values: &mut [VectorIrradiance]) {
     let none = SolveParams::default();
     for l in (0..scene.levels()).filter(|&l| scene.level(l).start >= known) {
         flatten::averages(

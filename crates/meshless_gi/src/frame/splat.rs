@@ -14,7 +14,7 @@
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::subsplat::{SubsplatNode, state};
-use crate::asset::{BakedScene, FlatBasis};
+use crate::asset::{FlatBasis, SceneData};
 use crate::basis::{NO_COVER, weight};
 use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -118,7 +118,7 @@ pub fn splat(
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,
-    scene: &BakedScene,
+    scene: &SceneData,
     values: &[VectorIrradiance],
     pixel: [u32; 2],
     depth: f32,
@@ -140,7 +140,7 @@ pub fn splat_pixel(
 /// it, in the axes of the world.
 pub fn splat_node(
     params: &SplatParams,
-    scene: &BakedScene,
+    scene: &SceneData,
     values: &[VectorIrradiance],
     pixel: [u32; 2],
     depth: f32,

@@ -19,7 +19,7 @@ use super::layout::{SplatParams, VectorIrradiance};
 use super::project::extent;
 use super::soft_shadow::{SoftLight, corners, lambert, unshadowed, window};
 use super::splat::{LARGEST_HALF, lit_pixel};
-use crate::asset::BakedScene;
+use crate::asset::SceneData;
 use crate::basis::{NO_COVER, weight};
 use crate::frame::brdf::{MIN_NDOTV, MIN_ROUGHNESS};
 use bytemuck::{Pod, Zeroable};
@@ -47,7 +47,7 @@ pub struct SubtractShadowParams {
 impl SubtractShadowParams {
     /// For so many lights in `scene`.
     #[must_use]
-    pub fn new(scene: &BakedScene, lights: usize) -> Self {
+    pub fn new(scene: &SceneData, lights: usize) -> Self {
         Self {
             lights: lights as u32,
             extent: extent(scene),
@@ -61,7 +61,7 @@ impl SubtractShadowParams {
 /// [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
 #[must_use]
 pub fn occluded_radiance(
-    scene: &BakedScene,
+    scene: &SceneData,
     occluded_irradiances: &[VectorIrradiance],
     x: Vec3,
     n: Vec3,
@@ -233,7 +233,7 @@ pub fn drawn(
 #[must_use]
 pub fn subtract_shadow_pixel(
     (params, view): (&SubtractShadowParams, &SplatParams),
-    scene: &BakedScene,
+    scene: &SceneData,
     occluded_irradiances: &[VectorIrradiance],
     (lights, tables): (&[SoftLight], Option<&LtcTables>),
     pixel: [u32; 2],

@@ -11,7 +11,7 @@ use super::layout::VectorIrradiance;
 use super::probe::ProbeIrradiance;
 use super::volume_distance::WallDistances;
 use super::volume_walls::{WallIndex, WallSamples};
-use crate::asset::{BakedScene, Probes};
+use crate::asset::{Probes, SceneData};
 use crate::basis::{NO_COVER, PROBE_OVERLAP, weight_in_space};
 use crate::transport::PROBE_ROWS;
 use glam::{UVec3, Vec3};
@@ -68,7 +68,7 @@ impl VoxelGrid {
     /// between its probes for `None` or what is no length, and into at most `max_voxels`. `None`
     /// for a bake without probe irradiance.
     #[must_use]
-    pub fn from_scene(scene: &BakedScene, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
+    pub fn from_scene(scene: &SceneData, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
         let probes = scene.probes.as_ref()?;
         let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
         let edge = voxel.filter(|e| e.is_finite() && *e > 0.0);
@@ -192,7 +192,7 @@ impl VoxelWeights {
 
     /// Creates the complete table for a grid.
     #[must_use]
-    pub fn from_scene(shape: VoxelGrid, scene: &BakedScene) -> Self {
+    pub fn from_scene(shape: VoxelGrid, scene: &SceneData) -> Self {
         let mut voxels = Self::new(shape);
         while !voxels.find(scene, u64::MAX) {}
         voxels
@@ -200,7 +200,7 @@ impl VoxelWeights {
 
     /// Processes up to about `max` functions of probes and surfaces, and returns `true` when the
     /// table is complete. All calls take the same `scene`. Deterministic for any number of threads.
-    pub fn find(&mut self, scene: &BakedScene, max: u64) -> bool {
+    pub fn find(&mut self, scene: &SceneData, max: u64) -> bool {
         let all = self.shape.voxels();
         let (points, display) = (&scene.points, &scene.display);
         let mut looks = match self.is_whole() {
@@ -302,7 +302,7 @@ struct Run {
 impl Run {
     fn find(
         shape: &VoxelGrid,
-        scene: &BakedScene,
+        scene: &SceneData,
         walls: &WallIndex,
         voxels: std::ops::Range<u32>,
     ) -> Self {

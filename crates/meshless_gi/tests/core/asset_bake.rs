@@ -66,9 +66,9 @@ fn small() -> Recipe {
 fn bake_of_one_version_has_recorded_hash() {
     let mut scene = baked(&small(), 2);
     // Facts about the bake are no part of it.
-    let tiers = TierInfo::all_of(&scene);
-    scene.info = BakeInfo::default();
-    scene.info.tiers = tiers;
+    let tiers = TierInfo::all_of(scene.data());
+    scene.data_mut().info = BakeInfo::default();
+    scene.data_mut().info.tiers = tiers;
     let digest = fingerprint(&[&scene.to_bytes().unwrap()]);
     assert_eq!(
         (BAKE_VERSION, digest.as_str()),
@@ -95,6 +95,7 @@ fn bake_file_round_trips() {
     ] {
         let scene = baked(&recipe, 2);
         let stats = scene
+            .data()
             .validate()
             .unwrap_or_else(|v| panic!("{:?}: {}", recipe.transport, v[0]));
         assert!(stats.links > 100 && stats.senders > 10, "{stats:?}");

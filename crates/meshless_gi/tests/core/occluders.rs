@@ -212,17 +212,17 @@ fn closed_door_blocks_all_light() {
     let with = baked(&open_rooms, &recipe(vec![door()]));
     let without = baked(&open_rooms, &recipe(Vec::new()));
     let closed = baked(&rooms(Opening::Panel), &recipe(Vec::new()));
-    let known = with.occluders.as_ref().expect("a door");
+    let known = with.data().occluders.as_ref().expect("a door");
     assert_eq!(known.names, ["door"]);
     assert_eq!(known.sets, [0, 1]);
     assert!(!known.probes.is_empty());
-    assert!(without.occluders.is_none());
+    assert!(without.data().occluders.is_none());
     // Half of a level does not look through the door.
-    let share = known.links.len() as f64 / with.operator.links.len() as f64;
+    let share = known.links.len() as f64 / with.data().operator.links.len() as f64;
     println!(
         "{} of {} links' parts, {share:.3}",
         known.links.len(),
-        with.operator.links.len()
+        with.data().operator.links.len()
     );
     assert!(share < 0.7, "{share}");
 
@@ -291,7 +291,7 @@ fn two_doors_in_sequence_block_independently() {
     let doors = vec![door_at("first", 3.0), door_at("second", 5.5)];
     let scene = baked(&mesh, &recipe(doors));
     // None, the first, the second, both.
-    let known = scene.occluders.as_ref().expect("two doors");
+    let known = scene.data().occluders.as_ref().expect("two doors");
     assert_eq!(known.sets, [0, 1, 2, 3]);
     let of = |gains: [f32; 2]| {
         let frame = lit(&scene, &gains);
@@ -350,7 +350,7 @@ fn frame_follows_door_transmittance_and_returns() {
     assert!(frame.set_occluders(&scene, &[1.0]));
     frame.solve(&scene, &settings);
     assert_eq!(frame.vector_irradiance(), open, "open again, to the bit");
-    assert_eq!(frame.links(&scene)[0], scene.operator.links);
+    assert_eq!(frame.links(&scene)[0], scene.data().operator.links);
     // A level without a door has none to shut.
     let bytes = scene.to_bytes().unwrap();
     assert_eq!(
@@ -392,7 +392,7 @@ fn open_box() -> (TriangleMesh, Recipe) {
 fn closed_door_blocks_sky() {
     let (mesh, recipe) = open_box();
     let scene = baked(&mesh, &recipe);
-    let known = scene.occluders.as_ref().unwrap();
+    let known = scene.data().occluders.as_ref().unwrap();
     // Who looks past the edge of one may still look through the other.
     assert!(known.sets.contains(&0b11), "{:?}", known.sets);
     let mut sky = SkyRadiance::from(Vec3::splat(2.0));
@@ -412,7 +412,7 @@ fn closed_door_blocks_sky() {
         frame.set_lights(&scene, &lights);
         frame.set_occluders(&scene, gains);
         frame.solve(&scene, &settings);
-        let all = frame.vector_irradiance().iter().zip(&scene.points);
+        let all = frame.vector_irradiance().iter().zip(&scene.data().points);
         let sum: f64 = all.map(|(e, p)| f64::from(e.dot(p.n()).x)).sum();
         // The second of a probe's three rows starts with what comes from all around.
         let around = frame.probes().chunks_exact(3).map(|e| f64::from(e[1].x[0]));
@@ -489,45 +489,50 @@ fn invalid_occluder_recipes_are_rejected() {
 #[test]
 fn damaged_occluder_bake_is_rejected() {
     let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
-    scene.validate().expect("a sound bake");
+    scene.data().validate().expect("a sound bake");
     type Damage = fn(&mut BakedScene);
     let damages: [(&str, Damage); 14] = [
-        ("occluder triangles", |s| s.occluders = None),
-        ("occluder triangles", |s| s.bvh.triangles[0].occluder = 1),
-        ("occluder triangles", |s| s.bvh.triangles[0].gain = 0.5),
+        ("occluder triangles", |s| s.data_mut().occluders = None),
         ("occluder triangles", |s| {
-            s.bvh.triangles.last_mut().unwrap().occluder = 2;
+            s.data_mut().bvh.triangles[0].occluder = 1
         }),
         ("occluder triangles", |s| {
-            s.bvh.triangles.last_mut().unwrap().gain = 7.0;
+            s.data_mut().bvh.triangles[0].gain = 0.5
+        }),
+        ("occluder triangles", |s| {
+            s.data_mut().bvh.triangles.last_mut().unwrap().occluder = 2;
+        }),
+        ("occluder triangles", |s| {
+            s.data_mut().bvh.triangles.last_mut().unwrap().gain = 7.0;
         }),
         ("occluder names", |s| {
-            s.occluders.as_mut().unwrap().names[0].clear()
+            s.data_mut().occluders.as_mut().unwrap().names[0].clear()
         }),
         ("occluder names", |s| {
-            let names = &mut s.occluders.as_mut().unwrap().names;
+            let names = &mut s.data_mut().occluders.as_mut().unwrap().names;
             *names = vec!["door".into(); 2];
         }),
         ("occluder sets", |s| {
-            s.occluders.as_mut().unwrap().sets[1] = 2
+            s.data_mut().occluders.as_mut().unwrap().sets[1] = 2
         }),
         ("occluder sets", |s| {
-            s.occluders.as_mut().unwrap().sets.reverse()
+            s.data_mut().occluders.as_mut().unwrap().sets.reverse()
         }),
         ("passages", |s| {
-            s.occluders.as_mut().unwrap().sets.truncate(1)
+            s.data_mut().occluders.as_mut().unwrap().sets.truncate(1)
         }),
         ("passages", |s| {
-            s.occluders.as_mut().unwrap().links[0].link = u32::MAX
+            s.data_mut().occluders.as_mut().unwrap().links[0].link = u32::MAX
         }),
         ("passages", |s| {
-            s.occluders.as_mut().unwrap().links[3].xy ^= 0x40
+            s.data_mut().occluders.as_mut().unwrap().links[3].xy ^= 0x40
         }),
         ("passages", |s| {
-            s.occluders.as_mut().unwrap().links.swap(0, 1)
+            s.data_mut().occluders.as_mut().unwrap().links.swap(0, 1)
         }),
         ("probe passages", |s| {
-            s.occluders
+            s.data_mut()
+                .occluders
                 .as_mut()
                 .unwrap()
                 .probes
@@ -537,7 +542,7 @@ fn damaged_occluder_bake_is_rejected() {
     for (location, damage) in damages {
         let mut broken = scene.clone();
         damage(&mut broken);
-        let found = broken.validate().expect_err(location);
+        let found = broken.data().validate().expect_err(location);
         assert!(
             found.iter().any(|v| v.location == location),
             "{location}: {found:?}"
@@ -546,7 +551,7 @@ fn damaged_occluder_bake_is_rejected() {
     }
     // Parts that cancel out when open would make light when one is shut.
     let mut bright = scene.clone();
-    let arrays = &mut *bright;
+    let arrays = bright.data_mut();
     let known = arrays.occluders.as_mut().unwrap();
     let row = (arrays.operator.rows.iter())
         .find(|r| r.count > 0 && known.links.iter().any(|p| p.link == r.start))
@@ -555,7 +560,7 @@ fn damaged_occluder_bake_is_rejected() {
         let at = known.links.partition_point(|p| p.link < row.start);
         let one = 0x3c00_3c00;
         known.links[at].xy = one;
-        assert!(bright.validate().is_err());
+        assert!(bright.data().validate().is_err());
     }
     // Every byte of the new sections counts.
     let bytes = scene.to_bytes().unwrap();

@@ -55,7 +55,7 @@ fn solve(scene: &BakedScene, lights: &[FrameLight], tier: u32) -> CpuFrame {
 
 /// Irradiance at positions where light lands, drawn without regard to the bake's points.
 fn seen(scene: &BakedScene, level: &Level, tier: u32) -> Vec<Vec3> {
-    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let frame = solve(scene, &level.lights, tier);
     trace_particles(&level.mesh, &viewpoints, 0..2048, 0x7469_6572, false)
         .candidates
@@ -82,12 +82,12 @@ fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
 fn neither_darker_nor_brighter(name: &str) {
     let level = level(name);
     let scene = baked(&level, draft());
-    assert_eq!(scene.operator.tiers(), TIERS);
+    assert_eq!(scene.data().operator.tiers(), TIERS);
     let whole = seen(&scene, &level, TIERS);
     let mut last = f64::INFINITY;
-    for (tier, info) in (1..TIERS).zip(&scene.info.tiers) {
+    for (tier, info) in (1..TIERS).zip(&scene.info().tiers) {
         let (bias, rms) = compare(&seen(&scene, &level, tier), &whole);
-        let share = info.links as f64 / scene.operator.links.len() as f64;
+        let share = info.links as f64 / scene.data().operator.links.len() as f64;
         println!(
             "{name}, tier {tier}, {:.1} % of the links: bias {:+.3} %, difference {:.2} %",
             100.0 * share,
@@ -103,7 +103,7 @@ fn neither_darker_nor_brighter(name: &str) {
     }
     // Must fail: rows that are left out and not made up for.
     let mut orphans = scene.clone();
-    orphans.operator.rows.iter_mut().for_each(|row| {
+    orphans.data_mut().operator.rows.iter_mut().for_each(|row| {
         if row.tier > 1 {
             *row = Row {
                 tier: 1,
@@ -136,10 +136,10 @@ fn tier_operator_is_prefix_of_links() {
         ..draft()
     };
     let scene = baked(&level, recipe.clone());
-    for (tier, info) in (1..).zip(&scene.info.tiers) {
+    for (tier, info) in (1..).zip(&scene.info().tiers) {
         let mut part = scene.clone();
-        part.operator.links.truncate(info.links as usize);
-        let rows = &mut part.operator.rows;
+        part.data_mut().operator.links.truncate(info.links as usize);
+        let rows = &mut part.data_mut().operator.rows;
         rows.iter_mut()
             .filter(|row| row.tier > tier)
             .for_each(|row| *row = Row::default());
@@ -147,8 +147,8 @@ fn tier_operator_is_prefix_of_links() {
             rows.iter().filter(|row| row.tier > 0).count() as u64,
             info.rows
         );
-        part.info.tiers.truncate(tier as usize);
-        part.validate().unwrap();
+        part.data_mut().info.tiers.truncate(tier as usize);
+        part.data().validate().unwrap();
         let values = |scene: &BakedScene, t: u32| -> Vec<VectorIrradiance> {
             solve(scene, &level.lights, t).vector_irradiance().to_vec()
         };
@@ -165,7 +165,7 @@ fn tier_operator_is_prefix_of_links() {
         .num_threads(1)
         .build()
         .unwrap();
-    assert!(alone.install(|| baked(&level, recipe)).operator == scene.operator);
+    assert!(alone.install(|| baked(&level, recipe)).data().operator == scene.data().operator);
 }
 
 /// Differences are not left out.
@@ -178,5 +178,8 @@ fn l08_bake_has_one_tier() {
         ..draft()
     };
     let scene = baked(&level("cornell"), recipe);
-    assert_eq!((scene.operator.tiers(), scene.info.tiers.len()), (1, 1));
+    assert_eq!(
+        (scene.data().operator.tiers(), scene.info().tiers.len()),
+        (1, 1)
+    );
 }

@@ -93,14 +93,18 @@ fn export_texels_match_kernel() {
         .collect();
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(&scene, &lights);
-    frame.solve(&scene, &FrameSettings::bounces(scene.info.bounces));
-    let shape = VoxelGrid::from_scene(&scene, None, 1 << 16).unwrap();
+    frame.solve(&scene, &FrameSettings::bounces(scene.info().bounces));
+    let shape = VoxelGrid::from_scene(scene.data(), None, 1 << 16).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.vector_irradiance(),
         probes: frame.probes(),
     };
-    let expected = volume_texels(&params, &VoxelWeights::from_scene(shape, &scene), values);
+    let expected = volume_texels(
+        &params,
+        &VoxelWeights::from_scene(shape, scene.data()),
+        values,
+    );
 
     let placement = placement(&out);
     let (size, texels) = texture(&out);
@@ -113,7 +117,7 @@ fn export_texels_match_kernel() {
         Vec3::from(placement.translation),
         Vec3::from(placement.scale),
     );
-    let [low, high] = scene.info.bounds.map(Vec3::from);
+    let [low, high] = scene.info().bounds.map(Vec3::from);
     assert!((center - 0.5 * edges).cmplt(low).all() && (center + 0.5 * edges).cmpgt(high).all());
     let stored = |[r, g, b, way]: [f32; 4]| {
         let i = placement.intensity;

@@ -66,8 +66,8 @@ fn point_box_matches_triangle_box() {
         let (cells, _) = cloud.mesh();
         let own = reference(&cells, &light_source(), &samples, 64);
         let scene = baked(&cells, Preset::Draft);
-        let bytes = std::mem::size_of_val(&scene.bvh.nodes[..])
-            + std::mem::size_of_val(&scene.bvh.triangles[..]);
+        let bytes = std::mem::size_of_val(&scene.data().bvh.nodes[..])
+            + std::mem::size_of_val(&scene.data().bvh.triangles[..]);
         let (points, triangles) = (cloud.len(), cells.len());
         let (d, i) = shown(
             &scene,
@@ -250,9 +250,9 @@ fn the_tool_takes_points(rule: &str) {
     let own = illuminate(&["--store", &at("lit.mgi")], "own.ply");
     let scan = illuminate(&["--points", &ply, "--ascii"], "scan.ply");
     let stored = BakedScene::read(Path::new(&at("lit.mgi")), &Limits::default()).unwrap();
-    assert_eq!(stored.illumination.len(), stored.points.len());
-    assert_eq!(own.2.len(), stored.points.len());
-    for (color, light) in own.2.iter().zip(&stored.illumination) {
+    assert_eq!(stored.data().illumination.len(), stored.data().points.len());
+    assert_eq!(own.2.len(), stored.data().points.len());
+    for (color, light) in own.2.iter().zip(&stored.data().illumination) {
         assert!(color.abs_diff_eq(Vec3::from_array(*light), 1e-6 + 1e-5 * color.length()));
     }
     let mut asked = String::from("px,py,pz,nx,ny,nz\n");

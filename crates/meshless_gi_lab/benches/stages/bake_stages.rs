@@ -52,7 +52,7 @@ fn cast(criterion: &mut Criterion, fixture: &Fixture) {
     group.bench_function("bvh_cast", |b| {
         b.iter(|| rays.iter().filter(|r| mesh.cast(r).is_some()).count());
     });
-    let bvh = &fixture.scene.bvh;
+    let bvh = &fixture.scene.data().bvh;
     group.bench_function("bvh_transmittance", |b| {
         b.iter(|| rays.iter().map(|r| bvh.transmittance(r)).sum::<f32>());
     });

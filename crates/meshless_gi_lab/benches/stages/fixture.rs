@@ -148,13 +148,14 @@ pub fn light(k: usize) -> FrameLight {
 
 /// Direct light of the training lights at every sender, each relative to its root mean square.
 fn train(scene: &BakedScene, hierarchy: &Hierarchy, tree: &SenderTree) -> Training {
-    let extent = project::extent(scene);
+    let extent = project::extent(scene.data());
     let surfaces = &hierarchy.surfaces[..tree.parent.len()];
     let mut signals = vec![[0.0; TRAINING_LIGHTS]; surfaces.len()];
     for t in 0..TRAINING_LIGHTS {
         let light = light(t);
         for (signal, s) in signals.iter_mut().zip(surfaces) {
-            signal[t] = project::project_at(&scene.bvh, extent, &light, s.position, s.normal);
+            signal[t] =
+                project::project_at(&scene.data().bvh, extent, &light, s.position, s.normal);
         }
         let square: f32 = signals.iter().map(|s| s[t] * s[t]).sum();
         let root = (square / surfaces.len() as f32).sqrt();

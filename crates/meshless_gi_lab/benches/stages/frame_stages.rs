@@ -29,21 +29,33 @@ pub fn bench(criterion: &mut Criterion, fixture: &Fixture) {
 
 fn project(criterion: &mut Criterion, fixture: &Fixture) {
     let scene = &fixture.scene;
-    let (extent, spacing) = (project::extent(scene), project::sample_spacing(scene));
+    let (extent, spacing) = (
+        project::extent(scene.data()),
+        project::sample_spacing(scene.data()),
+    );
     let light = light(0);
-    let mut out = vec![0.0; scene.senders()];
+    let mut out = vec![0.0; scene.data().senders()];
     let mut group = criterion.benchmark_group("frame");
-    group.throughput(Throughput::Elements(scene.rays_per_slot()));
+    group.throughput(Throughput::Elements(scene.data().rays_per_slot()));
     group.bench_function("project", |b| {
-        b.iter(|| project::project(scene, &scene.bvh, extent, spacing, &light, &mut out));
+        b.iter(|| {
+            project::project(
+                scene.data(),
+                &scene.data().bvh,
+                extent,
+                spacing,
+                &light,
+                &mut out,
+            )
+        });
     });
 }
 
 fn apply(criterion: &mut Criterion, fixture: &Fixture, frame: &CpuFrame) {
     let scene = &fixture.scene;
     let params = frame.params(scene, &FrameSettings::default());
-    let (rows, links) = (&scene.operator.rows, &scene.operator.links);
-    let points = 0..scene.points.len();
+    let (rows, links) = (&scene.data().operator.rows, &scene.data().operator.links);
+    let points = 0..scene.data().points.len();
     let mut out = vec![VectorIrradiance::default(); points.len()];
     let mut group = criterion.benchmark_group("frame");
     group.throughput(Throughput::Elements(links.len() as u64));
@@ -57,13 +69,13 @@ fn apply(criterion: &mut Criterion, fixture: &Fixture, frame: &CpuFrame) {
 
 fn flatten(criterion: &mut Criterion, fixture: &Fixture, values: &[VectorIrradiance]) {
     let scene = &fixture.scene;
-    let dimensions = SceneDimensions::new(scene);
+    let dimensions = SceneDimensions::new(scene.data());
     let settings = FrameSettings {
         tier: FLATTEN_TIER,
         ..FrameSettings::default()
     };
     let params = dimensions.params(&settings, 1);
-    let rows = &scene.operator.rows;
+    let rows = &scene.data().operator.rows;
     let mut values = values.to_vec();
     let count = rows.iter().filter(|row| !row.used(params.tier)).count();
     let mut group = criterion.benchmark_group("frame");
@@ -71,7 +83,7 @@ fn flatten(criterion: &mut Criterion, fixture: &Fixture, values: &[VectorIrradia
     group.bench_function("flatten", |b| {
         b.iter(|| {
             for level in (1..dimensions.levels()).map(|l| dimensions.level(l)) {
-                flatten::averages(&params, rows, &scene.parents, level, &mut values);
+                flatten::averages(&params, rows, &scene.data().parents, level, &mut values);
             }
         });
     });
@@ -82,7 +94,7 @@ fn splat(criterion: &mut Criterion, fixture: &Fixture, values: &[VectorIrradianc
     let (eye, target) = (Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0));
     let clip_from_world = RaycastView::perspective(eye, target, Vec3::Y, 0.9, VIEW, 0.1);
     let view = RaycastView::new(&fixture.mesh, clip_from_world, VIEW);
-    let grid = &scene.display.grid;
+    let grid = &scene.data().display.grid;
     let [width, height] = VIEW.map(|edge| edge as f32);
     let params = SplatParams::new(
         view.world_from_clip,
@@ -102,7 +114,7 @@ fn splat(criterion: &mut Criterion, fixture: &Fixture, values: &[VectorIrradianc
             let pixels = view.depth.iter().zip(&view.gbuffer).enumerate();
             let texels = pixels.map(|(i, (&depth, &texel))| {
                 let pixel = [i as u32 % VIEW[0], i as u32 / VIEW[0]];
-                splat::splat_pixel(&params, scene, values, pixel, depth, texel)
+                splat::splat_pixel(&params, scene.data(), values, pixel, depth, texel)
             });
             texels.map(|[red, ..]| red).sum::<f32>()
         });

@@ -150,7 +150,7 @@ fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn
         timed(|| frame.solve(&scene, &FrameSettings::bounces(4))).1
     });
     let solve = solves.min_by(f64::total_cmp).unwrap_or_default();
-    Ok([seconds, 1e3 * solve, scene.info.estimated_nrmse.into()])
+    Ok([seconds, 1e3 * solve, scene.info().estimated_nrmse.into()])
 }
 
 /// Time for a file of points, from reading it to a frame, by number of points.

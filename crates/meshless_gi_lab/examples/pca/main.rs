@@ -110,8 +110,8 @@ fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<d
     };
     let baked = bake_scene(mesh, &recipe, 0, &Progress::default())?;
     let scene = baked.scene;
-    let center = scene.info.viewpoints.first().ok_or("no viewpoint")?;
-    let half = 0.02 * extent(&scene);
+    let center = scene.info().viewpoints.first().ok_or("no viewpoint")?;
+    let half = 0.02 * extent(scene.data());
     let panel = Light::Rect {
         center: (*center).into(),
         u: Vec3::X * half,

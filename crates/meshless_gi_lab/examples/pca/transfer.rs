@@ -58,12 +58,12 @@ fn made(
     baked: Option<&Baked>,
 ) -> Made {
     let grade = exam.grade(scene, &FrameSettings::bounces(BOUNCES));
-    let operator = &scene.operator;
+    let operator = &scene.data().operator;
     let columns = operator.compression.as_ref().map_or(0, |c| c.bytes());
     Made {
         preset,
         coefficients,
-        senders: scene.senders(),
+        senders: scene.data().senders(),
         clusters: baked.map_or(0, |b| b.stats.clusters),
         columns: baked.map_or(0, |b| b.stats.components),
         missed: baked.map_or(0.0, |b| b.stats.basis_missed),

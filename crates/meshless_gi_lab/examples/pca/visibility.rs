@@ -78,26 +78,32 @@ fn compare(
     light: &SoftLight,
     positions: &[PenumbraSample],
 ) -> [Errors; 3] {
-    let extent = extent(scene);
+    let extent = extent(scene.data());
     let params = SoftShadowParams::new(visibility, extent, 1);
     let known = visibility.points.len();
-    let mut parts = vec![VectorIrradiance::default(); scene.points.len()];
+    let mut parts = vec![VectorIrradiance::default(); scene.data().points.len()];
     parts[..known]
         .par_iter_mut()
         .with_min_len(64)
         .enumerate()
         .for_each(|(i, out)| {
-            let (x, n) = (scene.points[i].x(), scene.points[i].n());
+            let (x, n) = (scene.data().points[i].x(), scene.data().points[i].n());
             let eye = soft_shadow::DecodedVisibility::new(&params, visibility, i, n);
             let (f, _) = soft_shadow::visible_fraction(light, x, n, &eye);
             let e = unshadowed(light, x, n, extent);
             out.x = [e * f, e * (1.0 - f), 0.0, 0.0];
         });
-    soft_shadow::fill_finer_levels(scene, known, &mut parts);
+    soft_shadow::fill_finer_levels(scene.data(), known, &mut parts);
     let values: Vec<[f32; 2]> = positions
         .par_iter()
         .map(|p| {
-            let at = splat::splat_vector(&scene.points, &scene.display, &parts, p.x, p.n);
+            let at = splat::splat_vector(
+                &scene.data().points,
+                &scene.data().display,
+                &parts,
+                p.x,
+                p.n,
+            );
             let [arrives, missing, ..] = at.unwrap_or_default().x;
             [arrives, (p.unshadowed - missing).max(0.0)]
         })
@@ -117,7 +123,8 @@ fn memory(
     light: &SoftLight,
     positions: &[PenumbraSample],
 ) -> Errors {
-    let occluded_irradiances = soft_shadow::occluded_irradiances_from(scene, visibility, &[*light]);
+    let occluded_irradiances =
+        soft_shadow::occluded_irradiances_from(scene.data(), visibility, &[*light]);
     shadow_errors(scene, &occluded_irradiances, positions)
 }
 
@@ -241,9 +248,9 @@ pub fn cuts(
 
 /// Points with visibility data, as in a bake with soft shadows.
 fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
-    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
-    let known = scene.level_starts[levels] as usize;
-    (scene.points[..known].iter())
+    let levels = (scene.data().sender_levels as usize + 1).min(scene.levels());
+    let known = scene.data().level_starts[levels] as usize;
+    (scene.data().points[..known].iter())
         .map(|p| (p.x(), p.n()))
         .collect()
 }
@@ -257,16 +264,17 @@ pub fn race(
     visibility: &Visibility,
     light: &Light,
 ) -> Result<Vec<Race>, Box<dyn Error>> {
-    let extent = extent(scene);
+    let extent = extent(scene.data());
     let params = SoftShadowParams::new(visibility, extent, 1);
     let mut races = Vec::new();
     for samples in [1, SAMPLES] {
         let soft_light = SoftLight::from_light(light, samples).ok_or("no rectangle")?;
-        let positions: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
-            .enumerate()
-            .map(|(i, p)| (i, p.x(), p.n()))
-            .filter(|&(_, x, n)| unshadowed(&soft_light, x, n, extent) > 0.0)
-            .collect();
+        let positions: Vec<(usize, Vec3, Vec3)> = (scene.data().points[..visibility.points.len()]
+            .iter())
+        .enumerate()
+        .map(|(i, p)| (i, p.x(), p.n()))
+        .filter(|&(_, x, n)| unshadowed(&soft_light, x, n, extent) > 0.0)
+        .collect();
         let time = |what: &dyn Fn(&(usize, Vec3, Vec3)) -> f32| {
             let began = Instant::now();
             let found: Vec<f32> = positions.iter().map(what).collect();
@@ -394,9 +402,9 @@ pub fn measure(
             |positions: &[PenumbraSample]| compare(scene, &visibility, &soft_light, positions);
         let (penumbra, all) = (error(&shade), error(&lit));
         let mut with = scene.clone();
-        with.visibility = Some(visibility);
+        with.data_mut().visibility = Some(visibility);
         let packed = with.to_bytes()?.len() - scene.to_bytes()?.len();
-        let visibility = with.visibility.as_ref().ok_or("lost")?;
+        let visibility = with.data().visibility.as_ref().ok_or("lost")?;
         variants.push(Variant {
             what,
             points: points.len(),
@@ -416,7 +424,7 @@ pub fn measure(
         }
     }
     let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
-    let visibility = with.visibility.as_ref().ok_or("lost")?;
+    let visibility = with.data().visibility.as_ref().ok_or("lost")?;
     let races = race(name, mesh, scene, visibility, &light)?;
     picture(name, mesh, &with, &light, folder)?;
     Ok(Found {
@@ -461,12 +469,16 @@ fn picture(
         },
     };
     let soft_light = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
-    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[soft_light]);
-    let extent = extent(scene);
+    let occluded_irradiances = soft_shadow::occluded_irradiances(scene.data(), &[soft_light]);
+    let extent = extent(scene.data());
     let memory = |_: &Ray, s: &Surface, _: &mut Random| {
         let e = unshadowed(&soft_light, s.position, s.normal, extent);
-        let missing =
-            subtract_shadow::occluded_radiance(scene, &occluded_irradiances, s.position, s.normal);
+        let missing = subtract_shadow::occluded_radiance(
+            scene.data(),
+            &occluded_irradiances,
+            s.position,
+            s.normal,
+        );
         e * (Vec3::ONE - missing.unwrap_or_default())
     };
     let truth = |_: &Ray, s: &Surface, random: &mut Random| {

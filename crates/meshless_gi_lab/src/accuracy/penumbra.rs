@@ -88,10 +88,10 @@ pub fn penumbra_samples(
     light: &Light,
     paths: u64,
 ) -> Vec<PenumbraSample> {
-    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(mesh, &viewpoints, 0..paths, 0xfeed, false).candidates;
     let soft_light = SoftLight::from_light(light, 1).unwrap_or_default();
-    let extent = extent(scene);
+    let extent = extent(scene.data());
     landed
         .par_iter()
         .enumerate()
@@ -118,13 +118,13 @@ pub fn deficits_by_rays(
     known: usize,
 ) -> Vec<VectorIrradiance> {
     let params = SoftShadowParams {
-        extent: extent(scene),
+        extent: extent(scene.data()),
         ..SoftShadowParams::default()
     };
-    let mut out = vec![VectorIrradiance::default(); scene.points.len()];
+    let mut out = vec![VectorIrradiance::default(); scene.data().points.len()];
     out[..known]
         .par_iter_mut()
-        .zip(&scene.points)
+        .zip(&scene.data().points)
         .with_min_len(64)
         .for_each(|(out, point)| {
             let (x, n) = (point.x(), point.n());
@@ -137,7 +137,7 @@ pub fn deficits_by_rays(
             let channels = |v: f32| [v, v, v, e];
             (out.x, out.y, out.z) = (channels(d.x), channels(d.y), channels(d.z));
         });
-    soft_shadow::fill_finer_levels(scene, known, &mut out);
+    soft_shadow::fill_finer_levels(scene.data(), known, &mut out);
     out
 }
 
@@ -152,8 +152,9 @@ pub fn shadow_errors(
     let got: Vec<Vec3> = samples
         .par_iter()
         .map(|p| {
-            let missing = subtract_shadow::occluded_radiance(scene, occluded_irradiances, p.x, p.n)
-                .unwrap_or_default();
+            let missing =
+                subtract_shadow::occluded_radiance(scene.data(), occluded_irradiances, p.x, p.n)
+                    .unwrap_or_default();
             p.unshadowed * (Vec3::ONE - missing)
         })
         .collect();

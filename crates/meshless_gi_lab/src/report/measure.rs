@@ -136,7 +136,7 @@ impl<'a> Measured<'a> {
             all,
             uncovered,
         } = exam.grade(self.scene, &settings);
-        let info = &self.scene.info;
+        let info = &self.scene.info();
         let tier = variant.run.tier.clamp(1, info.tiers.len().max(1) as u32);
         let used = info.tiers.get(tier as usize - 1).copied();
         let used = used.unwrap_or_default();
@@ -225,7 +225,7 @@ impl Row {
 /// Passes of a frame.
 fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
     FrameSettings {
-        baked_bounces: scene.info.bounces == run.bounces,
+        baked_bounces: scene.info().bounces == run.bounces,
         emission: 0.0,
         tier: run.tier,
         ..FrameSettings::bounces(run.bounces)
@@ -242,7 +242,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64
     else {
         return 0.0;
     };
-    let bounds = scene.info.bounds.map(Vec3::from_array);
+    let bounds = scene.info().bounds.map(Vec3::from_array);
     let step = 1e-4 * (bounds[1] - bounds[0]).max_element();
     let mut frame = CpuFrame::new(scene);
     let mut times = Vec::new();

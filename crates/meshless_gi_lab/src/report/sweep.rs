@@ -260,7 +260,7 @@ fn bake(
             source,
         })?
         .len() as u64;
-    let settings = BakeSettings::from_ron(&baked.scene.info.recipe).map_err(|source| {
+    let settings = BakeSettings::from_ron(&baked.scene.info().recipe).map_err(|source| {
         ReportError::Settings {
             name: name(),
             source,

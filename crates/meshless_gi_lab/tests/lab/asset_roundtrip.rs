@@ -12,8 +12,8 @@ use meshless_gi::{AssetError, BakedScene, Limits};
 fn scenes_round_trip_bitwise() {
     for make in makes() {
         let scene = build(&make);
-        let stats = scene.validate().unwrap();
-        assert_eq!(stats.links, scene.operator.links.len() as u64);
+        let stats = scene.data().validate().unwrap();
+        assert_eq!(stats.links, scene.data().operator.links.len() as u64);
         assert_eq!(stats.points_per_level.len(), make.levels.len());
         let bytes = scene.to_bytes().unwrap();
         let back = BakedScene::from_bytes(&bytes, &Limits::default()).unwrap();
@@ -21,7 +21,8 @@ fn scenes_round_trip_bitwise() {
         assert_eq!(back.to_bytes().unwrap(), bytes);
         // Must fail: the comparison notices one bit.
         let mut other = back.clone();
-        other.points[0].position[0] = f32::from_bits(other.points[0].position[0].to_bits() ^ 1);
+        other.data_mut().points[0].position[0] =
+            f32::from_bits(other.data().points[0].position[0].to_bits() ^ 1);
         assert_ne!(other, scene);
         assert_ne!(other.to_bytes().unwrap(), bytes);
     }
@@ -40,65 +41,83 @@ fn reproducible_grid_is_not_stored() {
 fn validation_detects_each_broken_field() {
     type Break = fn(&mut BakedScene);
     let breaks: &[(&str, Break)] = &[
-        ("points", |s| s.points[1].position[2] = f32::NAN),
-        ("points", |s| s.points[1].normal[0] += 0.5),
-        ("points", |s| s.points[1].radius = 0.0),
-        ("points", |s| s.points[1].planes = 4 | 1 << 24),
-        ("surfaces", |s| s.surfaces[0].albedo[1] = 1.5),
-        ("surfaces", |s| s.surfaces[0].emission[1] = f32::INFINITY),
-        ("surfaces", |s| s.surfaces[0].emission[1] = 1e30),
-        ("surfaces", |s| s.surfaces.truncate(3)),
-        ("levels", |s| s.level_starts[1] = 100),
-        ("levels", |s| s.level_starts.clear()),
-        ("sender levels", |s| s.sender_levels = 0),
-        ("sender levels", |s| s.sender_levels = 9),
-        ("planes", |s| s.display.planes[0][3] = f32::NAN),
-        ("parents", |s| s.parents.entries[0].index = 90),
-        ("parents", |s| s.parents.entries[0].weight = f32::NAN),
-        ("parents", |s| s.parents.entries[0].weight = 0.9),
-        ("parent rows", |s| {
-            *s.parents.starts.last_mut().unwrap() += 1
+        ("points", |s| s.data_mut().points[1].position[2] = f32::NAN),
+        ("points", |s| s.data_mut().points[1].normal[0] += 0.5),
+        ("points", |s| s.data_mut().points[1].radius = 0.0),
+        ("points", |s| s.data_mut().points[1].planes = 4 | 1 << 24),
+        ("surfaces", |s| s.data_mut().surfaces[0].albedo[1] = 1.5),
+        ("surfaces", |s| {
+            s.data_mut().surfaces[0].emission[1] = f32::INFINITY
         }),
-        ("pull", |s| s.pull.entries[0].index = 0),
-        ("pull", |s| s.pull.entries[0].index = u32::MAX),
-        ("pull", |s| s.pull.entries[0].weight = -1.0),
-        ("pull rows", |s| s.pull.starts[1] = 100),
-        ("rows", |s| s.operator.rows[0].start = 1),
-        ("rows", |s| s.operator.rows[1].count += 1),
-        ("rows", |s| s.operator.rows[0].scale = f32::INFINITY),
+        ("surfaces", |s| s.data_mut().surfaces[0].emission[1] = 1e30),
+        ("surfaces", |s| s.data_mut().surfaces.truncate(3)),
+        ("levels", |s| s.data_mut().level_starts[1] = 100),
+        ("levels", |s| s.data_mut().level_starts.clear()),
+        ("sender levels", |s| s.data_mut().sender_levels = 0),
+        ("sender levels", |s| s.data_mut().sender_levels = 9),
+        ("planes", |s| s.data_mut().display.planes[0][3] = f32::NAN),
+        ("parents", |s| s.data_mut().parents.entries[0].index = 90),
+        ("parents", |s| {
+            s.data_mut().parents.entries[0].weight = f32::NAN
+        }),
+        ("parents", |s| s.data_mut().parents.entries[0].weight = 0.9),
+        ("parent rows", |s| {
+            *s.data_mut().parents.starts.last_mut().unwrap() += 1
+        }),
+        ("pull", |s| s.data_mut().pull.entries[0].index = 0),
+        ("pull", |s| s.data_mut().pull.entries[0].index = u32::MAX),
+        ("pull", |s| s.data_mut().pull.entries[0].weight = -1.0),
+        ("pull rows", |s| s.data_mut().pull.starts[1] = 100),
+        ("rows", |s| s.data_mut().operator.rows[0].start = 1),
+        ("rows", |s| s.data_mut().operator.rows[1].count += 1),
+        ("rows", |s| {
+            s.data_mut().operator.rows[0].scale = f32::INFINITY
+        }),
         // Links that are no larger than any may be, but in sum more light than there is.
         ("rows", |s| {
-            let n = s.points[0].n();
-            let row = s.operator.rows[0];
+            let n = s.data().points[0].n();
+            let row = s.data().operator.rows[0];
             let links = row.start as usize..(row.start + row.count) as usize;
-            s.operator.links[links].fill(Link::pack(n, 1.0, 0));
-            s.operator.rows[0].scale = 2.0;
+            s.data_mut().operator.links[links].fill(Link::pack(n, 1.0, 0));
+            s.data_mut().operator.rows[0].scale = 2.0;
         }),
-        ("rows", |s| s.operator.rows[0].tier = 0),
+        ("rows", |s| s.data_mut().operator.rows[0].tier = 0),
         // Without parents it cannot be left out.
-        ("rows", |s| s.operator.rows[0].tier = 2),
+        ("rows", |s| s.data_mut().operator.rows[0].tier = 2),
         ("rows", |s| {
-            s.operator.rows.last_mut().unwrap().tier = 17;
+            s.data_mut().operator.rows.last_mut().unwrap().tier = 17;
         }),
-        ("tiers", |s| s.info.tiers[0].links += 1),
-        ("tiers", |s| s.info.tiers[0].estimated_nrmse = f32::NAN),
-        ("tiers", |s| s.info.tiers.truncate(1)),
-        ("links", |s| s.operator.links[0].z_sender |= 0xffff_0000),
-        ("links", |s| s.operator.links[0].xy = 0x7c00),
+        ("tiers", |s| s.data_mut().info.tiers[0].links += 1),
+        ("tiers", |s| {
+            s.data_mut().info.tiers[0].estimated_nrmse = f32::NAN
+        }),
+        ("tiers", |s| s.data_mut().info.tiers.truncate(1)),
+        ("links", |s| {
+            s.data_mut().operator.links[0].z_sender |= 0xffff_0000
+        }),
+        ("links", |s| s.data_mut().operator.links[0].xy = 0x7c00),
         ("bounce links", |s| {
-            s.bounces.as_mut().unwrap().links[0].sender = 8
+            s.data_mut().bounces.as_mut().unwrap().links[0].sender = 8
         }),
         ("bounce rows", |s| {
-            s.bounces.as_mut().unwrap().starts[1] = 60
+            s.data_mut().bounces.as_mut().unwrap().starts[1] = 60
         }),
-        ("grid", |s| s.display.grid.cell_size = 0.0),
+        ("grid", |s| s.data_mut().display.grid.cell_size = 0.0),
         ("grid", |s| {
-            s.display.grid.slots.iter_mut().for_each(|s| s.start = 0)
+            s.data_mut()
+                .display
+                .grid
+                .slots
+                .iter_mut()
+                .for_each(|s| s.start = 0)
         }),
-        ("grid", |s| s.display.grid.slots.truncate(7)),
-        ("grid entries", |s| s.display.grid.entries[1] = 17),
+        ("grid", |s| s.data_mut().display.grid.slots.truncate(7)),
+        ("grid entries", |s| {
+            s.data_mut().display.grid.entries[1] = 17
+        }),
         ("grid slots", |s| {
             let slot = s
+                .data_mut()
                 .display
                 .grid
                 .slots
@@ -106,20 +125,22 @@ fn validation_detects_each_broken_field() {
                 .find(|s| s.start != GridSlot::EMPTY);
             slot.unwrap().start += 1;
         }),
-        ("bvh nodes", |s| s.bvh.nodes[0].first = 0),
-        ("bvh nodes", |s| s.bvh.nodes[0].first = 4),
-        ("bvh nodes", |s| s.bvh.nodes[2].first = 1),
-        ("bvh nodes", |s| s.bvh.nodes[1].count = 100),
-        ("bvh nodes", |s| s.bvh.nodes[1].min[0] = f32::NAN),
-        ("bvh", |s| s.bvh.nodes.clear()),
-        ("bvh", |s| s.bvh.nodes[1].count = 2),
-        ("bvh triangles", |s| s.bvh.triangles[0].b[1] = f32::NAN),
+        ("bvh nodes", |s| s.data_mut().bvh.nodes[0].first = 0),
+        ("bvh nodes", |s| s.data_mut().bvh.nodes[0].first = 4),
+        ("bvh nodes", |s| s.data_mut().bvh.nodes[2].first = 1),
+        ("bvh nodes", |s| s.data_mut().bvh.nodes[1].count = 100),
+        ("bvh nodes", |s| s.data_mut().bvh.nodes[1].min[0] = f32::NAN),
+        ("bvh", |s| s.data_mut().bvh.nodes.clear()),
+        ("bvh", |s| s.data_mut().bvh.nodes[1].count = 2),
+        ("bvh triangles", |s| {
+            s.data_mut().bvh.triangles[0].b[1] = f32::NAN
+        }),
     ];
     for (location, broken) in breaks {
         let mut scene = build(&makes()[1]);
-        assert!(scene.validate().is_ok());
+        assert!(scene.data().validate().is_ok());
         broken(&mut scene);
-        let found = scene.validate().expect_err(location);
+        let found = scene.data().validate().expect_err(location);
         assert!(
             found.iter().any(|v| v.location == *location),
             "{location}: {found:?}"
@@ -192,17 +213,17 @@ fn validation_detects_broken_octree() {
         }),
     ];
     let good = || build(&makes()[6]);
-    let lists = good().fmm.clone().unwrap();
+    let lists = good().data().fmm.clone().unwrap();
     for list in 0..4 {
         let entries: usize = lists.nodes.iter().map(|n| n.lists()[list].len()).sum();
         assert!(entries > 0, "list {list} has no entries");
     }
     for (k, (location, broken)) in breaks.iter().enumerate() {
         let mut scene = good();
-        let sound = scene.validate();
+        let sound = scene.data().validate();
         assert!(sound.is_ok(), "{sound:?}");
-        broken(scene.fmm.as_mut().unwrap());
-        let found = match scene.validate() {
+        broken(scene.data_mut().fmm.as_mut().unwrap());
+        let found = match scene.data().validate() {
             Err(found) => found,
             Ok(_) => panic!("break {k}: {location}"),
         };
@@ -244,9 +265,9 @@ fn validation_detects_broken_columns() {
     let good = || build(&makes()[5]);
     for (k, (location, broken)) in breaks.iter().enumerate() {
         let mut scene = good();
-        assert!(scene.validate().is_ok());
-        broken(scene.operator.compression.as_mut().unwrap());
-        let found = match scene.validate() {
+        assert!(scene.data().validate().is_ok());
+        broken(scene.data_mut().operator.compression.as_mut().unwrap());
+        let found = match scene.data().validate() {
             Err(found) => found,
             Ok(_) => panic!("break {k}: {location}"),
         };
@@ -256,29 +277,32 @@ fn validation_detects_broken_columns() {
         );
     }
     let mut scene = good();
-    scene.operator.compression = None;
+    scene.data_mut().operator.compression = None;
     assert!(
         scene
+            .data()
             .validate()
             .unwrap_err()
             .iter()
             .any(|v| v.location == "columns")
     );
     let mut scene = build(&makes()[0]);
-    scene.operator.compression = good().operator.compression.clone();
+    scene.data_mut().operator.compression = good().data().operator.compression.clone();
     assert!(
         scene
+            .data()
             .validate()
             .unwrap_err()
             .iter()
             .any(|v| v.location == "columns")
     );
     let mut scene = good();
-    let beyond = scene.operator.coefficients(0) + 1;
-    let link = &mut scene.operator.links[0];
+    let beyond = scene.data().operator.coefficients(0) + 1;
+    let link = &mut scene.data_mut().operator.links[0];
     *link = Link::pack(link.vector(), 1.0, beyond as u16);
     assert!(
         scene
+            .data()
             .validate()
             .unwrap_err()
             .iter()
@@ -286,12 +310,14 @@ fn validation_detects_broken_columns() {
     );
     let mut scene = good();
     scene
+        .data_mut()
         .operator
         .rows
         .iter_mut()
         .for_each(|row| row.scale *= 15.0);
     assert!(
         scene
+            .data()
             .validate()
             .unwrap_err()
             .iter()
@@ -355,7 +381,7 @@ fn files_are_replaced_atomically() {
     assert_eq!(BakedScene::read(&path, &Limits::default()).unwrap(), b);
     // A scene that is not valid leaves the file as it is.
     let mut broken = a.clone();
-    broken.points[0].radius = -1.0;
+    broken.data_mut().points[0].radius = -1.0;
     assert!(broken.write(&path).unwrap_err().is_content());
     assert_eq!(BakedScene::read(&path, &Limits::default()).unwrap(), b);
     // No temporary file is left behind.

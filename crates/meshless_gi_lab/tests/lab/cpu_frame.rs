@@ -80,7 +80,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         bvh: Bvh::default(),
         info: BakeInfo::default(),
     });
-    scene.info.tiers = TierInfo::all_of(&scene);
+    scene.data_mut().info.tiers = TierInfo::all_of(scene.data());
     scene
 }
 
@@ -90,13 +90,13 @@ fn furnace(to_sky: bool) -> BakedScene {
 fn sender_light_is_mean_over_samples() {
     let mut scene = furnace(false);
     let position = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
-    scene.light_samples = LightSamples {
+    scene.data_mut().light_samples = LightSamples {
         per_sender: 4,
         list: (0..4 * SENDERS)
             .map(|k| LightSample::new(position(k), Vec3::Y))
             .collect(),
     };
-    scene.validate().expect("valid");
+    scene.data().validate().expect("valid");
     // A blocker above the first position of the first sender alone.
     let above = position(0) + 0.5 * Vec3::Y;
     let corners = [
@@ -104,7 +104,8 @@ fn sender_light_is_mean_over_samples() {
         above + Vec3::new(0.04, 0.0, -0.04),
         above + Vec3::new(0.0, 0.0, 0.06),
     ];
-    scene.bvh = TriangleMesh::new(vec![corners], vec![0], vec![Material::default()]).bvh();
+    scene.data_mut().bvh =
+        TriangleMesh::new(vec![corners], vec![0], vec![Material::default()]).bvh();
     let sun = FrameLight::directional(Vec3::NEG_Y, Vec3::ONE);
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(&scene, &[sun]);
@@ -113,7 +114,7 @@ fn sender_light_is_mean_over_samples() {
     for e in &found[1..] {
         assert!((e - 1.0).abs() < 1e-6, "{found:?}");
     }
-    scene.light_samples = LightSamples::default();
+    scene.data_mut().light_samples = LightSamples::default();
     let mut own = CpuFrame::new(&scene);
     own.set_lights(&scene, &[sun]);
     assert!(
@@ -124,7 +125,9 @@ fn sender_light_is_mean_over_samples() {
 
 /// Irradiance at point `i` for its normal.
 fn irradiance(scene: &BakedScene, frame: &CpuFrame, i: usize) -> f32 {
-    frame.vector_irradiance()[i].dot(scene.points[i].n()).y
+    frame.vector_irradiance()[i]
+        .dot(scene.data().points[i].n())
+        .y
 }
 
 #[test]
@@ -157,7 +160,7 @@ fn bounces_form_geometric_series() {
 fn baked_bounces_are_added_once() {
     let mut scene = furnace(false);
     // All further bounces in closed form: ρ / (1 − ρ) of the direct radiosity.
-    scene.bounces = Some(BounceOperator {
+    scene.data_mut().bounces = Some(BounceOperator {
         starts: (0..=SENDERS as u32).collect(),
         links: (0..SENDERS as u32)
             .map(|sender| BounceLink {
@@ -322,7 +325,7 @@ fn direct_light_matches_inverse_square_law() {
 fn direct_light_is_blocked_by_geometry() {
     let mut scene = furnace(false);
     // A plate of one meter, one meter above the ground.
-    scene.bvh = Bvh {
+    scene.data_mut().bvh = Bvh {
         nodes: vec![BvhNode {
             min: [-0.5, 0.999, -0.5],
             first: 0,
@@ -336,7 +339,7 @@ fn direct_light_is_blocked_by_geometry() {
             ..BvhTriangle::default()
         }],
     };
-    scene.info.bounds = [[-1.0, 0.0, -1.0], [1.0, 3.0, 1.0]];
+    scene.data_mut().info.bounds = [[-1.0, 0.0, -1.0], [1.0, 3.0, 1.0]];
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(
         &scene,
@@ -373,7 +376,7 @@ fn evaluation_of_uncovered_point_is_none_without_nan() {
     let scene = furnace(false);
     let mut frame = CpuFrame::new(&scene);
     frame.solve(&scene, &FrameSettings::bounces(1));
-    let n = scene.points[0].n();
+    let n = scene.data().points[0].n();
     // All functions of this normal say the same: the quotient is that of one.
     let e = frame
         .irradiance(&scene, Vec3::new(0.3, 0.1, 0.0), n)
@@ -403,9 +406,9 @@ fn difference_levels_sum_to_averages() {
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(&scene, &synthetic::lights());
     frame.solve(&scene, &FrameSettings::bounces(1));
-    for j in 0..scene.senders() {
+    for j in 0..scene.data().senders() {
         let mut sum = Vec3::from_slice(&frame.differences()[j]);
-        for entry in scene.parents.row(j) {
+        for entry in scene.data().parents.row(j) {
             sum += entry.weight * Vec3::from_slice(&frame.differences()[entry.index as usize]);
         }
         let whole = Vec3::from_slice(&frame.senders()[j]);

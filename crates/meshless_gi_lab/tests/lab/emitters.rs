@@ -80,7 +80,7 @@ fn double_sided_sign_lights_both_walls() {
         assert!(error <= 0.05, "wall at {z} m: {error}");
     }
     // Fails if a sender on the sign emits a tenth less.
-    for surface in &mut scene.surfaces {
+    for surface in &mut scene.data_mut().surfaces {
         surface.emission = surface.emission.map(|e| 0.9 * e);
     }
     let [values, right] = irradiances(&scene, DISTANCE);
@@ -108,7 +108,7 @@ fn senders_on_emitter_have_its_emission() {
     let mesh = sign_between_walls(true);
     let scene = bake(&mesh);
     let emission = std::f32::consts::PI * RADIANCE;
-    let emissions = scene.surfaces.iter().map(|s| Vec3::from(s.emission));
+    let emissions = scene.data().surfaces.iter().map(|s| Vec3::from(s.emission));
     let emissive: Vec<Vec3> = emissions.filter(|e| *e != Vec3::ZERO).collect();
     assert!(!emissive.is_empty() && mesh.emitters().is_some());
     for e in emissive {

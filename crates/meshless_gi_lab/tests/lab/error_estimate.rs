@@ -69,7 +69,7 @@ fn is_honest(name: &'static str) {
         .unwrap()
         .scene;
     // The bake's own, as `inspect` shows it, and those of other draws.
-    let own: Vec<ErrorEstimate> = (scene.info.tiers.iter())
+    let own: Vec<ErrorEstimate> = (scene.info().tiers.iter())
         .map(|t| ErrorEstimate {
             nrmse: t.estimated_nrmse,
             interval: t.estimated_nrmse_interval,
@@ -90,7 +90,7 @@ fn is_honest(name: &'static str) {
     );
     // Links a tenth too strong: the first reflection is 10 % too bright, the second 21 %, and so
     // on.
-    for row in &mut scene.operator.rows {
+    for row in &mut scene.data_mut().operator.rows {
         row.scale *= 1.1;
     }
     let wrong = estimated(&level, &scene, 0);

@@ -65,13 +65,13 @@ impl Air {
             .collect();
         frame.set_lights(scene, &lights);
         frame.solve(scene, &FrameSettings::bounces(REFLECTIONS));
-        let probes = scene.probes.as_ref().unwrap();
+        let probes = scene.data().probes.as_ref().unwrap();
         let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
         let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
-        let [low, high] = scene.info.bounds.map(Vec3::from);
+        let [low, high] = scene.info().bounds.map(Vec3::from);
         let (low, high) = (low - edge, high + edge);
         let shape = VoxelGrid::new([low, high], voxels_of(high - low, edge, u32::MAX)).unwrap();
-        let positions = VoxelWeights::from_scene(shape, scene);
+        let positions = VoxelWeights::from_scene(shape, scene.data());
         let values = VolumeValues {
             points: frame.vector_irradiance(),
             probes: frame.probes(),
@@ -245,7 +245,7 @@ fn fog_matches_reference() {
 fn fog_ray_step_error_is_bounded() {
     let (mesh, lights, scene) = rooms();
     let air = Air::new(scene, lights, None);
-    let bounds = scene.info.bounds.map(Vec3::from);
+    let bounds = scene.info().bounds.map(Vec3::from);
     let size = [24u32, 16];
     let near = 0.1;
     let projection = Mat4::perspective_infinite_reverse_rh(1.0, 1.5, near);

@@ -183,8 +183,8 @@ fn solved(scene: &BakedScene, gain: f32) -> CpuFrame {
 fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || frame.probe_irradiance(scene, x, n).map(|l| l.irradiance(n));
     let found = splat_covered(
-        &scene.points,
-        &scene.display,
+        &scene.data().points,
+        &scene.data().display,
         frame.vector_irradiance(),
         x,
         n,
@@ -280,7 +280,7 @@ fn check(name: &str, scene: &BakedScene, near_too: bool) {
                 lit = found.rms;
                 assert!(found.nrmse <= 0.15, "{name}: {found:?}");
                 assert!(!near_too || found.dark == 0, "{name}: {found:?}");
-            } else if gain == 0.0 && scene.occluders.is_some() {
+            } else if gain == 0.0 && scene.data().occluders.is_some() {
                 assert!(found.brightest <= 1e-5 * lit, "{name}: {found:?}");
             }
         }
@@ -306,7 +306,7 @@ fn door_in_far_half_of_box_is_lit_from_faced_side() {
     let scene = baked(Some((0.06, -0.04)));
     check("off the middle", &scene, false);
     let mut upright = scene.clone();
-    let arrays = &mut *upright;
+    let arrays = upright.data_mut();
     let probes = &mut arrays.probes.as_mut().unwrap().planes;
     for plane in probes.iter_mut().chain(&mut arrays.display.planes) {
         let length = Vec3::from_slice(&plane[..3]).length();
@@ -322,11 +322,11 @@ fn door_in_far_half_of_box_is_lit_from_faced_side() {
 fn volume_at_closed_door_has_light_of_its_side() {
     let scene = baked(Some((0.06, 0.0)));
     let frame = solved(&scene, 0.0);
-    let [low, high] = scene.info.bounds.map(Vec3::from);
+    let [low, high] = scene.info().bounds.map(Vec3::from);
     let (low, high) = (low - 0.15, high + 0.15);
     let size = voxels_of(high - low, 0.15, u32::MAX);
     let shape = VoxelGrid::new([low, high], size).unwrap();
-    let weights = VoxelWeights::from_scene(shape, &scene);
+    let weights = VoxelWeights::from_scene(shape, scene.data());
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.vector_irradiance(),

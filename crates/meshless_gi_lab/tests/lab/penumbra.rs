@@ -48,20 +48,20 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
 
 /// NRMSE from baked visibility, by rays at the same points, and from five coefficients per point.
 fn measure(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
-    let visibility = scene.visibility.as_ref().expect("visibility");
+    let visibility = scene.data().visibility.as_ref().expect("visibility");
     let positions: Vec<PenumbraSample> = penumbra_samples(scene, mesh, light, PATHS)
         .into_iter()
         .filter(PenumbraSample::in_penumbra)
         .collect();
     assert!(positions.len() > 100, "{} positions", positions.len());
     let soft_light = SoftLight::from_light(light, 25).expect("a rectangle");
-    let occluded_irradiances = soft_shadow::occluded_irradiances(scene, &[soft_light]);
+    let occluded_irradiances = soft_shadow::occluded_irradiances(scene.data(), &[soft_light]);
     let by_rays = deficits_by_rays(scene, mesh, &soft_light, visibility.points.len());
     let error =
         |occluded_irradiances: &[_]| shadow_errors(scene, occluded_irradiances, &positions).nrmse;
     // Must fail: no shadow at all.
     assert!(error(&vec![Default::default(); occluded_irradiances.len()]) > 2.0 * BOUND);
-    let by_few = soft_shadow::occluded_irradiances_from(scene, few, &[soft_light]);
+    let by_few = soft_shadow::occluded_irradiances_from(scene.data(), few, &[soft_light]);
     [
         error(&occluded_irradiances),
         error(&by_rays),
@@ -71,7 +71,7 @@ fn measure(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Li
 
 fn check(name: &str, panels: &[Light]) {
     let (mesh, scene) = baked(name);
-    let visibility = scene.visibility.as_ref().expect("visibility");
+    let visibility = scene.data().visibility.as_ref().expect("visibility");
     assert!(visibility.clusters.iter().all(|c| c.components <= 50));
     let few = visibility.truncated(5);
     assert!(few.bytes() < visibility.bytes() / 2);

@@ -97,7 +97,7 @@ fn moving_ball_through_two_rooms_matches_reference() {
     let centers = through_two_rooms();
     let positions = balls(&centers, 0.15, 8);
     let (found, missing) = compare(&scene, &mesh, &lights, &positions);
-    let probes = scene.probes.as_ref().unwrap();
+    let probes = scene.data().probes.as_ref().unwrap();
     println!(
         "{} probes, {} links, {} kB: {found:?}",
         probes.points.len(),
@@ -281,7 +281,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         range: f32::INFINITY,
     };
     let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
-    let [from, to] = scene.info.bounds.map(Vec3::from);
+    let [from, to] = scene.info().bounds.map(Vec3::from);
     let values = VolumeValues {
         points: frame.vector_irradiance(),
         probes: frame.probes(),
@@ -297,7 +297,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         let (from, to) = (from - edge, to + edge);
         let voxels = voxels_of(to - from, edge, u32::MAX);
         let shape = VoxelGrid::new([from, to], voxels).unwrap();
-        let weights = VoxelWeights::from_scene(shape, &scene);
+        let weights = VoxelWeights::from_scene(shape, scene.data());
         shares_say_what_probes_say(&weights, &scene, frame.probes());
         println!(
             "{} faces, {} shares, {} probe shares",
@@ -372,11 +372,11 @@ fn shares_say_what_probes_say(
     scene: &BakedScene,
     values: &[VectorIrradiance],
 ) {
-    let probes = scene.probes.as_ref().unwrap();
+    let probes = scene.data().probes.as_ref().unwrap();
     let shape = weights.shape();
     let mut by_and_by = VoxelWeights::new(*shape);
     let mut calls = 1;
-    while !by_and_by.find(scene, 1) {
+    while !by_and_by.find(scene.data(), 1) {
         calls += 1;
     }
     assert!(calls > 1 && by_and_by == *weights, "{calls} calls");
@@ -507,7 +507,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
     let scene = baked(&mesh, recipe.clone());
     let again = bake_scene(&mesh, &recipe, 1, &Progress::default()).unwrap();
     assert_eq!(scene, again.scene, "threads change the bake");
-    let probes = scene.probes.as_ref().unwrap();
+    let probes = scene.data().probes.as_ref().unwrap();
     assert_eq!(again.stats.probes, probes.points.len() as u64);
     assert!(probes.points.len() > 100 && !probes.planes.is_empty());
     let bytes = scene.to_bytes().unwrap();
@@ -516,7 +516,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
         scene
     );
     let mut without = scene.clone();
-    without.probes = None;
+    without.data_mut().probes = None;
     assert!(without.to_bytes().unwrap().len() < bytes.len());
     assert!(
         CpuFrame::new(&without)
@@ -532,14 +532,14 @@ fn probe_data_round_trips_and_damage_is_detected() {
         },
     );
     assert_eq!(
-        (&plain.operator, &plain.display),
-        (&without.operator, &without.display)
+        (&plain.data().operator, &plain.data().display),
+        (&without.data().operator, &without.data().display)
     );
 
     let spoil = |what: &str, spoil: &dyn Fn(&mut Probes)| {
         let mut wrong = scene.clone();
-        spoil(wrong.probes.as_mut().unwrap());
-        assert!(wrong.validate().is_err(), "{what} goes unnoticed");
+        spoil(wrong.data_mut().probes.as_mut().unwrap());
+        assert!(wrong.data().validate().is_err(), "{what} goes unnoticed");
     };
     spoil("no probe", &|p| {
         p.points.clear();
@@ -627,13 +627,13 @@ fn surface_and_probe_light_join_continuously() {
     let lights = [light_source];
     let lit = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
     // Nearly all positions of the level itself have cover enough to be left alone.
-    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(&mesh, &viewpoints, 0..4000, 5, false).candidates;
     let covers = landed.iter().map(|c| {
         let (x, n) = (c.surface.position, c.surface.normal);
         let found = splat_covered(
-            &scene.points,
-            &scene.display,
+            &scene.data().points,
+            &scene.data().display,
             frame.vector_irradiance(),
             x,
             n,

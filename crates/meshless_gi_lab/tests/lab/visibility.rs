@@ -54,9 +54,11 @@ fn panel() -> SoftLight {
 
 /// Visible fractions from memory and by rays, at all points that the light shines on.
 fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<(f32, f32)> {
-    let visibility = scene.visibility.as_ref().unwrap();
-    let params = SoftShadowParams::new(visibility, extent(scene), 1);
-    let points = scene.points[..scene.senders()].iter().enumerate();
+    let visibility = scene.data().visibility.as_ref().unwrap();
+    let params = SoftShadowParams::new(visibility, extent(scene.data()), 1);
+    let points = scene.data().points[..scene.data().senders()]
+        .iter()
+        .enumerate();
     points
         .filter(|(_, p)| soft_shadow::unshadowed(light, p.x(), p.n(), params.extent) > 1e-3)
         .map(|(i, p)| {
@@ -119,7 +121,7 @@ fn pca_visibility_matches_rays_and_round_trips() {
     );
     // Must fail: what others see.
     let mut swapped = scene.clone();
-    let visibility = swapped.visibility.as_mut().unwrap();
+    let visibility = swapped.data_mut().visibility.as_mut().unwrap();
     visibility.scales.reverse();
     let wrong = fractions(&swapped, &mesh, &panel());
     let off: f32 = wrong.iter().map(|(m, r)| (m - r).powi(2)).sum();
@@ -131,10 +133,10 @@ fn pca_visibility_matches_rays_and_round_trips() {
         scene
     );
     let mut without = scene.clone();
-    without.visibility = None;
+    without.data_mut().visibility = None;
     assert!(without.to_bytes().unwrap().len() < bytes.len());
     assert!(
-        soft_shadow::occluded_irradiances(&without, &[panel()])
+        soft_shadow::occluded_irradiances(without.data(), &[panel()])
             .iter()
             .all(|d| *d == Default::default())
     );
@@ -145,8 +147,8 @@ fn pca_visibility_matches_rays_and_round_trips() {
 fn damaged(scene: &BakedScene, bytes: &[u8]) {
     let spoil = |what: &str, spoil: &dyn Fn(&mut Visibility)| {
         let mut wrong = scene.clone();
-        spoil(wrong.visibility.as_mut().unwrap());
-        assert!(wrong.validate().is_err(), "{what} goes unnoticed");
+        spoil(wrong.data_mut().visibility.as_mut().unwrap());
+        assert!(wrong.data().validate().is_err(), "{what} goes unnoticed");
     };
     spoil("a grid of nothing", &|v| v.grid.columns = 0);
     spoil("an endless grid", &|v| {
@@ -724,7 +726,7 @@ fn pca_visibility_of_large_hall_matches_rays() {
         println!(
             "error {error}: {} points, {} clusters",
             found.len(),
-            scene.visibility.as_ref().unwrap().clusters.len()
+            scene.data().visibility.as_ref().unwrap().clusters.len()
         );
         (square.sqrt(), mean(&|p| p.1), mean(&|(m, r)| m - r))
     };

@@ -381,32 +381,33 @@ pub fn build(make: &Make) -> BakedScene {
         },
     });
     if let Some(linked) = make.octree {
-        scene.fmm = Some(octree(&scene));
-        scene.illumination = scene
+        scene.data_mut().fmm = Some(octree(&scene));
+        scene.data_mut().illumination = scene
+            .data()
             .points
             .iter()
             .map(|p| p.position.map(f32::abs))
             .collect();
         if !linked {
-            scene.operator.rows.fill(Row::default());
-            scene.operator.links.clear();
+            scene.data_mut().operator.rows.fill(Row::default());
+            scene.data_mut().operator.links.clear();
         }
     }
     if make.occluded {
         occlude(&mut scene);
     }
     if make.remembers {
-        let known = scene.level_starts[make.sender_levels as usize] as usize;
-        let mut points = scene.points[..known].iter();
+        let known = scene.data().level_starts[make.sender_levels as usize] as usize;
+        let mut points = scene.data().points[..known].iter();
         let mut triangle = || [0; 3].map(|_| points.next().map_or(Vec3::Y, |p| p.x() + 0.1));
         let mesh = TriangleMesh::new(
             vec![triangle(), triangle()],
             vec![0; 2],
             vec![Material::default()],
         );
-        scene.visibility = Some(remember(&scene.points[..known], &mesh));
+        scene.data_mut().visibility = Some(remember(&scene.data().points[..known], &mesh));
     }
-    scene.info.tiers = TierInfo::all_of(&scene);
+    scene.data_mut().info.tiers = TierInfo::all_of(scene.data());
     scene
 }
 
@@ -427,12 +428,22 @@ fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
 /// Two occluders, of one triangle each; half of every third link passes the first, and one way or
 /// another the second.
 fn occlude(scene: &mut BakedScene) {
-    let count = scene.bvh.triangles.len();
-    for (k, triangle) in scene.bvh.triangles[count - 2..].iter_mut().enumerate() {
+    let count = scene.data().bvh.triangles.len();
+    for (k, triangle) in scene.data_mut().bvh.triangles[count - 2..]
+        .iter_mut()
+        .enumerate()
+    {
         (triangle.occluder, triangle.gain) = (k as u32 + 1, 1.0);
     }
     let mut passages = Vec::new();
-    for (at, link) in scene.operator.links.iter_mut().enumerate().step_by(3) {
+    for (at, link) in scene
+        .data_mut()
+        .operator
+        .links
+        .iter_mut()
+        .enumerate()
+        .step_by(3)
+    {
         for set in [at as u16 % 2, 2] {
             let half = Link::pack(0.5 * link.vector(), 1.0, set);
             passages.push(PackedLinkTerm {
@@ -444,7 +455,7 @@ fn occlude(scene: &mut BakedScene) {
         let parts = passages[passages.len() - 2..].iter();
         *link = link_of_parts(parts.map(|p| p.vector()), link.sender());
     }
-    scene.occluders = Some(Occluders {
+    scene.data_mut().occluders = Some(Occluders {
         names: vec!["door".into(), "lift \"1\"".into()],
         sets: vec![0, 1, 3],
         links: passages,
@@ -456,7 +467,7 @@ fn occlude(scene: &mut BakedScene) {
 /// scene: two walls that face each other, and a floor.
 fn octree(scene: &BakedScene) -> FmmOperator {
     let r = &mut Random(99);
-    let (finest, senders) = (scene.finest_senders(), scene.senders());
+    let (finest, senders) = (scene.data().finest_senders(), scene.data().senders());
     let mut of = Vec::new();
     let mut points = Vec::new();
     let mut add = |i: usize, weight: f32| {
@@ -488,7 +499,7 @@ fn octree(scene: &BakedScene) -> FmmOperator {
     let fmm = Fmm::new(&points, &settings, None).unwrap();
     let mut operator = fmm.operator(|at| of[at as usize]);
     for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
-        point.sky = scene.surfaces[point.point as usize].sky;
+        point.sky = scene.data().surfaces[point.point as usize].sky;
         point.factor = 0.9;
     }
     operator

@@ -25,6 +25,7 @@ impl CpuFrame {
         };
         self.solved = None;
         self.solve(scene, &one);
+        let scene = scene.data();
         let shape = SceneDimensions::new(scene);
         let params = shape.params(&one, self.lights.len());
         let steps = SolveSchedule::new(&shape, &one);

@@ -14,12 +14,13 @@ impl CpuFrame {
     /// The scene's BVH with the gains that its occluders have now.
     #[must_use]
     pub fn bvh<'a>(&'a self, scene: &'a BakedScene) -> &'a Bvh {
-        bvh(&self.occluded, scene)
+        bvh(&self.occluded, scene.data())
     }
 
     /// The operator's links and the probes' as the occluders let them be.
     #[must_use]
     pub fn links<'a>(&'a self, scene: &'a BakedScene) -> [&'a [Link]; 2] {
+        let scene = scene.data();
         let probes = scene.probes.as_ref().map_or(&[][..], |p| &p.links);
         match &self.occluded {
             Some(o) => [&o.links, &o.probe_links],
@@ -30,7 +31,7 @@ impl CpuFrame {
     /// The senders' surfaces as they are now.
     #[must_use]
     pub fn surfaces<'a>(&'a self, scene: &'a BakedScene) -> &'a [PointSurface] {
-        surfaces(&self.surfaces, scene)
+        surfaces(&self.surfaces, scene.data())
     }
 
     /// Probe irradiance at `x`, inside an occluder on the side that `n` faces (zero for the nearer
@@ -42,7 +43,7 @@ impl CpuFrame {
         x: Vec3,
         n: Vec3,
     ) -> Option<ProbeIrradiance> {
-        probe::probe(scene.probes.as_ref()?, &self.probes, x, n)
+        probe::probe(scene.data().probes.as_ref()?, &self.probes, x, n)
     }
 
     /// The probes' values, three each, W/m².
@@ -55,6 +56,7 @@ impl CpuFrame {
     /// Returns `None` where no basis function covers the point.
     #[must_use]
     pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
+        let scene = scene.data();
         splat::splat(&scene.points, &scene.display, &self.values, x, n)
     }
 
@@ -62,7 +64,7 @@ impl CpuFrame {
     /// emissive surfaces not.
     #[must_use]
     pub fn direct(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
-        let extent = project::extent(scene);
+        let extent = project::extent(scene.data());
         let mut e = Vec3::ZERO;
         for light in &self.lights {
             e += Vec3::from_array(light.color)
@@ -136,6 +138,6 @@ impl CpuFrame {
     /// The parameters of a solve with these settings and the lights set.
     #[must_use]
     pub fn params(&self, scene: &BakedScene, settings: &FrameSettings) -> SolveParams {
-        SceneDimensions::new(scene).params(settings, self.lights.len())
+        SceneDimensions::new(scene.data()).params(settings, self.lights.len())
     }
 }

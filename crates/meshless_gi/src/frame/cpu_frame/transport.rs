@@ -1,7 +1,7 @@
 //! Transport of the senders' light: to all points, to the senders for one bounce, to the probes.
 
 use super::{CpuFrame, sender_inputs};
-use crate::asset::BakedScene;
+use crate::asset::SceneData;
 use crate::frame::{
     SolveParams, SolveSchedule, VectorIrradiance, apply, apply_one, bounce, compress, flatten,
     fmm_down, fmm_up, pull, push,
@@ -15,7 +15,7 @@ impl CpuFrame {
     /// One reflection: the senders' light carried to them again, and added to their direct light.
     pub(super) fn sweep(
         &mut self,
-        scene: &BakedScene,
+        scene: &SceneData,
         params: &SolveParams,
         steps: &SolveSchedule,
         octree: &mut Option<Passes<'_, f32>>,
@@ -37,7 +37,7 @@ impl CpuFrame {
     /// Push or compress, apply and flatten; or up and down the octree.
     pub(super) fn transport(
         &mut self,
-        scene: &BakedScene,
+        scene: &SceneData,
         params: &SolveParams,
         steps: &SolveSchedule,
         octree: &mut Option<Passes<'_, f32>>,
@@ -121,7 +121,7 @@ impl CpuFrame {
     /// The senders' light at the probes.
     pub(super) fn light_space(
         &mut self,
-        scene: &BakedScene,
+        scene: &SceneData,
         params: &SolveParams,
         steps: &SolveSchedule,
     ) {
@@ -165,7 +165,7 @@ fn operate(
 }
 
 /// Room for the passes, where the octree carries the light.
-pub(super) fn octree<'a>(scene: &'a BakedScene, steps: &SolveSchedule) -> Option<Passes<'a, f32>> {
+pub(super) fn octree<'a>(scene: &'a SceneData, steps: &SolveSchedule) -> Option<Passes<'a, f32>> {
     let operator = scene.fmm.as_ref().filter(|_| steps.octree)?;
     Some(Passes::new(Field::from_operator(operator)))
 }

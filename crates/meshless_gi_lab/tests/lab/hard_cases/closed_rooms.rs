@@ -87,11 +87,14 @@ fn truncation_and_baked_bounces_conserve_energy() {
             ..small()
         };
         let scene = furnace(0.99, &recipe);
-        assert_eq!(scene.bounces.is_some(), bounce_mode == BounceMode::Baked);
+        assert_eq!(
+            scene.data().bounces.is_some(),
+            bounce_mode == BounceMode::Baked
+        );
         let mut frame = CpuFrame::new(&scene);
         frame.solve(&scene, &FrameSettings::bounces(12));
         let off = off(&frame, &scene, series(0.99, 12));
-        let links = scene.operator.links.len();
+        let links = scene.data().operator.links.len();
         eprintln!("ε {epsilon}, {bounce_mode:?}: {links} links, off by {off:.1e}");
         assert!(off < 1e-3, "{bounce_mode:?}: {off}");
     }

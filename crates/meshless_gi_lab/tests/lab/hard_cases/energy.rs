@@ -9,9 +9,9 @@ use meshless_gi::{
 
 /// Σ_j F_ij·n_i of point `i` over all links, the sky's among them.
 fn row_sum(scene: &BakedScene, i: usize) -> f64 {
-    let row = &scene.operator.rows[i];
-    let n = scene.points[i].n().as_dvec3();
-    let links = &scene.operator.links[row.start as usize..][..row.count as usize];
+    let row = &scene.data().operator.rows[i];
+    let n = scene.data().points[i].n().as_dvec3();
+    let links = &scene.data().operator.links[row.start as usize..][..row.count as usize];
     let sum: DVec3 = links.iter().map(|l| l.vector().as_dvec3()).sum();
     f64::from(row.scale) * sum.dot(n)
 }
@@ -25,8 +25,8 @@ fn transport_rows_sum_to_hemisphere() {
         let bake = baked(&level, &small());
         let scene = &bake.scene;
         assert!(bake.stats.uncovered < 1e-6, "{}", bake.stats.uncovered);
-        let off = (0..scene.points.len())
-            .filter(|&i| scene.operator.rows[i].tier != 0)
+        let off = (0..scene.data().points.len())
+            .filter(|&i| scene.data().operator.rows[i].tier != 0)
             .map(|i| (row_sum(scene, i) - 1.0).abs());
         let worst = off.fold(0.0, f64::max);
         let told = bake.stats.energy;
@@ -56,7 +56,7 @@ fn growth(scene: &BakedScene) -> f64 {
             ..FrameSettings::default()
         };
         frame.solve(scene, &settings);
-        let finest = &frame.senders()[scene.finest_senders()];
+        let finest = &frame.senders()[scene.data().finest_senders()];
         finest.iter().map(|s| f64::from(s[0])).collect()
     };
     let all: Vec<Vec<f64>> = (0..9).map(&mut after).collect();

@@ -87,7 +87,11 @@ fn invalid_triangles_are_skipped_and_counted() {
     assert_eq!((problems.no_area, problems.not_finite), (3, 12));
     let (a, b) = (baked(&clean, &small()).scene, baked(&dirty, &small()).scene);
     // Bit by bit what the clean level has.
-    assert!(a.operator == b.operator && a.points == b.points && a.light_samples == b.light_samples);
+    assert!(
+        a.data().operator == b.data().operator
+            && a.data().points == b.data().points
+            && a.data().light_samples == b.data().light_samples
+    );
     let indices = [[0, 1, 2], [0, 1, 3], [7, 0, 1]];
     let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
     let few = TriangleMesh::indexed(&corners, &indices, &[0, 0, 0], vec![half()]);
@@ -329,8 +333,8 @@ fn sheet_under_light_has_only_floor_light_below() {
     // The senders' own light: the sheet's two sides lie in the same positions.
     frame.solve(&scene, &FrameSettings::bounces(1));
     let (mut above, mut below) = (0.0f32, 0.0f32);
-    for j in scene.finest_senders() {
-        let p = &scene.points[j];
+    for j in scene.data().finest_senders() {
+        let p = &scene.data().points[j];
         let middle = (p.x() - Vec3::ONE).abs().max_element() < 0.35;
         if middle && p.n().y > 0.9 {
             above = above.max(frame.senders()[j][0]);

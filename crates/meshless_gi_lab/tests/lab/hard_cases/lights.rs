@@ -85,7 +85,7 @@ fn light_behind_wall_gives_zero_in_front() {
     for x in [2.001, 2.005, 2.009, 2.01, 2.011] {
         frame.set_lights(&scene, &[light_source(Vec3::new(x, 1.0, 1.0), 1.0)]);
         let max = |left: bool| -> f32 {
-            let senders = frame.projected(0).iter().zip(&scene.points);
+            let senders = frame.projected(0).iter().zip(&scene.data().points);
             let side = senders.filter(|(_, p)| (p.x().x < 2.005) == left);
             side.map(|(e, _)| *e).fold(0.0, f32::max)
         };
@@ -192,8 +192,8 @@ fn bright_lights_stay_finite_in_f16() {
     frame.set_lights(&scene, &lights(1e30));
     frame.solve(&scene, &FrameSettings::bounces(4));
     let e = splat::splat(
-        &scene.points,
-        &scene.display,
+        &scene.data().points,
+        &scene.data().display,
         frame.vector_irradiance(),
         Vec3::new(1.0, 0.0, 1.0),
         Vec3::Y,

@@ -67,7 +67,7 @@ fn pca_error_falls_with_vectors() {
     let whole = baked(&level, &of(with(1000))).scene;
     let senders = baked(&level, &of(TransportMethod::Bounded)).scene;
     let few = [1, 4, 12].map(|k| baked(&level, &of(with(k))));
-    assert_eq!(senders.points.len(), whole.points.len());
+    assert_eq!(senders.data().points.len(), whole.data().points.len());
     for bounces in [1, 4] {
         let right = lit(&whole, bounces);
         let other = off(&lit(&senders, bounces), &right);

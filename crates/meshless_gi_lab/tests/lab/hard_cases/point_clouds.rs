@@ -38,7 +38,7 @@ fn closed_form(name: &str, level: &TriangleMesh, scale: f32, max: f32) {
             ..by(rule)
         };
         let scene = baked(level, &recipe).scene;
-        assert_eq!(scene.fmm.is_some(), rule == TransportMethod::fmm());
+        assert_eq!(scene.data().fmm.is_some(), rule == TransportMethod::fmm());
         let (one, eight) = lit(&scene, scale);
         eprintln!("{name}, {rule:?}: {one:.4} of one reflection, {eight:.4} of eight");
         assert!((one - 1.0).abs() < max, "{name}, {rule:?}: {one}");

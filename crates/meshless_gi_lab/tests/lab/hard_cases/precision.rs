@@ -47,20 +47,20 @@ struct Exact<'a> {
 
 impl Exact<'_> {
     fn albedo(&self, j: usize) -> f64 {
-        f64::from(self.scene.surfaces[j].albedo[0])
+        f64::from(self.scene.data().surfaces[j].albedo[0])
     }
 
     fn normal(&self, i: usize) -> DVec3 {
-        self.scene.points[i].n().as_dvec3()
+        self.scene.data().points[i].n().as_dvec3()
     }
 
     /// Light at the senders' positions; what `visible` says is dark in single precision is dark
     /// here.
     fn project(&self, light_source: DVec3, single: &[f32]) -> Vec<f64> {
         let scene = self.scene;
-        let count = scene.light_samples.per_sender as usize;
-        let finest = scene.finest_senders().start;
-        (0..scene.senders())
+        let count = scene.data().light_samples.per_sender as usize;
+        let finest = scene.data().finest_senders().start;
+        (0..scene.data().senders())
             .map(|j| {
                 if single[j] == 0.0 {
                     return 0.0;
@@ -68,11 +68,11 @@ impl Exact<'_> {
                 if j < finest || count == 0 {
                     return unshadowed(
                         light_source,
-                        scene.points[j].x().as_dvec3(),
+                        scene.data().points[j].x().as_dvec3(),
                         self.normal(j),
                     );
                 }
-                let own = &scene.light_samples.list[(j - finest) * count..][..count];
+                let own = &scene.data().light_samples.list[(j - finest) * count..][..count];
                 let all = own
                     .iter()
                     .map(|p| unshadowed(light_source, p.x().as_dvec3(), p.n().as_dvec3()));
@@ -82,9 +82,9 @@ impl Exact<'_> {
     }
 
     fn pull(&self, senders: &mut [f64]) {
-        let finest = self.scene.finest_senders().start;
+        let finest = self.scene.data().finest_senders().start;
         for k in (0..finest).rev() {
-            let row = self.scene.pull.row(k);
+            let row = self.scene.data().pull.row(k);
             if !row.is_empty() {
                 let parts = row
                     .iter()
@@ -95,7 +95,7 @@ impl Exact<'_> {
     }
 
     fn apply(&self, senders: &[f64]) -> Vec<DVec3> {
-        let operator = &self.scene.operator;
+        let operator = &self.scene.data().operator;
         let row = |i: usize| {
             let r = &operator.rows[i];
             let links = &operator.links[r.start as usize..][..r.count as usize];
@@ -112,8 +112,8 @@ impl Exact<'_> {
 
     fn flatten(&self, values: &mut [DVec3]) {
         for i in 0..values.len() {
-            if self.scene.operator.rows[i].tier == 0 {
-                let row = self.scene.parents.row(i).iter();
+            if self.scene.data().operator.rows[i].tier == 0 {
+                let row = self.scene.data().parents.row(i).iter();
                 values[i] = row
                     .map(|w| f64::from(w.weight) * values[w.index as usize])
                     .sum();
@@ -123,11 +123,11 @@ impl Exact<'_> {
 
     /// \[L08\] Eqs. (3), (8)-(10) with the display's weights.
     fn splat(&self, values: &[DVec3], x: Vec3, n: Vec3) -> f64 {
-        let display = &self.scene.display;
+        let display = &self.scene.data().display;
         let (position, normal) = (x.as_dvec3(), n.as_dvec3());
         let (mut numerator, mut denominator) = (DVec3::ZERO, 0.0);
         for &j in display.grid.near(x) {
-            let point = &self.scene.points[j as usize];
+            let point = &self.scene.data().points[j as usize];
             let n_j = point.n().as_dvec3();
             let v = position - point.x().as_dvec3();
             let r = f64::from(point.radius);
@@ -163,7 +163,7 @@ fn single_precision_error_is_bounded() {
         ..small()
     };
     let scene = baked(&cornell(1.0, Vec3::ZERO), &recipe).scene;
-    let inactive = scene.operator.rows.iter().filter(|r| r.tier == 0);
+    let inactive = scene.data().operator.rows.iter().filter(|r| r.tier == 0);
     assert!(inactive.count() > 100, "flatten has work");
     let exact = Exact { scene: &scene };
     let light_source = Vec3::new(0.1, 1.6, 0.3);
@@ -174,7 +174,7 @@ fn single_precision_error_is_bounded() {
     );
     frame.solve(&scene, &FrameSettings::bounces(1));
     let red = |senders: &[[f32; 4]]| -> Vec<f64> {
-        let real = senders[..scene.senders()].iter();
+        let real = senders[..scene.data().senders()].iter();
         real.map(|s| f64::from(s[0])).collect()
     };
     let vectors = |frame: &CpuFrame| -> Vec<DVec3> {
@@ -201,7 +201,7 @@ fn single_precision_error_is_bounded() {
     stage("project", &project[0], &project[1], 1.5);
 
     // Radiosity and pull.
-    let mut senders: Vec<f64> = (0..scene.senders())
+    let mut senders: Vec<f64> = (0..scene.data().senders())
         .map(|j| exact.albedo(j) * f64::from(single[j]))
         .collect();
     exact.pull(&mut senders);
@@ -212,7 +212,7 @@ fn single_precision_error_is_bounded() {
     let found = vectors(&frame);
     let applied = exact.apply(&first);
     let active = |v: &[DVec3]| -> Vec<f64> {
-        let rows = scene.operator.rows.iter().zip(v);
+        let rows = scene.data().operator.rows.iter().zip(v);
         rows.filter(|(r, _)| r.tier != 0)
             .flat_map(|(_, v)| v.to_array())
             .collect()
@@ -251,16 +251,16 @@ fn single_precision_error_is_bounded() {
     // precision's, so the chain starts behind them.
     for bounces in [1, 8, 256] {
         frame.solve(&scene, &FrameSettings::bounces(bounces));
-        let mut direct: Vec<f64> = (0..scene.senders())
+        let mut direct: Vec<f64> = (0..scene.data().senders())
             .map(|j| exact.albedo(j) * f64::from(single[j]))
             .collect();
         exact.pull(&mut direct);
         let mut senders = direct.clone();
         for _ in 1..bounces {
             let further = exact.reflected(&senders);
-            let finest = scene.finest_senders().start;
+            let finest = scene.data().finest_senders().start;
             for j in 0..senders.len() {
-                if j >= finest || scene.pull.row(j).is_empty() {
+                if j >= finest || scene.data().pull.row(j).is_empty() {
                     senders[j] = direct[j] + further[j];
                 }
             }

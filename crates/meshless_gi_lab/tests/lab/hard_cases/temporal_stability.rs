@@ -31,7 +31,7 @@ fn roughness(scene: &BakedScene) -> f32 {
             let light_source = FrameLight::point(x, Vec3::ONE, f32::INFINITY);
             frame.set_lights(scene, &[light_source]);
             frame.solve(scene, &FrameSettings::default());
-            let pairs = frame.vector_irradiance().iter().zip(&scene.points);
+            let pairs = frame.vector_irradiance().iter().zip(&scene.data().points);
             pairs.map(|(e, p)| e.dot(p.n()).y).collect()
         })
         .collect();
