@@ -65,7 +65,7 @@ impl AssetLoader for GiBakedSceneLoader {
         reader.read_to_end(&mut bytes).await?;
         let scene = read_bake(&bytes, settings.max_bytes)?;
         let check = settings.check_scene;
-        self.checker.check(&scene.info(), check, context).await;
+        self.checker.check(scene.info(), check, context).await;
         Ok(scene.into())
     }
 

@@ -17,7 +17,7 @@ use crate::plan::{
 };
 use bevy::ecs::prelude::*;
 use bevy::ecs::system::SystemParam;
-use meshless_gi::{BakedScene, FrameLight};
+use meshless_gi::FrameLight;
 
 /// The world as extracted for this frame.
 #[derive(SystemParam)]

@@ -257,7 +257,7 @@ impl AssetLoader for GiRecipeLoader {
         if is_container(&bytes) {
             let scene = read_bake(&bytes, Limits::default().max_bytes)?;
             let check = GiSceneCheck::default();
-            self.checker.check(&scene.info(), check, context).await;
+            self.checker.check(scene.info(), check, context).await;
             return Ok(scene.into());
         }
         let path = context.path().clone();

@@ -80,14 +80,14 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
     add_operator(&mut table, scene, stats);
     add_optional_data(&mut table, scene, stats);
     add_display(&mut table, scene, stats);
-    add_errors(&mut table, &scene.info());
+    add_errors(&mut table, scene.info());
     add_tiers(&mut table, scene);
     table.text()
 }
 
 /// Adds the file, its origin and the points.
 fn add_source(table: &mut Table, path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) {
-    let info = &scene.info();
+    let info = scene.info();
     let position = |p: [f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
     table
         .row(

@@ -28,7 +28,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let error = match BakedScene::read(&args.bake, &input::limits()) {
         Ok(baked) => {
             let differences = match &args.scene {
-                Some(scene) => differences(args, scene, &baked.info())?,
+                Some(scene) => differences(args, scene, baked.info())?,
                 None => Vec::new(),
             };
             if differences.is_empty() {

@@ -107,7 +107,7 @@ fn load(
                 content_hash: Some(&now.0.content_hash()),
                 recipe: Some(now.1),
             };
-            let differs = Staleness::compare(&scene.info(), &now);
+            let differs = Staleness::compare(scene.info(), &now);
             let what = match differs.is_stale() {
                 true => differs.to_string(),
                 false => "occluders".into(),

@@ -83,7 +83,7 @@ pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'sta
             if let Some(hash) = work.take() {
                 comparison.work = None;
                 // Nothing below the root: the bake may be shown with other means.
-                if hash.is_some_and(|hash| is_stale(&scene.info(), &hash)) {
+                if hash.is_some_and(|hash| is_stale(scene.info(), &hash)) {
                     warn_stale(world, root, asset);
                 }
             }
