@@ -16,7 +16,7 @@
 @group(0) @binding(11) var<storage, read> parent_starts: array<u32>;
 @group(0) @binding(12) var<storage, read> parent_entries: array<WeightEntry>;
 // Eight numbers a sender, if the bake has the sky's terms; not read otherwise.
-@group(0) @binding(13) var<storage, read> seen: array<f32>;
+@group(0) @binding(13) var<storage, read> sky_visibility: array<f32>;
 
 @compute @workgroup_size(64)
 fn sweep(
@@ -36,7 +36,7 @@ fn sweep(
         // What comes straight from the sky is reflected in `direct` already.
         var terms = vec3f(0.0);
         for (var k = 0u; k < params.sky_terms; k++) {
-            terms += params.sky_more[k].xyz * seen[j * params.sky_terms + k];
+            terms += params.sky_more[k].xyz * sky_visibility[j * params.sky_terms + k];
         }
         e -= sky_light(params.sky, dot(surfaces[j].sky, points[j].normal), terms, params.sky_terms);
     }

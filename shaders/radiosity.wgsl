@@ -8,7 +8,7 @@
 @group(0) @binding(5) var<storage, read> surfaces: array<PointSurface>;
 @group(0) @binding(6) var<storage, read_write> senders: array<vec4f>;
 // Eight numbers a sender, if the bake has the sky's terms; not read otherwise.
-@group(0) @binding(7) var<storage, read> seen: array<f32>;
+@group(0) @binding(7) var<storage, read> sky_visibility: array<f32>;
 
 @compute @workgroup_size(64)
 fn radiosity(
@@ -34,7 +34,7 @@ fn radiosity(
     }
     var terms = vec3f(0.0);
     for (var k = 0u; k < params.sky_terms; k++) {
-        terms += params.sky_more[k].xyz * seen[j * params.sky_terms + k];
+        terms += params.sky_more[k].xyz * sky_visibility[j * params.sky_terms + k];
     }
     e += sky_light(params.sky, dot(surface.sky, points[j].normal), terms, params.sky_terms);
     senders[j] = vec4f(surface.albedo * e + surface.emission * params.emission, 0.0);

@@ -3,7 +3,7 @@
 // scenes left uncovered. Entry points: lib/pixel_pass.
 
 @group(0) @binding(7) var<storage, read> occluded_irradiances: array<VectorIrradiance>;
-@group(0) @binding(10) var<uniform> wanted: SubtractShadowParams;
+@group(0) @binding(10) var<uniform> shadow_params: SubtractShadowParams;
 @group(0) @binding(11) var<storage, read> lights: array<SoftLight>;
 @group(0) @binding(12) var tables: texture_2d_array<f32>;
 
@@ -116,14 +116,14 @@ fn mirrored(lobe: Lobe, light: SoftLight, to: vec3f) -> f32 {
 // Radiance that the renderer drew without shadows.
 fn drawn_at(x: vec3f, surface: Surface, f0: vec3f) -> vec3f {
     var lobe: Lobe;
-    if wanted.gloss != 0u {
+    if shadow_params.gloss != 0u {
         lobe = lobe_of(surface, f0);
     }
     var sum = vec3f(0.0);
-    for (var k = 0u; k < wanted.lights; k++) {
+    for (var k = 0u; k < shadow_params.lights; k++) {
         let light = lights[k];
         let to = light.center - x;
-        let e = unshadowed(light, x, surface.n, wanted.extent);
+        let e = unshadowed(light, x, surface.n, shadow_params.extent);
         if light.kind == SOFT_SPHERE {
             if e > 0.0 {
                 sum += (FRAC_1_PI * e * burley(surface.n, surface.v, normalize(to), surface.roughness)) * surface.diffuse * light.color;
@@ -131,7 +131,7 @@ fn drawn_at(x: vec3f, surface: Surface, f0: vec3f) -> vec3f {
             continue;
         }
         sum += FRAC_1_PI * e * surface.diffuse * light.color;
-        if wanted.gloss != 0u && light.kind == SOFT_RECTANGLE && dot(normal_of(light), to) < 0.0 {
+        if shadow_params.gloss != 0u && light.kind == SOFT_RECTANGLE && dot(normal_of(light), to) < 0.0 {
             sum += mirrored(lobe, light, to) * window_of(light, dot(to, to)) * lobe.weight * light.color;
         }
     }

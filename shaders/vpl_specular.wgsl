@@ -12,7 +12,7 @@
 @group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(8) var<uniform> screen: SubsplatParams;
 @group(0) @binding(9) var<uniform> span: Span;
-@group(0) @binding(10) var<uniform> wanted: SpecularParams;
+@group(0) @binding(10) var<uniform> specular_params: SpecularParams;
 @group(0) @binding(11) var<storage, read_write> shines: array<SpecularNode>;
 // Refine masks of the nodes of the levels from 2, one bit per group of lights.
 @group(0) @binding(12) var<storage, read_write> refine_masks: array<vec4u>;
@@ -91,7 +91,7 @@ fn glossy(pixel: vec2u) -> Glossy {
         return out;
     }
     out.texel = textureLoad(gbuffer, pixel, 0);
-    let smooth_share = clamp((wanted.max_roughness - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
+    let smooth_share = clamp((specular_params.max_roughness - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
     out.shown = max(gbuffer_metallic(out.texel), smooth_share);
     out.x = view_place(pixel, out.depth);
     out.n = screen.view_from_world * gbuffer_normal(out.texel);
@@ -274,7 +274,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     let f0 = gbuffer_f0(here.texel);
     let earlier = bright(before.light, f0);
     let most = screen.radiance_threshold * (earlier + FLOOR * FRAC_1_PI);
-    if before.known && wanted.together == 1u {
+    if before.known && specular_params.together == 1u {
         let node = pack_shine(whole(pixel, here));
         let off = abs(bright(unpack_shine(node), f0) - earlier);
         keep(k, cell, node, vec4u(select(0u, 0xffffffffu, off > most)));

@@ -262,14 +262,14 @@ fn flat<T: bytemuck::NoUninit>(items: &[T]) -> Vec<f32> {
 }
 
 /// Change that makes an input wrong.
-type Spoil = fn(&mut BakedScene);
+type Perturb = fn(&mut BakedScene);
 
-/// Solves on GPU and CPU, compares, and compares again with each of the `spoils`.
-fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
+/// Solves on GPU and CPU, compares, and compares again with each of the `perturbations`.
+fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked, Perturb)]) {
     scene_agrees(&synthetic::scene(form), settings, checked);
 }
 
-fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
+fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checked, Perturb)]) {
     let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let form = scene.data().operator.form;
@@ -277,17 +277,17 @@ fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checke
     let twin = cpu(scene, &lights, settings);
     let frame = GpuFrame::new(&kernels, &harness.queue, scene, lights.len() as u32).unwrap();
     let frame = solved(&harness, &kernels, frame, &twin, settings);
-    for (i, &((name, pass, take, width, scale), spoil)) in checked.iter().enumerate() {
+    for (i, &((name, pass, take, width, scale), perturb)) in checked.iter().enumerate() {
         let expected = take(&twin);
         let gpu: Vec<f32> = output(&harness, &frame, pass, expected.len());
         let mut wrong = scene.clone();
-        spoil(&mut wrong);
-        let spoiled = take(&cpu(&wrong, &lights, settings));
+        perturb(&mut wrong);
+        let perturbed = take(&cpu(&wrong, &lights, settings));
         same(
-            &format!("{name}, {form:?}, spoil {i}"),
+            &format!("{name}, {form:?}, perturb {i}"),
             &gpu,
             &expected,
-            &spoiled,
+            &perturbed,
             width,
             scale,
         );
@@ -414,13 +414,13 @@ fn frame_of_components_matches_twin() {
 
 #[test]
 fn runtime_bounces_match_twin() {
-    const FURTHER: Spoil = |s| {
+    const FURTHER: Perturb = |s| {
         s.data_mut().surfaces[60..150]
             .iter_mut()
             .for_each(|m| m.albedo[0] *= 1.01)
     };
     for form in [SenderForm::Averages, SenderForm::Differences] {
-        let both: [(Checked, Spoil); 4] = [
+        let both: [(Checked, Perturb); 4] = [
             (BOUNCED, FURTHER),
             (BOUNCED, |s| bend(s, 40)),
             (BOUNCED, |s| {
@@ -603,12 +603,12 @@ fn links_above_binding_limit_are_split() {
         // Links of the last part that this tier uses.
         let sizes = scene.data().operator.tier_sizes();
         bend(&mut wrong, sizes[tier as usize - 1].1 as usize - 5);
-        let spoiled = cpu(&wrong, &lights, &settings);
+        let perturbed = cpu(&wrong, &lights, &settings);
         same(
             &format!("parts, tier {tier}"),
             &gpu,
             &flat(twin.vector_irradiance()),
-            &flat(spoiled.vector_irradiance()),
+            &flat(perturbed.vector_irradiance()),
             12,
             Scale::Rms,
         );
@@ -669,12 +669,12 @@ fn cornell_box_bakes_match_twin() {
             frame = solved(&harness, &kernels, frame, &twin, &settings);
             let expected = flat(twin.vector_irradiance());
             let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
-            let spoiled = flat(cpu(&scene, &wrong, &settings).vector_irradiance());
+            let perturbed = flat(cpu(&scene, &wrong, &settings).vector_irradiance());
             same(
                 &format!("{rule:?}, {mode:?}, tier {tier}"),
                 &gpu,
                 &expected,
-                &spoiled,
+                &perturbed,
                 12,
                 Scale::Rms,
             );

@@ -20,7 +20,7 @@ use meshless_gi::internals::frame::{
 pub struct SpecularBuffers {
     levels: SubsplatLevels,
     screen: wgpu::Buffer,
-    wanted: wgpu::Buffer,
+    specular_params: wgpu::Buffer,
     /// Spans of the levels.
     spans: wgpu::Buffer,
     stride: u32,
@@ -75,7 +75,7 @@ impl SpecularBuffers {
                 "vpl_specular view",
                 size_of::<SubsplatParams>() as u64,
             ),
-            wanted: uniform(
+            specular_params: uniform(
                 device,
                 "vpl_specular settings",
                 size_of::<SpecularParams>() as u64,
@@ -108,7 +108,7 @@ impl SpecularBuffers {
     pub fn bytes(&self) -> u64 {
         let own = [
             &self.screen,
-            &self.wanted,
+            &self.specular_params,
             &self.spans,
             &self.shines,
             &self.refine_masks,
@@ -136,10 +136,19 @@ impl SpecularBuffers {
 
     /// Sets the parameters for the frame that is submitted next. Their levels are
     /// [`SpecularBuffers::levels`].
-    pub fn write(&mut self, queue: &wgpu::Queue, screen: &SubsplatParams, wanted: &SpecularParams) {
+    pub fn write(
+        &mut self,
+        queue: &wgpu::Queue,
+        screen: &SubsplatParams,
+        specular_params: &SpecularParams,
+    ) {
         debug_assert_eq!(screen.levels(), self.levels);
         queue.write_buffer(&self.screen, 0, bytemuck::bytes_of(screen));
-        queue.write_buffer(&self.wanted, 0, bytemuck::bytes_of(wanted));
+        queue.write_buffer(
+            &self.specular_params,
+            0,
+            bytemuck::bytes_of(specular_params),
+        );
     }
 
     /// Records everything between the G-buffer and the radiance of every pixel, for
@@ -167,7 +176,7 @@ impl SpecularBuffers {
             (5, nodes.as_entire_binding()),
             (6, triangles.as_entire_binding()),
             (8, self.screen.as_entire_binding()),
-            (10, self.wanted.as_entire_binding()),
+            (10, self.specular_params.as_entire_binding()),
             (11, self.shines.as_entire_binding()),
         ];
         let with = |more: &[(u32, wgpu::BindingResource<'_>)], which| {

@@ -130,12 +130,12 @@ impl fmt::Display for ChangeCounts {
             (self.moved, "moved"),
             (self.recolored, "changed color"),
         ];
-        let said: Vec<String> = (counts.iter().filter(|(n, _)| *n > 0))
+        let parts: Vec<String> = (counts.iter().filter(|(n, _)| *n > 0))
             .map(|(n, what)| format!("{n} {what}"))
             .collect();
-        match said.is_empty() {
+        match parts.is_empty() {
             true => Ok(()),
-            false => write!(f, " ({})", said.join(", ")),
+            false => write!(f, " ({})", parts.join(", ")),
         }
     }
 }

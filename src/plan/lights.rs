@@ -99,7 +99,7 @@ pub fn light_affects(light: &FrameLight, bounds: Bounds) -> bool {
 #[derive(Clone, Debug)]
 struct Slot {
     /// Light in the current frame.
-    wanted: FrameLight,
+    current: FrameLight,
     /// Light that the device's projection was made for.
     projected: Option<FrameLight>,
     /// Change found by the last update.
@@ -187,9 +187,9 @@ impl<K: Copy + Ord> SlotTable<K> {
                 let slot = self.slots[slot as usize]
                     .as_mut()
                     .expect("an owned slot is in use");
-                slot.wanted = part;
+                slot.current = part;
                 if !light_affects(&part, bounds) {
-                    slot.wanted.color = [0.0; 3];
+                    slot.current.color = [0.0; 3];
                 }
             }
         }
@@ -209,8 +209,8 @@ impl<K: Copy + Ord> SlotTable<K> {
                     stale |= applied != [0.0; 3];
                     return SlotChange::None;
                 };
-                let valid = |p: FrameLight| same_projection(&p, &slot.wanted, tolerance);
-                let color = slot.wanted.color;
+                let valid = |p: FrameLight| same_projection(&p, &slot.current, tolerance);
+                let color = slot.current.color;
                 slot.change = if color == [0.0; 3] {
                     // The projection of a dark slot is multiplied by zero.
                     if applied == [0.0; 3] {
@@ -237,9 +237,9 @@ impl<K: Copy + Ord> SlotTable<K> {
     #[must_use]
     pub fn lights(&self) -> Vec<FrameLight> {
         let light = |slot: &Slot| match (slot.change, slot.projected) {
-            (SlotChange::Geometry, _) => slot.wanted,
+            (SlotChange::Geometry, _) => slot.current,
             (_, Some(projected)) => FrameLight {
-                color: slot.wanted.color,
+                color: slot.current.color,
                 ..projected
             },
             (_, None) => FrameLight::default(),
@@ -257,7 +257,7 @@ impl<K: Copy + Ord> SlotTable<K> {
             if let Some(slot) = self.slots.get_mut(i as usize).and_then(Option::as_mut)
                 && slot.change == SlotChange::Geometry
             {
-                slot.projected = Some(slot.wanted);
+                slot.projected = Some(slot.current);
             }
         }
     }
@@ -284,7 +284,7 @@ impl<K: Copy + Ord> SlotTable<K> {
 
     fn take(&mut self, part: FrameLight) -> u32 {
         let slot = Some(Slot {
-            wanted: part,
+            current: part,
             projected: None,
             change: SlotChange::None,
         });

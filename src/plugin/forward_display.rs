@@ -192,9 +192,9 @@ pub(crate) fn prepare(
     for (entity, view, camera, settings, bound) in &views {
         let id = view.retained_view_entity;
         let camera_id = ViewId(id.main_entity.to_bits());
-        let wanted = (world.views.iter())
+        let needs_picture = (world.views.iter())
             .any(|v| v.id == camera_id && v.forward && v.has_gbuffer && v.settings.enabled);
-        let Some(size) = camera.physical_target_size.filter(|_| wanted) else {
+        let Some(size) = camera.physical_target_size.filter(|_| needs_picture) else {
             if let Some(gone) = forward.views.remove(&id)
                 && bound.is_some_and(|b| b.texture.id() == gone.shown.0.id())
             {

@@ -50,12 +50,12 @@ pub(crate) fn replace(
     mut module: Local<Module>,
 ) {
     let display = !displays.is_empty();
-    let wanted = match *module {
+    let needed = match *module {
         Module::Theirs => true,
         Module::Unknown => false,
         Module::Ours { display: has } => display && !has,
     };
-    let Some(mut shaders) = shaders.filter(|_| wanted && !volumes.is_empty()) else {
+    let Some(mut shaders) = shaders.filter(|_| needed && !volumes.is_empty()) else {
         return;
     };
     let found = shaders.iter().find(|(_, shader)| is_module(shader));
@@ -115,8 +115,8 @@ mod tests {
         let Source::Wgsl(text) = &shaders.get(&handle).expect("still there").source else {
             panic!("no WGSL");
         };
-        let told = !world.resource::<GiWarnings>().0.is_empty();
-        (text.to_string(), told)
+        let has_warned = !world.resource::<GiWarnings>().0.is_empty();
+        (text.to_string(), has_warned)
     }
 
     #[test]

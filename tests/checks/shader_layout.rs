@@ -1,7 +1,7 @@
 //! Comparison of the shaders with the Rust side, read from the WGSL by naga, without a GPU.
 //! Structs, constants, bindings, entry points and workgroup sizes must match the kernel table and
 //! the shared types. Every kernel must have a shader and a CPU twin of its name. Each comparison is
-//! repeated on a spoiled shader, and must fail.
+//! repeated on a perturbed shader, and must fail.
 
 use bevy_meshless_gi::internals::gpu::{KERNELS, Kernel, Kind, Pass};
 use meshless_gi::internals::asset::PointSurface;
@@ -753,7 +753,7 @@ fn shader_structs_match_rust() {
 #[test]
 fn shader_struct_mismatch_is_detected() {
     // Kernel, replaced text, replacement, and a word of the message.
-    let spoils = [
+    let perturbations = [
         (
             "    radius: f32,\n    normal: vec3f,",
             "    normal: vec3f,\n    radius: f32,",
@@ -876,7 +876,7 @@ fn shader_struct_mismatch_is_detected() {
             "const VIEW_COSINE_TOLERANCE",
         ),
     ];
-    for (from, to, name, complaint) in spoils {
+    for (from, to, name, complaint) in perturbations {
         let kernel = KERNELS.iter().find(|k| k.name == name).unwrap();
         assert!(kernel.source.contains(from), "{name} has no {from:?}");
         let found = problems(kernel, &kernel.source.replace(from, to)).join("\n");

@@ -17,11 +17,11 @@ fn plugin_without_renderer_loads_assets_only() {
     let file = folder.path().join("room.mgi");
     let (room, bake) = cornell();
     std::fs::write(&file, bake.to_bytes().unwrap()).unwrap();
-    let (mut app, told) = warnings(|| bare_app(folder.path()));
-    assert_eq!(told.len(), 1, "one warning: {told:?}");
+    let (mut app, logged) = warnings(|| bare_app(folder.path()));
+    assert_eq!(logged.len(), 1, "one warning: {logged:?}");
     assert!(
-        told[0].contains("no renderer") && told[0].contains("is disabled"),
-        "{told:?}"
+        logged[0].contains("no renderer") && logged[0].contains("is disabled"),
+        "{logged:?}"
     );
     let handle: Handle<GiBakedScene> = app.world().resource::<AssetServer>().load("room.mgi");
     app.world_mut().spawn(GiScene(handle.clone()));
@@ -85,12 +85,12 @@ fn unsupported_device_renders_without_indirect_light() {
     });
     app.add_plugins((plugins, MeshlessGiPlugin::default()));
     app.insert_resource(GlobalAmbientLight::NONE);
-    let ((), told) = warnings(|| ready(&mut app));
-    assert_eq!(told.len(), 1, "one warning: {told:?}");
+    let ((), logged) = warnings(|| ready(&mut app));
+    assert_eq!(logged.len(), 1, "one warning: {logged:?}");
     assert!(
-        told[0].contains("indirect light is disabled")
-            && told[0].contains("maxStorageTexturesPerShaderStage"),
-        "{told:?}"
+        logged[0].contains("indirect light is disabled")
+            && logged[0].contains("maxStorageTexturesPerShaderStage"),
+        "{logged:?}"
     );
     let (room, bake) = cornell();
     let asset = app
@@ -110,12 +110,12 @@ fn unsupported_device_renders_without_indirect_light() {
         },
         Transform::from_xyz(0.0, 1.5, 0.3),
     ));
-    let (mean, told) = warnings(|| {
+    let (mean, logged) = warnings(|| {
         run(&mut app, 3);
         picture(&mut app, &image).mean()
     });
     assert!(mean > 0.01, "the rest of the app draws");
-    assert!(told.is_empty(), "it is not told again: {told:?}");
+    assert!(logged.is_empty(), "it is not logged again: {logged:?}");
     assert_eq!(
         app.world().resource::<GiFrameStats>().get().frame,
         0,

@@ -44,14 +44,14 @@ fn scene_runs_only_required_effects() {
             run(&mut app, 1);
         }
         let found = counters(&app);
-        let mut wanted = scene.runs.to_vec();
-        wanted.sort_unstable();
+        let mut expected = scene.runs.to_vec();
+        expected.sort_unstable();
         let ran: Vec<FrameStage> = found.dispatches.keys().copied().collect();
         println!(
             "{}: {ran:?}, {} buffers, {} bytes",
             scene.name, found.buffers, found.bytes
         );
-        assert_eq!(ran, wanted, "{}:\n{}", scene.name, found.plan);
+        assert_eq!(ran, expected, "{}:\n{}", scene.name, found.plan);
         // One channel where all is gray, and only there.
         let one = |c: &ColorModeSelection| matches!(c.channels, Channels::One(_));
         let channels = &found.plan.channels;

@@ -193,12 +193,12 @@ fn unusable_meshes_are_named_and_skipped() {
     app.world_mut().entity_mut(lid).insert(Visibility::Visible);
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
 
-    let (bake, told) = warnings(|| bake(&mut app, root, quick()));
+    let (bake, logged) = warnings(|| bake(&mut app, root, quick()));
     let (summary, scene) = bake;
     assert_eq!(scene.info().triangles, 21, "the room and the lid");
     let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
     for text in &texts {
-        assert!(told.contains(text), "{text} is in the log");
+        assert!(logged.contains(text), "{text} is in the log");
     }
     let expected = [
         (dark, ["`vase`", "MAIN_WORLD"]),
@@ -650,7 +650,7 @@ fn loaded_bake_of_other_meshes_warns_once() {
         let bake = app.world().resource::<AssetServer>().load("room.mgi");
         let named = (GiScene(bake), Name::new("hall"));
         app.world_mut().entity_mut(root).insert(named);
-        let told = warnings(|| {
+        let logged = warnings(|| {
             until(app, "loading", |app| {
                 let gi = app.world().get::<GiScene>(root)?;
                 let bakes = app.world().resource::<Assets<GiBakedScene>>();
@@ -661,21 +661,21 @@ fn loaded_bake_of_other_meshes_warns_once() {
                 std::thread::sleep(Duration::from_millis(3));
             }
         });
-        (root, told.1)
+        (root, logged.1)
     };
-    let (_, told) = load(&mut app, &room);
-    assert_eq!(told, [] as [String; 0], "the same meshes");
+    let (_, logged) = load(&mut app, &room);
+    assert_eq!(logged, [] as [String; 0], "the same meshes");
     let mut moved = room.clone();
     moved.0[9].corner.y += 0.1;
-    let (hall, told) = load(&mut app, &moved);
-    assert_eq!(told.len(), 1, "{told:?}");
+    let (hall, logged) = load(&mut app, &moved);
+    assert_eq!(logged.len(), 1, "{logged:?}");
     for part in [
         format!("entity {hall}"),
         "`hall`".into(),
         "`room.mgi`".into(),
         "bake_gi".into(),
     ] {
-        assert!(told[0].contains(&part), "{part}: {}", told[0]);
+        assert!(logged[0].contains(&part), "{part}: {}", logged[0]);
     }
 }
 
@@ -685,14 +685,14 @@ fn scene_file_loaded_as_bake_returns_named_error() {
     std::fs::write(folder.path().join("hall.glb"), glb(&Room::cornell())).unwrap();
     let mut app = bare_app(folder.path());
     let handle = app.world().resource::<AssetServer>().load("hall.glb");
-    let (root, told) = warnings(|| {
+    let (root, logged) = warnings(|| {
         let root = app.world_mut().spawn(GiScene(handle)).id();
         for _ in 0..5 {
             app.update();
         }
         root
     });
-    assert_eq!(told.len(), 1, "{told:?}");
+    assert_eq!(logged.len(), 1, "{logged:?}");
     let entity = format!("entity {root}");
     for part in [
         entity.as_str(),
@@ -701,7 +701,7 @@ fn scene_file_loaded_as_bake_returns_named_error() {
         "hall.gi.ron",
         "bake_gi",
     ] {
-        assert!(told[0].contains(part), "{part}: {}", told[0]);
+        assert!(logged[0].contains(part), "{part}: {}", logged[0]);
     }
 }
 

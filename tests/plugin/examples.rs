@@ -39,10 +39,10 @@ fn drawn(example: &str, options: &[&str]) -> RgbImage {
         .args(options)
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{example}: {}\n{said}", run.status);
+    let stderr = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{example}: {}\n{stderr}", run.status);
     for bad in ["panicked", "ERROR"] {
-        assert!(!said.contains(bad), "{example}:\n{said}");
+        assert!(!stderr.contains(bad), "{example}:\n{stderr}");
     }
     image::open(&file).unwrap().into_rgb8()
 }
@@ -143,15 +143,15 @@ fn examples_reject_invalid_arguments() {
             .args(arguments)
             .output()
             .unwrap();
-        let said = String::from_utf8_lossy(&run.stderr);
+        let stderr = String::from_utf8_lossy(&run.stderr);
         let option = if arguments.contains(&"--size") {
             "--size"
         } else {
             arguments[0]
         };
-        assert_eq!(run.status.code(), Some(2), "{arguments:?}: {said}");
-        let (reason, usage) = said.split_once("usage: doors").expect("the usage");
-        assert!(reason.contains(option), "{arguments:?}: {said}");
-        assert!(usage.contains("--size WIDTHxHEIGHT"), "{said}");
+        assert_eq!(run.status.code(), Some(2), "{arguments:?}: {stderr}");
+        let (reason, usage) = stderr.split_once("usage: doors").expect("the usage");
+        assert!(reason.contains(option), "{arguments:?}: {stderr}");
+        assert!(usage.contains("--size WIDTHxHEIGHT"), "{stderr}");
     }
 }

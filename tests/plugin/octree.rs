@@ -119,8 +119,8 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     // It fits: solved again in each frame in which the light moves, by the octree.
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
-    let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");
-    assert!(plan.contains(&said) && dispatched == walked, "{plan}");
+    let reason = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");
+    assert!(plan.contains(&reason) && dispatched == walked, "{plan}");
     let found = picture(&mut stand.app, &stand.image);
     assert_alike("octree", &by_octree, &found);
     let own = found.nrmse(&by_octree);
@@ -146,10 +146,13 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(4)));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
-    let said = format!(
+    let reason = format!(
         "with tier {links} of {tiers}: 2.00 ms a solve, within 4 ms; tier {tiers}, the octree, would take"
     );
-    assert!(plan.contains(&said) && dispatched == reflections, "{plan}");
+    assert!(
+        plan.contains(&reason) && dispatched == reflections,
+        "{plan}"
+    );
     let found = picture(&mut stand.app, &stand.image);
     assert_alike("links below the octree", &by_links, &found);
     let own = found.nrmse(&by_links);
@@ -159,8 +162,8 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(40)));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
-    let said = "the octree: 20.00 ms a solve, within 40 ms; there is no higher one";
-    assert!(plan.contains(said) && dispatched == walked, "{plan}");
+    let reason = "the octree: 20.00 ms a solve, within 40 ms; there is no higher one";
+    assert!(plan.contains(reason) && dispatched == walked, "{plan}");
 }
 
 #[test]
@@ -172,10 +175,10 @@ fn device_below_octree_limits_uses_links_with_reason() {
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
-    let said = format!("with tier {links} of {links}: nothing less was asked for");
-    assert!(plan.contains(&said), "{plan}");
-    let said = "with its links: the octree's order is 7, the kernels take 6";
-    assert!(plan.contains(said), "{plan}");
+    let reason = format!("with tier {links} of {links}: nothing less was asked for");
+    assert!(plan.contains(&reason), "{plan}");
+    let reason = "with its links: the octree's order is 7, the kernels take 6";
+    assert!(plan.contains(reason), "{plan}");
     let settings = FrameSettings {
         tier: links,
         ..settings()
@@ -206,8 +209,8 @@ fn device_below_octree_limits_uses_links_with_reason() {
         stand.solved().0
     };
     let plan = ask(&mut stand, 3.0);
-    let said = "2.00 ms a solve, within 3 ms; there is no higher one";
-    assert!(plan.contains(said), "{plan}");
+    let reason = "2.00 ms a solve, within 3 ms; there is no higher one";
+    assert!(plan.contains(reason), "{plan}");
     // And what is too much goes down one tier, not to the least.
     let below = 2.0 * choices[links as usize - 2].work as f32 / work as f32;
     // Where the tier below takes four fifths of the budget at most.

@@ -146,8 +146,8 @@ fn costs_are_measured_and_predict_other_tier() {
     }
     let seen = cost(&plan(&app), FrameStage::APPLY);
     let close = |found: Option<f32>, links: u64| {
-        let wanted = 1e-4 * links as f32;
-        found.is_some_and(|ms| (ms / wanted - 1.0).abs() < 1e-3)
+        let expected = 1e-4 * links as f32;
+        found.is_some_and(|ms| (ms / expected - 1.0).abs() < 1e-3)
     };
     assert!(
         close(seen.predicted, all) && close(seen.measured, all),

@@ -326,8 +326,8 @@ fn reflected_components_expose_every_field() {
         }
     }
     let names: BTreeSet<String> = seen.keys().cloned().collect();
-    let wanted = deriving(&["Component"]);
-    let missing: Vec<_> = wanted.difference(&names).collect();
+    let expected = deriving(&["Component"]);
+    let missing: Vec<_> = expected.difference(&names).collect();
     assert!(missing.is_empty(), "not in the world: {missing:?}");
     // Values of all depths: settings, an element of a list, an output.
     for (path, value) in [

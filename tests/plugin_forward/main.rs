@@ -153,7 +153,7 @@ fn forward_camera_matches_deferred() {
     );
     println!("forward display: NRMSE {d:.5}, volume {v:.5}");
     assert!(d < MAX_ERROR, "{d}");
-    assert!(v > 2.0 * MAX_ERROR, "the volume is told apart: {v}");
+    assert!(v > 2.0 * MAX_ERROR, "the volume is distinguished: {v}");
     // On again, by subsplats; then half as bright; then removed.
     shown.insert((GiForwardCamera::default(), GiSplatting::default()));
     let again = shown.picture();

@@ -495,10 +495,10 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     let ratio = two.mean() / one.mean();
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
     // Ambient light in lit fog causes a warning.
-    let told = |app: &App| app.world().resource::<GiWarnings>().0.clone();
-    assert_eq!(told(&s.app), []);
+    let warned = |app: &App| app.world().resource::<GiWarnings>().0.clone();
+    assert_eq!(warned(&s.app), []);
     let mut eye = s.app.world_mut().entity_mut(s.eye);
     eye.insert(VolumetricFog::default());
     run(&mut s.app, 1);
-    assert_eq!(told(&s.app), [GiWarning::FogAmbient]);
+    assert_eq!(warned(&s.app), [GiWarning::FogAmbient]);
 }

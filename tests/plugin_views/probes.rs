@@ -104,7 +104,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         assert!(d <= MAX, "{name}: FLIP {d}");
         assert!(
             flip(&dark, test) > 1.5 * d,
-            "{name}: a black panel is not told apart"
+            "{name}: a black panel is not distinguished"
         );
     };
     type Compare<'a> = &'a dyn Fn(&str, &Picture, &Picture);

@@ -208,14 +208,14 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
     sum / whole
 }
 
-/// Returns the pixels whose neighbors all have a visible share accepted by `wanted`.
-fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
+/// Returns the pixels whose neighbors all have a visible share accepted by `accepted`.
+fn within(seen: &[f32], accepted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {
         (-1..=1).all(|dy| {
             (-1..=1).all(|dx| {
                 let (x, y) = ((i % w + dx).clamp(0, w - 1), (i / w + dy).clamp(0, h - 1));
-                wanted(seen[(y * w + x) as usize])
+                accepted(seen[(y * w + x) as usize])
             })
         })
     };

@@ -378,14 +378,14 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
     ];
     for (name, change, finding) in kinds {
         let mut s = shown(change);
-        let told = |s: &Shown| s.app.world().resource::<GiWarnings>().0.clone();
-        assert_eq!(told(&s), [finding]);
+        let warned = |s: &Shown| s.app.world().resource::<GiWarnings>().0.clone();
+        assert_eq!(warned(&s), [finding]);
         s.app.world_mut().resource_mut::<GiWarnings>().0.clear();
         let dark = s.picture();
         s.ask(GiIrradianceVolume::default());
         s.wait();
         let lit = s.picture();
-        assert_eq!(told(&s), []);
+        assert_eq!(warned(&s), []);
         keep(&format!("volume_{name}"), &expected.beside(&lit));
         keep(&format!("volume_{name}_without"), &expected.beside(&dark));
         // The panel alone: where a volume changes anything, and a tenth of the picture or so.

@@ -129,19 +129,19 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     turned.pixels.reverse();
     assert!(
         flip(reference, &turned) > MAX,
-        "{name}: a picture upside down is not told apart"
+        "{name}: a picture upside down is not distinguished"
     );
     let mut brighter = test.clone();
     brighter.pixels.iter_mut().flatten().for_each(|v| *v *= 1.5);
     assert!(
         flip(reference, &brighter) > MAX,
-        "{name}: a brighter picture is not told apart"
+        "{name}: a brighter picture is not distinguished"
     );
     let mut off = test.clone();
     off.pixels.iter_mut().flatten().for_each(|v| *v *= 1.07);
     assert!(
         off.nrmse(reference) > 0.03,
-        "{name}: seven percent more light is not told apart"
+        "{name}: seven percent more light is not distinguished"
     );
 }
 

@@ -136,9 +136,9 @@ fn monochrome_probes_match_twin() {
     let found: Vec<VectorIrradiance> = output(&harness, &frame, Pass::Volume, rows);
     let wrong = |twin: &CpuFrame| differing(&found, twin.probes(), 12, SINGLE, Scale::Rms).len();
     assert_eq!(wrong(&twin), 0);
-    let mut spoiled = scene.clone();
-    for row in &mut spoiled.data_mut().probes.as_mut().unwrap().rows {
+    let mut perturbed = scene.clone();
+    for row in &mut perturbed.data_mut().probes.as_mut().unwrap().rows {
         row.scale *= 1.001;
     }
-    assert!(wrong(&cpu(&spoiled, &lights, &settings)) > rows / 2);
+    assert!(wrong(&cpu(&perturbed, &lights, &settings)) > rows / 2);
 }

@@ -88,13 +88,13 @@ fn largest(item: &[f32]) -> f32 {
     item.iter().fold(0.0, |a, v| a.max(v.abs()))
 }
 
-/// Asserts that all items agree, and that `spoiled`, the twin's output for a slightly different
+/// Asserts that all items agree, and that `perturbed`, the twin's output for a slightly different
 /// input, does not.
 pub fn same<T: NoUninit>(
     name: &str,
     gpu: &[T],
     cpu: &[T],
-    spoiled: &[T],
+    perturbed: &[T],
     width: usize,
     scale: Scale,
 ) {
@@ -110,7 +110,7 @@ pub fn same<T: NoUninit>(
         );
     }
     assert!(
-        !differing(gpu, spoiled, width, SINGLE, scale).is_empty(),
+        !differing(gpu, perturbed, width, SINGLE, scale).is_empty(),
         "{name}: the comparison does not notice a wrong input"
     );
 }

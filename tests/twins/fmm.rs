@@ -144,14 +144,14 @@ fn fmm_passes_match_twin() {
         let lit = |p: &&meshless_gi::internals::transport::fmm::FmmOperatorPoint| p.share > 0.0;
         let mut sources = operator.points.iter().filter(lit);
         let at = sources.nth(700).unwrap().point as usize;
-        let spoil = |light: &mut [[f32; 4]], at: usize| {
+        let perturb = |light: &mut [[f32; 4]], at: usize| {
             let b = &mut light[at];
             *b = b.map(|b| 1.5 * b);
         };
         let mut dark = light.clone();
-        spoil(&mut dark, radiosity.len());
-        spoil(&mut light, at);
-        let spoiled = twin(&operator, &light);
+        perturb(&mut dark, radiosity.len());
+        perturb(&mut light, at);
+        let perturbed = twin(&operator, &light);
         for (k, what) in ["S-expansions", "R-expansions", "irradiance"]
             .into_iter()
             .enumerate()
@@ -165,7 +165,7 @@ fn fmm_passes_match_twin() {
                 &found[k][off[0] * 12..][..12],
                 &expected[k][off[0] * 12..][..12]
             );
-            let off = differing(&found[k], &spoiled[k], 12, SUMS, Scale::Rms);
+            let off = differing(&found[k], &perturbed[k], 12, SUMS, Scale::Rms);
             assert!(!off.is_empty(), "{what}: a brighter point is not noticed");
         }
         let off = differing(&found[2], &twin(&operator, &dark)[2], 12, SUMS, Scale::Rms);

@@ -227,8 +227,8 @@ fn fog_picture_matches_twin() {
     }
     // Must fail: fewer parts, other fog, another eye, another level, walls that nobody sees,
     // another density, another level that comes first.
-    type Spoil = fn(&mut Drawn);
-    let spoils: [(&str, usize, Spoil); 12] = [
+    type Perturb = fn(&mut Drawn);
+    let perturbations: [(&str, usize, Perturb); 12] = [
         ("steps", 1, |d| d.params[1].steps = 16),
         ("extinction", 0, |d| d.params[0].extinction *= 1.05),
         ("asymmetry", 0, |d| d.light.asymmetry += 0.05),
@@ -246,11 +246,11 @@ fn fog_picture_matches_twin() {
         ("offset", 1, |d| d.params[1].offset[0] += 0.05),
         ("what comes first", 2, |d| d.params[2].earlier_count = 0),
     ];
-    for (name, which, spoil) in spoils {
-        let mut spoiled = Drawn::new();
-        let found = on_gpu(&harness, &spoiled, which, 1);
-        spoil(&mut spoiled);
-        let off = apart(&found, &spoiled.run(which));
+    for (name, which, perturb) in perturbations {
+        let mut perturbed = Drawn::new();
+        let found = on_gpu(&harness, &perturbed, which, 1);
+        perturb(&mut perturbed);
+        let off = apart(&found, &perturbed.run(which));
         println!("{name}: {off} of {count} pixels differ");
         assert!(off > count / 50, "{name}: {off}");
     }

@@ -191,7 +191,7 @@ fn splat_and_composite_match_twin() {
         gpu[found[0]],
         expected[found[0]]
     );
-    for spoil in [
+    for perturb in [
         |s: &mut BakedScene| {
             s.data_mut()
                 .display
@@ -216,16 +216,16 @@ fn splat_and_composite_match_twin() {
         },
     ] {
         let mut wrong = scene.clone();
-        spoil(&mut wrong);
-        let spoiled = splat_all(&wrong, twin.vector_irradiance(), &screen, &params(0.5));
+        perturb(&mut wrong);
+        let perturbed = splat_all(&wrong, twin.vector_irradiance(), &screen, &params(0.5));
         assert!(
-            pixels_differing(&gpu, &spoiled).len() > 20,
+            pixels_differing(&gpu, &perturbed).len() > 20,
             "a wrong input is not noticed"
         );
     }
-    let spoiled = splat_all(&scene, twin.vector_irradiance(), &screen, &params(0.503));
+    let perturbed = splat_all(&scene, twin.vector_irradiance(), &screen, &params(0.503));
     assert!(
-        pixels_differing(&gpu, &spoiled).len() > 20,
+        pixels_differing(&gpu, &perturbed).len() > 20,
         "a wrong scale is not noticed"
     );
 

@@ -185,17 +185,17 @@ fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
             )
             && (a.square - b.square).abs() <= 1e-4 * b.square.max(1.0)
     };
-    let spoils: [fn(&mut Vpl); 4] = [
+    let perturbations: [fn(&mut Vpl); 4] = [
         |v| v.position[2] += 1e-3,
         |v| v.normal[2] += 1e-3,
         |v| v.flux[2] += 1e-3 * v.flux[0].max(v.flux[1]).max(v.flux[2]) + 1e-6,
         |v| v.square += 1e-3 * v.square.max(1.0),
     ];
-    let found = spoils.map(|spoil| {
+    let found = perturbations.map(|perturb| {
         reported(cpu.len(), |wrong| {
             let mut cpu = cpu.to_vec();
             if let Some(item) = wrong {
-                spoil(&mut cpu[item]);
+                perturb(&mut cpu[item]);
             }
             let pairs = gpu.iter().zip(&cpu).enumerate();
             pairs

@@ -106,38 +106,38 @@ fn soft_shadows_match_twin() {
         "a light less",
         &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
-    let mut spoiled = scene.clone();
-    let memory = spoiled.data_mut().visibility.as_mut().unwrap();
+    let mut perturbed = scene.clone();
+    let memory = perturbed.data_mut().visibility.as_mut().unwrap();
     for cluster in &memory.clusters {
         memory.scales[cluster.scales as usize] *= 0.8;
     }
     noticed(
         "other means",
-        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
+        &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
-    let mut spoiled = scene.clone();
-    for point in &mut spoiled.data_mut().visibility.as_mut().unwrap().points {
+    let mut perturbed = scene.clone();
+    for point in &mut perturbed.data_mut().visibility.as_mut().unwrap().points {
         point.mask[0] &= !1;
     }
     noticed(
         "coefficients of others",
-        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
+        &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
-    let mut spoiled = scene.clone();
-    for point in &mut spoiled.data_mut().visibility.as_mut().unwrap().points {
+    let mut perturbed = scene.clone();
+    for point in &mut perturbed.data_mut().visibility.as_mut().unwrap().points {
         point.error *= 4;
     }
     noticed(
         "other errors",
-        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
+        &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
-    let mut spoiled = scene.clone();
-    for cluster in &mut spoiled.data_mut().visibility.as_mut().unwrap().clusters {
+    let mut perturbed = scene.clone();
+    for cluster in &mut perturbed.data_mut().visibility.as_mut().unwrap().clusters {
         cluster.near *= 1.5;
     }
     noticed(
         "another unit",
-        &soft_shadow::occluded_irradiances(spoiled.data(), &lights),
+        &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
     let mut unspread = cpu.clone();
     assert!(visibility.points.len() < scene.data().points.len());

@@ -312,17 +312,17 @@ fn compare(settings: &SubsplatSettings) {
         NormalTest::MinMax(_) => |word| word ^ 0x10,
         NormalTest::Curvature(_) => |word| (f32::from_bits(word) + 1e-2).to_bits(),
     };
-    let spoils: [&dyn Fn(&mut CellRange); 4] = [
+    let perturbations: [&dyn Fn(&mut CellRange); 4] = [
         &|c| c.near += 1e-3 * c.near.abs().max(0.1),
         &|c| c.far += 1e-3 * c.far.abs().max(0.1),
         &|c| c.low = turned(c.low),
         &|c| c.high = turned(c.high),
     ];
-    for spoil in spoils {
+    for perturb in perturbations {
         reported(cells.len(), |item| {
             let mut cells = cells.clone();
             if let Some(item) = item {
-                spoil(&mut cells[item]);
+                perturb(&mut cells[item]);
             }
             wrong(&cells)
         });
@@ -332,10 +332,10 @@ fn compare(settings: &SubsplatSettings) {
         let (of, gpu, cpu) = (found.len(), gpu.cells[i], cells[i]);
         panic!("{of} cells differ, the first is {i}: GPU {gpu:?}, CPU {cpu:?}");
     }
-    let mut spoiled = of.view.depth.clone();
-    spoiled[14_750] *= 1.1;
+    let mut perturbed = of.view.depth.clone();
+    perturbed[14_750] *= 1.1;
     let picture = GbufferView {
-        depth: &spoiled,
+        depth: &perturbed,
         ..of.picture()
     };
     assert!(
@@ -384,8 +384,8 @@ fn compare(settings: &SubsplatSettings) {
         .points
         .iter_mut()
         .for_each(|p| p.position[1] += 0.05);
-    let spoiled = of.on_cpu(settings, &wrong);
-    let noticed = differing(&gpu.texels, &spoiled.texels);
+    let perturbed = of.on_cpu(settings, &wrong);
+    let noticed = differing(&gpu.texels, &perturbed.texels);
     let lit = cpu.texels.iter().filter(|t| t[3] == 1.0).count();
     println!("{noticed} of {lit} lit pixels differ from points that were moved");
     assert!(lit * 2 > cpu.texels.len() && noticed * 20 > lit);
@@ -438,23 +438,23 @@ fn probe_nodes_match_twin() {
     let ball = lit(&cpu.texels) - lit(&dark);
     println!("{ball} pixels are lit by probes");
     assert!(ball > 500, "{ball}");
-    for (what, spoil) in [
+    for (what, perturb) in [
         (
             "positions",
-            (|p| p.points.iter_mut().for_each(|p| p.position[1] += 0.1)) as Spoil,
+            (|p| p.points.iter_mut().for_each(|p| p.position[1] += 0.1)) as Perturb,
         ),
         ("radii", |p| {
             p.points.iter_mut().for_each(|p| p.radius *= 0.9)
         }),
     ] {
         let mut wrong = of.scene.clone();
-        spoil(wrong.data_mut().probes.as_mut().unwrap());
+        perturb(wrong.data_mut().probes.as_mut().unwrap());
         let noticed = differing(&gpu.texels, &of.on_cpu(&settings, &wrong).texels);
         assert!(noticed * 10 > ball, "{what} go unnoticed: {noticed}");
     }
 }
 
-type Spoil = fn(&mut meshless_gi::internals::asset::Probes);
+type Perturb = fn(&mut meshless_gi::internals::asset::Probes);
 
 #[test]
 fn probe_kernel_matches_twin() {

@@ -292,8 +292,8 @@ fn compare(gloss: bool) {
 
     // Must fail: another light, another position, another range, other surfaces, other points, what
     // is missing, and what there would be.
-    type Spoil = fn(&mut Shaded);
-    let spoils: [(&str, Spoil); 8] = [
+    type Perturb = fn(&mut Shaded);
+    let perturbations: [(&str, Perturb); 8] = [
         ("color", |s| s.lights[0].color[1] *= 1.02),
         ("place", |s| s.lights[0].center[0] += 0.05),
         ("range", |s| s.lights[1] = s.lights[1].with_range(4.0)),
@@ -335,7 +335,7 @@ fn compare(gloss: bool) {
             shaded.tables = made_up();
         }
     }
-    for (what, spoil) in spoils {
+    for (what, perturb) in perturbations {
         let (lights, drawn, scene) = (
             shaded.lights.clone(),
             shaded.drawn.gbuffer.clone(),
@@ -343,7 +343,7 @@ fn compare(gloss: bool) {
         );
         let (occluded_irradiances, scale) =
             (shaded.occluded_irradiances.clone(), shaded.view.scale);
-        spoil(&mut shaded);
+        perturb(&mut shaded);
         let noticed = apart(&alone, &shaded.run(gloss)[0]);
         println!("{what}: {noticed}");
         assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");

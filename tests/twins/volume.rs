@@ -97,7 +97,7 @@ fn volumes_match_twin() {
     let corner = low - 0.3 + 0.5 * shape.voxel() * Vec3::X;
     let aside = VoxelGrid::new([corner, corner + (high - low + 0.6)], size).unwrap();
     let aside = VoxelWeights::from_scene(aside, of.scene.data());
-    let spoiled: [(&str, Voxels<'_>); 6] = [
+    let perturbed: [(&str, Voxels<'_>); 6] = [
         ("values", (params, &weights, moved(&on_walls, &aloft))),
         (
             "values on walls",
@@ -117,7 +117,7 @@ fn volumes_match_twin() {
         ),
         ("aside", (params, &aside, values)),
     ];
-    for (what, of) in spoiled {
+    for (what, of) in perturbed {
         let found = off(of);
         // Sides on walls are the fewer ones.
         let min = if what == "values on walls" { 8 } else { 4 };

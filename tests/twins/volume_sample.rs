@@ -301,14 +301,14 @@ fn volume_read_matches_twin() {
     let twin = expected(&wide(&voxels));
     assert_eq!(off(&found, &twin), 0);
     // Without the distances, or with a distance one tenth longer, the picture differs.
-    let spoiled = |change: &dyn Fn(f32) -> f32| -> Vec<[f32; 4]> {
+    let perturbed = |change: &dyn Fn(f32) -> f32| -> Vec<[f32; 4]> {
         let mut voxels = wide(&voxels);
         voxels.iter_mut().for_each(|t| t[3] = change(t[3]));
         voxels
     };
-    let plain = spoiled(&|_| 1.0);
+    let plain = perturbed(&|_| 1.0);
     assert!(off(&found, &expected(&plain)) * 3 > queries.len());
-    let longer = spoiled(&|way| if way > -1.9 { way - 0.1 } else { way });
+    let longer = perturbed(&|way| if way > -1.9 { way - 0.1 } else { way });
     assert!(off(&found, &expected(&longer)) * 20 > queries.len());
     // A volume without our encoding is sampled with plain interpolation.
     let other: Vec<[f16; 4]> = plain.iter().map(|t| t.map(f16::from_f32)).collect();

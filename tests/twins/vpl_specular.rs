@@ -82,7 +82,7 @@ fn on_gpu(
             dim: 0.0,
         }),
     };
-    let (screen, wanted) = scene.params(settings);
+    let (screen, params) = scene.params(settings);
     let levels = screen.levels();
     let mut buffers = SpecularBuffers::new(&harness.device, queue, levels).unwrap();
     let targets = SubsplatTargets {
@@ -92,7 +92,7 @@ fn on_gpu(
     };
     // Twice: the second frame starts from what the first one left.
     for _ in 0..2 {
-        buffers.write(queue, &screen, &wanted);
+        buffers.write(queue, &screen, &params);
         harness
             .run(|encoder| buffers.record(&kernels, encoder, &targets, &lights))
             .unwrap();
@@ -183,9 +183,9 @@ fn flipped_bits(gpu: &[[u32; 4]], cpu: &[[u32; 4]]) -> u32 {
     };
     let found = count(cpu);
     for item in [0, cpu.len() / 2, cpu.len() - 1] {
-        let mut spoiled = cpu.to_vec();
-        spoiled[item][3] ^= 1;
-        assert_eq!(count(&spoiled).abs_diff(found), 1, "mask {item}");
+        let mut perturbed = cpu.to_vec();
+        perturbed[item][3] ^= 1;
+        assert_eq!(count(&perturbed).abs_diff(found), 1, "mask {item}");
     }
     found
 }

@@ -301,9 +301,9 @@ impl Case {
         let right = self.compare(scene, lights, &truth);
         let off = self.compare(wrong, wrong_lights, &truth);
         let (name, max) = (self.name, max_nrmse(self.preset, self.name, what));
-        println!("{name}, {what}: {right:?}; spoiled {:.3}", off.nrmse);
+        println!("{name}, {what}: {right:?}; perturbed {:.3}", off.nrmse);
         assert!(right.nrmse <= max, "{name}, {what}: {right:?}");
-        assert!(off.nrmse > max, "{name}, {what}, spoiled: {off:?}");
+        assert!(off.nrmse > max, "{name}, {what}, perturbed: {off:?}");
     }
 }
 

@@ -39,7 +39,7 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(4, "points", Read(POINT)),
             bind(5, "surfaces", Read(SURFACE)),
             bind(6, "senders", Write(VEC4)),
-            bind(7, "seen", Read(4)),
+            bind(7, "sky_visibility", Read(4)),
         ],
         entries: &[each(Pass::Radiosity, "radiosity", &[0, 2, 3, 4, 5, 6, 7])],
     },
@@ -141,7 +141,7 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(10, "further", Write(VEC4)),
             bind(11, "parent_starts", Read(4)),
             bind(12, "parent_entries", Read(WEIGHT)),
-            bind(13, "seen", Read(4)),
+            bind(13, "sky_visibility", Read(4)),
         ],
         entries: &[
             each(Pass::Sweep, "sweep", &[0, 2, 3, 4, 5, 6, 7, 13]),

@@ -164,26 +164,26 @@ fn decision_change_is_logged_once_and_end_debounced() {
 fn decision_flicker_is_logged_logarithmically() {
     for period in [2, 7, 130, 500] {
         let mut log = DecisionLog::new();
-        let mut told = 0;
+        let mut logged = 0;
         for k in 0..20_000u64 {
             let mut now = moved(k % period == 0);
             let tier = now.scenes[0].tier.as_mut().expect("a tier");
             tier.tier = 1 + u32::from(k % period < period / 2);
-            told += log.observe(decisions(&now), &|_| None).len();
+            logged += log.observe(decisions(&now), &|_| None).len();
         }
         // Two effects, one tier, one sky, one display at its pixels.
-        assert!((5..=40).contains(&told), "{period}: {told}");
+        assert!((5..=40).contains(&logged), "{period}: {logged}");
     }
     // Changes at long intervals are all reported.
     let mut log = DecisionLog::new();
-    let mut told = 0;
+    let mut logged = 0;
     for k in 0..20_000u64 {
         let mut now = moved(false);
         let tier = now.scenes[0].tier.as_mut().expect("a tier");
         tier.tier = 1 + (k / 2000 % 2) as u32;
-        told += log.observe(decisions(&now), &|_| None).len();
+        logged += log.observe(decisions(&now), &|_| None).len();
     }
-    assert_eq!(told, 3 + 10);
+    assert_eq!(logged, 3 + 10);
 }
 
 #[test]
@@ -244,7 +244,7 @@ fn decision_of_color_mode_requires_links() {
 #[test]
 fn decision_of_view_names_pixel_mode() {
     let mut now = state();
-    let told = |state: &FrameState| {
+    let logged = |state: &FrameState| {
         let found = decisions(state);
         let mine = found
             .iter()
@@ -254,17 +254,17 @@ fn decision_of_view_names_pixel_mode() {
     let of_it = "display of view 7: ";
     let by = |what: &str| Some(format!("{of_it}{what}"));
     assert_eq!(
-        told(&now),
+        logged(&now),
         by("subsplats (light varies less than pixels do)")
     );
     now.views[0].display = DisplayUse::NoRoom;
     assert_eq!(
-        told(&now),
+        logged(&now),
         by("every pixel (the device has no room for subsplats)")
     );
     now.views[0].display = DisplayUse::Full;
     assert_eq!(
-        told(&now),
+        logged(&now),
         by("every pixel (it is asked for); set by the display setting")
     );
     assert!(
@@ -274,5 +274,5 @@ fn decision_of_view_names_pixel_mode() {
     );
     // A view without a scene has no decisions.
     now.views[0].sees.clear();
-    assert_eq!(told(&now), None);
+    assert_eq!(logged(&now), None);
 }

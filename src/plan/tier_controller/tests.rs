@@ -192,11 +192,11 @@ fn tier_above_links_is_named_octree() {
     assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
     let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
     run(&mut picker, 20, |_, work| 8.0 * work);
-    let said = picker.selection().to_string();
-    assert!(said.starts_with("tier 3 of 4: "), "{said}");
+    let text = picker.selection().to_string();
+    assert!(text.starts_with("tier 3 of 4: "), "{text}");
     assert!(
-        said.ends_with("tier 4, the octree, would take 8.00 ms"),
-        "{said}"
+        text.ends_with("tier 4, the octree, would take 8.00 ms"),
+        "{text}"
     );
 }
 

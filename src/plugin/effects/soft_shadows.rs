@@ -322,8 +322,8 @@ mod tests {
                 [FrameStage::SPLAT, FrameStage::COMPOSITE],
                 "{plan}"
             );
-            let said = why.is_none_or(|why| plan.skipped.contains(&(A, None, why)));
-            assert!(said, "{plan}");
+            let is_skipped = why.is_none_or(|why| plan.skipped.contains(&(A, None, why)));
+            assert!(is_skipped, "{plan}");
         }
     }
 }

@@ -387,8 +387,8 @@ fn plan_reports_octree_above_device_limit() {
     state.scenes[0].no_octree = Some(why);
     let plan = plan_frame(&state);
     assert_eq!(plan.linked, [(A, why)]);
-    let said = plan.to_string();
-    assert!(said.contains("order is 9, the kernels take 6"), "{said}");
+    let text = plan.to_string();
+    assert!(text.contains("order is 9, the kernels take 6"), "{text}");
 }
 
 #[test]

@@ -235,15 +235,15 @@ impl SceneData {
 
     /// Checks the recorded sizes of the tiers against the operator.
     fn check_tiers(&self, check: &mut Check) {
-        let (sizes, told) = (self.tier_sizes(), &self.info.tiers);
-        check.whole(sizes.len() == told.len(), "tiers", || {
-            format!("{} are told of, but there are {}", told.len(), sizes.len())
+        let (sizes, stated) = (self.tier_sizes(), &self.info.tiers);
+        check.whole(sizes.len() == stated.len(), "tiers", || {
+            format!("{} are stated, but there are {}", stated.len(), sizes.len())
         });
-        for (t, (tier, (rows, links))) in told.iter().zip(sizes).enumerate() {
+        for (t, (tier, (rows, links))) in stated.iter().zip(sizes).enumerate() {
             let (error, interval) = (tier.estimated_nrmse, tier.estimated_nrmse_interval);
             check.item((tier.rows, tier.links) == (rows, links), "tiers", t, || {
                 format!(
-                    "{} rows and {} links are told of, but there are {rows} and {links}",
+                    "{} rows and {} links are stated, but there are {rows} and {links}",
                     tier.rows, tier.links
                 )
             });

@@ -75,8 +75,8 @@ fn nearest(terms: &Terms) -> Option<Terms> {
     // Terms that no sky has, a thousand times its mean, come nearer first: they meet the same end
     // in fewer steps, and no square overflows.
     let size = terms.iter().fold(0.0f64, |a, b| a.max(b.abs()));
-    let wanted = terms.map(|t| t * (MAX / size).min(1.0));
-    let (mut found, mut t) = (wanted, 0.0);
+    let limited = terms.map(|t| t * (MAX / size).min(1.0));
+    let (mut found, mut t) = (limited, 0.0);
     let (mut near, mut dual) = (semidefinite(&matrix(&found, t)), Matrix4::zeros());
     for _ in 0..STEPS {
         // The series and t, against what is semidefinite: M's squares count d/2 twice, and Q's part
@@ -88,14 +88,14 @@ fn nearest(terms: &Terms) -> Option<Terms> {
             |w: f64, m: f64| (2.0 * FIRST * w + PENALTY * m) / (2.0 * FIRST + PENALTY / 2.0);
         let second = |w: f64, m: f64| (2.0 * SECOND * w + PENALTY * m) / (2.0 * SECOND + PENALTY);
         found = [
-            first(wanted[0], to[(0, 3)]),
-            first(wanted[1], to[(1, 3)]),
-            first(wanted[2], to[(2, 3)]),
-            second(wanted[3], to[(0, 0)] - trace),
-            second(wanted[4], to[(1, 1)] - trace),
-            second(wanted[5], to[(0, 1)]),
-            second(wanted[6], to[(0, 2)]),
-            second(wanted[7], to[(1, 2)]),
+            first(limited[0], to[(0, 3)]),
+            first(limited[1], to[(1, 3)]),
+            first(limited[2], to[(2, 3)]),
+            second(limited[3], to[(0, 0)] - trace),
+            second(limited[4], to[(1, 1)] - trace),
+            second(limited[5], to[(0, 1)]),
+            second(limited[6], to[(0, 2)]),
+            second(limited[7], to[(1, 2)]),
         ];
         let here = matrix(&found, t);
         let before = near;

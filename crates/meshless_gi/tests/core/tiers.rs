@@ -97,8 +97,8 @@ fn neither_darker_nor_brighter(name: &str) {
         assert!(bias.abs() <= 0.005, "{name}, tier {tier}: {bias}");
         assert!(rms < last && rms > 0.0, "{name}, tier {tier}: {rms}");
         // An eighth, a quarter and half of the links, about.
-        let wanted = 0.5f64.powi((TIERS - tier) as i32);
-        assert!((share / wanted - 1.0).abs() < 0.1, "tier {tier}: {share}");
+        let expected = 0.5f64.powi((TIERS - tier) as i32);
+        assert!((share / expected - 1.0).abs() < 0.1, "tier {tier}: {share}");
         last = rms;
     }
     // Must fail: rows that are left out and not made up for.

@@ -134,13 +134,13 @@ fn bake_of_lossless_room_prints_warning() {
     let info: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(code, 0);
     // The statistics write single precision out as double.
-    for (name, told) in energy.as_object().unwrap() {
+    for (name, reported) in energy.as_object().unwrap() {
         let there = &info["info"]["energy"][name];
-        if told.is_boolean() {
-            assert_eq!(told, there, "{name}");
+        if reported.is_boolean() {
+            assert_eq!(reported, there, "{name}");
             continue;
         }
-        let [a, b] = [told, there].map(|v| v.as_f64().unwrap());
+        let [a, b] = [reported, there].map(|v| v.as_f64().unwrap());
         assert!((a - b).abs() <= 1e-6 * a.abs(), "{name}: {a} {b}");
     }
     let (code, out, _) = run(&["inspect", &at("out.mgi")]);

@@ -17,7 +17,7 @@ fn tool() -> Command {
     Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
 }
 
-fn said(ran: &Output) -> String {
+fn output_text(ran: &Output) -> String {
     String::from_utf8_lossy(&ran.stderr).into_owned()
 }
 
@@ -35,7 +35,7 @@ fn bakes() -> &'static (TempDir, PathBuf, PathBuf) {
             run.arg("bake").arg(data("cornell/cornell.glb")).arg("-o").arg(&out);
             run.arg("--recipe").arg(&recipe).args(options);
             let ran = run.output().unwrap();
-            assert!(ran.status.success(), "{}", said(&ran));
+            assert!(ran.status.success(), "{}", output_text(&ran));
             out
         };
         let with = bake("with.mgi", &["--probes", "--probe-spacing", "0.6"]);
@@ -50,7 +50,7 @@ fn export(bake: &Path, scene: &Path, out: &Path, options: &[&str]) -> (Option<i3
     run.arg("export").arg(bake).arg("--scene").arg(scene);
     run.arg("--irradiance-volume").arg(out).args(options);
     let ran = run.output().unwrap();
-    let text = said(&ran) + &String::from_utf8_lossy(&ran.stdout);
+    let text = output_text(&ran) + &String::from_utf8_lossy(&ran.stdout);
     assert!(!text.contains("panicked"), "{text}");
     (ran.status.code(), text)
 }

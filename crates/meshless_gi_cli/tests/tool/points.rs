@@ -120,10 +120,10 @@ fn tool(arguments: &[&str], code: i32) -> String {
         .args(arguments)
         .output()
         .expect("the tool starts");
-    let told =
+    let message =
         String::from_utf8_lossy(&ran.stderr).into_owned() + &String::from_utf8_lossy(&ran.stdout);
-    assert_eq!(ran.status.code(), Some(code), "{arguments:?}: {told}");
-    told
+    assert_eq!(ran.status.code(), Some(code), "{arguments:?}: {message}");
+    message
 }
 
 #[test]
@@ -256,12 +256,12 @@ fn the_tool_takes_points(rule: &str) {
         assert!(color.abs_diff_eq(Vec3::from_array(*light), 1e-6 + 1e-5 * color.length()));
     }
     let mut asked = String::from("px,py,pz,nx,ny,nz\n");
-    let mut told = Vec::new();
+    let mut expected = Vec::new();
     for (positions, normals, light) in [&own, &scan] {
         for i in (0..positions.len()).step_by(positions.len() / 20) {
             let (p, n) = (positions[i], normals[i]);
             asked += &format!("{},{},{},{},{},{}\n", p.x, p.y, p.z, n.x, n.y, n.z);
-            told.push(light[i]);
+            expected.push(light[i]);
         }
     }
     fs::write(at("all.csv"), asked).unwrap();
@@ -280,20 +280,20 @@ fn the_tool_takes_points(rule: &str) {
     );
     let rows = fs::read_to_string(at("all_out.csv")).unwrap();
     let (mut bright, mut count) = (0, 0);
-    for (row, told) in rows.lines().skip(1).zip(&told) {
+    for (row, expected) in rows.lines().skip(1).zip(&expected) {
         let v: Vec<f32> = row.split(',').map(|v| v.parse().unwrap()).collect();
         // Direct light, then indirect light.
         let light = Vec3::new(v[6] + v[9], v[7] + v[10], v[8] + v[11]);
         assert!(
-            light.abs_diff_eq(*told, 1e-4 + 2e-3 * light.length()),
-            "{light} beside {told}"
+            light.abs_diff_eq(*expected, 1e-4 + 2e-3 * light.length()),
+            "{light} beside {expected}"
         );
         count += 1;
         bright += u32::from(light.x > 0.3);
     }
     // Must fail: all alike, or all dark.
     assert!(
-        count == told.len() && bright > 5 && (bright as usize) < count,
+        count == expected.len() && bright > 5 && (bright as usize) < count,
         "{bright} of {count}"
     );
     // Points changed: stale. Points beside a mesh: one level.
@@ -329,8 +329,8 @@ fn scan_without_normals_faces_viewpoint() {
     let (bake, scan) = (at("named.mgi"), at("scan.ply"));
     let named = ["--viewpoint", "0.1,0,0.2"];
     let all = ["bake", &at("scan.gi.ron"), "-o", &bake];
-    let told = tool(&[&all[..], &named].concat(), 0);
-    assert!(told.contains("no normals"), "{told}");
+    let message = tool(&[&all[..], &named].concat(), 0);
+    assert!(message.contains("no normals"), "{message}");
     tool(&["validate", &bake, "--level", &scan], 0);
     let light_source = r#"{"type":"point","position":[0,0.5,0],"intensity":[1,1,1]}"#;
     fs::write(

@@ -122,7 +122,7 @@ pub fn choice(rows: &[Row]) -> String {
     let Some(best) = best else {
         return "Nothing was measured.\n".into();
     };
-    let said = |r: &Row| {
+    let summary = |r: &Row| {
         format!(
             "{}, bake {} s, file {}, frame {} ms on the CPU, error {} ± {}",
             how(r),
@@ -139,14 +139,14 @@ pub fn choice(rows: &[Row]) -> String {
                 out,
                 "**Recommendation for a release with at most 5 % error: {}.**\n\
                  Of all measured bakes below 5 % it has the fastest frame.",
-                said(row)
+                summary(row)
             );
         }
         None => {
             let _ = writeln!(
                 out,
                 "**No measured bake of this scene has an error below 5 %. The best: {}.**",
-                said(best)
+                summary(best)
             );
         }
     }
@@ -158,7 +158,7 @@ pub fn choice(rows: &[Row]) -> String {
         let _ = writeln!(
             out,
             "The published method has a faster frame here: {}.",
-            said(row)
+            summary(row)
         );
     }
     if let Some(row) = cheapest(rows, 0.10, |r| r.bake_seconds) {
@@ -166,7 +166,7 @@ pub fn choice(rows: &[Row]) -> String {
             out,
             "Recommendation during development with at most 10 % error: {}.\n\
              Of all measured bakes below 10 % it has the shortest bake.",
-            said(row)
+            summary(row)
         );
     }
     let _ = writeln!(

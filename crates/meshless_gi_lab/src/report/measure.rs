@@ -115,27 +115,27 @@ impl<'a> Measured<'a> {
         stats: &'a BakeStats,
         settings: &'a BakeSettings,
         bytes: u64,
-        exam: &TestSet,
+        test_set: &TestSet,
     ) -> Self {
         Self {
             scene,
             stats,
             settings,
             bytes,
-            splat_ms_per_1000: splat_ms_per_1000(scene, exam),
+            splat_ms_per_1000: splat_ms_per_1000(scene, test_set),
         }
     }
 
     /// Measures one run.
     #[must_use]
-    pub fn row(&self, variant: &Variant, exam: &TestSet) -> Row {
+    pub fn row(&self, variant: &Variant, test_set: &TestSet) -> Row {
         let settings = frame_settings(self.scene, variant.run);
         let TestScore {
             errors,
             interval,
             all,
             uncovered,
-        } = exam.grade(self.scene, &settings);
+        } = test_set.grade(self.scene, &settings);
         let info = &self.scene.info();
         let tier = variant.run.tier.clamp(1, info.tiers.len().max(1) as u32);
         let used = info.tiers.get(tier as usize - 1).copied();
@@ -152,7 +152,7 @@ impl<'a> Measured<'a> {
                 },
             },
             bake_seconds: self.stats.seconds.total,
-            frame_ms: frame_ms(self.scene, &settings, exam),
+            frame_ms: frame_ms(self.scene, &settings, test_set),
             splat_ms_per_1000: self.splat_ms_per_1000,
             bytes: self.bytes,
             links: used.links,
@@ -233,12 +233,12 @@ fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
 }
 
 /// Milliseconds of a frame in which one light has moved.
-fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64 {
+fn frame_ms(scene: &BakedScene, settings: &FrameSettings, test_set: &TestSet) -> f64 {
     let Some(&Light::Point {
         position,
         intensity,
         range,
-    }) = exam.light_sources().first()
+    }) = test_set.light_sources().first()
     else {
         return 0.0;
     };
@@ -265,8 +265,8 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64
 }
 
 /// Milliseconds for the display of a thousand positions.
-fn splat_ms_per_1000(scene: &BakedScene, exam: &TestSet) -> f64 {
-    let positions: Vec<_> = exam.positions().collect();
+fn splat_ms_per_1000(scene: &BakedScene, test_set: &TestSet) -> f64 {
+    let positions: Vec<_> = test_set.positions().collect();
     let frame = CpuFrame::new(scene);
     let rounds = DISPLAYED.div_ceil(positions.len().max(1));
     let mut times: Vec<f64> = (0..rounds)

@@ -18,7 +18,7 @@ pub type Choose = fn(&BakeSettings) -> Vec<Variant>;
 #[derive(Clone, Debug)]
 pub struct Sweep {
     /// The reference.
-    pub exam: TestSetSize,
+    pub test_set: TestSetSize,
     /// Baseline: baked first, and all others are variants of it.
     pub baseline: Variant,
     /// Further variants, most important first.
@@ -38,7 +38,7 @@ impl Sweep {
     #[must_use]
     pub fn quick() -> Self {
         Self {
-            exam: TestSetSize {
+            test_set: TestSetSize {
                 light_sources: 4,
                 positions: 150,
                 paths: 4096,
@@ -56,7 +56,7 @@ impl Sweep {
     #[must_use]
     pub fn full() -> Self {
         Self {
-            exam: TestSetSize {
+            test_set: TestSetSize {
                 light_sources: 6,
                 positions: 250,
                 paths: 16_384,
@@ -202,13 +202,13 @@ fn run(
         watch(&Step { done, steps, what });
     };
     tell(0, 2, "reference".into());
-    let exam =
-        TestSet::new(level, &sweep.viewpoints, &sweep.exam, BOUNCES).ok_or(ReportError::Dark)?;
+    let test_set = TestSet::new(level, &sweep.viewpoints, &sweep.test_set, BOUNCES)
+        .ok_or(ReportError::Dark)?;
     let mut report = Report {
-        bounces: exam.bounces(),
-        noise: exam.noise(),
-        positions: exam.positions().count(),
-        light_sources: exam.light_sources().len(),
+        bounces: test_set.bounces(),
+        noise: test_set.noise(),
+        positions: test_set.positions().count(),
+        light_sources: test_set.light_sources().len(),
         threads: rayon::current_num_threads(),
         triangles: level.len(),
         reference_seconds: began.elapsed().as_secs_f64(),
@@ -217,7 +217,7 @@ fn run(
     let beside = (level, &sweep.known[..]);
     tell(1, 2, sweep.baseline.name.clone());
     let mut last = bake(level, sweep, &sweep.baseline, progress)?;
-    measure(&mut report, &last, &sweep.baseline, &exam, beside)?;
+    measure(&mut report, &last, &sweep.baseline, &test_set, beside)?;
     let unit = last.stats().seconds.total;
     let variants = (sweep.choose)(&last.settings);
     for (k, variant) in variants.iter().enumerate() {
@@ -230,7 +230,7 @@ fn run(
             tell(k + 2, variants.len() + 2, variant.name.clone());
             last = bake(level, sweep, variant, progress)?;
         }
-        measure(&mut report, &last, variant, &exam, beside)?;
+        measure(&mut report, &last, variant, &test_set, beside)?;
     }
     report.seconds = began.elapsed().as_secs_f64();
     Ok(report)
@@ -278,7 +278,7 @@ fn measure(
     report: &mut Report,
     last: &Last,
     variant: &Variant,
-    exam: &TestSet,
+    test_set: &TestSet,
     (level, known): (&TriangleMesh, &[ExternalReference]),
 ) -> Result<(), ReportError> {
     let measured = Measured::new(
@@ -286,9 +286,9 @@ fn measure(
         last.stats(),
         &last.settings,
         last.bytes,
-        exam,
+        test_set,
     );
-    let mut row = measured.row(variant, exam);
+    let mut row = measured.row(variant, test_set);
     if variant.factor == Factor::Preset {
         row.known = known
             .iter()

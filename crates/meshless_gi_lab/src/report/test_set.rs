@@ -1,4 +1,4 @@
-//! The exam that every bake of a report sits: irradiance at surface points under lights that no
+//! Test set of a report, the same for every bake: irradiance at surface points under lights that no
 //! bake has seen, by the reference integrator. It is computed once for all bakes, so that they
 //! differ by their own errors and not by the reference's noise.
 
@@ -12,7 +12,7 @@ use meshless_gi::{
 };
 use rayon::prelude::*;
 
-/// Drawn from by nothing else: no position or light of the exam is one of a bake's.
+/// Drawn from by nothing else: no position or light of the test set is one of a bake's.
 const SEED: u64 = 0x65_78_61_6d;
 /// Free positions of which the one with the most room around it becomes a light.
 const TRIED: usize = 6;

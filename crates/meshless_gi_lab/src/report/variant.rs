@@ -8,7 +8,7 @@ use meshless_gi::{
 };
 use serde::Serialize;
 
-/// Reflections that errors are measured for, and that a frame runs where nothing else is said: the
+/// Reflections that errors are measured for, and that a frame runs unless set otherwise: the
 /// recipes' default.
 pub const BOUNCES: u32 = 4;
 

@@ -536,37 +536,37 @@ fn probe_data_round_trips_and_damage_is_detected() {
         (&without.data().operator, &without.data().display)
     );
 
-    let spoil = |what: &str, spoil: &dyn Fn(&mut Probes)| {
+    let perturb = |what: &str, perturb: &dyn Fn(&mut Probes)| {
         let mut wrong = scene.clone();
-        spoil(wrong.data_mut().probes.as_mut().unwrap());
+        perturb(wrong.data_mut().probes.as_mut().unwrap());
         assert!(wrong.data().validate().is_err(), "{what} goes unnoticed");
     };
-    spoil("no probe", &|p| {
+    perturb("no probe", &|p| {
         p.points.clear();
         p.rows.clear();
         p.links.clear();
     });
-    spoil("one probe less", &|p| p.points.truncate(p.points.len() - 1));
-    spoil("a place that is none", &|p| {
+    perturb("one probe less", &|p| p.points.truncate(p.points.len() - 1));
+    perturb("a place that is none", &|p| {
         p.points[3].position[1] = f32::NAN
     });
-    spoil("a radius of nothing", &|p| p.points[3].radius = 0.0);
-    spoil("a normal", &|p| p.points[3].normal = [0.0, 1.0, 0.0]);
-    spoil("planes beyond the end", &|p| {
+    perturb("a radius of nothing", &|p| p.points[3].radius = 0.0);
+    perturb("a normal", &|p| p.points[3].normal = [0.0, 1.0, 0.0]);
+    perturb("planes beyond the end", &|p| {
         p.points[3].planes = p.planes.len() as u32 | 1 << 24
     });
-    spoil("a plane that is none", &|p| p.planes[0][3] = f32::INFINITY);
-    spoil("another grid", &|p| p.grid.cell_size *= 2.0);
-    spoil("a grid that names none", &|p| {
+    perturb("a plane that is none", &|p| p.planes[0][3] = f32::INFINITY);
+    perturb("another grid", &|p| p.grid.cell_size *= 2.0);
+    perturb("a grid that names none", &|p| {
         *p.grid.entries.last_mut().unwrap() = u32::MAX
     });
-    spoil("one row less", &|p| p.rows.truncate(p.rows.len() - 1));
-    spoil("another start", &|p| p.rows[4].start += 1);
-    spoil("a row of no tier", &|p| p.rows[4].tier = 0);
-    spoil("a scale without a number", &|p| p.rows[4].scale = f32::NAN);
-    spoil("more light than there is", &|p| p.rows[4].scale *= 10.0);
-    spoil("one link less", &|p| p.links.truncate(p.links.len() - 1));
-    spoil("a sender that is not there", &|p| {
+    perturb("one row less", &|p| p.rows.truncate(p.rows.len() - 1));
+    perturb("another start", &|p| p.rows[4].start += 1);
+    perturb("a row of no tier", &|p| p.rows[4].tier = 0);
+    perturb("a scale without a number", &|p| p.rows[4].scale = f32::NAN);
+    perturb("more light than there is", &|p| p.rows[4].scale *= 10.0);
+    perturb("one link less", &|p| p.links.truncate(p.links.len() - 1));
+    perturb("a sender that is not there", &|p| {
         p.links[7].z_sender |= 0xffff << 16
     });
     let mut random = Random::new(4, 0, 0);

@@ -651,7 +651,7 @@ fn subsplat_comparison_detects_one_wrong_node() {
     assert!(at_nodes(&view, &settings, &right) <= HALF);
     let position = [160, 96];
     assert!(view.drawn.depth[view.index(position)] > 0.0);
-    let spoiled = subsplats(&view.params(&settings), &view.picture(), &|pixel, node| {
+    let perturbed = subsplats(&view.params(&settings), &view.picture(), &|pixel, node| {
         view.evaluate(pixel, node);
         if pixel == position {
             let mut light = VectorIrradiance::default();
@@ -659,8 +659,8 @@ fn subsplat_comparison_detects_one_wrong_node() {
             *node = SubsplatNode::new(&light, node.predicted_luminance(), node.state());
         }
     });
-    assert!(at_nodes(&view, &settings, &spoiled) > 10.0 * HALF);
-    assert!(worst(&view, &spoiled) > worst(&view, &right) || spoiled.texels != right.texels);
+    assert!(at_nodes(&view, &settings, &perturbed) > 10.0 * HALF);
+    assert!(worst(&view, &perturbed) > worst(&view, &right) || perturbed.texels != right.texels);
 }
 
 /// Pixels that reflect nothing of the light or are unlit count as sky for subsplats.

@@ -145,52 +145,52 @@ fn pca_visibility_matches_rays_and_round_trips() {
 
 /// Each damage is found.
 fn damaged(scene: &BakedScene, bytes: &[u8]) {
-    let spoil = |what: &str, spoil: &dyn Fn(&mut Visibility)| {
+    let perturb = |what: &str, perturb: &dyn Fn(&mut Visibility)| {
         let mut wrong = scene.clone();
-        spoil(wrong.data_mut().visibility.as_mut().unwrap());
+        perturb(wrong.data_mut().visibility.as_mut().unwrap());
         assert!(wrong.data().validate().is_err(), "{what} goes unnoticed");
     };
-    spoil("a grid of nothing", &|v| v.grid.columns = 0);
-    spoil("an endless grid", &|v| {
+    perturb("a grid of nothing", &|v| v.grid.columns = 0);
+    perturb("an endless grid", &|v| {
         v.grid = HemisphereGrid {
             columns: u32::MAX,
             rows: u32::MAX,
         }
     });
-    spoil("depths relative to NaN", &|v| v.clusters[2].near = f32::NAN);
-    spoil("depths relative to nothing", &|v| v.clusters[2].near = 0.0);
-    spoil("one point less", &|v| v.points.truncate(v.points.len() - 1));
-    spoil("a cluster that is not there", &|v| {
+    perturb("depths relative to NaN", &|v| v.clusters[2].near = f32::NAN);
+    perturb("depths relative to nothing", &|v| v.clusters[2].near = 0.0);
+    perturb("one point less", &|v| v.points.truncate(v.points.len() - 1));
+    perturb("a cluster that is not there", &|v| {
         v.points[3].cluster = v.clusters.len() as u32
     });
-    spoil("a mask beyond the components", &|v| {
+    perturb("a mask beyond the components", &|v| {
         v.points[3].mask[3] |= 1 << 31
     });
-    spoil("another start", &|v| v.points[3].first += 1);
-    spoil("one coefficient more", &|v| {
+    perturb("another start", &|v| v.points[3].first += 1);
+    perturb("one coefficient more", &|v| {
         v.points[3].mask[0] = !v.points[3].mask[0]
     });
-    spoil("too many components", &|v| {
+    perturb("too many components", &|v| {
         v.clusters[0].components = u32::MAX
     });
-    spoil("a tangent without length", &|v| {
+    perturb("a tangent without length", &|v| {
         v.clusters[0].tangent = [0.0; 3]
     });
-    spoil("a tangent that is none", &|v| {
+    perturb("a tangent that is none", &|v| {
         v.clusters[0].tangent[1] = f32::NAN
     });
-    spoil("another basis", &|v| v.clusters[1].basis += 1);
-    spoil("a basis that ends early", &|v| {
+    perturb("another basis", &|v| v.clusters[1].basis += 1);
+    perturb("a basis that ends early", &|v| {
         v.basis.truncate(v.basis.len() - 1)
     });
-    spoil("scales that end early", &|v| {
+    perturb("scales that end early", &|v| {
         v.scales.truncate(v.scales.len() - 1)
     });
-    spoil("coefficients that end early", &|v| {
+    perturb("coefficients that end early", &|v| {
         v.coefficients.truncate(v.coefficients.len() - 1)
     });
-    spoil("an infinite scale", &|v| v.scales[0] = f32::INFINITY);
-    spoil("a scale below zero", &|v| v.scales[1] = -1.0);
+    perturb("an infinite scale", &|v| v.scales[0] = f32::INFINITY);
+    perturb("a scale below zero", &|v| v.scales[1] = -1.0);
     // Checksums find what is damaged by chance; no damage may panic.
     let mut random = Random::new(4, 0, 0);
     for _ in 0..40 {
@@ -613,9 +613,8 @@ fn wrong(
     v: &Visibility,
 ) -> Vec<(f32, Vec<[f32; 2]>)> {
     let length = v.grid.len();
-    let weights: Vec<f32> = (0..length)
-        .map(|t| v.grid.direction(t).z.max(0.05))
-        .collect();
+    let directions: Vec<Vec3> = (0..length).map(|t| v.grid.direction(t)).collect();
+    let weights: Vec<f32> = directions.iter().map(|d| d.z.max(0.05)).collect();
     let whole: f32 = weights.iter().sum();
     let mut out = vec![(0.0, Vec::new()); v.clusters.len()];
     let (mut row, mut decoded) = (
@@ -625,7 +624,7 @@ fn wrong(
     for (i, &point) in points.iter().enumerate() {
         let c = v.points[i].cluster as usize;
         let cluster = &v.clusters[c];
-        depths(mesh, point, cluster.tangent.into(), v.grid, &mut row);
+        depths(mesh, point, cluster.tangent.into(), &directions, &mut row);
         let count = v.decode(i, &mut decoded);
         let (mut is, mut says) = (0.0, 0.0);
         for (t, w) in weights.iter().enumerate() {

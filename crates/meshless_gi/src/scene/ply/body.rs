@@ -7,12 +7,12 @@
 use super::PlyError;
 use super::header::{Element, Encoding, Header, Property, Scalar, line_at, shown};
 
-/// Walks all elements in order and gives the scalars of those named `wanted` to `each`: as many
+/// Walks all elements in order and gives the scalars of those named `element_name` to `each`: as many
 /// values as properties, lists as 0.
 pub(super) fn read(
     bytes: &[u8],
     header: &Header,
-    wanted: &str,
+    element_name: &str,
     mut each: impl FnMut(&[f64]),
 ) -> Result<(), PlyError> {
     let mut values = Vec::new();
@@ -26,7 +26,7 @@ pub(super) fn read(
             for element in &header.elements {
                 for i in 0..element.count {
                     lines.element(element, i, &mut values)?;
-                    if element.name == wanted {
+                    if element.name == element_name {
                         each(&values);
                     }
                 }
@@ -39,7 +39,7 @@ pub(super) fn read(
                 big: encoding == Encoding::BigEndian,
             };
             for element in &header.elements {
-                let taken = element.name == wanted;
+                let taken = element.name == element_name;
                 if !taken && element.properties.iter().all(|p| p.length.is_none()) {
                     numbers.skip(element)?;
                     continue;

@@ -66,24 +66,24 @@ fn ply_files_of_other_programs_load() {
 #[test]
 fn ply_errors_name_location() {
     let xyz = "property float x\nproperty float y\nproperty float z\n";
-    let told = |text: &str| parse_ply(text.as_bytes()).unwrap_err().to_string();
-    let ascii = |rest: &str| told(&format!("ply\nformat ascii 1.0\n{rest}"));
+    let message = |text: &str| parse_ply(text.as_bytes()).unwrap_err().to_string();
+    let ascii = |rest: &str| message(&format!("ply\nformat ascii 1.0\n{rest}"));
     for (found, expected) in [
-        (told(""), "header line 1: the header has no end_header"),
+        (message(""), "header line 1: the header has no end_header"),
         (
-            told("plyx\n"),
+            message("plyx\n"),
             "header line 1: it does not begin with `ply`",
         ),
         (
-            told("ply\nend_header\n"),
+            message("ply\nend_header\n"),
             "header line 2: the header says no format",
         ),
         (
-            told("ply\nformat ebcdic 1.0\n"),
+            message("ply\nformat ebcdic 1.0\n"),
             "header line 2: format `ebcdic` is not known",
         ),
         (
-            told("ply\nformat ascii 2.0\n"),
+            message("ply\nformat ascii 2.0\n"),
             "header line 2: version `2.0`, only 1.0 can be read",
         ),
         (

@@ -54,9 +54,9 @@ fn boxed(count: u64, half: Vec3, side: f32, even: bool) -> (Vec<Vec3>, Vec<Vec3>
     for axis in 0..3 {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         for sign in [-1.0f32, 1.0] {
-            let wanted = count as f32 * 4.0 * half[u] * half[v] / total;
-            let rows = (wanted * half[u] / half[v]).sqrt().round().max(1.0) as u64;
-            let columns = (wanted / rows as f32).round().max(1.0) as u64;
+            let expected = count as f32 * 4.0 * half[u] * half[v] / total;
+            let rows = (expected * half[u] / half[v]).sqrt().round().max(1.0) as u64;
+            let columns = (expected / rows as f32).round().max(1.0) as u64;
             for i in 0..rows * columns {
                 let r = unit_square(i + 1_000_000 * (axis as u64 * 2 + u64::from(sign > 0.0)));
                 let cell = Vec2::new((i % rows) as f32, (i / rows) as f32);

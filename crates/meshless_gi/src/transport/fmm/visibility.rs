@@ -42,7 +42,7 @@ impl Visibility<'_> {
     #[must_use]
     pub fn part(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
         let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
-        let wanted = u64::from(na.receivers) * u64::from(nb.sources);
+        let node_pairs = u64::from(na.receivers) * u64::from(nb.sources);
         let range =
             |leaf: bool, some: Range<usize>, all: Range<usize>| if leaf { some } else { all };
         let xs = range(na.is_leaf(), na.receiver_range(), na.points());
@@ -54,7 +54,7 @@ impl Visibility<'_> {
         };
         let max = 16 * u64::from(self.rays);
         let mut sum = Sum::default();
-        if wanted > u64::from(self.rays) || pairs > max {
+        if node_pairs > u64::from(self.rays) || pairs > max {
             let mut random = Random::new(self.seed, a as u64, b as u64);
             // Pairs that look away from each other, or the wrong way round, say nothing: others are
             // drawn instead.

@@ -63,17 +63,17 @@ pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
     }
     let order = shuffled(points.len(), seed);
     let tried = &order[..points.len().min(MAX_TRIED)];
-    let wanted = (points.len() / target.max(1)).max(1);
+    let count = (points.len() / target.max(1)).max(1);
     let size = extent(points).max(f32::MIN_POSITIVE);
     let (mut low, mut high) = (1e-5f32, 1e3f32);
     let mut best: Option<(usize, f32)> = None;
     for _ in 0..HALVINGS {
         let middle = (low * high).sqrt();
         let found = thin_out(points, tried, middle * size).len();
-        if best.is_none_or(|(off, _)| found.abs_diff(wanted) < off) {
-            best = Some((found.abs_diff(wanted), middle));
+        if best.is_none_or(|(off, _)| found.abs_diff(count) < off) {
+            best = Some((found.abs_diff(count), middle));
         }
-        if found > wanted {
+        if found > count {
             low = middle;
         } else {
             high = middle;
@@ -166,10 +166,10 @@ mod tests {
         for target in [50, 200, 1000] {
             let found = cluster(&points, target, 1);
             assert_eq!(found, cluster(&points, target, 1));
-            let wanted = points.len() / target;
+            let expected = points.len() / target;
             assert!(
-                (found.len() as f64 / wanted as f64 - 1.0).abs() < 0.3,
-                "{target}: {} of {wanted}",
+                (found.len() as f64 / expected as f64 - 1.0).abs() < 0.3,
+                "{target}: {} of {expected}",
                 found.len()
             );
             for c in 0..found.len() {

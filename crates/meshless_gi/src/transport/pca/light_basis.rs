@@ -359,14 +359,17 @@ mod tests {
                 .sum();
         }
         let compression = Compression::new(basis, SENDERS);
-        let said = row
+        let estimate = row
             .iter()
             .map(|&(c, f)| {
                 let senders = compression.column(c as usize);
                 f * senders.map(|(j, v)| v * all[j as usize]).sum::<f32>()
             })
             .sum();
-        [said, (0..SENDERS).map(|j| of.link(j as u32) * all[j]).sum()]
+        [
+            estimate,
+            (0..SENDERS).map(|j| of.link(j as u32) * all[j]).sum(),
+        ]
     }
 
     #[test]
@@ -387,10 +390,10 @@ mod tests {
                     basis.compress(&gathered(3), Vec3A::Z, 0.5, &mut CompressScratch::default());
                 assert!(row.is_sorted_by_key(|l| l.0) && row.len() >= 3);
                 for scale in [1.0, 2.0] {
-                    let [said, right] = both(&basis, &row, &gathered(3), &[scale; 19]);
+                    let [estimate, exact] = both(&basis, &row, &gathered(3), &[scale; 19]);
                     assert!(
-                        (said - right).length() < 1e-3 * right.length(),
-                        "{said} {right}"
+                        (estimate - exact).length() < 1e-3 * exact.length(),
+                        "{estimate} {exact}"
                     );
                 }
             }
@@ -413,10 +416,10 @@ mod tests {
             assert!(basis.missed() < 1e-3, "{}", basis.missed());
             let new: Vec<f32> = (0..19).map(|k| light(77, k)).collect();
             let row = basis.compress(&gathered(5), Vec3A::Z, 0.0, &mut scratch);
-            let [said, right] = both(&basis, &row, &gathered(5), &new);
+            let [estimate, exact] = both(&basis, &row, &gathered(5), &new);
             assert!(
-                (said - right).length() < max * right.length(),
-                "{said} {right}"
+                (estimate - exact).length() < max * exact.length(),
+                "{estimate} {exact}"
             );
         }
         // Too few vectors miss light, and say how much.
@@ -424,10 +427,10 @@ mod tests {
         assert!(poor.missed() > 0.1);
         let new: Vec<f32> = (0..19).map(|k| noise(77, k)).collect();
         let row = poor.compress(&gathered(5), Vec3A::Z, 0.0, &mut scratch);
-        let [said, right] = both(&poor, &row, &gathered(5), &new);
+        let [estimate, exact] = both(&poor, &row, &gathered(5), &new);
         assert!(
-            (said - right).length() > 4e-3 * right.length(),
-            "{said} {right}"
+            (estimate - exact).length() > 4e-3 * exact.length(),
+            "{estimate} {exact}"
         );
     }
 
@@ -459,8 +462,8 @@ mod tests {
                 let light: Vec<f32> = (0..19)
                     .map(|k| noise(l, k) * 0.3f32.powi((k % 8) as i32))
                     .collect();
-                let [said, right] = both(&basis, &row, &gathered(9), &light);
-                square += (said - right).z.powi(2) / 100.0;
+                let [estimate, exact] = both(&basis, &row, &gathered(9), &light);
+                square += (estimate - exact).z.powi(2) / 100.0;
             }
             let bound = 1.5 * epsilon + 1e-4;
             assert!(square.sqrt() < bound, "{epsilon}: {}", square.sqrt());

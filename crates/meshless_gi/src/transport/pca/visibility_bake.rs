@@ -109,19 +109,18 @@ pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
         .collect()
 }
 
-/// Writes the depths, in meters, of all directions of `grid` from (x, n), with the tangent of its
+/// Writes the depths, in meters, in all `directions` of a grid from (x, n), with the tangent of its
 /// cluster. Infinite without a hit.
 pub fn depths(
     geometry: &dyn Geometry,
     (x, n): (Vec3, Vec3),
     tangent: Vec3,
-    grid: HemisphereGrid,
+    directions: &[Vec3],
     out: &mut [f32],
 ) {
     let start = x + n * geometry.ray_offset(x);
     let (t, b) = frame(tangent, n);
-    for (i, depth) in out.iter_mut().enumerate() {
-        let d = grid.direction(i);
+    for (d, depth) in directions.iter().zip(out) {
         let ray = Ray::new(start, (t * d.x + b * d.y + n * d.z).normalize_or(n));
         *depth = geometry.cast(&ray).map_or(f32::INFINITY, |hit| hit.t);
     }
@@ -219,10 +218,11 @@ fn look(
 ) -> ClusterDepths {
     let length = grid.len();
     let tangent = tangents(root).0;
+    let directions: Vec<Vec3> = (0..length).map(|i| grid.direction(i)).collect();
     let mut rows = vec![0.0f32; members.len() * length];
     rows.par_chunks_mut(length)
         .zip(members)
-        .for_each(|(row, &i)| depths(geometry, points[i as usize], tangent, grid, row));
+        .for_each(|(row, &i)| depths(geometry, points[i as usize], tangent, &directions, row));
     let mut finite: Vec<f32> = rows.iter().copied().filter(|d| d.is_finite()).collect();
     let middle = finite.len() / 2;
     let near = match finite.is_empty() {

@@ -50,18 +50,7 @@ pub(super) fn compress(
     let max_components = settings.components.min(Visibility::MAX_COMPONENTS) as usize;
     let components = decompose(&rows, length, max_components, seed);
     let stride = components.count();
-    // [P14] Eq. (8).
-    let coefficients: Vec<f32> = rows
-        .chunks_exact(length)
-        .flat_map(|row| {
-            (0..stride).map(|j| {
-                let products = row.iter().zip(components.vector(j));
-                products
-                    .map(|(e, v)| f64::from(*e) * f64::from(*v))
-                    .sum::<f64>() as f32
-            })
-        })
-        .collect();
+    let coefficients = coefficients(&rows, &components);
     let first: Vec<f32> = match stride {
         0 => vec![0.0; depths.members.len()],
         _ => coefficients.iter().copied().step_by(stride).collect(),
@@ -82,6 +71,29 @@ pub(super) fn compress(
         points,
     };
     (part, error, first)
+}
+
+/// Products of each row with each component, row after row ([P14] Eq. (8)).
+fn coefficients(rows: &[f32], components: &Components) -> Vec<f32> {
+    let (length, count) = (components.length, components.count());
+    if count == 0 {
+        return Vec::new();
+    }
+    // One direction of all components after the other: the sums of a row are independent.
+    let transposed: Vec<f64> = (0..length)
+        .flat_map(|i| (0..count).map(move |j| f64::from(components.vector(j)[i])))
+        .collect();
+    let mut out = Vec::with_capacity(rows.len() / length * count);
+    let mut sums = vec![0.0f64; count];
+    for row in rows.chunks_exact(length) {
+        sums.fill(0.0);
+        for (&e, vectors) in row.iter().zip(transposed.chunks_exact(count)) {
+            let e = f64::from(e);
+            (sums.iter_mut().zip(vectors)).for_each(|(sum, v)| *sum += e * v);
+        }
+        out.extend(sums.iter().map(|&sum| sum as f32));
+    }
+    out
 }
 
 /// Mean of the rows of a cluster, and the weighted differences of the rows to it.

@@ -29,19 +29,19 @@ fn transport_rows_sum_to_hemisphere() {
             .filter(|&i| scene.data().operator.rows[i].tier != 0)
             .map(|i| (row_sum(scene, i) - 1.0).abs());
         let worst = off.fold(0.0, f64::max);
-        let told = bake.stats.energy;
-        eprintln!("rows off one by {worst:.1e}, told {told:?}");
-        assert!(worst < 1e-6 && told.row_deviation < 1e-6);
-        assert!(told.row_deviation_rms <= told.row_deviation);
+        let energy = bake.stats.energy;
+        eprintln!("rows off one by {worst:.1e}, reported {energy:?}");
+        assert!(worst < 1e-6 && energy.row_deviation < 1e-6);
+        assert!(energy.row_deviation_rms <= energy.row_deviation);
     }
     // The paper's rule drops links, and its rows miss what they held: the same figure says so.
     let paper = Recipe {
         transport: TransportMethod::L08,
         ..small()
     };
-    let told = baked(&cornell(1.0, Vec3::ZERO), &paper).stats.energy;
-    eprintln!("l08: {told:?}");
-    assert!(told.row_deviation_rms > 0.01, "{told:?}");
+    let energy = baked(&cornell(1.0, Vec3::ZERO), &paper).stats.energy;
+    eprintln!("l08: {energy:?}");
+    assert!(energy.row_deviation_rms > 0.01, "{energy:?}");
 }
 
 /// By how much light that bounces grows from sweep to sweep in the end: the change of the senders'
@@ -75,11 +75,11 @@ fn spectral_radius_bound_holds_and_is_tight() {
             ..small()
         };
         let bake = baked(&cornell(1.0, Vec3::ZERO), &recipe);
-        let (told, growth) = (bake.stats.energy, growth(&bake.scene));
-        eprintln!("{rule:?}: grows by {growth:.4}, told {told:?}");
+        let (energy, growth) = (bake.stats.energy, growth(&bake.scene));
+        eprintln!("{rule:?}: grows by {growth:.4}, reported {energy:?}");
         assert!(
-            growth <= f64::from(told.spectral_radius_bound) * 1.001,
-            "{growth} {told:?}"
+            growth <= f64::from(energy.spectral_radius_bound) * 1.001,
+            "{growth} {energy:?}"
         );
         // Signs leave the paper's rule only the row sums.
         let near = if rule == TransportMethod::Bounded {
@@ -88,10 +88,10 @@ fn spectral_radius_bound_holds_and_is_tight() {
             0.3
         };
         assert!(
-            growth > near * f64::from(told.spectral_radius_bound),
-            "{growth} {told:?}"
+            growth > near * f64::from(energy.spectral_radius_bound),
+            "{growth} {energy:?}"
         );
-        assert!(told.spectral_radius_estimate <= told.spectral_radius_bound);
+        assert!(energy.spectral_radius_estimate <= energy.spectral_radius_bound);
     }
 }
 
