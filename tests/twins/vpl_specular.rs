@@ -82,7 +82,7 @@ fn on_gpu(
             dim: 0.0,
         }),
     };
-    let (screen, params) = scene.params(settings);
+    let (screen, specular_params) = scene.params(settings);
     let levels = screen.levels();
     let mut buffers = SpecularBuffers::new(&harness.device, queue, levels).unwrap();
     let targets = SubsplatTargets {
@@ -92,7 +92,7 @@ fn on_gpu(
     };
     // Twice: the second frame starts from what the first one left.
     for _ in 0..2 {
-        buffers.write(queue, &screen, &params);
+        buffers.write(queue, &screen, &specular_params);
         harness
             .run(|encoder| buffers.record(&kernels, encoder, &targets, &lights))
             .unwrap();

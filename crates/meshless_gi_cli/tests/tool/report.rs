@@ -245,7 +245,7 @@ fn tiny_variants(base: &BakeSettings) -> Vec<Variant> {
 
 fn tiny_sweep() -> Sweep {
     Sweep {
-        exam: TestSetSize {
+        test_set: TestSetSize {
             light_sources: 2,
             positions: 100,
             paths: 2048,
@@ -335,7 +335,7 @@ fn report_of_dark_or_empty_scene_fails() {
 /// A report of made-up rows: rule, links, error, seconds.
 fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
-        exam: TestSetSize {
+        test_set: TestSetSize {
             light_sources: 1,
             positions: 20,
             paths: 64,
