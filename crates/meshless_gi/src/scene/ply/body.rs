@@ -7,8 +7,8 @@
 use super::PlyError;
 use super::header::{Element, Encoding, Header, Property, Scalar, line_at, shown};
 
-/// Walks all elements in order and gives the scalars of those named `element_name` to `each`: as many
-/// values as properties, lists as 0.
+/// Walks all elements in order and passes the scalars of those named `element_name` to `each`: as
+/// many values as properties, lists as 0.
 pub(super) fn read(
     bytes: &[u8],
     header: &Header,

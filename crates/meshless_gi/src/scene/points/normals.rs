@@ -34,8 +34,8 @@ const LINKS: usize = 8;
 /// Points of other parts that are looked at to find out whether a part lies around them.
 const PROBES: usize = 32;
 
-/// A unit normal for each point; `Vec3::ZERO` where none can be computed: fewer than two neighbors at
-/// another position.
+/// A unit normal for each point; `Vec3::ZERO` where none can be computed: fewer than two neighbors
+/// at another position.
 pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -> Vec<Vec3> {
     let fits: Vec<Fit> = points
         .par_iter()
