@@ -215,6 +215,9 @@ impl Case {
             preset,
             sky: SkyModel::Harmonics,
             dynamic_materials: true,
+            // Not three: the bake takes two thirds of the time, and no error changes by more than
+            // 0.6 percentage points.
+            refinement_levels: Some(1),
             ..Recipe::default()
         };
         let mesh = parts.mesh([Emission::Picture; 2], |_| {});
