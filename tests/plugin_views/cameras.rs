@@ -188,7 +188,7 @@ impl Stage {
     }
 
     fn pictures(&mut self) -> Vec<Picture> {
-        run(&mut self.app, 4);
+        run(&mut self.app, 2);
         self.images.iter().map(|i| drawn(&self.app, i)).collect()
     }
 }
@@ -503,7 +503,7 @@ fn masked_materials_with_volume_are_lit_once() {
     assert!(again.nrmse(&opaque) < 0.005, "{}", again.nrmse(&opaque));
 }
 
-/// Warnings of an app with a baked room and a camera of these components after 40 frames.
+/// Warnings of an app with a baked room and a camera of these components after 24 frames.
 fn warnings_with(components: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> {
     let mut app = app();
     let root = spawn_room(&mut app, Transform::IDENTITY);
@@ -511,7 +511,7 @@ fn warnings_with(components: impl Bundle, change: impl Fn(&mut App, Entity)) -> 
     let mut eye = app.world_mut().spawn(camera(&image, view()));
     eye.insert(components);
     change(&mut app, root);
-    run(&mut app, 40);
+    run(&mut app, 24);
     app.world().resource::<GiWarnings>().0.clone()
 }
 
@@ -569,7 +569,7 @@ fn late_gi_camera_does_not_warn() {
     let eye = app.world_mut().spawn(camera(&image, view())).id();
     run(&mut app, 8);
     app.world_mut().entity_mut(eye).insert(GiCamera::default());
-    run(&mut app, 40);
+    run(&mut app, 24);
     assert_eq!(app.world().resource::<GiWarnings>().0, []);
 }
 

@@ -11,6 +11,7 @@ use meshless_gi::{
     SkyRadiance, TransportMethod, TriangleMesh, bake_scene, load_gltf, mesh_of_quads,
 };
 use std::path::Path;
+use std::sync::LazyLock;
 
 /// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Meters.
 const SIZE: Vec3 = Vec3::new(8.0, 2.6, 3.6);
@@ -110,6 +111,10 @@ fn baked(mesh: &TriangleMesh, recipe: &Recipe) -> BakedScene {
         .scene
 }
 
+/// Bake of the open rooms with the door.
+static WITH_DOOR: LazyLock<BakedScene> =
+    LazyLock::new(|| baked(&rooms(Opening::Open), &recipe(vec![door()])));
+
 fn light_source() -> Vec<FrameLight> {
     let light_source = Light::Point {
         position: Vec3::new(2.2, 2.1, 1.3),
@@ -208,9 +213,8 @@ fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
 
 #[test]
 fn closed_door_blocks_all_light() {
-    let open_rooms = rooms(Opening::Open);
-    let with = baked(&open_rooms, &recipe(vec![door()]));
-    let without = baked(&open_rooms, &recipe(Vec::new()));
+    let with = &*WITH_DOOR;
+    let without = baked(&rooms(Opening::Open), &recipe(Vec::new()));
     let closed = baked(&rooms(Opening::Panel), &recipe(Vec::new()));
     let known = with.data().occluders.as_ref().expect("a door");
     assert_eq!(known.names, ["door"]);
@@ -227,9 +231,9 @@ fn closed_door_blocks_all_light() {
     assert!(share < 0.7, "{share}");
 
     let (near, beyond) = (lit_room(), dark_room());
-    let open = lit(&with, &[]);
+    let open = lit(with, &[]);
     let right = lit(&without, &[]);
-    let [a, b] = [(&open, &with), (&right, &without)].map(|(f, s)| light(f, s, &beyond));
+    let [a, b] = [(&open, with), (&right, &without)].map(|(f, s)| light(f, s, &beyond));
     println!(
         "open, beyond: {:.4} of the bake without a door",
         error(&a, &b)
@@ -237,9 +241,9 @@ fn closed_door_blocks_all_light() {
     assert!(error(&a, &b) < 0.1, "{}", error(&a, &b));
     let bright = root_mean_square(&b);
 
-    let shut = lit(&with, &[0.0]);
+    let shut = lit(with, &[0.0]);
     let black = light(&lit(&closed, &[]), &closed, &beyond);
-    let dark = light(&shut, &with, &beyond);
+    let dark = light(&shut, with, &beyond);
     let off: Vec<f32> = dark.iter().zip(&black).map(|(a, b)| a - b).collect();
     let left = root_mean_square(&off) / bright;
     println!("shut, beyond: {left:.2e} of the open light");
@@ -250,14 +254,14 @@ fn closed_door_blocks_all_light() {
         off.len()
     );
     assert!(f64::from(worst) <= 0.01 * bright, "{worst}");
-    let space = in_space(&shut, &with);
-    let open_space = in_space(&open, &with);
+    let space = in_space(&shut, with);
+    let open_space = in_space(&open, with);
     let left = root_mean_square(&space) / root_mean_square(&open_space);
     println!("shut, in free space beyond: {left:.2e} of the open light");
     assert!(left <= 0.01, "{left}");
     // The room before it, beside one with a black panel where the door is.
     let before = light(&lit(&closed, &[]), &closed, &near);
-    let found = light(&shut, &with, &near);
+    let found = light(&shut, with, &near);
     println!(
         "shut, before: {:.4} of the bake with a panel",
         error(&found, &before)
@@ -265,12 +269,12 @@ fn closed_door_blocks_all_light() {
     assert!(error(&found, &before) < 0.1);
 
     // Ajar, it lets through what it says: of what passes once, half.
-    let half = lit(&with, &[0.5]);
-    let ajar = light(&half, &with, &beyond);
+    let half = lit(with, &[0.5]);
+    let ajar = light(&half, with, &beyond);
     let between = root_mean_square(&ajar) / root_mean_square(&a);
     println!("half open, beyond: {between:.4} of the open light");
     assert!((0.3..0.55).contains(&between), "{between}");
-    let nearly = light(&lit(&with, &[0.1]), &with, &beyond);
+    let nearly = light(&lit(with, &[0.1]), with, &beyond);
     assert!(
         root_mean_square(&nearly) > 0.01 * bright,
         "a gap is no shut door"
@@ -328,34 +332,34 @@ fn two_doors_in_sequence_block_independently() {
 
 #[test]
 fn frame_follows_door_transmittance_and_returns() {
-    let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
+    let scene = &*WITH_DOOR;
     let settings = FrameSettings::bounces(4);
-    let mut frame = lit(&scene, &[]);
+    let mut frame = lit(scene, &[]);
     let open = frame.vector_irradiance().to_vec();
-    assert!(!frame.set_occluders(&scene, &[1.0]), "nothing changed");
+    assert!(!frame.set_occluders(scene, &[1.0]), "nothing changed");
     assert!(
-        !frame.set_occluders(&scene, &[7.0, 3.0]),
+        !frame.set_occluders(scene, &[7.0, 3.0]),
         "no more than open"
     );
-    assert!(!frame.solve(&scene, &settings));
+    assert!(!frame.solve(scene, &settings));
     let projected = frame.counters().projected;
-    assert!(frame.set_occluders(&scene, &[0.25]));
+    assert!(frame.set_occluders(scene, &[0.25]));
     assert_eq!(
         frame.counters().projected,
         projected + 1,
         "its shadow moved"
     );
-    assert!(frame.solve(&scene, &settings));
+    assert!(frame.solve(scene, &settings));
     assert_ne!(frame.vector_irradiance(), open);
-    assert!(frame.set_occluders(&scene, &[1.0]));
-    frame.solve(&scene, &settings);
+    assert!(frame.set_occluders(scene, &[1.0]));
+    frame.solve(scene, &settings);
     assert_eq!(frame.vector_irradiance(), open, "open again, to the bit");
-    assert_eq!(frame.links(&scene)[0], scene.data().operator.links);
+    assert_eq!(frame.links(scene)[0], scene.data().operator.links);
     // A level without a door has none to shut.
     let bytes = scene.to_bytes().unwrap();
     assert_eq!(
         BakedScene::from_bytes(&bytes, &Limits::default()).unwrap(),
-        scene
+        *scene
     );
 }
 
@@ -488,7 +492,7 @@ fn invalid_occluder_recipes_are_rejected() {
 
 #[test]
 fn damaged_occluder_bake_is_rejected() {
-    let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
+    let scene = &*WITH_DOOR;
     scene.data().validate().expect("a sound bake");
     type Damage = fn(&mut BakedScene);
     let damages: [(&str, Damage); 14] = [

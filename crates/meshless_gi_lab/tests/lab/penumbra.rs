@@ -32,8 +32,8 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
     let mesh = published_mesh(name);
     let recipe = Recipe {
         preset: Preset::Medium,
-        levels: Some(5),
-        sender_levels: Some(4),
+        levels: Some(4),
+        sender_levels: Some(3),
         refinement_levels: Some(0),
         rays_per_point: Some(16),
         soft_shadows: Some(VisibilityRecipe {

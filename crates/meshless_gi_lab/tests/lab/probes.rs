@@ -20,11 +20,34 @@ use meshless_gi::{
 use meshless_gi_lab::accuracy::{BOUNCES, Errors, errors};
 use meshless_gi_lab::fixtures::data::open_rooms;
 use std::f32::consts::PI;
+use std::sync::LazyLock;
 
 fn baked(mesh: &TriangleMesh, recipe: Recipe) -> BakedScene {
     bake_scene(mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene
+}
+
+/// `rooms_open` and its bake.
+static OPEN_ROOMS: LazyLock<(TriangleMesh, BakedScene)> = LazyLock::new(|| {
+    let (mesh, _) = open_rooms();
+    let scene = baked(&mesh, draft());
+    (mesh, scene)
+});
+
+/// Bake of two rooms side by side, with a wall of two centimeters between them.
+static TWO_CLOSED_ROOMS: LazyLock<BakedScene> =
+    LazyLock::new(|| baked(&closed_rooms(0.02), draft()));
+
+/// Size of each of two closed rooms, meters.
+const ROOM: Vec3 = Vec3::new(3.0, 2.5, 3.0);
+
+/// Two closed rooms side by side, `gap` meters apart.
+fn closed_rooms(gap: f32) -> TriangleMesh {
+    let low = Vec3::X * (ROOM.x + gap);
+    let mut quads = room(Vec3::ZERO, ROOM, 0.7, |_| false);
+    quads.extend(room(low, low + ROOM, 0.7, |_| false));
+    mesh_of_quads(&quads)
 }
 
 fn draft() -> Recipe {
@@ -92,11 +115,11 @@ fn through_two_rooms() -> Vec<Vec3> {
 
 #[test]
 fn moving_ball_through_two_rooms_matches_reference() {
-    let (mesh, lights) = open_rooms();
-    let scene = baked(&mesh, draft());
+    let (mesh, scene) = &*OPEN_ROOMS;
+    let (_, lights) = open_rooms();
     let centers = through_two_rooms();
     let positions = balls(&centers, 0.15, 8);
-    let (found, missing) = compare(&scene, &mesh, &lights, &positions);
+    let (found, missing) = compare(scene, mesh, &lights, &positions);
     let probes = scene.data().probes.as_ref().unwrap();
     println!(
         "{} probes, {} links, {} kB: {found:?}",
@@ -122,9 +145,9 @@ fn moving_ball_through_two_rooms_matches_reference() {
             other => other,
         })
         .collect();
-    let meshes = std::slice::from_ref(&mesh);
-    let wrong = Evaluator::new(&scene, meshes, &moved, Bounces::Count(4));
-    let right = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
+    let meshes = std::slice::from_ref(mesh);
+    let wrong = Evaluator::new(scene, meshes, &moved, Bounces::Count(4));
+    let right = Evaluator::new(scene, meshes, &lights, Bounces::Count(4));
     let value = |e: &Evaluator<'_>| -> Vec<Vec3> {
         let at = |&(x, n): &(Vec3, Vec3)| e.probe_irradiance(x, n).unwrap();
         positions.iter().map(at).collect()
@@ -137,7 +160,8 @@ fn moving_ball_through_two_rooms_matches_reference() {
 /// in the other.
 #[test]
 fn ball_in_sealed_room_stays_dark() {
-    let (open, lights) = open_rooms();
+    let (open, with_opening) = &*OPEN_ROOMS;
+    let (_, lights) = open_rooms();
     let corner = |x| Vec3::new(x, 0.0, 1.5);
     let (up, across) = (2.0 * Vec3::Y, 0.9 * Vec3::Z);
     let mut triangles = Vec::new();
@@ -155,10 +179,9 @@ fn ball_in_sealed_room_stays_dark() {
         viewpoints: vec![[2.0, 1.4, 2.0], [6.0, 1.4, 2.0]],
         ..draft()
     };
-    let light = |mesh: &TriangleMesh| {
-        let scene = baked(mesh, recipe.clone());
+    let light = |mesh: &TriangleMesh, scene: &BakedScene| {
         let meshes = std::slice::from_ref(mesh);
-        let ours = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
+        let ours = Evaluator::new(scene, meshes, &lights, Bounces::Count(4));
         let (mut lit, mut dark) = (Vec::new(), Vec::new());
         for center in through_two_rooms() {
             for (x, n) in balls(&[center], 0.15, 8) {
@@ -178,8 +201,8 @@ fn ball_in_sealed_room_stays_dark() {
         let max = dark.iter().fold(0.0f32, |a, &b| a.max(b));
         (mean(&lit), mean(&dark), max)
     };
-    let (lit, dark, max) = light(&sealed);
-    let (_, through, _) = light(&open);
+    let (lit, dark, max) = light(&sealed, &baked(&sealed, recipe));
+    let (_, through, _) = light(open, with_opening);
     println!(
         "sealed: {:.1e} of what comes through the opening, at most {:.1e} of the lit room's",
         dark / through,
@@ -231,18 +254,14 @@ fn solved(scene: &BakedScene, lights: &[FrameLight], sky: f32, sweeps: u32) -> C
 
 #[test]
 fn probes_behind_wall_of_any_thickness_stay_dark() {
-    for gap in [0.02, 0.0] {
-        let mut quads = room(Vec3::ZERO, Vec3::new(3.0, 2.5, 3.0), 0.7, |_| false);
-        let low = Vec3::new(3.0 + gap, 0.0, 0.0);
-        quads.extend(room(low, low + Vec3::new(3.0, 2.5, 3.0), 0.7, |_| false));
-        let mesh = mesh_of_quads(&quads);
-        let scene = baked(&mesh, draft());
+    let touching = baked(&closed_rooms(0.0), draft());
+    for (gap, scene) in [(0.02, &*TWO_CLOSED_ROOMS), (0.0, &touching)] {
         let light_source = Light::Point {
             position: Vec3::new(1.5, 2.0, 1.5),
             intensity: Vec3::ONE,
             range: f32::INFINITY,
         };
-        let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
+        let frame = solved(scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
         let mut random = Random::new(1, 0, 0);
         let (mut lit, mut dark) = (0.0f32, 0.0f32);
         for _ in 0..2000 {
@@ -250,7 +269,7 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
             let x = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
             let at = |x| {
                 let light = frame
-                    .probe_irradiance(&scene, x, Vec3::ZERO)
+                    .probe_irradiance(scene, x, Vec3::ZERO)
                     .expect("a probe reaches");
                 light.irradiance(Vec3::Y).x + light.irradiance(Vec3::NEG_X).x
             };
@@ -270,17 +289,13 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
 /// the air it is what the probes say, or the display of the walls. Also where the level is turned.
 #[test]
 fn volumes_match_room_and_stay_dark_behind_walls() {
-    let size = Vec3::new(3.0, 2.5, 3.0);
-    let low = Vec3::new(3.02, 0.0, 0.0);
-    let mut quads = room(Vec3::ZERO, size, 0.7, |_| false);
-    quads.extend(room(low, low + size, 0.7, |_| false));
-    let scene = baked(&mesh_of_quads(&quads), draft());
+    let scene = &*TWO_CLOSED_ROOMS;
     let light_source = Light::Point {
         position: Vec3::new(1.5, 2.0, 1.5),
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    let frame = solved(&scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
+    let frame = solved(scene, &FrameLight::expand(&light_source, 1), 0.0, 4);
     let [from, to] = scene.info().bounds.map(Vec3::from);
     let values = VolumeValues {
         points: frame.vector_irradiance(),
@@ -298,7 +313,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         let voxels = voxels_of(to - from, edge, u32::MAX);
         let shape = VoxelGrid::new([from, to], voxels).unwrap();
         let weights = VoxelWeights::from_scene(shape, scene.data());
-        shares_say_what_probes_say(&weights, &scene, frame.probes());
+        shares_say_what_probes_say(&weights, scene, frame.probes());
         println!(
             "{} faces, {} shares, {} probe shares",
             weights.wall_samples().wall_samples.len(),
@@ -323,27 +338,27 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         let mut dark = 0.0f32;
         for k in 0..3000 {
             let mut unit = || random.unit();
-            let mut x = size * Vec3::new(unit(), unit(), unit());
+            let mut x = ROOM * Vec3::new(unit(), unit(), unit());
             let mut n = uniform_sphere(Vec2::new(unit(), unit()));
             // Every other position lies on one of the walls, and faces the room.
             let wall = k % 2 == 0;
             if wall {
                 let (axis, far) = (k / 2 % 3, k / 6 % 2 == 1);
-                x[axis] = if far { size[axis] } else { 0.0 };
+                x[axis] = if far { ROOM[axis] } else { 0.0 };
                 n = Vec3::ZERO;
                 n[axis] = if far { -1.0 } else { 1.0 };
             }
             let found = PI * read(x, n);
-            let next_door = read(x + low, n).max_element();
+            let next_door = read(x + 3.02 * Vec3::X, n).max_element();
             dark = dark.max(next_door);
             if wall {
-                on_walls.push(frame.irradiance(&scene, x, n).expect("covered"));
+                on_walls.push(frame.irradiance(scene, x, n).expect("covered"));
                 shown.push(found);
                 behind.push(PI * read(x, -n));
             } else {
                 in_air.push(
                     frame
-                        .probe_irradiance(&scene, x, n)
+                        .probe_irradiance(scene, x, n)
                         .expect("reached")
                         .irradiance(n),
                 );

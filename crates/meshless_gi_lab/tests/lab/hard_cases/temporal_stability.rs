@@ -21,7 +21,7 @@ fn cornell(samples: u32) -> BakedScene {
 /// Root mean square of the light's second differences along a light's path of even steps, over its
 /// root mean square.
 fn roughness(scene: &BakedScene) -> f32 {
-    const STEPS: usize = 48;
+    const STEPS: usize = 24;
     let mut frame = CpuFrame::new(scene);
     let seen: Vec<Vec<f32>> = (0..STEPS)
         .map(|k| {
