@@ -492,7 +492,15 @@ fn invalid_occluder_recipes_are_rejected() {
 
 #[test]
 fn damaged_occluder_bake_is_rejected() {
-    let scene = &*WITH_DOOR;
+    let small = Recipe {
+        coarse_radius: Some(0.5),
+        levels: Some(3),
+        sender_levels: Some(2),
+        refinement_levels: Some(0),
+        rays_per_point: Some(64),
+        ..recipe(vec![door()])
+    };
+    let scene = baked(&rooms(Opening::Open), &small);
     scene.data().validate().expect("a sound bake");
     type Damage = fn(&mut BakedScene);
     let damages: [(&str, Damage); 14] = [
