@@ -11,9 +11,9 @@
 //!
 //! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
 //! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability
-//! with which it does. A path's first direction comes from a lattice, shifted at random for each
-//! position, which makes the mean less noisy than independent paths; the standard error is that of
-//! independent paths and so rather too large than too small.
+//! with which it does. A path's first direction and first position on an emitter come from lattices,
+//! shifted at random for each position, which makes the mean less noisy than independent paths; the
+//! standard error is that of independent paths and so rather too large than too small.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
 use crate::scene::{Emitters, Geometry, Hit, Light, Ray, SkyRadiance};
@@ -153,12 +153,11 @@ impl PathTracer<'_> {
     }
 
     /// One sample of the irradiance by emissive surfaces at a position that is lifted to `start`,
-    /// W/m²: a position on an emitter, weighted for the balance with [`Self::emitted`].
-    fn emitter_sample(&self, start: Vec3, n: Vec3, random: &mut Random) -> Vec3 {
+    /// W/m²: the position of `u` on an emitter, weighted for the balance with [`Self::emitted`].
+    fn emitter_sample(&self, start: Vec3, n: Vec3, u: Vec2) -> Vec3 {
         let Some(emitters) = self.emitters else {
             return Vec3::ZERO;
         };
-        let u = Vec2::new(random.unit(), random.unit());
         let Some((ray, hit)) = emitters.visible(self.geometry, start, n, u) else {
             return Vec3::ZERO;
         };
@@ -179,13 +178,20 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Direct and indirect irradiance of one path from `start`, W/m². `u` gives the first
-    /// direction, `direct` is the irradiance of the lights at `start`.
-    fn trace(&self, start: Vec3, n: Vec3, u: Vec2, direct: Vec3, random: &mut Random) -> [Vec3; 2] {
+    /// Direct and indirect irradiance of one path from `start`, W/m². `u` gives the first direction
+    /// and the first position on an emitter, `direct` is the irradiance of the lights at `start`.
+    fn trace(
+        &self,
+        start: Vec3,
+        n: Vec3,
+        [u, v]: [Vec2; 2],
+        direct: Vec3,
+        random: &mut Random,
+    ) -> [Vec3; 2] {
         let geometry = self.geometry;
         let bounces = self.settings.bounces;
         let max = bounces.unwrap_or(u32::MAX);
-        let (mut position, mut normal, mut u) = (start, n, u);
+        let (mut position, mut normal, mut u, mut v) = (start, n, u, v);
         let mut throughput = Vec3::ONE;
         let mut sums = [direct, Vec3::ZERO];
         // The light that comes along the next direction has `depth` reflections behind it once it
@@ -201,7 +207,7 @@ impl PathTracer<'_> {
                 Some((hit, surface)) => self.emitted(&ray, normal, hit, surface.emission),
                 None => self.sky.toward(ray.direction),
             };
-            let emitted = emitted + self.emitter_sample(position, normal, random);
+            let emitted = emitted + self.emitter_sample(position, normal, v);
             sums[usize::from(depth > 0)] += throughput * emitted;
             let Some((_, surface)) = surface else { break };
             depth += 1;
@@ -223,6 +229,7 @@ impl PathTracer<'_> {
             position = surface.position + normal * geometry.ray_offset(surface.position);
             sums[1] += throughput * self.lights(position, normal, random);
             u = Vec2::new(random.unit(), random.unit());
+            v = Vec2::new(random.unit(), random.unit());
         }
         sums
     }
@@ -255,14 +262,15 @@ pub fn irradiance(
     let is_random = lights.iter().any(|l| matches!(l, Light::Rect { .. }));
     let same_direct =
         (!is_random).then(|| tracer.lights(start, n, &mut Random::new(settings.seed, stream, 0)));
-    // The first direction is stratified over the paths by a lattice.
+    // The first samples are stratified over the paths by lattices.
     let mut shift = Random::new(settings.seed ^ 0x73_68, stream, 0);
-    let shift = Vec2::new(shift.unit(), shift.unit());
+    let mut shift = || Vec2::new(shift.unit(), shift.unit());
+    let shifts = [shift(), shift()];
     let mut sums = [DVec3::ZERO; 4];
     for path in 0..settings.paths {
         let mut random = Random::new(settings.seed ^ 0x72_65_66, stream, u64::from(path));
         let direct = same_direct.unwrap_or_else(|| tracer.lights(start, n, &mut random));
-        let u = lattice(path, settings.paths, shift);
+        let u = shifts.map(|shift| lattice(path, settings.paths, shift));
         // Squares in double precision: their difference to the squared mean is small.
         let [direct, indirect] = tracer
             .trace(start, n, u, direct, &mut random)

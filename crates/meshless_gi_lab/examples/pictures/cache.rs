@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 /// Version of the reference integrator and of the choice of points. Another one makes cached
 /// references obsolete.
-const REFERENCE_VERSION: u32 = 1;
+const REFERENCE_VERSION: u32 = 2;
 
 /// Point of a cached reference.
 #[repr(C)]

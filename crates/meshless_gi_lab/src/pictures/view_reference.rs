@@ -7,8 +7,8 @@
 use super::BOUNCES;
 use crate::accuracy::Camera;
 use crate::fixtures::TestScene;
-use glam::{Vec2, Vec3};
-use meshless_gi::internals::samples::{Random, cosine_hemisphere, tangents};
+use glam::{DVec3, Vec2, Vec3};
+use meshless_gi::internals::samples::{Random, cosine_hemisphere, mix, tangents};
 use meshless_gi::{Geometry, Light, Ray, ReferenceSettings, irradiance};
 use rayon::prelude::*;
 
@@ -18,8 +18,11 @@ const ANGLE: f32 = 1.0;
 const WALKS: [u32; 2] = [16, 8];
 /// Number of paths of the pilot.
 const PILOT: u32 = 64;
+/// Number of independent estimates whose mean is the reference. Their spread is its standard error:
+/// that of single paths is too large, because lattices stratify them.
+const ESTIMATES: u32 = 8;
 /// Standard error that decides the number of paths, relative to the irradiance.
-const TOLERANCE: f32 = 0.08;
+const TOLERANCE: f32 = 0.05;
 /// Irradiance below which the tolerance gets no smaller, relative to the mean of all points.
 const DIM: f32 = 0.1;
 /// Seed of surface points and of the reference.
@@ -166,19 +169,28 @@ fn with_reference(
     let of = |(k, point): (usize, &ReferencePoint), paths: u32, seed: u64| {
         let of = |lights: &[Light], bounces: u32, seed: u64| {
             let settings = ReferenceSettings {
-                paths,
+                paths: paths.div_ceil(ESTIMATES),
                 bounces: Some(bounces),
                 seed,
             };
             let (x, n) = (point.position, point.normal);
             irradiance(&scene.mesh, lights, x, n, k as u64, &settings)
         };
-        let reflected = of(&scene.lights, BOUNCES, seed);
-        let glow = of(&sky, 0, seed ^ 2);
-        let [a, b] = [reflected.indirect_error, glow.direct_error];
+        let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
+        for k in 0..u64::from(ESTIMATES) {
+            let seed = mix(seed.wrapping_add(k));
+            let reflected = of(&scene.lights, BOUNCES, seed);
+            let glow = of(&sky, 0, seed ^ 2);
+            let estimate = (reflected.indirect + glow.direct).as_dvec3();
+            sum += estimate;
+            squares += estimate * estimate;
+        }
+        let count = f64::from(ESTIMATES);
+        let mean = sum / count;
+        let variance = (squares / count - mean * mean).max(DVec3::ZERO) / (count - 1.0);
         ReferencePoint {
-            irradiance: reflected.indirect + glow.direct,
-            standard_error: (a * a + b * b).map(f32::sqrt),
+            irradiance: mean.as_vec3(),
+            standard_error: variance.map(f64::sqrt).as_vec3(),
             ..*point
         }
     };
