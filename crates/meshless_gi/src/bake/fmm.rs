@@ -19,7 +19,7 @@ use crate::basis::{CellPart, Hierarchy, find_cells};
 use crate::scene::Geometry;
 use crate::transport::fmm::passes::{Field, along};
 use crate::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
-use crate::transport::gather_sky_visibility;
+use crate::transport::{ReceiverRays, gather_sky_visibility};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::time::Instant;
@@ -112,7 +112,11 @@ pub(super) fn add_octree(
     let geometry = context.source.geometry;
     let rays = (settings.rays_per_point / 4).max(16);
     let sky_rays: Vec<(Vec3, f32)> = (scene.points.par_iter().enumerate())
-        .map(|(i, p)| gather_sky_visibility(geometry, p.x(), p.n(), i, rays, settings.seed))
+        .map(|(i, p)| {
+            let at = (p.x(), p.n());
+            let rays = ReceiverRays::at_center(geometry, at, i, rays, settings.seed);
+            gather_sky_visibility(geometry, &rays)
+        })
         .collect();
     stats.rays += cells.rays + sky_rays.len() as u64 * u64::from(rays);
     let mut scene = match recipe.fallback_links {

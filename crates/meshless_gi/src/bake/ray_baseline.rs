@@ -3,7 +3,7 @@
 use super::BakeSettings;
 use crate::asset::SceneData;
 use crate::scene::Geometry;
-use crate::transport::trace_gather_rays;
+use crate::transport::{ReceiverRays, trace_gather_rays};
 use rayon::prelude::*;
 
 /// Casts the rays of the operator's gather and nothing else. Returns the number of rays.
@@ -25,15 +25,10 @@ pub fn cast_gather_rays(
                 .filter(|&i| rows[i].tier != 0)
                 .map(|i| {
                     let p = &scene.points[i];
+                    let at = (p.x(), p.n());
+                    let rays = ReceiverRays::at_center(geometry, at, i, rays, settings.seed);
                     // The hits are used, so that no compiler leaves the work out.
-                    std::hint::black_box(trace_gather_rays(
-                        geometry,
-                        p.x(),
-                        p.n(),
-                        i,
-                        rays,
-                        settings.seed,
-                    ));
+                    std::hint::black_box(trace_gather_rays(geometry, &rays));
                 })
                 .count();
             active as u64 * u64::from(rays)

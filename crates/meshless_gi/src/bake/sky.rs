@@ -3,7 +3,7 @@
 use super::BakeSettings;
 use crate::basis::Hierarchy;
 use crate::scene::{Geometry, SkyRadiance};
-use crate::transport::{LinkTerm, RawRow, gather_sky_harmonics, merge_parts};
+use crate::transport::{LinkTerm, RawRow, ReceiverRays, gather_sky_harmonics, merge_parts};
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -43,31 +43,21 @@ pub(super) fn terms(
         let level = hierarchy.level_starts.partition_point(|&s| s as usize <= i);
         settings.rays_of_level(level.saturating_sub(1))
     };
-    let surfaces = hierarchy.surfaces.par_iter();
-    let found = surfaces.zip(rows.par_iter_mut()).enumerate();
-    let found = found
-        .map(|(i, (s, row))| {
+    let found = (rows.par_iter_mut().enumerate())
+        .map(|(i, row)| {
             if !row.active {
                 return Default::default();
             }
             let parts = &mut row.parts;
-            let (x, n) = (s.position, s.normal);
-            gather_sky_harmonics(
-                geometry,
-                x,
-                n,
-                i,
-                rays_of(i),
-                settings.seed,
-                |crossed, values| {
-                    let terms = (senders as u32 + 1..).zip(values);
-                    parts.extend(terms.map(|(sender, &value)| LinkTerm {
-                        sender,
-                        crossed,
-                        value: value.into(),
-                    }));
-                },
-            )
+            let rays = ReceiverRays::over_cell(geometry, hierarchy, i, rays_of(i), settings.seed);
+            gather_sky_harmonics(geometry, &rays, |crossed, values| {
+                let terms = (senders as u32 + 1..).zip(values);
+                parts.extend(terms.map(|(sender, &value)| LinkTerm {
+                    sender,
+                    crossed,
+                    value: value.into(),
+                }));
+            })
         })
         .collect();
     for row in rows.iter_mut() {

@@ -6,28 +6,33 @@
 //! position would cost a ray per weight; instead the bake looks, once, from each center at the
 //! surface positions around it. Where the view is blocked, the plane of the blocker, turned toward
 //! the center, is a candidate; the planes that cut off most blocked positions and no visible one
-//! are kept, four at most.
+//! are kept, six at most.
 //!
 //! Positions that happen to be known may all lie on the near side of a wall whose far side the
 //! support still touches. So each center also looks around along its tangent plane for walls, and
-//! behind each one for surface.
+//! behind each one and under covers for surface.
+//!
+//! A function ends with its layer ([`Layer`]): its first planes are those of the layer. A position
+//! of another layer counts as blocked, even if the center sees it. A plane at the edge of a cover
+//! cuts off what lies below, and a plane half-way in height what lies above or below a step.
 
 use super::kernel::{before, kernel, leans, plane_at};
+use super::layer_edge::edge_plane;
+use super::visibility::{ORIGIN_HEIGHT, visibility_origin_height};
 use super::{LevelBasis, support_bounds};
-use crate::samples::{Candidate, F_SQUASH, HashedGrid, Point, dist, tangents};
+use crate::samples::{Candidate, F_SQUASH, HashedGrid, Layer, Point, dist, free_height, tangents};
 use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Planes a function may have at most: what the display can afford to test.
-const MAX_PLANES: usize = 4;
+/// Largest number of planes of a function: what the display can afford to test.
+const MAX_PLANES: usize = 6;
 /// A plane may cut off this share of the visible weight for each share of blocked weight.
 const LOSS: f32 = 0.5;
-/// Height above the surface, in radii, from which one looks: over gravel, not over walls.
-const ORIGIN_HEIGHT: f32 = 0.1;
-
-/// Positions at most that a function looks at for its clip planes.
+/// Largest number of positions that a function looks at for its clip planes.
 const MAX_VISIBILITY_SAMPLES: usize = 64;
+/// Largest number of positions whose layer's edge is searched.
+const MAX_EDGES: usize = 8;
 /// Directions along the tangent plane in which it looks for walls.
 const DIRECTIONS: u32 = 16;
 /// Positions behind a wall in each of them.
@@ -35,8 +40,33 @@ const BEHIND: u32 = 4;
 /// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq.
 /// (10).
 const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
+/// Height above the tangent plane, in radii, from which surface under a cover is searched.
+const UNDER_COVER: f32 = 0.01;
 /// Blocked weight, out of a function's own 1, that is worth a plane.
 const WORTH: f32 = 1e-5;
+
+/// Surface position around a function.
+#[derive(Clone, Copy)]
+struct Surrounding {
+    /// Position, meters, and unit normal.
+    x: Vec3,
+    n: Vec3,
+    /// Free height above it, meters. `None` if it is not computed yet.
+    free: Option<f32>,
+}
+
+impl Surrounding {
+    /// Free height above the position, meters, at most `reach`. Adds the rays cast to `rays`.
+    fn free_height(&self, geometry: &dyn Geometry, reach: f32, rays: &mut u64) -> f32 {
+        match self.free {
+            Some(free) => free.min(reach),
+            None => {
+                *rays += 1;
+                free_height(geometry, self.x, self.n, reach)
+            }
+        }
+    }
+}
 
 /// A position in a function's support.
 pub(super) struct ClipSample {
@@ -96,28 +126,33 @@ pub(super) fn choose_planes(
     kept
 }
 
-/// The clip planes of one function: `around` are surface points (x, n) in and near its support.
+/// The clip planes of one function: `around` are surface points in and near its support.
 /// Returns planes (n, d) with n·x + d ≥ 0 on the function's side, and adds the rays cast to `rays`.
-pub fn clip_planes(
+fn clip_planes(
     geometry: &dyn Geometry,
     point: &Point,
-    around: impl Iterator<Item = (Vec3, Vec3)>,
+    around: impl Iterator<Item = Surrounding>,
     rays: &mut u64,
 ) -> Vec<[f32; 4]> {
     // Occluders stand open for light, but functions end at them: else what is lit on one side would
-    // shine on the other when they shut.
-    let geometry = geometry.with_occluders_closed().unwrap_or(geometry);
+    // shine on the other when they shut. They end no layer, for what they cover is lit when open.
+    let closed = geometry.with_occluders_closed().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
-    let lift = (ORIGIN_HEIGHT * radius).max(geometry.ray_offset(x_j));
-    let height = visibility_origin_height(geometry, x_j, n_j, radius, rays);
+    let reach = TALL * radius;
+    let layer = Layer::new(geometry, x_j, n_j, reach);
+    *rays += Layer::RAYS;
+    let lift = (ORIGIN_HEIGHT * radius).max(closed.ray_offset(x_j));
+    let height = visibility_origin_height(closed, x_j, n_j, radius, rays);
     let eye = x_j + n_j * height;
     let mut samples: Vec<ClipSample> = Vec::new();
     let mut candidates: Vec<Vec4> = Vec::new();
-    let (behind, occluders) = behind_walls(geometry, point, eye, rays);
-    for (x, n) in around.chain(behind) {
+    let mut covers: Vec<(f32, Vec3)> = Vec::new();
+    let (behind, occluders) = behind_walls(closed, point, eye, rays);
+    for surrounding in around.chain(behind) {
+        let Surrounding { x, n, .. } = surrounding;
         let cosine = n.dot(n_j);
         let r = dist(x - x_j, n_j);
-        if cosine <= 0.0 || r >= radius {
+        if cosine <= 0.0 || r >= radius || !layer.contains(x) {
             continue;
         }
         let target = x + n * height.min(lift);
@@ -128,34 +163,47 @@ pub fn clip_planes(
         }
         let ray = Ray::segment(eye, way / length, length);
         *rays += 1;
-        let hit = geometry.cast(&ray);
+        let hit = closed.cast(&ray);
+        let weight = kernel(r / radius) * cosine * cosine;
+        let free = surrounding.free_height(geometry, reach, rays);
+        let is_covered = !layer.has_similar_height(free);
+        let is_apart = hit.is_none() && !is_covered && !layer.is_level_with(x, n) && {
+            *rays += Layer::RAYS;
+            !layer.is_shared_with(&Layer::new(geometry, x, n, reach))
+        };
         if let Some(hit) = hit {
-            candidates.push(plane_at(&geometry.barrier(&ray, &hit), radius));
+            candidates.push(plane_at(&closed.barrier(&ray, &hit), radius));
+        } else if is_covered {
+            covers.push((weight, x));
+        }
+        if hit.is_some() || is_apart {
+            candidates.extend(plane_between(x_j, n_j, x));
         }
         samples.push(ClipSample {
             x,
             n,
-            weight: kernel(r / radius) * cosine * cosine,
-            blocked: hit.is_some(),
+            weight,
+            blocked: hit.is_some() || is_covered || is_apart,
         });
     }
-    choose_planes(&mut samples, &occluders, &candidates, x_j, radius)
+    covers.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (_, x) in covers.into_iter().take(MAX_EDGES) {
+        let is_inside = |p: Vec3, rays: &mut u64| {
+            *rays += 1;
+            layer.has_similar_height(free_height(geometry, p, n_j, reach))
+        };
+        candidates.extend(edge_plane(x_j, n_j, x, &mut |p| is_inside(p, rays)));
+    }
+    let first: Vec<Vec4> = layer.planes().chain(occluders).collect();
+    choose_planes(&mut samples, &first, &candidates, x_j, radius)
 }
 
-/// Height of the visibility origin above the center (x, n) of a function with this radius, in
-/// meters. It sees over gravel and around bends, and is at most half-way to the geometry above.
-pub(super) fn visibility_origin_height(
-    geometry: &dyn Geometry,
-    x: Vec3,
-    n: Vec3,
-    radius: f32,
-    rays: &mut u64,
-) -> f32 {
-    let lift = geometry.ray_offset(x);
-    let high = (ORIGIN_HEIGHT * radius).max(lift);
-    *rays += 1;
-    let up = Ray::segment(x + n * lift, n, 2.0 * high);
-    geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)
+/// The plane parallel to the tangent plane of a function at (`x_j`, `n_j`), half-way to a position
+/// above or below it. `None` if the position is on the tangent plane.
+fn plane_between(x_j: Vec3, n_j: Vec3, x: Vec3) -> Option<Vec4> {
+    let height = n_j.dot(x - x_j);
+    let toward = -n_j * height.signum();
+    (height != 0.0).then(|| toward.extend(0.5 * height.abs() - toward.dot(x_j)))
 }
 
 /// Surface points within a function's support behind whatever stands on its tangent plane, as seen
@@ -166,7 +214,7 @@ fn behind_walls(
     point: &Point,
     eye: Vec3,
     rays: &mut u64,
-) -> (Vec<(Vec3, Vec3)>, Vec<Vec4>) {
+) -> (Vec<Surrounding>, Vec<Vec4>) {
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let (t, b) = tangents(n_j);
     let tall = TALL * radius;
@@ -187,12 +235,18 @@ fn behind_walls(
         }
         for k in 0..BEHIND {
             let across = wall.t + (radius - wall.t) * (k as f32 + 0.5) / BEHIND as f32;
-            let above = x_j + way * across + n_j * tall;
-            let down = Ray::segment(above, -n_j, 2.0 * tall);
-            *rays += 1;
-            if let Some(hit) = geometry.cast(&down) {
-                let there = geometry.hit_point(&down, &hit);
-                found.push((there.position, there.normal));
+            for height in [tall, UNDER_COVER * radius] {
+                let above = x_j + way * across + n_j * height;
+                let down = Ray::segment(above, -n_j, height + tall);
+                *rays += 1;
+                if let Some(hit) = geometry.cast(&down) {
+                    let there = geometry.hit_point(&down, &hit);
+                    found.push(Surrounding {
+                        x: there.position,
+                        n: there.normal,
+                        free: None,
+                    });
+                }
             }
         }
     }
@@ -210,25 +264,29 @@ pub(super) fn with_planes(
     if !clip || points.is_empty() {
         return (LevelBasis::new(points, Vec::new()), 0);
     }
-    // The positions by cell; a position is looked up from the cell of the function's center, so its
-    // box is as large as a support.
-    let samples: Vec<(Vec3, Vec3)> = around
+    let largest = points.iter().fold(0.0f32, |r, p| r.max(p.radius));
+    let samples: Vec<Surrounding> = around
         .iter()
-        .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
+        .flat_map(|level| level.iter())
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|c| {
+            let (x, n) = (c.surface.position, c.surface.normal);
+            let free = Some(free_height(geometry, x, n, TALL * largest));
+            Surrounding { x, n, free }
+        })
         .collect();
     // Functions of several radii: each looks through the few cells that its support touches, of a
     // grid about as coarse as itself.
-    let (smallest, largest) = points.iter().fold((f32::INFINITY, 0.0f32), |(a, b), p| {
-        (a.min(p.radius), b.max(p.radius))
-    });
+    let smallest = points.iter().fold(f32::INFINITY, |r, p| r.min(p.radius));
     let sizes = std::iter::successors(Some(smallest), |s| Some(4.0 * s));
     let grids: Vec<HashedGrid> = sizes
         .take_while(|&s| s <= largest)
         .take(16)
         .map(|size| {
             HashedGrid::build(samples.len(), size, |i| Bounds {
-                min: samples[i].0,
-                max: samples[i].0,
+                min: samples[i].x,
+                max: samples[i].x,
             })
         })
         .collect();
@@ -239,7 +297,7 @@ pub(super) fn with_planes(
             let bounds = support_bounds(point);
             let fits = grids.partition_point(|g| g.cell_size <= point.radius);
             grids[fits.max(1) - 1].for_each_in(bounds, |i| {
-                let x = samples[i as usize].0;
+                let x = samples[i as usize].x;
                 if x.cmpge(bounds.min).all() && x.cmple(bounds.max).all() {
                     near.push(i);
                 }
@@ -256,11 +314,75 @@ pub(super) fn with_planes(
         })
         .collect();
     let mut planes: Vec<[f32; 4]> = Vec::new();
-    let mut rays = 0;
+    let mut rays = samples.len() as u64;
     for (point, (own, cast)) in points.iter_mut().zip(found) {
         point.planes = planes.len() as u32 | (own.len() as u32) << 24;
         planes.extend(own);
         rays += cast;
     }
     (LevelBasis::new(points, planes), rays)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::basis::weight;
+    use crate::scene::{Material, TriangleMesh};
+
+    /// A floor of 4 m, and a shelf 4 cm above it from x = 0.2 on.
+    fn floor_and_shelf() -> TriangleMesh {
+        let v = Vec3::new;
+        let [floor, shelf] = [(-2.0, 0.0), (0.2, 0.04)].map(|(x, y)| {
+            let corners = [v(x, y, 2.0), v(2.0, y, 2.0), v(2.0, y, -2.0), v(x, y, -2.0)];
+            let [a, b, c, d] = corners;
+            [[a, b, c], [a, c, d]]
+        });
+        let under = shelf.map(|[a, b, c]| [a, c, b]);
+        let triangles = [floor, shelf, under].concat();
+        TriangleMesh::new(triangles, vec![0; 6], vec![Material::default()])
+    }
+
+    /// Functions of radius 0.6 m at the origin, under the shelf and on it.
+    #[test]
+    fn functions_end_at_covers_and_between_layers() {
+        let mesh = floor_and_shelf();
+        let at = |x: f32, y: f32| Vec3::new(x, y, 0.0);
+        let points = [at(0.0, 0.0), at(0.5, 0.0), at(0.5, 0.04)];
+        let points = points.map(|x| Point::new(x, Vec3::Y, 0.6)).to_vec();
+        // Surface positions of the bake, every 10 cm.
+        let known: Vec<Candidate> = (0..40 * 40)
+            .flat_map(|k| {
+                let [x, z] = [k % 40, k / 40].map(|i| 0.1 * i as f32 - 1.95);
+                let start = Vec3::new(x, 0.5, z);
+                let down = Ray::new(start, Vec3::NEG_Y);
+                let top = mesh.cast(&down).map(|hit| mesh.surface(&down, &hit));
+                let under = Ray::new(start.with_y(0.02), Vec3::NEG_Y);
+                let floor = mesh.cast(&under).map(|hit| mesh.surface(&under, &hit));
+                let surfaces = [top, floor].into_iter().flatten();
+                surfaces.map(move |surface| Candidate {
+                    surface,
+                    free: start,
+                })
+            })
+            .collect();
+        let (level, rays) = with_planes(&mesh, points, &[&known], true);
+        assert!(rays > 300, "{rays}");
+        let covers = |x: Vec3| -> Vec<bool> {
+            let weights = level.points.iter();
+            weights
+                .map(|p| weight(p, &level.planes, x, Vec3::Y) > 0.0)
+                .collect()
+        };
+        assert_eq!(
+            covers(at(0.15, 0.0)),
+            [true, false, false],
+            "before the shelf"
+        );
+        assert_eq!(
+            covers(at(0.3, 0.0)),
+            [false, true, false],
+            "under the shelf"
+        );
+        assert_eq!(covers(at(0.3, 0.04)), [false, false, true], "on the shelf");
+    }
 }

@@ -40,7 +40,7 @@ pub(super) fn emitter_candidates(
         let start = c.surface.position + n * geometry.ray_offset(c.surface.position);
         let mut random = Random::new(seed, 1, k as u64);
         let u = Vec2::new(random.unit(), random.unit());
-        let (ray, hit) = emitters.visible(geometry, start, n, u)?;
+        let (ray, hit) = emitters.seen_from(start).visible(geometry, start, n, u)?;
         let surface = geometry.surface(&ray, &hit);
         let is_lit = geometry.hit_point(&ray, &hit).lit;
         is_lit.then(|| Candidate {
@@ -54,7 +54,7 @@ pub(super) fn emitter_candidates(
 }
 
 /// Replaces the points on emitters by disks of `radius` meters among `candidates`. The level keeps
-/// at most `max` points.
+/// at most `max` points. Returns the number of rays cast.
 pub(super) fn separate_emitters(
     geometry: &dyn Geometry,
     emitters: &Emitters,
@@ -62,11 +62,12 @@ pub(super) fn separate_emitters(
     points: &mut Vec<Candidate>,
     radius: f32,
     max: usize,
-) {
-    let own = throw_darts(candidates.to_vec(), radius, max / MAX_PART);
+) -> u64 {
+    let (own, rays) = throw_darts(Some(geometry), candidates.to_vec(), radius, max / MAX_PART);
     points.retain(|c| !is_on_emitter(geometry, emitters, &c.surface));
     points.truncate(max - own.len());
     points.extend(own);
+    rays
 }
 
 /// Returns `true` for each surface that lies on an emitter.

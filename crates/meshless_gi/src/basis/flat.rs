@@ -3,16 +3,20 @@
 //!
 //! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where
 //! light asks for them, so a function's radius follows from the points around it: it reaches every
-//! position that has it among its [`NEAREST`] nearest points. Where points are even that is the
-//! same radius for all; beside denser points it is as wide as the other side needs, and no position
-//! between levels is left without functions. The positions tested are the points themselves, one
-//! beside each of them, and hits of importance particles.
+//! position that has it among its [`NEAREST`] nearest visible points. Where points are even that is
+//! the same radius for all; beside denser points it is as wide as the other side needs, and no
+//! position between levels is left without functions. The positions tested are the points
+//! themselves, surface around each of them, and hits of importance particles.
 
 use super::clip::with_planes;
 use super::kernel::{before, leans};
+use super::visibility::Viewer;
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
-use crate::samples::{Candidate, Point, Random, dist, tangents, trace_particles};
-use crate::scene::{Geometry, Ray};
+use crate::samples::{
+    Candidate, F_SQUASH, Layer, Point, dist, free_height, has_similar_height, local_candidates,
+    trace_particles,
+};
+use crate::scene::Geometry;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -24,8 +28,8 @@ const FAR: f32 = 3.0;
 const MARGIN: f32 = 1.1;
 /// Paths of the importance particles.
 const PATHS: u64 = 6_144;
-/// Distance of the additional test positions of a point, relative to the radius of its own level.
-const BESIDE: f32 = 0.5;
+/// Number of rays from each point that search further test positions.
+const BESIDE: u64 = 8;
 
 impl Hierarchy {
     /// The flat basis of all points. Also says how many rays it took.
@@ -43,19 +47,20 @@ impl Hierarchy {
         let sure = sure.map(|s| (s.position, s.normal, f32::INFINITY));
         let (beside, asked) = self.beside(geometry, settings.levels - 1, seed);
         let samples: Vec<(Vec3, Vec3, f32)> = sure.chain(beside).collect();
-        let nearest: Vec<Vec<(u32, f32)>> = samples
+        let (nearest, seen): (Vec<Vec<(u32, f32)>>, Vec<u64>) = samples
             .par_iter()
             .map_init(
                 || (Vec::new(), Vec::new()),
                 |(found, near), &(x, n, max)| {
-                    let mut nearest = self.nearest(x, n, found, near);
+                    let (mut nearest, rays) = self.nearest(geometry, x, n, found, near);
                     if nearest.first().is_none_or(|&(_, d)| d > max) {
                         nearest.clear();
                     }
-                    nearest
+                    (nearest, rays)
                 },
             )
-            .collect();
+            .unzip();
+        let seen: u64 = seen.into_iter().sum();
         let min = 0.5 * self.levels.last().map_or(0.0, reach);
         let mut radius = vec![min; self.surfaces.len()];
         for &(i, d) in nearest.iter().flatten() {
@@ -77,51 +82,40 @@ impl Hierarchy {
             })
             .collect();
         let (mut flat, rays) = with_planes(geometry, points, &[&around], settings.clip);
-        self.open(&mut flat, &samples, &nearest);
-        (flat, rays + traced.rays + asked)
+        let opened = open(geometry, &mut flat, &samples, &nearest);
+        (flat, rays + traced.rays + asked + seen + opened)
     }
 
-    /// A position beside each point from level `first` on, where a way of half its own level's
-    /// radius across its tangent plane and down meets a surface; and how far its nearest point may
-    /// be: behind walls, where no light comes, only coarse functions reach. Also says how many rays
-    /// it took.
+    /// Positions around each point from level `first` on, in its layer and in layers beside it, and
+    /// the largest distance of their nearest point: only coarse functions reach behind walls, where
+    /// no light comes. Also returns the number of rays cast.
     fn beside(
         &self,
         geometry: &dyn Geometry,
         first: usize,
         seed: u64,
     ) -> (Vec<(Vec3, Vec3, f32)>, u64) {
-        let points = self.level_starts[first] as usize..self.surfaces.len();
-        let rays = points.len() as u64;
-        let found: Vec<Option<_>> = points
-            .into_par_iter()
-            .map(|i| {
-                let s = &self.surfaces[i];
-                let l = self.level_of(i);
-                let own = self.levels[l].points[i - self.level_starts[l] as usize].radius;
-                let (t, b) = tangents(s.normal);
-                let angle = std::f32::consts::TAU * Random::new(seed, 0x62, i as u64).unit();
-                let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * (BESIDE * own);
-                let start = s.position + across + s.normal * own;
-                let ray = Ray::segment(start, -s.normal, 2.0 * own);
-                let hit = geometry.cast(&ray)?;
-                let there = geometry.hit_point(&ray, &hit);
-                Some((there.position, there.normal, own))
-            })
-            .collect();
-        (found.into_iter().flatten().collect(), rays)
+        let points: Vec<usize> = (self.level_starts[first] as usize..self.surfaces.len()).collect();
+        let own = reach(&self.levels[first]);
+        let (found, rays) =
+            local_candidates(geometry, &self.surfaces, &points, own, BESIDE, seed ^ 0x62);
+        let found = found.iter().map(|c| &c.surface);
+        let found = found.map(|s| (s.position, s.normal, own));
+        (found.collect(), rays)
     }
 
-    /// The nearest points of a position by \[L08\] Eq. (10) over the squared cosine of the normals,
-    /// as Eq. (11) has it, among those whose functions on their own level reach it: indices and
-    /// dist_j(x).
+    /// The nearest visible points of a position by \[L08\] Eq. (10) over the squared cosine of the
+    /// normals, as Eq. (11) has it, among those whose functions on their own level reach it:
+    /// indices and dist_j(x). The nearest one is not farther than the radius of the finest
+    /// level, or has the position in its layer. Also returns the number of rays cast.
     fn nearest(
         &self,
+        geometry: &dyn Geometry,
         x: Vec3,
         n: Vec3,
         found: &mut Vec<WeightEntry>,
         near: &mut Vec<(f32, u32, f32)>,
-    ) -> Vec<(u32, f32)> {
+    ) -> (Vec<(u32, f32)>, u64) {
         near.clear();
         for (l, level) in self.levels.iter().enumerate() {
             found.clear();
@@ -133,64 +127,94 @@ impl Hierarchy {
                 (d / (cosine * cosine), self.level_starts[l] + w.index, d)
             }));
         }
-        let order =
-            |a: &(f32, u32, f32), b: &(f32, u32, f32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        if near.len() > NEAREST {
-            near.select_nth_unstable_by(NEAREST, order);
-            near.truncate(NEAREST);
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut rays = 1;
+        let mut max = f32::INFINITY;
+        let viewer = Viewer::new(geometry, x, n, reach(&self.levels[0]));
+        let own = self.levels.last().map_or(0.0, reach);
+        let mut nearest = Vec::with_capacity(NEAREST);
+        for &(distance, i, d) in &*near {
+            if nearest.len() == NEAREST || distance > max {
+                break;
+            }
+            let l = self.level_of(i as usize);
+            let point = &self.levels[l].points[(i - self.level_starts[l]) as usize];
+            rays += 1;
+            let from = viewer.origin(point.radius);
+            let is_reached = !geometry.occluded(from, self.origins[i as usize])
+                && (d <= own
+                    || !nearest.is_empty()
+                    || shares_layer(geometry, point, x, n, &mut rays));
+            if is_reached {
+                nearest.push((i, d));
+                // Where little is near, what is far does not help.
+                if nearest.len() == 2 {
+                    max = FAR * distance;
+                }
+            }
         }
-        near.sort_unstable_by(order);
-        // Where little is near, what is far does not help.
-        let max = near.get(1).map_or(0.0, |second| FAR * second.0);
-        near.iter()
-            .enumerate()
-            .filter(|&(k, n)| k < 2 || n.0 <= max)
-            .map(|(_, &(_, i, d))| (i, d))
-            .collect()
-    }
-
-    /// Removes clip planes where they leave a position without any function: those of the nearest
-    /// function whose own level reaches it. Planes of occluders stay.
-    fn open(
-        &self,
-        flat: &mut LevelBasis,
-        samples: &[(Vec3, Vec3, f32)],
-        nearest: &[Vec<(u32, f32)>],
-    ) {
-        let closed: Vec<usize> = (0..samples.len())
-            .into_par_iter()
-            .map_init(Vec::new, |found, i| {
-                let (x, n, _) = samples[i];
-                (!nearest[i].is_empty() && !flat.weights(x, n, found)).then_some(i)
-            })
-            .flatten()
-            .collect();
-        for i in closed {
-            let (x, n, _) = samples[i];
-            let before =
-                |plane: &[f32; 4], radius| before(Vec4::from_array(*plane), x, n, radius) >= 0.0;
-            // Those on the other side of an occluder stay there.
-            let reaches = |&&(j, _): &&(u32, f32)| {
-                let point = &flat.points[j as usize];
-                let mut occluders = flat.planes[point.plane_range()].iter();
-                occluders.all(|p| !leans(Vec4::from_array(*p)) || before(p, point.radius))
-            };
-            let Some(&(j, _)) = nearest[i].iter().find(reaches) else {
-                continue;
-            };
-            let point = &mut flat.points[j as usize];
-            let range = point.plane_range();
-            let kept: Vec<[f32; 4]> = flat.planes[range.clone()]
-                .iter()
-                .copied()
-                .filter(|plane| before(plane, point.radius))
-                .collect();
-            flat.planes[range.start..range.start + kept.len()].copy_from_slice(&kept);
-            point.planes = range.start as u32 | (kept.len() as u32) << 24;
-        }
+        (nearest, rays)
     }
 }
 
+/// Removes clip planes where they leave a position without any function: those of the nearest
+/// function of its layer whose own level reaches it. Planes of occluders stay. Returns the number
+/// of rays cast.
+fn open(
+    geometry: &dyn Geometry,
+    flat: &mut LevelBasis,
+    samples: &[(Vec3, Vec3, f32)],
+    nearest: &[Vec<(u32, f32)>],
+) -> u64 {
+    let closed: Vec<usize> = (0..samples.len())
+        .into_par_iter()
+        .map_init(Vec::new, |found, i| {
+            let (x, n, _) = samples[i];
+            (!nearest[i].is_empty() && !flat.weights(x, n, found)).then_some(i)
+        })
+        .flatten()
+        .collect();
+    let mut rays = 0;
+    for i in closed {
+        let (x, n, _) = samples[i];
+        let before =
+            |plane: &[f32; 4], radius| before(Vec4::from_array(*plane), x, n, radius) >= 0.0;
+        let mut reaches = |&&(j, _): &&(u32, f32)| {
+            let point = &flat.points[j as usize];
+            // Positions on the other side of an occluder stay there.
+            let mut occluders = flat.planes[point.plane_range()].iter();
+            let is_open =
+                occluders.all(|p| !leans(Vec4::from_array(*p)) || before(p, point.radius));
+            let reach = point.radius / (1.0 + F_SQUASH);
+            rays += 2;
+            let height = |x, n| free_height(geometry, x, n, reach);
+            is_open && has_similar_height(height(x, n), height(point.x(), point.n()))
+        };
+        let Some(&(j, _)) = nearest[i].iter().find(&mut reaches) else {
+            continue;
+        };
+        let point = &mut flat.points[j as usize];
+        let range = point.plane_range();
+        let kept: Vec<[f32; 4]> = flat.planes[range.clone()]
+            .iter()
+            .copied()
+            .filter(|plane| before(plane, point.radius))
+            .collect();
+        flat.planes[range.start..range.start + kept.len()].copy_from_slice(&kept);
+        point.planes = range.start as u32 | (kept.len() as u32) << 24;
+    }
+    rays
+}
+
+/// Returns `true` if a position (x, n) is in the layer of a point. Adds the rays cast to `rays`.
+fn shares_layer(geometry: &dyn Geometry, point: &Point, x: Vec3, n: Vec3, rays: &mut u64) -> bool {
+    let reach = point.radius / (1.0 + F_SQUASH);
+    *rays += 2 * Layer::RAYS;
+    let own = Layer::new(geometry, point.x(), point.n(), reach);
+    own.is_shared_with(&Layer::new(geometry, x, n, reach))
+}
+
+/// Radius of the functions of a level, meters.
 fn reach(level: &LevelBasis) -> f32 {
     level.points.first().map_or(0.0, |p| p.radius)
 }

@@ -4,6 +4,7 @@
 use super::clip::with_planes;
 use super::emitter_points::{emitter_candidates, on_emitters};
 use super::level_points::LevelPoints;
+use super::visibility::Viewer;
 use super::{LevelBasis, WeightEntry, Weights};
 use crate::samples::{Candidate, Point, local_candidates, order, throw_darts, trace_particles};
 use crate::scene::{Emitters, Geometry, Surface};
@@ -67,6 +68,8 @@ pub struct Hierarchy {
     pub truncated: Vec<usize>,
     /// `true` for each sender on an emissive surface. Empty if emitters are not separate.
     pub emissive: Vec<bool>,
+    /// Visibility origin of each point, meters: slightly above it, see `visibility.rs`.
+    pub origins: Vec<Vec3>,
 }
 
 impl Hierarchy {
@@ -134,6 +137,8 @@ impl Hierarchy {
             let senders = level_starts[settings.sender_levels] as usize;
             on_emitters(geometry, emitters, &surfaces[..senders])
         });
+        let origins: Vec<Vec3> = levels.iter().flat_map(|l| origins(geometry, l)).collect();
+        rays += origins.len() as u64;
         Some(Self {
             levels,
             senders,
@@ -142,6 +147,7 @@ impl Hierarchy {
             rays,
             truncated,
             emissive,
+            origins,
         })
     }
 
@@ -167,14 +173,16 @@ impl Hierarchy {
             settings.seed.wrapping_add(l as u64),
         );
         self.rays += rays;
-        let mut filled = throw_darts(candidates, disk, max);
+        let (mut filled, cast) = throw_darts(Some(geometry), candidates, disk, max);
+        self.rays += cast;
         order(&mut filled, &geometry.bounds());
         if filled.is_empty() {
             return 0;
         }
         let points = to_points(&filled, disk * OVERLAP[1]);
         let (level, cast) = with_planes(geometry, points, &[&filled], settings.clip);
-        self.rays += cast;
+        self.rays += cast + filled.len() as u64;
+        self.origins.extend(origins(geometry, &level));
         self.levels.push(level);
         self.surfaces.extend(filled.iter().map(|c| c.surface));
         self.level_starts.push(self.surfaces.len() as u32);
@@ -424,6 +432,13 @@ pub(super) fn normalize(row: &mut Vec<WeightEntry>) {
     for w in row.iter_mut() {
         w.weight /= sum;
     }
+}
+
+/// Visibility origin of each point of a level, meters.
+pub(super) fn origins(geometry: &dyn Geometry, level: &LevelBasis) -> Vec<Vec3> {
+    let points = level.points.par_iter();
+    let origin = |p: &Point| Viewer::new(geometry, p.x(), p.n(), p.radius).origin(p.radius);
+    points.map(origin).collect()
 }
 
 fn overlap(l: usize, levels: usize) -> f32 {

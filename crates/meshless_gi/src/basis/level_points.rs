@@ -49,7 +49,8 @@ impl LevelPoints {
             }
             let mut points = disks.points;
             if let Some(emitters) = emitters.filter(|_| l < settings.sender_levels) {
-                separate_emitters(geometry, emitters, on_emitter, &mut points, radius, max);
+                out.rays +=
+                    separate_emitters(geometry, emitters, on_emitter, &mut points, radius, max);
             }
             order(&mut points, &geometry.bounds());
             out.points.push(points);

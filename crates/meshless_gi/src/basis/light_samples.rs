@@ -1,27 +1,38 @@
-//! Light samples of a sender, spread over its function's support with the density of its weight
-//! ([L08] Eq. (9)).
+//! Light samples of a sender, spread over its function's support with the density of the basis
+//! function B_j ([L08] Eq. (2)).
 //!
 //! \[L08\] §2.1 evaluates light at the function's own center. The shadow edge of a moving light
 //! then jumps from center to center, and a sender next to a lit ledge is either lit or dark. A
-//! sender of the finest level is therefore the mean over several samples. They come from a lattice
-//! with the kernel's density, rotated for each sender and projected to the surface. Samples that a
+//! sender of the finest level is therefore the mean over several samples. Candidates come
+//! from a lattice with the kernel's density ([L08] Eq. (9)), rotated for each sender and projected
+//! to the surface. The samples are chosen from them by the inverse of the level's sum of weights:
+//! together, the senders of a level then represent each part of the surface once. Samples that a
 //! wall or a fold hides from the center are left out. On a rough surface (the cells of a point
 //! cloud) samples lie above the surrounding rims, which the frame's shadow rays would hit
 //! otherwise. Visibility is then tested from above the surface, as for clip planes, since the next
 //! cell of a bend would hide everything behind it. On triangles it is tested from the surface
 //! itself: a higher origin would see over sills and ledges to surfaces with other light.
 
-use super::LevelBasis;
-use super::clip::visibility_origin_height;
 use super::kernel::weight;
-use crate::samples::{LightSample, Random, lattice, tangents};
+use super::visibility::support_origin_height;
+use super::{LevelBasis, WeightEntry, support_bounds};
+use crate::samples::{LightSample, Random, free_height, lattice, morton, tangents};
 use crate::scene::{Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Lattices tried, each as large as the number of positions wanted: what walls and folds take from
-/// the first, the others give.
-const LATTICES: u32 = 4;
+/// Number of lattices of candidates, each as large as the number of samples.
+const LATTICES: u32 = 8;
+/// Smallest sum of weights that counts. At the rim of a function that is alone, one candidate would
+/// stand for most of the surface.
+const MIN_WEIGHTS: f32 = 0.25;
+
+/// Candidate for a light sample.
+struct SampleCandidate {
+    surface: Surface,
+    /// Inverse of the sum of the level's weights there.
+    share: f32,
+}
 
 /// Finest level of senders.
 #[derive(Clone, Copy, Debug)]
@@ -50,13 +61,12 @@ pub fn place_light_samples(
     let found: Vec<(Vec<LightSample>, u64)> = surfaces
         .par_iter_mut()
         .enumerate()
-        .map_init(Vec::new, |seen, (i, surface)| {
-            let rays = look_around(geometry, level, i, surface, &reach, seed, seen);
+        .map(|(i, surface)| {
+            let (candidates, rays) = look_around(geometry, level, i, surface, &reach, seed);
+            let mut seen = resample(&candidates, count);
             if seen.is_empty() {
-                seen.push(*surface);
+                seen = vec![*surface; count];
             }
-            let own = seen.len();
-            seen.extend((own..count).map(|k| seen[k % own]).collect::<Vec<_>>());
             let share = 1.0 / count as f32;
             let [albedo, emission] = seen.iter().fold([Vec3::ZERO; 2], |[a, m], s| {
                 [a + s.albedo * share, m + s.emission * share]
@@ -73,8 +83,8 @@ pub fn place_light_samples(
     (found.into_iter().flat_map(|f| f.0).collect(), rays)
 }
 
-/// The surface at lattice points around function `i` that belong to it, as many as `reach` has
-/// radii where there are so many; how many rays that took.
+/// The surface at lattice points around function `i` that belong to it: of each lattice, a position
+/// at each radius in `reach`. Also returns the number of rays cast.
 fn look_around(
     geometry: &dyn Geometry,
     level: &SenderLevel<'_>,
@@ -82,33 +92,27 @@ fn look_around(
     surface: &Surface,
     reach: &[f32],
     seed: u64,
-    seen: &mut Vec<Surface>,
-) -> u64 {
-    seen.clear();
+) -> (Vec<SampleCandidate>, u64) {
+    let mut seen = Vec::new();
     let point = &level.basis.points[i];
     let is_on_emitter = level.emissive.get(i).copied();
     let (x, n) = (surface.position, surface.normal);
     let (t, b) = tangents(n);
     let mut random = Random::new(seed, 0x70_6c_61_63, i as u64);
-    // Within the support along the normal: [L08] Eq. (10).
-    let height = 0.25 * point.radius;
-    let mut rays = 0;
-    let lift = geometry.ray_offset(x);
-    let up = match geometry.surface_relief(x) > 0.0 {
-        true => visibility_origin_height(geometry, x, n, point.radius, &mut rays).max(lift),
-        false => lift,
-    };
+    // Within the support along the normal ([L08] Eq. (10)), and under what covers the center.
+    let depth = 0.25 * point.radius;
+    let height = 0.5 * free_height(geometry, x, n, 2.0 * depth);
+    let mut rays = 1;
+    let up = support_origin_height(geometry, x, n, point.radius, &mut rays);
     let eye = x + n * up;
+    let mut weights = Vec::new();
     for _ in 0..LATTICES {
         let turn = Vec2::new(0.0, random.unit());
         for (k, r) in reach.iter().enumerate() {
-            if seen.len() == reach.len() {
-                return rays;
-            }
             let angle = lattice(k as u32, reach.len() as u32, turn).y * std::f32::consts::TAU;
             let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * (r * point.radius);
             // Down from above onto the surface.
-            let ray = Ray::segment(x + across + n * height, -n, 2.0 * height);
+            let ray = Ray::segment(x + across + n * height, -n, height + depth);
             rays += 1;
             let Some(hit) = geometry.cast(&ray) else {
                 continue;
@@ -127,12 +131,45 @@ fn look_around(
             }
             rays += 1;
             let above = there.position + there.normal * up;
-            if !geometry.occluded(eye, above) {
-                seen.push(there);
+            if geometry.occluded(eye, above) {
+                continue;
             }
+            weights.clear();
+            level
+                .basis
+                .raw_weights(there.position, there.normal, &mut weights);
+            let shares =
+                |w: &&WeightEntry| level.emissive.get(w.index as usize).copied() == is_on_emitter;
+            let sum: f32 = weights.iter().filter(shares).map(|w| w.weight).sum();
+            seen.push(SampleCandidate {
+                surface: there,
+                share: 1.0 / sum.max(MIN_WEIGHTS),
+            });
         }
     }
-    rays
+    // Samples that follow each other are near each other: systematic resampling then leaves no gap.
+    let bounds = support_bounds(point);
+    seen.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
+    (seen, rays)
+}
+
+/// `count` of the candidates, each as often as its share demands (systematic resampling). Empty if
+/// there is none.
+fn resample(candidates: &[SampleCandidate], count: usize) -> Vec<Surface> {
+    let whole: f32 = candidates.iter().map(|c| c.share).sum();
+    let mut chosen = Vec::with_capacity(count);
+    let mut sum = 0.0;
+    for candidate in candidates {
+        sum += candidate.share;
+        while chosen.len() < count && (chosen.len() as f32 + 0.5) * whole <= sum * count as f32 {
+            chosen.push(candidate.surface);
+        }
+    }
+    // Rounding may leave the last one out.
+    while let (true, Some(last)) = (chosen.len() < count, candidates.last()) {
+        chosen.push(last.surface);
+    }
+    chosen
 }
 
 /// The radius, in parts of the support's, inside of which the share `u` of a function's weight on a
@@ -220,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn light_samples_follow_weight_and_stop_at_walls() {
+    fn light_samples_of_separate_functions_spread_and_stop_at_walls() {
         let mesh = floor_and_wall();
         let level = LevelBasis::new(
             vec![
@@ -238,8 +275,16 @@ mod tests {
         let mean = open.iter().map(LightSample::x).sum::<Vec3>() / 16.0;
         assert!((mean - level.points[0].x()).length() < 0.08, "{mean}");
         let r2 = |p: &LightSample| (p.x() - level.points[0].x()).length_squared();
-        // ∫ K t³ / ∫ K t over the support: (2/7 − 1/2 + 1/4) / (3/20) r².
-        let right = (2.0 / 7.0 - 0.25) / 0.15 * 0.64;
+        // Mean square distance with the density K / max(K, 0.25), by the midpoint rule.
+        let (mut whole, mut right) = (0.0, 0.0);
+        for k in 0..1000 {
+            let t = (k as f32 + 0.5) / 1000.0;
+            let kernel = super::super::kernel::kernel(t);
+            let density = t * kernel / kernel.max(MIN_WEIGHTS);
+            whole += density;
+            right += density * t * t * 0.64;
+        }
+        let right = right / whole;
         let found = open.iter().map(r2).sum::<f32>() / 16.0;
         assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
         assert!(beside.iter().all(|p| p.x().x < 0.3), "none behind the wall");
@@ -296,10 +341,21 @@ mod tests {
             let square = |p: &LightSample| (p.x() - point.x()).length_squared();
             sum += own.iter().map(square).sum::<f32>() / 16.0;
         }
-        // As on a plane: the ball is five times as wide as a function.
-        let right = (2.0 / 7.0 - 0.25) / 0.15 * 0.04;
+        // Mean square distance under B_j, at random positions.
+        let (mut whole, mut right) = (0.0, 0.0);
+        let mut weights = Vec::new();
+        for i in 0..20_000 {
+            let n = on_the_sphere(4, i);
+            level.weights(n, n, &mut weights);
+            for w in &weights {
+                whole += w.weight;
+                let way = n - level.points[w.index as usize].x();
+                right += w.weight * way.length_squared();
+            }
+        }
+        let right = right / whole;
         let found = sum / level.points.len() as f32;
-        println!("squared distance of samples {found}, {right} is even");
+        println!("squared distance of samples {found}, {right} under the basis");
         assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
     }
 

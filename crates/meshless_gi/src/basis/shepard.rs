@@ -42,13 +42,14 @@ impl LevelBasis {
     /// A level of functions. `planes` are what the points' plane ranges mean.
     #[must_use]
     pub fn new(points: Vec<Point>, planes: Vec<[f32; 4]>) -> Self {
-        // A cell as large as the smallest support, but not so small that the largest is entered in
+        // A cell as large as the mean support, but not so small that the largest is entered in
         // thousands.
-        let (smallest, largest) = points.iter().fold((f32::INFINITY, 0.0f32), |(a, b), p| {
-            (a.min(p.radius), b.max(p.radius))
+        let (sum, largest) = points.iter().fold((0.0f64, 0.0f32), |(sum, largest), p| {
+            (sum + f64::from(p.radius), largest.max(p.radius))
         });
         let cell = if largest > 0.0 {
-            smallest.max(largest / 8.0)
+            let mean = (sum / points.len() as f64) as f32;
+            mean.max(largest / 8.0)
         } else {
             1.0
         };

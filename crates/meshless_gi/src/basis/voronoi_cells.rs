@@ -7,7 +7,7 @@
 //! too large.
 
 use super::{LevelBasis, WeightEntry};
-use crate::samples::{Random, lattice, tangents};
+use crate::samples::{Random, free_height, lattice, tangents};
 use crate::scene::{Geometry, Ray};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -58,16 +58,18 @@ fn look_around(
     let (x, n) = (point.x(), point.n());
     let (t, b) = tangents(n);
     let turn = Random::new(seed, 0x63_65_6c_6c, i as u64).unit();
-    let height = 0.25 * point.radius;
+    // Under what covers the point.
+    let depth = 0.25 * point.radius;
+    let height = 0.5 * free_height(geometry, x, n, 2.0 * depth);
     let lift = geometry.ray_offset(x);
     let area = std::f32::consts::PI * point.radius * point.radius / LATTICE_POINTS as f32;
     let mut seen = Vec::new();
-    let mut rays = 0;
+    let mut rays = 1;
     for k in 0..LATTICE_POINTS {
         let angle = lattice(k, LATTICE_POINTS, Vec2::new(0.0, turn)).y * std::f32::consts::TAU;
         let r = ((k as f32 + 0.5) / LATTICE_POINTS as f32).sqrt() * point.radius;
         let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * r;
-        let ray = Ray::segment(x + across + n * height, -n, 2.0 * height);
+        let ray = Ray::segment(x + across + n * height, -n, height + depth);
         rays += 1;
         let Some(hit) = geometry.cast(&ray) else {
             continue;

@@ -11,12 +11,12 @@
 //!
 //! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
 //! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability
-//! with which it does. A path's first direction and first position on an emitter come from lattices,
-//! shifted at random for each position, which makes the mean less noisy than independent paths; the
-//! standard error is that of independent paths and so rather too large than too small.
+//! with which it does. A path's first direction and first position on an emitter come from
+//! lattices, shifted at random for each position, which makes the mean less noisy than
+//! independent paths. The standard error is that of independent paths, an upper bound.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
-use crate::scene::{Emitters, Geometry, Hit, Light, Ray, SkyRadiance};
+use crate::scene::{EmitterView, Emitters, Geometry, Hit, Light, Ray, SkyRadiance};
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -154,25 +154,28 @@ impl PathTracer<'_> {
 
     /// One sample of the irradiance by emissive surfaces at a position that is lifted to `start`,
     /// W/m²: the position of `u` on an emitter, weighted for the balance with [`Self::emitted`].
-    fn emitter_sample(&self, start: Vec3, n: Vec3, u: Vec2) -> Vec3 {
-        let Some(emitters) = self.emitters else {
-            return Vec3::ZERO;
-        };
-        let Some((ray, hit)) = emitters.visible(self.geometry, start, n, u) else {
+    fn emitter_sample(&self, view: &EmitterView<'_>, start: Vec3, n: Vec3, u: Vec2) -> Vec3 {
+        let Some((ray, hit)) = view.visible(self.geometry, start, n, u) else {
             return Vec3::ZERO;
         };
         let by_direction = ray.direction.dot(n).max(f32::MIN_POSITIVE) / PI;
-        let density = emitters.density(&ray, &hit) + by_direction;
+        let density = view.density(&ray, &hit) + by_direction;
         self.geometry.surface(&ray, &hit).emission * (by_direction / density)
     }
 
     /// Emission at the hit of a cosine-weighted ray around `n`, W/m², weighted for the balance with
     /// [`Self::emitter_sample`].
-    fn emitted(&self, ray: &Ray, n: Vec3, hit: &Hit, emission: Vec3) -> Vec3 {
-        match self.emitters {
-            Some(emitters) if emission != Vec3::ZERO => {
+    fn emitted(
+        view: Option<&EmitterView<'_>>,
+        ray: &Ray,
+        n: Vec3,
+        hit: &Hit,
+        emission: Vec3,
+    ) -> Vec3 {
+        match view {
+            Some(view) if emission != Vec3::ZERO => {
                 let by_direction = ray.direction.dot(n).max(f32::MIN_POSITIVE) / PI;
-                emission * (by_direction / (emitters.density(ray, hit) + by_direction))
+                emission * (by_direction / (view.density(ray, hit) + by_direction))
             }
             _ => emission,
         }
@@ -203,11 +206,16 @@ impl PathTracer<'_> {
             let ray = Ray::new(position, (t * d.x + b * d.y + normal * d.z).normalize());
             let hit = geometry.cast(&ray);
             let surface = hit.map(|hit| (hit, geometry.surface(&ray, &hit)));
-            let emitted = match &surface {
-                Some((hit, surface)) => self.emitted(&ray, normal, hit, surface.emission),
+            let view = self.emitters.map(|e| e.seen_from(position));
+            let mut emitted = match &surface {
+                Some((hit, surface)) => {
+                    Self::emitted(view.as_ref(), &ray, normal, hit, surface.emission)
+                }
                 None => self.sky.toward(ray.direction),
             };
-            let emitted = emitted + self.emitter_sample(position, normal, v);
+            if let Some(view) = &view {
+                emitted += self.emitter_sample(view, position, normal, v);
+            }
             sums[usize::from(depth > 0)] += throughput * emitted;
             let Some((_, surface)) = surface else { break };
             depth += 1;

@@ -5,13 +5,17 @@
 //! of its level is nearer than R under [L08] Eq. (11). Optionally, it must also be open enough. A
 //! level is full after 2000 consecutive failures ([L08]).
 //!
+//! A point covers only its own layer ([`Layer`]): a candidate on a shelf, or on a wall behind a
+//! picture, is accepted however near a point of another layer is (our addition).
+//!
 //! About one position in 2000 is then uncovered, mostly on strips too thin to be hit: the visible
 //! edges of ledges and steps. A level that has to cover everything then casts rays from each of its
 //! points, and adds uncovered positions.
 
+use super::layer::{Layer, free_height};
 use super::openness::{OPENNESS_RAYS, openness};
 use super::particles::{Candidate, local_candidates, trace_particles};
-use super::{HashedGrid, Random, distance_5d};
+use super::{F_SQUASH, HashedGrid, Random, distance_5d};
 use crate::scene::{Geometry, Surface};
 use glam::{IVec3, Vec3};
 
@@ -75,10 +79,6 @@ impl Buckets {
         HashedGrid::hash(cell) as usize & (self.heads.len() - 1)
     }
 
-    fn insert(&mut self, points: &[Candidate]) {
-        self.grow(points.len(), |i| points[i].surface.position);
-    }
-
     /// Adds the points since the last call. There are now `count` points; point `i` lies at
     /// `position_of(i)`.
     fn grow(&mut self, count: usize, position_of: impl Fn(usize) -> Vec3) {
@@ -112,6 +112,73 @@ impl Buckets {
     }
 }
 
+/// Points accepted so far, at least a radius apart in each layer.
+struct Disks<'a> {
+    /// `None` if layers are not separated.
+    geometry: Option<&'a dyn Geometry>,
+    radius: f32,
+    points: Vec<Candidate>,
+    /// Layer of each point.
+    layers: Vec<Option<Layer>>,
+    buckets: Buckets,
+    rays: u64,
+}
+
+impl<'a> Disks<'a> {
+    fn new(geometry: Option<&'a dyn Geometry>, radius: f32) -> Self {
+        Self {
+            geometry,
+            radius,
+            points: Vec::new(),
+            layers: Vec::new(),
+            buckets: Buckets::new(radius),
+            rays: 0,
+        }
+    }
+
+    /// Distance along the normal up to which points cover positions, meters (\[L08\] Eq. (10)).
+    fn reach(&self) -> f32 {
+        self.radius / (1.0 + F_SQUASH)
+    }
+
+    /// Returns `true` if no point of the candidate's layer is nearer than the radius under \[L08\]
+    /// Eq. (11).
+    fn is_bare(&mut self, candidate: &Candidate) -> bool {
+        let (x, n) = (candidate.surface.position, candidate.surface.normal);
+        let reach = self.reach();
+        let (mut free, mut own) = (None, None);
+        let covered = self.buckets.any_near(x, |i| {
+            let q = &self.points[i as usize].surface;
+            if distance_5d(x, n, q.position, q.normal) >= self.radius {
+                return false;
+            }
+            let (Some(geometry), Some(layer)) = (self.geometry, &self.layers[i as usize]) else {
+                return true;
+            };
+            // Most candidates are level with the point: their free height decides.
+            if layer.is_level_with(x, n) {
+                let free = free.get_or_insert_with(|| free_height(geometry, x, n, reach));
+                return layer.has_similar_height(*free);
+            }
+            let own = own.get_or_insert_with(|| Layer::new(geometry, x, n, reach));
+            layer.is_shared_with(own)
+        });
+        self.rays += u64::from(free.is_some()) + own.map_or(0, |_| Layer::RAYS);
+        !covered
+    }
+
+    fn push(&mut self, candidate: Candidate) {
+        let (x, n) = (candidate.surface.position, candidate.surface.normal);
+        let layer = self.geometry.map(|g| Layer::new(g, x, n, self.reach()));
+        self.rays += layer.map_or(0, |_| Layer::RAYS);
+        self.layers.push(layer);
+        self.points.push(candidate);
+        let points = &self.points;
+        self.buckets
+            .grow(points.len(), |i| points[i].surface.position);
+    }
+}
+
 /// Fills one level with disks of `settings.radius` from particles that start at `viewpoints`.
 #[must_use]
 pub fn fill_level(
@@ -119,52 +186,46 @@ pub fn fill_level(
     viewpoints: &[Vec3],
     settings: &DiskSettings,
 ) -> PoissonSamples {
-    let (mut out, mut buckets) = throw_particles(geometry, viewpoints, settings);
-    if settings.open_only || out.truncated {
-        return out;
-    }
-    let surfaces: Vec<Surface> = out.points.iter().map(|c| c.surface).collect();
-    let all: Vec<usize> = (0..surfaces.len()).collect();
-    let reach = 2.0 * settings.radius;
-    let (candidates, rays) = local_candidates(
-        geometry,
-        &surfaces,
-        &all,
-        reach,
-        COVERAGE_RAYS,
-        settings.seed,
-    );
-    out.rays += rays;
-    for candidate in candidates {
-        if out.points.len() >= settings.max {
-            out.truncated = true;
-            break;
+    let mut disks = Disks::new(Some(geometry), settings.radius);
+    let mut truncated = throw_particles(geometry, viewpoints, settings, &mut disks);
+    if !settings.open_only && !truncated {
+        let surfaces: Vec<Surface> = disks.points.iter().map(|c| c.surface).collect();
+        let all: Vec<usize> = (0..surfaces.len()).collect();
+        let reach = 2.0 * settings.radius;
+        let (candidates, rays) = local_candidates(
+            geometry,
+            &surfaces,
+            &all,
+            reach,
+            COVERAGE_RAYS,
+            settings.seed,
+        );
+        disks.rays += rays;
+        for candidate in candidates {
+            if disks.points.len() >= settings.max {
+                truncated = true;
+                break;
+            }
+            if disks.is_bare(&candidate) {
+                disks.push(candidate);
+            }
         }
-        if bare(&candidate, settings.radius, &out.points, &buckets) {
-            out.points.push(candidate);
-            buckets.insert(&out.points);
-        }
     }
-    out
+    PoissonSamples {
+        points: disks.points,
+        rays: disks.rays,
+        truncated,
+    }
 }
 
-/// Returns `true` if no point is nearer than `radius` under \[L08\] Eq. (11).
-fn bare(candidate: &Candidate, radius: f32, points: &[Candidate], buckets: &Buckets) -> bool {
-    let (x, n) = (candidate.surface.position, candidate.surface.normal);
-    !buckets.any_near(x, |i| {
-        let q = &points[i as usize].surface;
-        distance_5d(x, n, q.position, q.normal) < radius
-    })
-}
-
-/// Throws importance particles until the level is full.
+/// Throws importance particles until the level is full. Returns `true` if it reached its largest
+/// number of points.
 fn throw_particles(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
     settings: &DiskSettings,
-) -> (PoissonSamples, Buckets) {
-    let mut out = PoissonSamples::default();
-    let mut buckets = Buckets::new(settings.radius);
+    disks: &mut Disks<'_>,
+) -> bool {
     let mut failures = 0;
     let mut first = 0;
     let mut order = Random::new(settings.seed, 0x6f_72_64_65, 0);
@@ -177,7 +238,7 @@ fn throw_particles(
             settings.drop_first,
         );
         first += BATCH;
-        out.rays += traced.rays;
+        disks.rays += traced.rays;
         // Bounces of a particle are near one another. A shuffle makes consecutive failures
         // independent.
         for i in (1..traced.candidates.len()).rev() {
@@ -185,48 +246,51 @@ fn throw_particles(
         }
         for candidate in traced.candidates {
             let (x, n) = (candidate.surface.position, candidate.surface.normal);
-            let mut accepted = bare(&candidate, settings.radius, &out.points, &buckets);
+            let mut accepted = disks.is_bare(&candidate);
             if accepted && settings.open_only {
-                let mut random = Random::new(settings.seed, 0x6f_70_65_6e, out.points.len() as u64);
-                out.rays += u64::from(OPENNESS_RAYS);
+                let stream = disks.points.len() as u64;
+                let mut random = Random::new(settings.seed, 0x6f_70_65_6e, stream);
+                disks.rays += u64::from(OPENNESS_RAYS);
                 accepted =
                     openness(geometry, x, n, settings.radius, &mut random) >= settings.radius / 6.0;
             }
             if accepted {
                 failures = 0;
-                out.points.push(candidate);
-                buckets.insert(&out.points);
-                if out.points.len() >= settings.max {
-                    out.truncated = true;
-                    return (out, buckets);
+                disks.push(candidate);
+                if disks.points.len() >= settings.max {
+                    return true;
                 }
             } else {
                 failures += 1;
                 if failures >= FAILURES {
-                    return (out, buckets);
+                    return false;
                 }
             }
         }
     }
-    (out, buckets)
+    false
 }
 
 /// Tries all of `candidates` in order, and keeps those that are at least `radius` apart under
-/// \[L08\] Eq. (11), `max` at most.
+/// \[L08\] Eq. (11), `max` at most. Layers of `geometry` are covered separately. Also returns the
+/// number of rays cast.
 #[must_use]
-pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, max: usize) -> Vec<Candidate> {
-    let mut points: Vec<Candidate> = Vec::new();
-    let mut buckets = Buckets::new(radius);
+pub fn throw_darts(
+    geometry: Option<&dyn Geometry>,
+    candidates: Vec<Candidate>,
+    radius: f32,
+    max: usize,
+) -> (Vec<Candidate>, u64) {
+    let mut disks = Disks::new(geometry, radius);
     for candidate in candidates {
-        if points.len() >= max {
+        if disks.points.len() >= max {
             break;
         }
-        if bare(&candidate, radius, &points, &buckets) {
-            points.push(candidate);
-            buckets.insert(&points);
+        if disks.is_bare(&candidate) {
+            disks.push(candidate);
         }
     }
-    points
+    (disks.points, disks.rays)
 }
 
 /// Returns the indices of `points` that remain when all are tried in `order`, at least `radius`
@@ -248,4 +312,52 @@ pub fn thin_out(points: &[(Vec3, Vec3)], order: &[u32], radius: f32) -> Vec<u32>
         }
     }
     kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Material, TriangleMesh};
+
+    fn candidate(position: Vec3) -> Candidate {
+        Candidate {
+            surface: Surface {
+                position,
+                normal: Vec3::Y,
+                albedo: Vec3::ONE,
+                emission: Vec3::ZERO,
+                front: true,
+            },
+            free: position,
+        }
+    }
+
+    #[test]
+    fn points_of_one_layer_do_not_cover_another() {
+        // A floor and a shelf 5 cm above it.
+        let v = Vec3::new;
+        let [mut triangles, shelf] = [0.0, 0.05].map(|y| {
+            let corners = [
+                v(-2.0, y, 2.0),
+                v(2.0, y, 2.0),
+                v(2.0, y, -2.0),
+                v(-2.0, y, -2.0),
+            ];
+            let [a, b, c, d] = corners;
+            vec![[a, b, c], [a, c, d]]
+        });
+        triangles.extend(shelf);
+        let mesh = TriangleMesh::new(triangles, vec![0; 4], vec![Material::default()]);
+        let thrown = |geometry: Option<&dyn Geometry>| {
+            let positions = [v(0.0, 0.0, 0.0), v(0.1, 0.05, 0.0), v(0.1, 0.0, 0.0)];
+            let candidates = positions.map(candidate).to_vec();
+            let (points, rays) = throw_darts(geometry, candidates, 0.5, usize::MAX);
+            let heights: Vec<f32> = points.iter().map(|p| p.surface.position.y).collect();
+            (heights, rays)
+        };
+        let (heights, rays) = thrown(Some(&mesh));
+        assert_eq!(heights, [0.0, 0.05]);
+        assert!(rays >= 4);
+        assert_eq!(thrown(None), (vec![0.0], 0));
+    }
 }

@@ -50,7 +50,7 @@ pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints
         true => Vec::new(),
         false => (0..darts.ceil() as u64).into_par_iter().map(dart).collect(),
     };
-    let kept = throw_darts(candidates, spacing, usize::MAX);
+    let (kept, _) = throw_darts(None, candidates, spacing, usize::MAX);
     Some(PlyPoints {
         positions: kept.iter().map(|c| c.surface.position).collect(),
         normals: Some(kept.iter().map(|c| c.surface.normal).collect()),

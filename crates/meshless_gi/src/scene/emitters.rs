@@ -1,10 +1,12 @@
-//! Emissive triangles of a geometry, and directions toward them drawn by area and strength.
+//! Emissive triangles of a geometry, and positions on them drawn by area and strength.
 //!
 //! Sampling an emitter by area has little noise far from it, sampling the hemisphere has little
 //! noise near it. Integrators combine both by the balance heuristic (\[VG95\] §3.2), which
-//! needs the density of the area samples for every direction: [`Emitters::density`].
+//! needs the density of the area samples for every direction: [`Emitters::density`]. Where the
+//! start of the directions is known, [`Emitters::seen_from`] selects near emitters more often.
 
-use super::{Geometry, Hit, Ray};
+use super::emitter_view::{EmitterGroup, EmitterView, split_into_groups};
+use super::{Hit, Ray};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 
@@ -23,12 +25,22 @@ struct Emitter {
     share: f32,
     /// Samples per square meter, as a part of all samples.
     per_area: f32,
+    /// Group of the triangle.
+    group: u32,
+}
+
+impl Emitter {
+    /// Center of the triangle, meters.
+    fn center(&self) -> Vec3 {
+        self.corners.iter().sum::<Vec3>() / 3.0
+    }
 }
 
 /// Emissive triangles of a geometry.
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     emitters: Vec<Emitter>,
+    groups: Vec<EmitterGroup>,
     index_of: HashMap<u32, u32>,
     power: f32,
     is_sparse: bool,
@@ -47,43 +59,78 @@ impl Emitters {
         total_area: f64,
     ) -> Self {
         let mut emitters = Vec::new();
-        let mut index_of = HashMap::new();
-        let (mut sum, mut emissive_area) = (0.0f64, 0.0f64);
+        let (mut power, mut emissive_area) = (0.0f64, 0.0f64);
         for (primitive, corners, strength) in triangles {
             let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
             let area = 0.5 * cross.length();
-            let power = area * strength;
-            if !(power > 0.0 && power.is_finite()) {
+            let share = area * strength;
+            if !(share > 0.0 && share.is_finite()) {
                 continue;
             }
-            sum += f64::from(power);
+            power += f64::from(share);
             emissive_area += f64::from(area);
-            index_of.insert(primitive, emitters.len() as u32);
-            emitters.push((
-                sum,
-                Emitter {
-                    primitive,
-                    corners,
-                    normal: cross.normalize_or_zero(),
-                    end: 0.0,
-                    share: power,
-                    per_area: strength,
-                },
-            ));
+            emitters.push(Emitter {
+                primitive,
+                corners,
+                normal: cross.normalize_or_zero(),
+                end: 0.0,
+                share,
+                per_area: strength,
+                group: 0,
+            });
         }
-        let part = |x: f64| (x / sum) as f32;
-        let finish = |(end, emitter): (f64, Emitter)| Emitter {
-            end: part(end),
-            share: part(f64::from(emitter.share)),
-            per_area: part(f64::from(emitter.per_area)),
-            ..emitter
-        };
+        let ranges = split_into_groups(&mut emitters, &Emitter::center);
+        let part = |x: f64| (x / power) as f32;
+        let mut sum = 0.0;
+        let mut groups = Vec::with_capacity(ranges.len());
+        for range in ranges {
+            let own = &mut emitters[range];
+            let start = sum;
+            for emitter in &mut *own {
+                sum += f64::from(emitter.share);
+                emitter.end = part(sum);
+                emitter.share = part(f64::from(emitter.share));
+                emitter.per_area = part(f64::from(emitter.per_area));
+                emitter.group = groups.len() as u32;
+            }
+            let center = own.iter().map(Emitter::center).sum::<Vec3>() / own.len().max(1) as f32;
+            let corners = own.iter().flat_map(|e| e.corners);
+            groups.push(EmitterGroup {
+                start: part(start),
+                share: part(sum - start),
+                center,
+                radius: corners.map(|c| c.distance(center)).fold(0.0, f32::max),
+            });
+        }
+        let primitives = emitters.iter().map(|e| e.primitive);
         Self {
-            emitters: emitters.into_iter().map(finish).collect(),
-            index_of,
-            power: sum as f32,
+            index_of: primitives.zip(0..).collect(),
+            groups: if emitters.is_empty() {
+                Vec::new()
+            } else {
+                groups
+            },
+            emitters,
+            power: power as f32,
             is_sparse: emissive_area <= SPARSE * total_area,
         }
+    }
+
+    /// The emitters as seen from `x` (meters).
+    #[must_use]
+    pub fn seen_from(&self, x: Vec3) -> EmitterView<'_> {
+        EmitterView::new(self, x)
+    }
+
+    /// Groups of emitters, in the order of the emitters.
+    pub(super) fn groups(&self) -> &[EmitterGroup] {
+        &self.groups
+    }
+
+    /// Group of the primitive. `None` if it does not emit.
+    pub(super) fn group_of(&self, primitive: u32) -> Option<usize> {
+        let index = *self.index_of.get(&primitive)?;
+        Some(self.emitters[index as usize].group as usize)
     }
 
     /// Returns `true` if emitters cover at most half of the area of the geometry. Samples of their
@@ -125,26 +172,6 @@ impl Emitters {
         Some((position, emitter.primitive))
     }
 
-    /// Ray from `start` to the position of `u` on an emitter, and its hit. `None` if the position
-    /// is behind the plane with normal `n`, or is not visible.
-    #[must_use]
-    pub fn visible(
-        &self,
-        geometry: &dyn Geometry,
-        start: Vec3,
-        n: Vec3,
-        u: Vec2,
-    ) -> Option<(Ray, Hit)> {
-        let (position, primitive) = self.position(u)?;
-        let to = position - start;
-        if to.dot(n) <= 0.0 {
-            return None;
-        }
-        let ray = Ray::new(start, to.try_normalize()?);
-        let hit = geometry.cast(&ray)?;
-        (hit.primitive == primitive).then_some((ray, hit))
-    }
-
     /// Density per steradian of the directions toward [`position`](Self::position)s, at a hit of
     /// `ray`. 0 if the hit is not on an emitter.
     #[must_use]
@@ -162,7 +189,7 @@ impl Emitters {
 mod tests {
     use super::*;
     use crate::samples::lattice;
-    use crate::scene::{Material, TriangleMesh};
+    use crate::scene::{Geometry, Material, TriangleMesh};
 
     /// Two triangles of areas 2 and 0.5 m² at different heights, of emission 1 and 8.
     fn mesh() -> TriangleMesh {
@@ -191,47 +218,5 @@ mod tests {
             })
             .count();
         assert!((first as f32 / count as f32 - 2.0 / 6.0).abs() < 1e-3);
-    }
-
-    /// The mean of 1 / density over samples is the solid angle of the emitters.
-    #[test]
-    fn density_integrates_solid_angle() {
-        let mesh = mesh();
-        let emitters = mesh.emitters().unwrap();
-        let start = Vec3::new(0.3, 0.0, 0.4);
-        let count = 20_000;
-        let sum: f64 = (0..count)
-            .filter_map(|k| {
-                let u = lattice(k, count, Vec2::ZERO);
-                let (ray, hit) = emitters.visible(&mesh, start, Vec3::Y, u)?;
-                Some(1.0 / f64::from(emitters.density(&ray, &hit)))
-            })
-            .sum();
-        // Solid angle of a triangle: Van Oosterom and Strackee 1983.
-        let solid_angle = |t: usize| {
-            let [a, b, c] = mesh.triangle(t).unwrap().map(|p| (p - start).as_dvec3());
-            let [x, y, z] = [a, b, c].map(glam::DVec3::length);
-            let under = x * y * z + a.dot(b) * z + a.dot(c) * y + b.dot(c) * x;
-            2.0 * a.dot(b.cross(c)).abs().atan2(under)
-        };
-        let right = solid_angle(0) + solid_angle(1);
-        let mean = sum / f64::from(count);
-        assert!((mean / right - 1.0).abs() < 2e-3, "{mean} {right}");
-    }
-
-    #[test]
-    fn hidden_and_missing_emitters_have_no_samples() {
-        let mesh = mesh();
-        let emitters = mesh.emitters().unwrap();
-        let u = Vec2::splat(0.5);
-        assert!(
-            emitters
-                .visible(&mesh, Vec3::ZERO, Vec3::NEG_Y, u)
-                .is_none()
-        );
-        let corners = [Vec3::X, Vec3::Y, Vec3::Z];
-        let none = Emitters::new([(0, [Vec3::ZERO; 3], 1.0), (1, corners, 0.0)], 1.0);
-        assert!(none.is_empty() && none.position(u).is_none());
-        assert!(none.visible(&mesh, Vec3::ZERO, Vec3::Y, u).is_none());
     }
 }

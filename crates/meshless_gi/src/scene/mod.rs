@@ -8,6 +8,7 @@ mod bvh_build;
 mod cornell;
 #[cfg(feature = "json")]
 mod description;
+mod emitter_view;
 mod emitters;
 mod error;
 mod geometry;
@@ -43,6 +44,7 @@ pub use bvh::{Bvh, BvhNode, BvhTriangle};
 pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "json")]
 pub use description::SceneDescription;
+pub use emitter_view::EmitterView;
 pub use emitters::Emitters;
 pub use error::SceneError;
 pub use geometry::{Barrier, Bounds, Geometry, Hit, HitPoint, MaterialTerms, Ray, Surface};

@@ -8,9 +8,10 @@
 //! variation from noise.
 
 use super::occluded_links::LinkTerm;
-use crate::basis::{Hierarchy, WeightEntry};
-use crate::samples::{Random, gather_direction, gather_weight, lattice, tangents};
-use crate::scene::{Emitters, Geometry, Hit, HitPoint, Ray, SkyRadiance};
+use super::receiver_rays::{ReceiverRay, ReceiverRays};
+use crate::basis::{GatherHit, Hierarchy, WeightEntry};
+use crate::samples::{gather_weight, lattice};
+use crate::scene::{EmitterView, Geometry, Hit, Ray, SkyRadiance};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3, Vec3A};
 use std::ops::Range;
@@ -111,11 +112,27 @@ struct GatherSample {
 
 /// Hit of a direction.
 struct SampleHit {
-    site: HitPoint,
-    /// `true` if the hit belongs to the senders on emitters.
-    is_emitter: bool,
+    hit: GatherHit,
+    /// `false` on the back of a single-sided surface.
+    is_lit: bool,
     /// List of the finest level's grid at the hit.
     near: Range<u32>,
+}
+
+impl SampleHit {
+    fn new(geometry: &dyn Geometry, ray: &Ray, hit: &Hit, is_emitter: bool) -> Self {
+        let at = geometry.hit_point(ray, hit);
+        Self {
+            hit: GatherHit {
+                position: at.position,
+                normal: at.normal,
+                distance: hit.t,
+                is_emitter,
+            },
+            is_lit: at.lit,
+            near: 0..0,
+        }
+    }
 }
 
 impl Gathered {
@@ -178,32 +195,25 @@ impl Gathered {
         n: Vec3,
         found: &mut Vec<WeightEntry>,
     ) {
-        let (y, m) = (hit.site.position, hit.site.normal);
-        let mut covered = false;
-        for l in (0..scene.sender_levels).rev() {
-            let grid = &scene.hierarchy.senders[l].grid;
-            let near = match l + 1 == scene.sender_levels {
-                true => &grid.entries[hit.near.start as usize..hit.near.end as usize],
-                false => grid.near(y),
-            };
-            if !(scene.hierarchy).sender_weights(l, near, y, m, hit.is_emitter, found) {
-                continue;
+        let hierarchy = scene.hierarchy;
+        let finest = scene.sender_levels - 1;
+        let near = hit.near.start as usize..hit.near.end as usize;
+        let near = &hierarchy.senders[finest].grid.entries[near];
+        let covered = match scene.deposit {
+            Deposit::Finest => {
+                hierarchy.hit_senders(scene.geometry, scene.sender_levels, near, &hit.hit, found)
             }
-            covered = true;
-            let first = scene.hierarchy.level_starts[l];
-            for entry in &*found {
-                let (j, value) = (first + entry.index, value * entry.weight);
-                self.deposit(j, sample.half, value);
-                if sample.crossed != 0 {
-                    self.part(j, sample.crossed, value);
-                }
-            }
-            if scene.deposit == Deposit::Finest {
-                break;
+            Deposit::All => hierarchy.senders_of_levels(scene.sender_levels, &hit.hit, found),
+        };
+        for entry in &*found {
+            let value = value * entry.weight;
+            self.deposit(entry.index, sample.half, value);
+            if sample.crossed != 0 {
+                self.part(entry.index, sample.crossed, value);
             }
         }
         if !covered {
-            let lost = match hit.site.lit {
+            let lost = match hit.is_lit {
                 true => &mut self.uncovered,
                 false => &mut self.unlit,
             };
@@ -234,7 +244,7 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     // All look-ups in the grid of the finest level come first: none waits for another's memory.
     let grid = &scene.hierarchy.senders[scene.sender_levels - 1].grid;
     for hit in samples.iter_mut().filter_map(|s| s.hit.as_mut()) {
-        hit.near = grid.near_range(hit.site.position);
+        hit.near = grid.near_range(hit.hit.position);
     }
     // The samples deviate from the closed form Σ w cos θ = 1 by rounding, discrepancy and the noise
     // of area samples. The ratio corrects that, so that a closed room of unit radiosity gathers
@@ -261,49 +271,45 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
 /// Casts the rays of the hemisphere around point `i`, then those toward emitters.
 fn cast_samples(scene: &GatherScene<'_>, i: usize, out: &mut Vec<GatherSample>) {
     let geometry = scene.geometry;
-    let surface = &scene.hierarchy.surfaces[i];
-    let (x, n) = (surface.position, surface.normal);
-    let (t, b) = tangents(n);
-    let start = x + n * geometry.ray_offset(x);
-    let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
-    let shift = Vec2::new(random.unit(), random.unit());
+    let mut rays = ReceiverRays::over_cell(geometry, scene.hierarchy, i, scene.rays, scene.seed);
+    let n = rays.normal;
     let emitters = scene.hierarchy.separate_emitters(geometry);
+    let center = scene.hierarchy.surfaces[i].position;
+    let view = emitters.map(|e| e.seen_from(center));
     let emitter_rays = emitters.map_or(0, |_| scene.rays.div_ceil(RAYS_PER_EMITTER_RAY));
     // Weight w = 1 / (π N_h p_h) of a ray of the hemisphere, balanced with the area samples.
-    let balanced = |w: f32, emitters: &Emitters, ray: &Ray, hit: &Hit| {
+    let balanced = |w: f32, emitters: &EmitterView<'_>, ray: &Ray, hit: &Hit| {
         w / (1.0 + PI * w * emitter_rays as f32 * emitters.density(ray, hit))
     };
-    for k in 0..scene.rays {
-        let (d, w) = gather_direction(k, scene.rays, shift);
-        let direction = (t * d.x + b * d.y + n * d.z).normalize();
-        let ray = Ray::new(start, direction);
+    for (k, sample) in rays.iter().enumerate() {
+        let (ray, w) = (sample.ray, sample.weight);
         let hit = geometry.cast(&ray);
         let length = hit.map_or(f32::INFINITY, |hit| hit.t);
         let emitter = match (emitters, &hit) {
-            (Some(emitters), Some(hit)) if emitters.contains(hit.primitive) => Some(emitters),
+            (Some(emitters), Some(hit)) if emitters.contains(hit.primitive) => view.as_ref(),
             _ => None,
         };
         out.push(GatherSample {
-            direction,
-            cosine: d.z,
+            direction: ray.direction,
+            cosine: sample.cosine,
             weight: match (emitter, &hit) {
-                (Some(emitters), Some(hit)) => balanced(w, emitters, &ray, hit),
+                (Some(view), Some(hit)) => balanced(w, view, &ray, hit),
                 _ => w,
             },
-            hit: hit.map(|hit| SampleHit {
-                site: geometry.hit_point(&ray, &hit),
-                is_emitter: emitter.is_some(),
-                near: 0..0,
+            hit: hit.map(|hit| SampleHit::new(geometry, &ray, &hit, emitter.is_some())),
+            half: k & 1,
+            crossed: geometry.crossed_occluders(&Ray {
+                max_t: length,
+                ..ray
             }),
-            half: k as usize & 1,
-            crossed: geometry.crossed_occluders(&Ray::segment(start, direction, length)),
         });
     }
-    let Some(emitters) = emitters else { return };
-    let shift = Vec2::new(random.unit(), random.unit());
+    let Some(view) = view else { return };
+    let shift = Vec2::new(rays.random.unit(), rays.random.unit());
     for k in 0..emitter_rays {
+        let start = rays.start(k);
         let u = lattice(k, emitter_rays, shift);
-        let Some((ray, hit)) = emitters.visible(geometry, start, n, u) else {
+        let Some((ray, hit)) = view.visible(geometry, start, n, u) else {
             continue;
         };
         let (direction, cosine) = (ray.direction, ray.direction.dot(n));
@@ -311,75 +317,44 @@ fn cast_samples(scene: &GatherScene<'_>, i: usize, out: &mut Vec<GatherSample>) 
         out.push(GatherSample {
             direction,
             cosine,
-            weight: balanced(w, emitters, &ray, &hit),
-            hit: Some(SampleHit {
-                site: geometry.hit_point(&ray, &hit),
-                is_emitter: true,
-                near: 0..0,
-            }),
+            weight: balanced(w, &view, &ray, &hit),
+            hit: Some(SampleHit::new(geometry, &ray, &hit, true)),
             half: k as usize & 1,
             crossed: geometry.crossed_occluders(&Ray::segment(start, direction, hit.t)),
         });
     }
 }
 
-/// Sky visibility of receiver `i` at (`x`, `n`), by the directions of [`gather`]: (1/π) ∫ ω dω over
-/// the directions without a hit, and the part along the normal that hits the back of a single-sided
-/// surface.
+/// Sky visibility of a receiver by the directions of [`gather`]: (1/π) ∫ ω dω over the directions
+/// without a hit, and the part along the normal that hits the back of a single-sided surface.
 #[must_use]
-pub fn gather_sky_visibility(
-    geometry: &dyn Geometry,
-    x: Vec3,
-    n: Vec3,
-    i: usize,
-    rays: u32,
-    seed: u64,
-) -> (Vec3, f32) {
-    let (t, b) = tangents(n);
-    let start = x + n * geometry.ray_offset(x);
-    let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
-    let shift = Vec2::new(random.unit(), random.unit());
+pub fn gather_sky_visibility(geometry: &dyn Geometry, rays: &ReceiverRays) -> (Vec3, f32) {
     let (mut sky, mut unlit, mut whole) = (Vec3::ZERO, 0.0, 0.0);
-    for k in 0..rays {
-        let (d, weight) = gather_direction(k, rays, shift);
-        whole += weight * d.z;
-        let direction = (t * d.x + b * d.y + n * d.z).normalize();
-        let ray = Ray::new(start, direction);
-        match geometry.cast(&ray) {
-            None => sky += direction * weight,
-            Some(hit) if !geometry.hit_point(&ray, &hit).lit => unlit += weight * d.z,
+    for sample in rays.iter() {
+        let mass = sample.weight * sample.cosine;
+        whole += mass;
+        match geometry.cast(&sample.ray) {
+            None => sky += sample.ray.direction * sample.weight,
+            Some(hit) if !geometry.hit_point(&sample.ray, &hit).lit => unlit += mass,
             Some(_) => {}
         }
     }
     (sky / whole, unlit / whole)
 }
 
-/// Sky harmonics of receiver `i` at (`x`, `n`), by the directions of [`gather`]: (1/π) ∫ p_k(ω) ω
-/// dω over the directions without a hit. Calls `part` with the parts that cross occluders, ray
-/// after ray.
+/// Sky harmonics of a receiver by the directions of [`gather`]: (1/π) ∫ p_k(ω) ω dω over the
+/// directions without a hit. Calls `part` with the parts that cross occluders, ray after ray.
 #[must_use]
 pub fn gather_sky_harmonics(
     geometry: &dyn Geometry,
-    x: Vec3,
-    n: Vec3,
-    i: usize,
-    rays: u32,
-    seed: u64,
+    rays: &ReceiverRays,
     mut part: impl FnMut(u64, &[Vec3; SkyRadiance::TERMS]),
 ) -> [Vec3; SkyRadiance::TERMS] {
-    let (t, b) = tangents(n);
-    let start = x + n * geometry.ray_offset(x);
-    let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
-    let shift = Vec2::new(random.unit(), random.unit());
-    let directions: Vec<(Vec3, f32)> = (0..rays)
-        .map(|k| gather_direction(k, rays, shift))
-        .collect();
-    let whole: f32 = directions.iter().fold(0.0, |sum, (d, w)| sum + w * d.z);
+    let whole = rays.iter().fold(0.0, |sum, s| sum + s.weight * s.cosine);
     let mut terms = [Vec3::ZERO; SkyRadiance::TERMS];
-    for (d, weight) in directions {
-        let direction = (t * d.x + b * d.y + n * d.z).normalize();
-        let ray = Ray::new(start, direction);
+    for ReceiverRay { ray, weight, .. } in rays.iter() {
         if geometry.cast(&ray).is_none() {
+            let direction = ray.direction;
             let parts = SkyRadiance::polynomials(direction).map(|p| direction * (weight * p));
             for (term, p) in terms.iter_mut().zip(&parts) {
                 *term += *p;
@@ -393,26 +368,10 @@ pub fn gather_sky_harmonics(
     terms.map(|t| t / whole)
 }
 
-/// Casts the rays of [`gather`] for receiver `i` at (`x`, `n`) and returns the number of hits. Its
-/// time is a lower bound for the gather.
+/// Casts the rays of [`gather`] for a receiver and returns the number of hits. Its time is a lower
+/// bound for the gather.
 #[must_use]
-pub fn trace_gather_rays(
-    geometry: &dyn Geometry,
-    x: Vec3,
-    n: Vec3,
-    i: usize,
-    rays: u32,
-    seed: u64,
-) -> u64 {
-    let (t, b) = tangents(n);
-    let start = x + n * geometry.ray_offset(x);
-    let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
-    let shift = Vec2::new(random.unit(), random.unit());
-    (0..rays)
-        .filter(|&k| {
-            let (d, _) = gather_direction(k, rays, shift);
-            let direction = (t * d.x + b * d.y + n * d.z).normalize();
-            geometry.cast(&Ray::new(start, direction)).is_some()
-        })
-        .count() as u64
+pub fn trace_gather_rays(geometry: &dyn Geometry, rays: &ReceiverRays) -> u64 {
+    let hits = rays.iter().filter(|s| geometry.cast(&s.ray).is_some());
+    hits.count() as u64
 }

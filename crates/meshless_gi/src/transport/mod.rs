@@ -13,6 +13,7 @@ pub mod pca;
 mod probes;
 mod quantized_row;
 mod receiver;
+mod receiver_rays;
 mod refine;
 mod residual;
 mod tiers;
@@ -33,6 +34,7 @@ pub use operator::{
 };
 pub use pack::{Packed, pack};
 pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
+pub use receiver_rays::{ReceiverRay, ReceiverRays};
 pub use refine::{BoundedSettings, RawRow, Receivers, RefinedOperator, refine_bounded};
 pub use tiers::{TIERS, assign_tiers};
 pub use training::{

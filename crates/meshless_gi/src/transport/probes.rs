@@ -20,7 +20,7 @@ use super::bounded_truncation::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
 use super::occluded_links::{LinkTerm, merge_parts};
 use super::{RawRow, SenderTree, Training};
-use crate::basis::WeightEntry;
+use crate::basis::{GatherHit, WeightEntry};
 use crate::samples::{Random, lattice, uniform_sphere};
 use crate::scene::{Ray, SkyRadiance};
 use glam::{Vec2, Vec3, Vec3A};
@@ -179,21 +179,27 @@ fn one(
         };
         let site = scene.geometry.hit_point(&ray, &hit);
         let is_emitter = emitters.is_some_and(|e| e.contains(hit.primitive));
-        let covering = (0..scene.sender_levels).rev().find(|&l| {
-            let (x, n) = (site.position, site.normal);
-            let near = scene.hierarchy.senders[l].grid.near(x);
-            (scene.hierarchy).sender_weights(l, near, x, n, is_emitter, &mut scratch.found)
-        });
-        let Some(l) = covering else {
+        let grid = &scene.hierarchy.senders[scene.sender_levels - 1].grid;
+        if !scene.hierarchy.hit_senders(
+            scene.geometry,
+            scene.sender_levels,
+            grid.near(site.position),
+            &GatherHit {
+                position: site.position,
+                normal: site.normal,
+                distance: hit.t,
+                is_emitter,
+            },
+            &mut scratch.found,
+        ) {
             out.lost += weight;
             continue;
-        };
+        }
         let crossed = scene
             .geometry
             .crossed_occluders(&Ray::segment(x, way, hit.t));
-        let first = scene.hierarchy.level_starts[l];
         for entry in &scratch.found {
-            let (j, w) = (first + entry.index, entry.weight * weight);
+            let (j, w) = (entry.index, entry.weight * weight);
             // Truncation uses each sender's contribution to c.
             scratch.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
             scratch.met.push((j, w, way, crossed));

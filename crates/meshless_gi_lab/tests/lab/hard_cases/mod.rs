@@ -4,6 +4,7 @@
 mod closed_rooms;
 mod energy;
 mod geometry;
+mod layers;
 mod lights;
 mod pca;
 mod point_clouds;

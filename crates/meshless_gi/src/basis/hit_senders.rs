@@ -1,0 +1,279 @@
+//! Senders of the light that leaves a surface position.
+//!
+//! Positions that no function of the finest sender level covers have coarser senders (design D1).
+//! The coarser functions are wider than the layers between the position and their centers. Only
+//! those whose center is visible from the position count, so that a gap does not send the light of
+//! the open surface beside it. The same holds for hits near the receiver, which can lie in gaps.
+
+use super::kernel::{kernel, reach};
+use super::visibility::Viewer;
+use super::{Hierarchy, WeightEntry};
+use crate::scene::Geometry;
+use glam::Vec3;
+
+/// Length of a ray, relative to the radius of the functions at its hit, below which they have to be
+/// visible from the hit: it can lie in a gap that they do not reach into.
+const NEAR: f32 = 0.5;
+
+/// Hit of a gather ray.
+#[derive(Clone, Copy, Debug)]
+pub struct GatherHit {
+    /// Position, meters.
+    pub position: Vec3,
+    /// Unit normal on the side of the ray.
+    pub normal: Vec3,
+    /// Length of the ray, meters.
+    pub distance: f32,
+    /// `true` if the hit belongs to the senders on emitters.
+    pub is_emitter: bool,
+}
+
+impl Hierarchy {
+    /// Senders of a hit among the first `levels` levels, with weights that sum to one: those of the
+    /// finest level that covers it. `near` is the list of the finest level's grid at the position.
+    /// Replaces `out` by indices among all points. Returns `false` if there is none.
+    #[inline]
+    pub fn hit_senders(
+        &self,
+        geometry: &dyn Geometry,
+        levels: usize,
+        near: &[u32],
+        hit: &GatherHit,
+        out: &mut Vec<WeightEntry>,
+    ) -> bool {
+        let finest = levels - 1;
+        let (x, n) = (hit.position, hit.normal);
+        if self.sender_weights(finest, near, x, n, hit.is_emitter, out) {
+            let radius = self.senders[finest].points[0].radius;
+            if hit.distance < NEAR * radius {
+                self.retain_visible(geometry, finest, x, n, out);
+            }
+            if !out.is_empty() {
+                self.offset(finest, out);
+                return true;
+            }
+        }
+        self.coarse_senders(geometry, levels, hit, out)
+    }
+
+    /// Senders of a hit on each of the first `levels` levels (\[L08\] Eq. (16)): as
+    /// [`hit_senders`](Self::hit_senders), with weights that sum to one on each level that covers
+    /// the position.
+    pub fn senders_of_levels(
+        &self,
+        levels: usize,
+        hit: &GatherHit,
+        out: &mut Vec<WeightEntry>,
+    ) -> bool {
+        let (x, n) = (hit.position, hit.normal);
+        let mut level = Vec::new();
+        out.clear();
+        for l in (0..levels).rev() {
+            let near = self.senders[l].grid.near(x);
+            if self.sender_weights(l, near, x, n, hit.is_emitter, &mut level) {
+                self.offset(l, &mut level);
+                out.append(&mut level);
+            }
+        }
+        !out.is_empty()
+    }
+
+    /// [`hit_senders`](Self::hit_senders) of a position that the finest level does not cover.
+    #[cold]
+    fn coarse_senders(
+        &self,
+        geometry: &dyn Geometry,
+        levels: usize,
+        hit: &GatherHit,
+        out: &mut Vec<WeightEntry>,
+    ) -> bool {
+        let (x, n) = (hit.position, hit.normal);
+        for l in (0..levels - 1).rev() {
+            self.raw_sender_weights(l, self.senders[l].grid.near(x), x, n, hit.is_emitter, out);
+            self.retain_visible(geometry, l, x, n, out);
+            if !out.is_empty() {
+                self.offset(l, out);
+                return true;
+            }
+        }
+        out.clear();
+        out.extend(self.nearest_visible_sender(geometry, levels, hit));
+        !out.is_empty()
+    }
+
+    /// The visible sender of the finest level whose function would weigh most without clip planes.
+    fn nearest_visible_sender(
+        &self,
+        geometry: &dyn Geometry,
+        levels: usize,
+        hit: &GatherHit,
+    ) -> Option<WeightEntry> {
+        let (x, n) = (hit.position, hit.normal);
+        (0..levels).rev().find_map(|l| {
+            let level = &self.senders[l];
+            let first = self.level_starts[l];
+            let mut near: Vec<(f32, u32)> = Vec::new();
+            for &j in level.grid.near(x) {
+                let point = &level.points[j as usize];
+                let (cosine, squared, inside) = reach(point, x, n);
+                if inside && self.is_on_emitter((first + j) as usize) == hit.is_emitter {
+                    let weight = kernel(squared.sqrt() / point.radius) * cosine * cosine;
+                    near.push((weight, j));
+                }
+            }
+            near.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            let radius = level.points.first()?.radius;
+            let origin = Viewer::new(geometry, x, n, radius).origin(radius);
+            let visible = |&&(_, j): &&(f32, u32)| {
+                !geometry.occluded(origin, self.origins[(first + j) as usize])
+            };
+            near.iter().find(visible).map(|&(_, j)| WeightEntry {
+                index: first + j,
+                weight: 1.0,
+            })
+        })
+    }
+
+    /// Removes the senders of level `l` that are not visible from (x, n). The weights of the others
+    /// sum to one.
+    fn retain_visible(
+        &self,
+        geometry: &dyn Geometry,
+        l: usize,
+        x: Vec3,
+        n: Vec3,
+        out: &mut Vec<WeightEntry>,
+    ) {
+        if let Some(point) = self.senders[l].points.first() {
+            let origin = Viewer::new(geometry, x, n, point.radius).origin(point.radius);
+            let origins = &self.origins[self.level_starts[l] as usize..];
+            out.retain(|w| !geometry.occluded(origin, origins[w.index as usize]));
+            super::hierarchy::normalize(out);
+        }
+    }
+
+    /// Turns indices on level `l` into indices among all points.
+    fn offset(&self, l: usize, out: &mut [WeightEntry]) {
+        for w in out {
+            w.index += self.level_starts[l];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::basis::LevelBasis;
+    use crate::basis::hierarchy::origins;
+    use crate::samples::Point;
+    use crate::scene::{Material, TriangleMesh};
+
+    /// A floor with a thin wall at x = 0, and two levels of functions: wide ones on either side,
+    /// and a fine one far away.
+    fn wall_between_functions() -> (TriangleMesh, Hierarchy) {
+        let v = Vec3::new;
+        let floor = [
+            v(-3.0, 0.0, 2.0),
+            v(3.0, 0.0, 2.0),
+            v(3.0, 0.0, -2.0),
+            v(-3.0, 0.0, -2.0),
+        ];
+        let wall = [
+            v(0.0, 0.0, 2.0),
+            v(0.0, 0.0, -2.0),
+            v(0.0, 1.0, -2.0),
+            v(0.0, 1.0, 2.0),
+        ];
+        let triangles: Vec<_> = [floor, wall]
+            .into_iter()
+            .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
+            .collect();
+        let mesh = TriangleMesh::new(triangles, vec![0; 4], vec![Material::default()]);
+        let level = |xs: &[f32], radius: f32| {
+            let at = |&x: &f32| Point::new(v(x, 0.0, 0.0), Vec3::Y, radius);
+            LevelBasis::new(xs.iter().map(at).collect(), Vec::new())
+        };
+        // Without planes: the wall is nothing to the weights.
+        let senders = vec![level(&[-0.2, 0.5], 1.0), level(&[2.0], 0.3)];
+        let origins = senders.iter().flat_map(|l| origins(&mesh, l)).collect();
+        let hierarchy = Hierarchy {
+            origins,
+            levels: senders.clone(),
+            senders,
+            surfaces: Vec::new(),
+            level_starts: vec![0, 2, 3],
+            rays: 0,
+            truncated: Vec::new(),
+            emissive: Vec::new(),
+        };
+        (mesh, hierarchy)
+    }
+
+    fn far_hit(position: Vec3) -> GatherHit {
+        GatherHit {
+            position,
+            normal: Vec3::Y,
+            distance: 10.0,
+            is_emitter: false,
+        }
+    }
+
+    #[test]
+    fn near_hit_has_visible_senders() {
+        let (mesh, hierarchy) = wall_between_functions();
+        // The functions of the coarse level alone.
+        let near = hierarchy.senders[0].grid.near(Vec3::ZERO);
+        let mut found = Vec::new();
+        let mut count = |distance: f32| {
+            let hit = GatherHit {
+                distance,
+                ..far_hit(Vec3::new(0.1, 0.0, 0.0))
+            };
+            hierarchy.hit_senders(&mesh, 1, near, &hit, &mut found);
+            found.len()
+        };
+        assert_eq!(count(10.0), 2);
+        assert_eq!(count(0.1), 1, "not the one behind the wall");
+    }
+
+    #[test]
+    fn coarse_senders_are_visible_from_hit() {
+        let (mesh, hierarchy) = wall_between_functions();
+        let mut found = Vec::new();
+        let mut senders = |x: f32| {
+            let hit = far_hit(Vec3::new(x, 0.0, 0.0));
+            let near = hierarchy.senders[1].grid.near(hit.position);
+            hierarchy.hit_senders(&mesh, 2, near, &hit, &mut found);
+            let sum: f32 = found.iter().map(|w| w.weight).sum();
+            assert!(found.is_empty() || (sum - 1.0).abs() < 1e-5);
+            found.iter().map(|w| w.index).collect::<Vec<_>>()
+        };
+        assert_eq!(senders(2.1), [2], "the finest level");
+        assert_eq!(senders(0.1), [1], "the wall hides the nearer function");
+        assert_eq!(senders(-0.1), [0]);
+        assert!(senders(-2.5).is_empty());
+    }
+
+    #[test]
+    fn position_without_function_takes_nearest_visible_sender() {
+        let (mesh, mut hierarchy) = wall_between_functions();
+        // A plane that cuts off all but the centers.
+        for level in &mut hierarchy.senders {
+            level.planes = vec![[0.0, 0.0, -1.0, 0.01]];
+            for point in &mut level.points {
+                point.planes = 1 << 24;
+            }
+        }
+        let hit = far_hit(Vec3::new(0.2, 0.0, 0.1));
+        let near = hierarchy.senders[1].grid.near(hit.position);
+        let mut found = Vec::new();
+        assert!(hierarchy.hit_senders(&mesh, 2, near, &hit, &mut found));
+        assert_eq!(
+            found,
+            [WeightEntry {
+                index: 1,
+                weight: 1.0
+            }]
+        );
+    }
+}
