@@ -14,6 +14,7 @@ mod hard_cases;
 mod leaks;
 mod occluder_display;
 mod penumbra;
+mod pictures;
 mod point_cloud_light;
 mod probes;
 mod rsm;
