@@ -9,7 +9,7 @@ use super::{Emitters, Geometry, Hit, Ray};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// Largest number of groups, a power of two.
+/// Largest number of groups.
 pub(super) const GROUPS: usize = 64;
 
 /// Emitters that lie close to one another.
@@ -84,7 +84,7 @@ impl<'a> EmitterView<'a> {
             sum += group.share / square.max(f32::MIN_POSITIVE);
             *end = sum;
         }
-        // Without a finite sum, the first group gets all samples.
+        // Positions without a finite sum lie on an emitter. Rays of the hemisphere find the rest.
         let scale = if sum.is_finite() { 1.0 / sum } else { 1.0 };
         for end in &mut ends[..groups.len()] {
             *end = (*end * scale).min(1.0);
