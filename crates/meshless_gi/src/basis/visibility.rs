@@ -15,11 +15,8 @@ pub(super) fn visibility_origin_height(
     radius: f32,
     rays: &mut u64,
 ) -> f32 {
-    let lift = geometry.ray_offset(x);
-    let high = (ORIGIN_HEIGHT * radius).max(lift);
     *rays += 1;
-    let up = Ray::segment(x + n * lift, n, 2.0 * high);
-    geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)
+    Viewer::new(geometry, x, n, radius).height(radius)
 }
 
 /// Height from which the center (x, n) of a function with this radius looks at its own support, in
@@ -67,13 +64,17 @@ impl Viewer {
         }
     }
 
-    /// Visibility origin for a function of this radius, see [`visibility_origin_height`].
+    /// Visibility origin for a function of this radius, meters.
     pub fn origin(&self, radius: f32) -> Vec3 {
+        self.position + self.normal * self.height(radius)
+    }
+
+    /// Height of the origin above the surface, meters. See [`visibility_origin_height`].
+    fn height(&self, radius: f32) -> f32 {
         let high = (ORIGIN_HEIGHT * radius).max(self.lift);
-        let height = match self.free < 2.0 * high {
+        match self.free < 2.0 * high {
             true => 0.5 * self.free,
             false => high,
-        };
-        self.position + self.normal * height
+        }
     }
 }
