@@ -8,7 +8,7 @@ use std::fmt;
 
 /// Version of the bake. It rises when equal input bakes to different data, and only then. It does
 /// not follow the crate's version.
-pub const BAKE_VERSION: u32 = 5;
+pub const BAKE_VERSION: u32 = 6;
 
 /// Inputs that a bake would have now.
 #[derive(Clone, Copy, Debug, Default)]

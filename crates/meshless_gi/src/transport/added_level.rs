@@ -1,11 +1,19 @@
-//! Levels that refinement adds around receivers with a large residual.
+//! Levels that refinement adds where they reduce the error.
+//!
+//! The residual r_l of a receiver of level l is the error of all coarser levels at its position. An
+//! added level reduces the error r_{l+1} of level l between its points. Two levels predict it by
+//! their order of convergence: r_{l+1} = r_l · min(1, r_l / r_{l−1}). Where light is smooth,
+//! residuals fall by four from level to level, and r_l overstates the error. At a shadow's edge or
+//! in a corner they stay.
 
 use super::gather::GatherSettings;
 use super::refine::Receivers;
+use crate::basis::{Hierarchy, WeightEntry};
 use rayon::prelude::*;
 
-/// Adds a level around the receivers of the finest level whose error is above `tolerance`, largest
-/// errors first. Returns its number of points.
+/// Adds a level around the receivers of the finest level that expect a residual above the
+/// tolerance, largest ones first. `errors` are the squared residuals of all receivers, and
+/// `tolerance` is squared as well. Returns the number of points of the new level.
 pub(super) fn add_level(
     gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
@@ -14,34 +22,20 @@ pub(super) fn add_level(
     max_points: usize,
 ) -> usize {
     let l = receivers.hierarchy.levels.len();
-    let hierarchy = &*receivers.hierarchy;
-    let level = hierarchy.level(l - 1);
-    // A single error is a product of two noisy sums. Selecting the largest would select noise, so
-    // each error is replaced by its local mean.
-    let means: Vec<f32> = level
+    let level = receivers.hierarchy.level(l - 1);
+    let expected: Vec<f32> = level
         .clone()
-        .into_par_iter()
-        .map_init(Vec::new, |found, i| {
-            let s = &hierarchy.surfaces[i];
-            hierarchy.levels[l - 1].weights(s.position, s.normal, found);
-            let (mut sum, mut weights) = (0.0, 0.0);
-            for w in found.iter() {
-                let error = errors[level.start + w.index as usize];
-                if error.is_finite() {
-                    sum += w.weight * error;
-                    weights += w.weight;
-                }
-            }
-            if errors[i].is_finite() && weights > 0.0 {
-                sum / weights
-            } else {
-                errors[i]
-            }
+        .zip(local_means(receivers.hierarchy, errors))
+        .map(|(i, mean)| {
+            let coarser = receivers.parents.row(i);
+            mean.map_or(errors[i], |mean| {
+                expected_error(mean, mean_error(coarser, 0, errors))
+            })
         })
         .collect();
-    let mean = |i: usize| means[i - level.start];
-    let mut selected: Vec<usize> = level.clone().filter(|&i| mean(i) > tolerance).collect();
-    selected.sort_by(|&a, &b| mean(b).total_cmp(&mean(a)).then(a.cmp(&b)));
+    let expected = |i: usize| expected[i - level.start];
+    let mut selected: Vec<usize> = level.clone().filter(|&i| expected(i) > tolerance).collect();
+    selected.sort_by(|&a, &b| expected(b).total_cmp(&expected(a)).then(a.cmp(&b)));
     selected.truncate(max_points / 4);
     if selected.is_empty() {
         return 0;
@@ -58,4 +52,75 @@ pub(super) fn add_level(
             .append_parents(l, false, receivers.parents);
     }
     added
+}
+
+/// Local means of the squared residuals at the receivers of the finest level. A single one is a
+/// product of two noisy sums, and selecting the largest would select noise. `None` at receivers
+/// without a residual.
+fn local_means(hierarchy: &Hierarchy, errors: &[f32]) -> Vec<Option<f32>> {
+    let l = hierarchy.levels.len() - 1;
+    let level = hierarchy.level(l);
+    level
+        .clone()
+        .into_par_iter()
+        .map_init(Vec::new, |found, i| {
+            let surface = &hierarchy.surfaces[i];
+            hierarchy.levels[l].weights(surface.position, surface.normal, found);
+            mean_error(found, level.start, errors).filter(|_| errors[i].is_finite())
+        })
+        .collect()
+}
+
+/// Weighted mean of the squared residuals that are known, of receivers with indices from `first`
+/// on.
+fn mean_error(weights: &[WeightEntry], first: usize, errors: &[f32]) -> Option<f32> {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for w in weights {
+        let error = errors[first + w.index as usize];
+        if error.is_finite() {
+            sum += w.weight * error;
+            total += w.weight;
+        }
+    }
+    (total > 0.0).then(|| sum / total)
+}
+
+/// Squared residual that the next level is expected to have: `own` are those of the finest level,
+/// `coarser` those of its parents. Noise can make both negative.
+fn expected_error(own: f32, coarser: Option<f32>) -> f32 {
+    match coarser {
+        Some(coarser) if coarser > own => own * (own / coarser).max(0.0),
+        _ => own,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn expected_residuals_follow_order_of_convergence() {
+        // Residuals 0.4 and 0.1, squared: the next is a fourth again.
+        assert!((expected_error(0.01, Some(0.16)) - 0.000_625).abs() < 1e-9);
+        // At an edge they stay, and a level that is worse than the coarser one predicts no more.
+        assert_eq!(expected_error(0.01, Some(0.01)), 0.01);
+        assert_eq!(expected_error(0.04, Some(0.01)), 0.04);
+        // Nothing is known of the coarser level, or noise.
+        assert_eq!(expected_error(0.01, None), 0.01);
+        assert_eq!(expected_error(0.01, Some(-0.2)), 0.01);
+        assert!(expected_error(-0.01, Some(0.2)) <= 0.0);
+    }
+
+    #[test]
+    fn mean_errors_leave_out_receivers_without_residual() {
+        let weights =
+            [(0, 0.5), (1, 0.25), (2, 0.25)].map(|(index, weight)| WeightEntry { index, weight });
+        let errors = [9.0, 0.2, 0.4, f32::INFINITY];
+        let mean = mean_error(&weights, 1, &errors).unwrap();
+        assert!(
+            (mean - (0.5 * 0.2 + 0.25 * 0.4) / 0.75).abs() < 1e-6,
+            "{mean}"
+        );
+        assert_eq!(mean_error(&weights[2..], 1, &errors), None);
+    }
 }

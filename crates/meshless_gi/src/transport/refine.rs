@@ -235,9 +235,10 @@ impl Refinement<'_> {
             tree: self.tree,
             measure: &self.measure,
             basis: self.basis,
-            // Residuals select rows of this level and receivers of the next.
+            // Residuals select rows of this level and, with those of the next coarser one,
+            // receivers of the next.
             has_residuals: (always..self.base_levels).contains(&l)
-                || (l + 1 >= always && has_finer_level),
+                || (l + 2 >= always && has_finer_level),
             has_finer_level,
             truncation: (l < always && self.basis.is_none()).then_some(&self.truncation),
         };

@@ -29,8 +29,6 @@ pub(super) struct RowResidual {
     halves: Vec<(u32, [f32; 2])>,
     /// Predicted link per sender.
     expected: Vec<f32>,
-    /// Senders of the prediction.
-    predicted: Vec<u32>,
 }
 
 impl RowResidual {
@@ -39,7 +37,6 @@ impl RowResidual {
         Self {
             halves: Vec::new(),
             expected: vec![0.0; senders],
-            predicted: Vec::new(),
         }
     }
 
@@ -65,24 +62,14 @@ impl RowResidual {
         n: Vec3A,
         exposure: &[f32],
     ) -> f32 {
-        let Self {
-            halves,
-            expected,
-            predicted,
-        } = self;
-        predicted.clear();
+        let Self { halves, expected } = self;
         let n = Vec3::from(n);
         let row = parents.row(i);
         let mut open: BTreeMap<u32, f32> = row.iter().map(|w| (w.index, w.weight)).collect();
         // Parents have lower indices than their children. Descending order visits each point once.
         while let Some((k, weight)) = open.pop_last() {
-            predictors.quantized[k as usize].for_each(n, weight, |j, part| {
-                let e = &mut expected[j as usize];
-                if *e == 0.0 {
-                    predicted.push(j);
-                }
-                *e += part;
-            });
+            predictors.quantized[k as usize]
+                .for_each(n, weight, |j, part| expected[j as usize] += part);
             if !rows[k as usize].active {
                 for w in parents.row(k as usize) {
                     *open.entry(w.index).or_default() += weight * w.weight;
@@ -94,31 +81,56 @@ impl RowResidual {
             let e = std::mem::take(&mut expected[j as usize]);
             sum += (a - e) * (b - e) * exposure[j as usize];
         }
-        // Predicted senders that no ray hit.
-        for &j in &*predicted {
-            let e = std::mem::take(&mut expected[j as usize]);
-            sum += e * e * exposure[j as usize];
-        }
-        sum
+        // Predicted senders that no ray hit. Few are, but a list of them takes longer.
+        sum + take_weighted_squares(expected, exposure)
     }
+}
+
+/// Σ weights · values². Sets the values to zero.
+fn take_weighted_squares(values: &mut [f32], weights: &[f32]) -> f32 {
+    const LANES: usize = 8;
+    let mut sums = [0.0f32; LANES];
+    let (values, rest) = values.as_chunks_mut::<LANES>();
+    let (weights, last_weights) = weights.as_chunks::<LANES>();
+    for (v, w) in values.iter_mut().zip(weights) {
+        for k in 0..LANES {
+            sums[k] += v[k] * v[k] * w[k];
+        }
+        *v = [0.0; LANES];
+    }
+    let mut sum = sums.iter().sum();
+    for (v, w) in rest.iter_mut().zip(last_weights) {
+        sum += *v * *v * w;
+        *v = 0.0;
+    }
+    sum
 }
 
 /// Responses of the even and the odd rays of a gathered row to each training light, and the row's
 /// mass. The sky is not split.
 pub(super) fn respond(gathered: &Gathered, signals: &TrainingRadiosity) -> (Response, Vec3A) {
     let mut response = [[Vec3A::ZERO; TRAINING_LIGHTS + 1]; 2];
-    let mut row_sum = Vec3A::ZERO;
-    for &j in &gathered.touched {
-        let sums = gathered.sums[j as usize];
-        row_sum += sums[0] + sums[1];
-        for (half, link) in response.iter_mut().zip(sums) {
-            for (e, &b) in half.iter_mut().zip(&signals[j as usize]) {
-                *e += link * b;
+    for (half, response) in response.iter_mut().enumerate() {
+        // One array per component: the sums of all lights stay in registers.
+        let [mut x, mut y, mut z] = [[0.0f32; TRAINING_LIGHTS]; 3];
+        for &j in &gathered.touched {
+            let link = gathered.sums[j as usize][half];
+            // Most senders are hit by the rays of one half only.
+            if link == Vec3A::ZERO {
+                continue;
+            }
+            for (t, &b) in signals[j as usize].iter().enumerate() {
+                x[t] += link.x * b;
+                y[t] += link.y * b;
+                z[t] += link.z * b;
             }
         }
+        for (t, e) in response[..TRAINING_LIGHTS].iter_mut().enumerate() {
+            *e = Vec3A::new(x[t], y[t], z[t]);
+        }
+        response[TRAINING_LIGHTS] = 0.5 * gathered.sky;
     }
-    response[0][TRAINING_LIGHTS] = 0.5 * gathered.sky;
-    response[1][TRAINING_LIGHTS] = 0.5 * gathered.sky;
+    let row_sum = (gathered.touched.iter()).map(|&j| gathered.link(j)).sum();
     (response, row_sum)
 }
 
@@ -155,4 +167,18 @@ pub(super) fn difference(found: &Response, expected: &Response, n: Vec3A, sky: f
         sum += (0.9 * a.dot(n) * b.dot(n) + 0.1 * a.dot(b)) * scale;
     }
     4.0 * sum / (TRAINING_LIGHTS + 1) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weighted_squares_include_values_behind_last_chunk() {
+        let mut values: Vec<f32> = (0..19).map(|k| k as f32).collect();
+        let weights: Vec<f32> = (0..19).map(|k| f32::from(k % 2 == 0)).collect();
+        // 0² + 2² + … + 18².
+        assert_eq!(take_weighted_squares(&mut values, &weights), 1140.0);
+        assert_eq!(values, [0.0; 19]);
+    }
 }
