@@ -95,9 +95,9 @@ impl From<Baked> for BakeOutput {
 impl GiBakeTask {
     /// Starts a bake of `scene`.
     #[must_use]
-    pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
+    pub fn spawn(mesh: TriangleMesh, recipe: Recipe) -> Self {
         Self::start(move |progress| {
-            let baked = bake_scene(&level, &recipe, bake_threads(), progress)?;
+            let baked = bake_scene(&mesh, &recipe, bake_threads(), progress)?;
             Ok(baked.into())
         })
     }

@@ -157,7 +157,7 @@ impl RecipeInputs {
         let Baked {
             mut scene, stats, ..
         } = baked.map_err(|error| self.failed(error))?;
-        scene.data_mut().info.level_digest = self.files.digest();
+        scene.data_mut().info.scene_digest = self.files.digest();
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
         Ok(scene)
     }

@@ -61,25 +61,25 @@ impl GiStaleBakes {
 
 /// Comparisons on their way from loaders to the main world.
 #[derive(Resource, Clone, Debug, Default)]
-pub(crate) struct SceneReports(Arc<Mutex<Vec<LevelReport>>>);
+pub(crate) struct SceneReports(Arc<Mutex<Vec<SceneReport>>>);
 
 /// Comparison of one bake.
 #[derive(Clone, Debug)]
-pub(crate) struct LevelReport {
+pub(crate) struct SceneReport {
     path: AssetPath<'static>,
-    level: Option<String>,
+    scene: Option<String>,
     differs: Staleness,
 }
 
 impl SceneReports {
-    fn push(&self, report: LevelReport) {
+    fn push(&self, report: SceneReport) {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .push(report);
     }
 
-    fn take(&self) -> Vec<LevelReport> {
+    fn take(&self) -> Vec<SceneReport> {
         std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -96,9 +96,9 @@ impl SceneChecker {
     /// Compares a bake that `context` loads with its scene, and reports the result. A scene that
     /// cannot be read or parsed is not compared.
     pub async fn check(&self, info: &BakeInfo, check: GiSceneCheck, context: &mut LoadContext<'_>) {
-        let report = LevelReport {
+        let report = SceneReport {
             path: context.path().clone(),
-            level: info.level.clone(),
+            scene: info.scene.clone(),
             differs: Staleness::compare(info, &BakeInputs::default()),
         };
         #[cfg(not(feature = "gltf"))]
@@ -114,7 +114,7 @@ impl SceneChecker {
     async fn check_scene(
         &self,
         info: &BakeInfo,
-        mut report: LevelReport,
+        mut report: SceneReport,
         context: &mut LoadContext<'_>,
     ) {
         use super::recipe_loader::ContextReader;
@@ -124,8 +124,8 @@ impl SceneChecker {
 
         let is_recipe = is_recipe(&report.path);
         // The asset processor bakes such recipes again by itself.
-        let Some(level) = info
-            .level
+        let Some(scene) = info
+            .scene
             .clone()
             .filter(|_| !(is_recipe && self.folders.processing))
         else {
@@ -145,14 +145,14 @@ impl SceneChecker {
             context,
             folders: &self.folders,
         };
-        let files = match SceneFiles::read(&report.path, &level, &mut reader).await {
+        let files = match SceneFiles::read(&report.path, &scene, &mut reader).await {
             Ok(files) => files,
             Err(error) => {
                 debug!("`{}` is not compared with its scene: {error}", report.path);
                 return self.reports.push(report);
             }
         };
-        if files.digest() == info.level_digest {
+        if files.digest() == info.scene_digest {
             return self.reports.push(report);
         }
         let viewpoints = Recipe::from_ron(&info.given_recipe)
@@ -189,7 +189,7 @@ fn is_recipe(path: &AssetPath<'_>) -> bool {
 pub(crate) fn warn_stale(
     reports: Res<SceneReports>,
     scenes: Query<(Entity, Option<&Name>, &GiScene)>,
-    mut pending: Local<Vec<LevelReport>>,
+    mut pending: Local<Vec<SceneReport>>,
     mut stale: ResMut<GiStaleBakes>,
     mut findings: ResMut<GiWarnings>,
 ) {
@@ -221,9 +221,9 @@ pub(crate) fn warn_stale(
 }
 
 /// Text of the warning.
-fn advice(entity: &str, report: &LevelReport) -> String {
+fn advice(entity: &str, report: &SceneReport) -> String {
     let path = &report.path;
-    let scene = report.level.as_deref().unwrap_or("its scene");
+    let scene = report.scene.as_deref().unwrap_or("its scene");
     let mut reasons = Vec::new();
     if report.differs.content {
         reasons.push(format!("`{scene}` has changed since it was baked"));
@@ -254,9 +254,9 @@ mod tests {
 
     #[test]
     fn outdated_scene_message_names_entity_files_and_command() {
-        let mut report = LevelReport {
+        let mut report = SceneReport {
             path: AssetPath::from("levels/room.mgi"),
-            level: Some("room.glb".into()),
+            scene: Some("room.glb".into()),
             differs: Staleness {
                 content: true,
                 ..Staleness::default()

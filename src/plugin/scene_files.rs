@@ -61,7 +61,7 @@ impl SceneFiles {
         })
     }
 
-    /// Digest of all bytes, as [`BakeInfo::level_digest`](meshless_gi::BakeInfo) holds it.
+    /// Digest of all bytes, as [`BakeInfo::scene_digest`](meshless_gi::BakeInfo) holds it.
     pub fn digest(&self) -> String {
         let mut parts: Vec<&[u8]> = vec![&self.bytes];
         for (name, content) in &self.files {

@@ -199,7 +199,7 @@ fn bake_of_other_version_is_reported_without_scene() {
     let file = assets.join("room.mgi");
     let mut scene = BakedScene::read(&file, &Limits::default()).unwrap();
     scene.data_mut().info.bake_version -= 1;
-    scene.data_mut().info.level = None;
+    scene.data_mut().info.scene = None;
     scene.write(&file).unwrap();
     let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
     let ((), lines) = warnings(|| load(&mut app));

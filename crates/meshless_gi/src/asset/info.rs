@@ -57,12 +57,12 @@ pub struct BakeInfo {
     pub content_hash: String,
     /// Scene that the recipe names, relative to the recipe. `None` for geometry that was given
     /// without a name.
-    #[serde(default)]
-    pub level: Option<String>,
-    /// BLAKE3, as hex, of the bytes of the level's file and of all files that it names: a digest
+    #[serde(default, alias = "level")]
+    pub scene: Option<String>,
+    /// BLAKE3, as hex, of the bytes of the scene's file and of all files that it names: a digest
     /// that needs no parsing. Empty if the bake was given geometry and no files.
-    #[serde(default)]
-    pub level_digest: String,
+    #[serde(default, alias = "level_digest")]
+    pub scene_digest: String,
     /// Recipe as it was given, without its `scene`, as RON. Empty in files older than this field.
     #[serde(default)]
     pub given_recipe: String,

@@ -27,7 +27,7 @@ pub enum BakeSceneError {
 /// # Errors
 /// See [`BakeSceneError`].
 pub fn bake_scene(
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     recipe: &Recipe,
     threads: usize,
     progress: &Progress,
@@ -43,17 +43,17 @@ pub fn bake_scene(
             return Err(BakeError::Canceled);
         }
         let nodes = node_names(&recipe.occluders);
-        let held = (!nodes.is_empty()).then(|| level.split_occluders(&nodes));
+        let held = (!nodes.is_empty()).then(|| mesh.split_occluders(&nodes));
         let (staying, occluders) = match held {
             Some((rest, held)) => (Some(rest), held),
             None => (None, Vec::new()),
         };
-        let geometry = staying.as_ref().unwrap_or(level);
+        let geometry = staying.as_ref().unwrap_or(mesh);
         let source = BakeSource {
             geometry,
             bvh: geometry.bvh(),
-            primitives: level.len() as u64,
-            content_hash: level.content_hash(),
+            primitives: mesh.len() as u64,
+            content_hash: mesh.content_hash(),
             occluders,
         };
         let seconds = began.elapsed().as_secs_f64();

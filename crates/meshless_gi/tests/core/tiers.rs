@@ -12,25 +12,25 @@ use meshless_gi::{
 };
 use std::path::Path;
 
-struct Level {
+struct TestScene {
     mesh: TriangleMesh,
     lights: Vec<FrameLight>,
 }
 
-fn level(name: &str) -> Level {
+fn test_scene(name: &str) -> TestScene {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
         .join("tests/data")
         .join(name);
     let scene = SceneDescription::read(folder.join("L0.json")).unwrap();
     let lights = scene.lights.iter();
-    Level {
+    TestScene {
         mesh: load_gltf(&scene.geometry[0]).unwrap().mesh,
         lights: lights.flat_map(|l| FrameLight::expand(l, 16)).collect(),
     }
 }
 
-fn baked(level: &Level, recipe: Recipe) -> BakedScene {
-    bake_scene(&level.mesh, &recipe, 0, &Progress::default())
+fn baked(test: &TestScene, recipe: Recipe) -> BakedScene {
+    bake_scene(&test.mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene
 }
@@ -54,10 +54,10 @@ fn solve(scene: &BakedScene, lights: &[FrameLight], tier: u32) -> CpuFrame {
 }
 
 /// Irradiance at positions where light lands, drawn without regard to the bake's points.
-fn seen(scene: &BakedScene, level: &Level, tier: u32) -> Vec<Vec3> {
+fn seen(scene: &BakedScene, test: &TestScene, tier: u32) -> Vec<Vec3> {
     let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
-    let frame = solve(scene, &level.lights, tier);
-    trace_particles(&level.mesh, &viewpoints, 0..2048, 0x7469_6572, false)
+    let frame = solve(scene, &test.lights, tier);
+    trace_particles(&test.mesh, &viewpoints, 0..2048, 0x7469_6572, false)
         .candidates
         .iter()
         .map(|c| (c.surface.position, c.surface.normal))
@@ -80,13 +80,13 @@ fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
 
 /// Every tier is as bright as the whole, within half a percent, and a higher tier is nearer to it.
 fn neither_darker_nor_brighter(name: &str) {
-    let level = level(name);
-    let scene = baked(&level, draft());
+    let test = test_scene(name);
+    let scene = baked(&test, draft());
     assert_eq!(scene.data().operator.tiers(), TIERS);
-    let whole = seen(&scene, &level, TIERS);
+    let whole = seen(&scene, &test, TIERS);
     let mut last = f64::INFINITY;
     for (tier, info) in (1..TIERS).zip(&scene.info().tiers) {
-        let (bias, rms) = compare(&seen(&scene, &level, tier), &whole);
+        let (bias, rms) = compare(&seen(&scene, &test, tier), &whole);
         let share = info.links as f64 / scene.data().operator.links.len() as f64;
         println!(
             "{name}, tier {tier}, {:.1} % of the links: bias {:+.3} %, difference {:.2} %",
@@ -111,7 +111,7 @@ fn neither_darker_nor_brighter(name: &str) {
             };
         }
     });
-    let (bias, _) = compare(&seen(&orphans, &level, 1), &whole);
+    let (bias, _) = compare(&seen(&orphans, &test, 1), &whole);
     assert!(bias < -0.05, "{name}: darkness goes unnoticed: {bias}");
 }
 
@@ -128,14 +128,14 @@ fn tiers_of_open_rooms_are_within_error_bounds() {
 /// The links that a frame of a tier reads are a prefix of all links.
 #[test]
 fn tier_operator_is_prefix_of_links() {
-    let level = level("cornell");
+    let test = test_scene("cornell");
     let recipe = Recipe {
         levels: Some(4),
         refinement_levels: Some(1),
         rays_per_point: Some(64),
         ..draft()
     };
-    let scene = baked(&level, recipe.clone());
+    let scene = baked(&test, recipe.clone());
     for (tier, info) in (1..).zip(&scene.info().tiers) {
         let mut part = scene.clone();
         part.data_mut().operator.links.truncate(info.links as usize);
@@ -150,7 +150,7 @@ fn tier_operator_is_prefix_of_links() {
         part.data_mut().info.tiers.truncate(tier as usize);
         part.data().validate().unwrap();
         let values = |scene: &BakedScene, t: u32| -> Vec<VectorIrradiance> {
-            solve(scene, &level.lights, t).vector_irradiance().to_vec()
+            solve(scene, &test.lights, t).vector_irradiance().to_vec()
         };
         assert!(values(&part, FrameSettings::ALL_TIERS) == values(&scene, tier));
         if tier > 1 {
@@ -158,14 +158,14 @@ fn tier_operator_is_prefix_of_links() {
         }
     }
     // What is beyond the tiers is all of them, and there is none below the first.
-    let values = |t| solve(&scene, &level.lights, t).vector_irradiance().to_vec();
+    let values = |t| solve(&scene, &test.lights, t).vector_irradiance().to_vec();
     assert!(values(99) == values(TIERS) && values(0) == values(1));
     // The same tiers again, whatever the threads.
     let alone = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .unwrap();
-    assert!(alone.install(|| baked(&level, recipe)).data().operator == scene.data().operator);
+    assert!(alone.install(|| baked(&test, recipe)).data().operator == scene.data().operator);
 }
 
 /// Differences are not left out.
@@ -177,7 +177,7 @@ fn l08_bake_has_one_tier() {
         rays_per_point: Some(64),
         ..draft()
     };
-    let scene = baked(&level("cornell"), recipe);
+    let scene = baked(&test_scene("cornell"), recipe);
     assert_eq!(
         (scene.data().operator.tiers(), scene.info().tiers.len()),
         (1, 1)

@@ -103,13 +103,13 @@ fn choose(_: &BakeSettings) -> Vec<Variant> {
     ]
 }
 
-/// The points of some of a level.
+/// Some of the points of a scene.
 fn cloud(
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     spacing: f32,
     keep: impl Fn(Vec3) -> bool,
 ) -> Result<TriangleMesh, Box<dyn Error>> {
-    let mut all = scatter(level, spacing, 1).ok_or("no points")?;
+    let mut all = scatter(mesh, spacing, 1).ok_or("no points")?;
     let kept: Vec<bool> = all.positions.iter().map(|&p| keep(p)).collect();
     let part = |values: &mut Vec<Vec3>| {
         let mut kept = kept.iter();
@@ -130,13 +130,13 @@ fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
 
 /// A bake's seconds, milliseconds of the least of three solves under a light, and its own estimate
 /// of its error.
-fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
+fn cost(mesh: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
         transport: rule,
         ..Recipe::default()
     };
-    let (baked, seconds) = timed(|| bake_scene(level, &recipe, 0, &Progress::default()));
+    let (baked, seconds) = timed(|| bake_scene(mesh, &recipe, 0, &Progress::default()));
     let scene = baked?.scene;
     let light_source = Light::Point {
         position: Vec3::new(0.1, 1.7, 0.6),
@@ -178,16 +178,16 @@ fn by_number() -> Result<String, Box<dyn Error>> {
             let cloud = PointCloud::new(parse_ply(&file)?, &[])?;
             Ok((cloud.len(), cloud.mesh().0))
         });
-        let (count, level) = read?;
+        let (count, mesh) = read?;
         eprintln!("{count} points");
         let [bounded, fmm] = [
-            cost(&level, TransportMethod::Bounded)?,
-            cost(&level, TransportMethod::fmm())?,
+            cost(&mesh, TransportMethod::Bounded)?,
+            cost(&mesh, TransportMethod::fmm())?,
         ];
         let _ = write!(
             out,
             "| {count} | {} | {seconds:.2} | {:.0} |",
-            level.len(),
+            mesh.len(),
             count as f64 / seconds
         );
         for [bake, solve, error] in [bounded, fmm] {
@@ -198,8 +198,8 @@ fn by_number() -> Result<String, Box<dyn Error>> {
     Ok(out)
 }
 
-/// The levels and what they are called.
-fn levels() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
+/// The scenes and their names.
+fn scenes() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
     let solid = mesh_of_quads(&cornell_box());
     let points = cloud(&solid, SPACING, |_| true)?;
     // The room's walls as triangles, all else as points.
@@ -217,7 +217,7 @@ fn levels() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
     ])
 }
 
-/// A level's part of the document.
+/// A scene's part of the document.
 fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     let mut out = format!(
         "\n## {name}\n\n\
@@ -263,7 +263,7 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
 /// Measures the bakes, writes their charts and returns their part of the document.
 pub fn measure(folder: &Path) -> Result<String, Box<dyn Error>> {
     let mut out = by_number()?;
-    for (k, (name, scene)) in levels()?.into_iter().enumerate() {
+    for (k, (name, scene)) in scenes()?.into_iter().enumerate() {
         let plan = Sweep {
             choose,
             limit: LIMIT,

@@ -41,13 +41,13 @@ fn choose(base: &BakeSettings) -> Vec<Variant> {
 }
 
 /// Measures a scene.
-pub fn measure(name: &str, level: &TriangleMesh) -> Result<Report, Box<dyn Error>> {
+pub fn measure(name: &str, mesh: &TriangleMesh) -> Result<Report, Box<dyn Error>> {
     let plan = Sweep {
         choose,
         limit: LIMIT,
         ..Sweep::quick()
     };
-    Ok(sweep(level, &plan, &Progress::default(), &|step| {
+    Ok(sweep(mesh, &plan, &Progress::default(), &|step| {
         eprintln!("{name}: {} of {}: {}", step.done + 1, step.steps, step.what);
     })?)
 }

@@ -40,7 +40,7 @@ pub fn parts(document: &str) -> [String; 2] {
 pub const SCENE: &str = "## Links to senders and bases of light: ";
 
 /// The document on visibility.
-pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> String {
+pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> String {
     let mut out = format!(
         "# Visibility in principal components\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/scene`, or with `--part visibility`. Do not edit.\n\n\
@@ -146,7 +146,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
         }
     }
     out += "\nSeconds are those of one machine, on all its cores.\n";
-    out += &cut(level, cuts);
+    out += &cut(scene, cuts);
     out += "\n## Comparison with rays\n\n\
      The kernel `project` traces shadow rays. It could use the stored visibility.\n\
      The table compares the visible fraction of a panel at the points with stored visibility, with the same samples, on one CPU thread.\n\
@@ -190,12 +190,12 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
 }
 
 /// The section on clusters that are cut.
-fn cut(level: &str, cuts: &[Cut]) -> String {
+fn cut(scene: &str, cuts: &[Cut]) -> String {
     let Some(first) = cuts.first() else {
         return String::new();
     };
     let mut out = format!(
-        "\n## Split clusters: {level}\n\n\
+        "\n## Split clusters: {scene}\n\n\
          Points on two sides of a pillar have different visibility. A cluster whose error exceeds `error` is split, and its halves again.\n\
          Preset `Draft`, a panel at the first viewpoint. The difference is that of the visible fractions by stored visibility and by rays at the points, root mean square.\n\
          The penumbra has {} points.\n\n\

@@ -34,15 +34,15 @@ const PARTS: [&str; 3] = ["visibility", "transfer", "scene"];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let usage = "usage: pca -o FOLDER [--part visibility|transfer|scene] [--bakes FOLDER] [SCENE.glb|FOLDER]";
-    let (mut folder, mut bakes, mut level, mut part) = (None, None, None, None);
+    let (mut folder, mut bakes, mut scene, mut part) = (None, None, None, None);
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
             "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
             "--part" => part = Some(args.next().ok_or(usage)?),
-            _ if arg.starts_with('-') || level.is_some() => return Err(usage.into()),
-            _ => level = Some(PathBuf::from(arg)),
+            _ if arg.starts_with('-') || scene.is_some() => return Err(usage.into()),
+            _ => scene = Some(PathBuf::from(arg)),
         }
     }
     let wanted = part.as_deref().map_or(Ok([true; 3]), |part| {
@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     })?;
     let folder = folder.ok_or(usage)?;
-    let (name, compared) = named(&level.unwrap_or_else(|| file(SCENES[0])))?;
+    let (name, compared) = named(&scene.unwrap_or_else(|| file(SCENES[0])))?;
     let pictures = folder.join("pca");
     std::fs::create_dir_all(&pictures)?;
     let transfer = folder.join("pca_transfer.md");
@@ -101,7 +101,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Rays beside memory at draft on a level, below a panel at the first position that light can be
+/// Rays beside memory at draft on a scene, below a panel at the first position that light can be
 /// seen from, and what it is to cut clusters.
 fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
     let recipe = Recipe {
@@ -127,7 +127,7 @@ fn file(name: &str) -> PathBuf {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join(file)
 }
 
-/// A level by its file, or by a folder with a description of it.
+/// A scene by its file, or by a folder with a description of it.
 fn named(path: &Path) -> Result<(String, TriangleMesh), Box<dyn Error>> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let description = path.join("L0.json");

@@ -14,7 +14,7 @@ const COEFFICIENTS: [u32; 7] = [1, 3, 10, 20, 30, 50, 100];
 /// Senders of a cluster.
 const CLUSTERS: [u32; 3] = [50, 120, 400];
 /// The reference: lights that no bake has seen, and positions that they light.
-const EXAM: TestSetSize = TestSetSize {
+const TEST_SET: TestSetSize = TestSetSize {
     light_sources: 4,
     positions: 150,
     paths: 4096,
@@ -51,13 +51,13 @@ pub struct Transfer {
 }
 
 fn made(
-    exam: &TestSet,
+    test_set: &TestSet,
     preset: Preset,
     coefficients: Option<u32>,
     scene: &BakedScene,
     baked: Option<&Baked>,
 ) -> Made {
-    let grade = exam.grade(scene, &FrameSettings::bounces(BOUNCES));
+    let grade = test_set.grade(scene, &FrameSettings::bounces(BOUNCES));
     let operator = &scene.data().operator;
     let columns = operator.compression.as_ref().map_or(0, |c| c.bytes());
     Made {
@@ -77,23 +77,24 @@ fn made(
     }
 }
 
-/// Measures a level, of which `medium` is the bake by rule `bounded` at medium, and the seconds
+/// Measures a scene, of which `medium` is the bake by rule `bounded` at medium, and the seconds
 /// that it took.
 pub fn measure(
     name: &str,
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     medium: &BakedScene,
     seconds: Option<f64>,
 ) -> Result<Transfer, Box<dyn Error>> {
-    let exam = TestSet::new(level, &[], &EXAM, BOUNCES).ok_or("no light reaches a surface")?;
+    let test_set =
+        TestSet::new(mesh, &[], &TEST_SET, BOUNCES).ok_or("no light reaches a surface")?;
     let bake = |recipe: Recipe| -> Result<Made, Box<dyn Error>> {
-        let baked = bake_scene(level, &recipe, 0, &Progress::default())?;
+        let baked = bake_scene(mesh, &recipe, 0, &Progress::default())?;
         let coefficients = match recipe.transport {
             TransportMethod::Pca(pca) => Some(pca.coefficients),
             _ => None,
         };
         let made = made(
-            &exam,
+            &test_set,
             recipe.preset,
             coefficients,
             &baked.scene,
@@ -130,7 +131,7 @@ pub fn measure(
     })?;
     let whole = Made {
         seconds,
-        ..made(&exam, Preset::Medium, None, medium, None)
+        ..made(&test_set, Preset::Medium, None, medium, None)
     };
     Ok(Transfer {
         name: name.into(),

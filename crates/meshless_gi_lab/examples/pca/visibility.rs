@@ -209,7 +209,7 @@ pub struct Cut {
 /// Errors beyond which clusters are cut.
 const CUTS: [f32; 4] = [1.0, 0.04, 0.03, 0.02];
 
-/// Bakes of the level's visibility with cuts and without, and the race of the usual one.
+/// Bakes of the scene's visibility with cuts and without, and the race of the usual one.
 pub fn cuts(
     name: &str,
     mesh: &TriangleMesh,

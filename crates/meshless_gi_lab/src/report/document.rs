@@ -1,4 +1,4 @@
-//! Reports on several levels as one document, with what holds on all of them first.
+//! Reports on several scenes as one document, with what holds on all of them first.
 
 use super::charts::Figure;
 use super::format::{cell, error, how, megabytes, short, whole};
@@ -10,10 +10,10 @@ use super::variant::Factor;
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
-/// A level's part of a document.
+/// A scene's part of a document.
 #[derive(Clone, Debug)]
 pub struct SceneSection {
-    /// The level's name.
+    /// The scene's name.
     pub name: String,
     /// Measurements.
     pub report: Report,
@@ -52,7 +52,7 @@ pub fn document(parts: &[SceneSection], command: &str) -> String {
     out
 }
 
-/// A variant that every level has: what can be advised for levels that are not here.
+/// A variant that every scene has: what can be advised for scenes that are not here.
 fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>> {
     let same = |row: &&Row| how(row) == how(like) && comparable(row);
     parts
@@ -69,7 +69,7 @@ fn advice(parts: &[SceneSection]) -> String {
     };
     let names: Vec<&str> = parts.iter().map(|p| p.name.as_str()).collect();
     for max in [0.10, 0.05] {
-        // The least of the frame's time, each level's in units of its own baseline.
+        // The least of the frame's time, each scene's in units of its own baseline.
         let best = first
             .report
             .rows
@@ -152,7 +152,7 @@ fn advice(parts: &[SceneSection]) -> String {
     out
 }
 
-/// The two rules on all levels, in a table.
+/// The two rules on all scenes, in a table.
 fn rules(parts: &[SceneSection]) -> String {
     let mut out = "Method `bounded` relative to `l08`, over the Pareto front of `l08` (below 1 `bounded` is better):\n\n\
      | scene | links at equal error | error at equal links |\n\

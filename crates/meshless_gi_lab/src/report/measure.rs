@@ -173,11 +173,11 @@ impl<'a> Measured<'a> {
 
     /// Compares the bake with what another program says of `scene`.
     #[must_use]
-    pub fn compare(&self, level: &TriangleMesh, known: &ExternalReference) -> Beside {
+    pub fn compare(&self, mesh: &TriangleMesh, known: &ExternalReference) -> Beside {
         let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));
         let evaluator = Evaluator::new(
             self.scene,
-            std::slice::from_ref(level),
+            std::slice::from_ref(mesh),
             &known.lights,
             Bounces::Count(BOUNCES),
         );

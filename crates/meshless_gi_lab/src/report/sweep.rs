@@ -173,12 +173,12 @@ impl Last {
     }
 }
 
-/// Sweeps `level`. `watch` is called before each step, with the progress of its bake.
+/// Sweeps `mesh`. `watch` is called before each step, with the progress of its bake.
 ///
 /// # Errors
 /// See [`ReportError`].
 pub fn sweep(
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     sweep: &Sweep,
     progress: &Progress,
     watch: &(dyn Fn(&Step) + Sync),
@@ -188,11 +188,11 @@ pub fn sweep(
         .num_threads(sweep.threads)
         .build()
         .map_err(|e| ReportError::Threads(e.to_string()))?;
-    pool.install(|| run(level, sweep, progress, watch))
+    pool.install(|| run(mesh, sweep, progress, watch))
 }
 
 fn run(
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     sweep: &Sweep,
     progress: &Progress,
     watch: &(dyn Fn(&Step) + Sync),
@@ -202,21 +202,21 @@ fn run(
         watch(&Step { done, steps, what });
     };
     tell(0, 2, "reference".into());
-    let test_set = TestSet::new(level, &sweep.viewpoints, &sweep.test_set, BOUNCES)
-        .ok_or(ReportError::Dark)?;
+    let test_set =
+        TestSet::new(mesh, &sweep.viewpoints, &sweep.test_set, BOUNCES).ok_or(ReportError::Dark)?;
     let mut report = Report {
         bounces: test_set.bounces(),
         noise: test_set.noise(),
         positions: test_set.positions().count(),
         light_sources: test_set.light_sources().len(),
         threads: rayon::current_num_threads(),
-        triangles: level.len(),
+        triangles: mesh.len(),
         reference_seconds: began.elapsed().as_secs_f64(),
         ..Report::default()
     };
-    let beside = (level, &sweep.known[..]);
+    let beside = (mesh, &sweep.known[..]);
     tell(1, 2, sweep.baseline.name.clone());
-    let mut last = bake(level, sweep, &sweep.baseline, progress)?;
+    let mut last = bake(mesh, sweep, &sweep.baseline, progress)?;
     measure(&mut report, &last, &sweep.baseline, &test_set, beside)?;
     let unit = last.stats().seconds.total;
     let variants = (sweep.choose)(&last.settings);
@@ -228,7 +228,7 @@ fn run(
                 continue;
             }
             tell(k + 2, variants.len() + 2, variant.name.clone());
-            last = bake(level, sweep, variant, progress)?;
+            last = bake(mesh, sweep, variant, progress)?;
         }
         measure(&mut report, &last, variant, &test_set, beside)?;
     }
@@ -237,7 +237,7 @@ fn run(
 }
 
 fn bake(
-    level: &TriangleMesh,
+    mesh: &TriangleMesh,
     sweep: &Sweep,
     variant: &Variant,
     progress: &Progress,
@@ -251,7 +251,7 @@ fn bake(
         viewpoints: sweep.viewpoints.clone(),
         ..variant.recipe.clone()
     };
-    let baked = bake_scene(level, &recipe, sweep.threads, progress).map_err(failed)?;
+    let baked = bake_scene(mesh, &recipe, sweep.threads, progress).map_err(failed)?;
     let bytes = baked
         .scene
         .to_bytes()
@@ -279,7 +279,7 @@ fn measure(
     last: &Last,
     variant: &Variant,
     test_set: &TestSet,
-    (level, known): (&TriangleMesh, &[ExternalReference]),
+    (mesh, known): (&TriangleMesh, &[ExternalReference]),
 ) -> Result<(), ReportError> {
     let measured = Measured::new(
         &last.baked.scene,
@@ -292,7 +292,7 @@ fn measure(
     if variant.factor == Factor::Preset {
         row.known = known
             .iter()
-            .map(|known| measured.compare(level, known))
+            .map(|known| measured.compare(mesh, known))
             .collect();
     }
     if !row.is_finite() {

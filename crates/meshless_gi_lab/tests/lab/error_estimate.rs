@@ -10,17 +10,17 @@ use meshless_gi::{
 use meshless_gi_lab::accuracy::{BOUNCES, GroundTruth};
 use meshless_gi_lab::fixtures::data::published;
 
-struct Level {
+struct TestScene {
     name: &'static str,
     mesh: TriangleMesh,
     description: SceneDescription,
     truth: GroundTruth,
 }
 
-fn level(name: &'static str) -> Level {
+fn test_scene(name: &'static str) -> TestScene {
     let folder = published(name);
     let description = SceneDescription::read(folder.join("L0.json")).unwrap();
-    Level {
+    TestScene {
         name,
         mesh: load_gltf(&description.geometry[0]).unwrap().mesh,
         truth: GroundTruth::read(folder.join("L0.csv")).unwrap(),
@@ -29,43 +29,43 @@ fn level(name: &'static str) -> Level {
 }
 
 /// NRMSE under the truth's own light, four reflections.
-fn measured(level: &Level, scene: &BakedScene, tier: u32) -> f64 {
+fn measured(test: &TestScene, scene: &BakedScene, tier: u32) -> f64 {
     let k = BOUNCES.iter().position(|&b| b == Some(4)).unwrap();
-    let (meshes, lights) = (std::slice::from_ref(&level.mesh), &level.description.lights);
+    let (meshes, lights) = (std::slice::from_ref(&test.mesh), &test.description.lights);
     let evaluator = Evaluator::with_tier(scene, meshes, lights, Bounces::Count(4), tier);
-    level.truth.compare(&evaluator, k).indirect.nrmse
+    test.truth.compare(&evaluator, k).indirect.nrmse
 }
 
-fn estimated(level: &Level, scene: &BakedScene, seed: u64) -> Vec<ErrorEstimate> {
-    estimate_errors(scene, &level.mesh, seed, &Progress::default())
+fn estimated(test: &TestScene, scene: &BakedScene, seed: u64) -> Vec<ErrorEstimate> {
+    estimate_errors(scene, &test.mesh, seed, &Progress::default())
         .unwrap()
         .0
 }
 
 /// Every tier's measured error lies within the interval around its estimate.
-fn holds(level: &Level, scene: &BakedScene, estimates: &[ErrorEstimate], what: &str) {
+fn holds(test: &TestScene, scene: &BakedScene, estimates: &[ErrorEstimate], what: &str) {
     for (estimate, tier) in estimates.iter().zip(1..) {
-        let found = measured(level, scene, tier);
+        let found = measured(test, scene, tier);
         let (e, interval) = (f64::from(estimate.nrmse), f64::from(estimate.interval));
         println!(
             "{}, {what}, tier {tier}: {e:.4} ± {interval:.4}, measured {found:.4}",
-            level.name
+            test.name
         );
         assert!(
             (found - e).abs() <= interval,
             "{}, {what}, tier {tier}: {e} ± {interval} does not hold {found}",
-            level.name
+            test.name
         );
     }
 }
 
 fn is_honest(name: &'static str) {
-    let level = level(name);
+    let test = test_scene(name);
     let recipe = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    let mut scene = bake_scene(&level.mesh, &recipe, 0, &Progress::default())
+    let mut scene = bake_scene(&test.mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     // The bake's own, as `inspect` shows it, and those of other draws.
@@ -75,14 +75,9 @@ fn is_honest(name: &'static str) {
             interval: t.estimated_nrmse_interval,
         })
         .collect();
-    assert_eq!(own, estimated(&level, &scene, 0));
-    holds(&level, &scene, &own, "as baked");
-    holds(
-        &level,
-        &scene,
-        &estimated(&level, &scene, 1),
-        "other lights",
-    );
+    assert_eq!(own, estimated(&test, &scene, 0));
+    holds(&test, &scene, &own, "as baked");
+    holds(&test, &scene, &estimated(&test, &scene, 1), "other lights");
     let whole = own.last().unwrap();
     assert!(
         whole.interval < 1.5 * whole.nrmse,
@@ -93,8 +88,8 @@ fn is_honest(name: &'static str) {
     for row in &mut scene.data_mut().operator.rows {
         row.scale *= 1.1;
     }
-    let wrong = estimated(&level, &scene, 0);
-    holds(&level, &scene, &wrong, "links times 1.1");
+    let wrong = estimated(&test, &scene, 0);
+    holds(&test, &scene, &wrong, "links times 1.1");
     let wrong = wrong.last().unwrap();
     assert!(
         wrong.nrmse > 0.1 && wrong.nrmse < 0.35 && wrong.nrmse > 2.0 * whole.nrmse,
@@ -115,8 +110,8 @@ fn estimate_interval_contains_true_error_in_open_rooms() {
 /// A largest error makes a bake as fine as it must be, and no finer.
 #[test]
 fn target_error_is_met_at_lowest_quality_level() {
-    let level = level("cornell");
-    let bake = |recipe: &Recipe| bake_scene(&level.mesh, recipe, 0, &Progress::default()).unwrap();
+    let test = test_scene("cornell");
+    let bake = |recipe: &Recipe| bake_scene(&test.mesh, recipe, 0, &Progress::default()).unwrap();
     let draft = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()

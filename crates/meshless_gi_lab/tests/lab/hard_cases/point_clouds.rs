@@ -31,13 +31,13 @@ fn by(rule: TransportMethod) -> Recipe {
 }
 
 /// Bakes by both rules, looks at every number, and at the light of the room.
-fn closed_form(name: &str, level: &TriangleMesh, scale: f32, max: f32) {
+fn closed_form(name: &str, mesh: &TriangleMesh, scale: f32, max: f32) {
     for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
         let recipe = Recipe {
             coarse_radius: Some(0.3 * scale),
             ..by(rule)
         };
-        let scene = baked(level, &recipe).scene;
+        let scene = baked(mesh, &recipe).scene;
         assert_eq!(scene.data().fmm.is_some(), rule == TransportMethod::fmm());
         let (one, eight) = lit(&scene, scale);
         eprintln!("{name}, {rule:?}: {one:.4} of one reflection, {eight:.4} of eight");
@@ -68,8 +68,8 @@ fn point_room_matches_closed_form_at_any_scale() {
 #[test]
 fn duplicate_points_and_zero_normals_change_little() {
     let right = points();
-    let level = cloud(right.clone());
-    // Each point five times over: bit by bit the same level.
+    let mesh = cloud(right.clone());
+    // Each point five times over: bit by bit the same scene.
     let five = |of: &[Vec3]| of.iter().flat_map(|v| [*v; 5]).collect::<Vec<_>>();
     let copies = PlyPoints {
         positions: five(&right.positions),
@@ -79,7 +79,7 @@ fn duplicate_points_and_zero_normals_change_little() {
     };
     let copies = PointCloud::new(copies, &[]).expect("a cloud");
     assert_eq!(copies.problems.coincident, 4 * right.positions.len() as u64);
-    assert_eq!(copies.mesh().0.content_hash(), level.content_hash());
+    assert_eq!(copies.mesh().0.content_hash(), mesh.content_hash());
     // A third of the normals has no length.
     let mut some = right.clone();
     let normals = some.normals.as_mut().expect("normals");
@@ -121,9 +121,9 @@ fn coplanar_points_exchange_no_light() {
         normals: Some(vec![Vec3::Y; 4000]),
         ..PlyPoints::default()
     };
-    let level = cloud(flat);
+    let mesh = cloud(flat);
     for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
-        let scene = baked(&level, &by(rule)).scene;
+        let scene = baked(&mesh, &by(rule)).scene;
         let mut frame = CpuFrame::new(&scene);
         let light_source = FrameLight::point(Vec3::new(0.9, 1.1, 1.2), Vec3::ONE, f32::INFINITY);
         frame.set_lights(&scene, &[light_source]);
