@@ -64,15 +64,15 @@ fn draft(rule: TransportMethod) -> Recipe {
     }
 }
 
-fn baked(level: &TriangleMesh, recipe: &Recipe) -> BakedScene {
-    bake_scene(level, recipe, 0, &Progress::default())
+fn baked(mesh: &TriangleMesh, recipe: &Recipe) -> BakedScene {
+    bake_scene(mesh, recipe, 0, &Progress::default())
         .expect("a bake")
         .scene
 }
 
-fn indirect(scene: &BakedScene, level: &TriangleMesh, samples: &[(Vec3, Vec3)]) -> Vec<Vec3> {
-    let level = std::slice::from_ref(level);
-    let evaluator = Evaluator::new(scene, level, &light_source(), Bounces::Count(REFLECTIONS));
+fn indirect(scene: &BakedScene, mesh: &TriangleMesh, samples: &[(Vec3, Vec3)]) -> Vec<Vec3> {
+    let mesh = std::slice::from_ref(mesh);
+    let evaluator = Evaluator::new(scene, mesh, &light_source(), Bounces::Count(REFLECTIONS));
     let at = |(k, (x, n)): (usize, &(Vec3, Vec3))| {
         let e = evaluator.at(*x, *n, k as u64);
         e.indirect.unwrap_or_default()
@@ -124,15 +124,15 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             0.1,
         ),
     ];
-    for (name, level, max) in rooms {
-        let samples = samples(&level, 400);
-        let truth = reference(&level, &samples);
+    for (name, mesh, max) in rooms {
+        let samples = samples(&mesh, 400);
+        let truth = reference(&mesh, &samples);
         let [fmm, bounded] = [TransportMethod::fmm(), TransportMethod::Bounded].map(|rule| {
-            let scene = baked(&level, &draft(rule));
+            let scene = baked(&mesh, &draft(rule));
             let bytes = scene.to_bytes().expect("a file").len();
             let again = BakedScene::from_bytes(&scene.to_bytes().unwrap(), &Limits::default());
             assert!(again.expect("it can be read") == scene);
-            let found = indirect(&scene, &level, &samples);
+            let found = indirect(&scene, &mesh, &samples);
             let error = nrmse(&found, &truth);
             let work = TierCandidate::all_of(&scene, REFLECTIONS - 1);
             println!(
@@ -160,8 +160,8 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             let floor: Vec<_> = samples.iter().filter(below).copied().collect();
             let bare = mesh_of_quads(&cornell_box()[..5]);
             let empty = baked(&bare, &quick(TransportMethod::fmm(), false));
-            let tints = [(&fmm.0, &level), (&empty, &bare)].map(|(scene, level)| {
-                let sum: Vec3 = indirect(scene, level, &floor).into_iter().sum();
+            let tints = [(&fmm.0, &mesh), (&empty, &bare)].map(|(scene, mesh)| {
+                let sum: Vec3 = indirect(scene, mesh, &floor).into_iter().sum();
                 sum.x / sum.z
             });
             println!(
@@ -177,7 +177,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
                     x.distance(center) < 0.45 && (if left { -n.x } else { n.x }) > 0.4
                 };
                 let own: Vec<_> = samples.iter().filter(facing).copied().collect();
-                let sum: Vec3 = indirect(&fmm.0, &level, &own).into_iter().sum();
+                let sum: Vec3 = indirect(&fmm.0, &mesh, &own).into_iter().sum();
                 (own.len(), sum.x / sum.y)
             };
             let (left, right) = (side(true), side(false));
@@ -208,9 +208,9 @@ fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
 
 #[test]
 fn fmm_bake_has_links_as_lower_tiers() {
-    let level = mesh_of_quads(&cornell_box());
-    let both = baked(&level, &quick(TransportMethod::fmm(), true));
-    let links = baked(&level, &quick(TransportMethod::Bounded, false));
+    let mesh = mesh_of_quads(&cornell_box());
+    let both = baked(&mesh, &quick(TransportMethod::fmm(), true));
+    let links = baked(&mesh, &quick(TransportMethod::Bounded, false));
     let tiers = both.data().link_tiers();
     assert_eq!(both.data().tiers(), tiers + 1);
     assert_eq!(both.info().tiers.len() as u32, tiers + 1);
@@ -258,10 +258,10 @@ fn fmm_bake_has_links_as_lower_tiers() {
 
 #[test]
 fn fmm_bake_any_thread_count_writes_equal_bytes() {
-    let level = mesh_of_quads(&cornell_box());
+    let mesh = mesh_of_quads(&cornell_box());
     let bytes = |threads| {
         bake_scene(
-            &level,
+            &mesh,
             &quick(TransportMethod::fmm(), false),
             threads,
             &Progress::default(),
@@ -296,8 +296,8 @@ fn fmm_closed_room_conserves_energy() {
                 }
             })
             .collect();
-        let level = mesh_of_quads(&walls);
-        baked(&level, &quick(TransportMethod::fmm(), false))
+        let mesh = mesh_of_quads(&walls);
+        baked(&mesh, &quick(TransportMethod::fmm(), false))
     };
     for albedo in [0.0f32, 0.5, 0.9] {
         let scene = furnace(albedo);

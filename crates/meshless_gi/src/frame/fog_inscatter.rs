@@ -35,7 +35,7 @@ pub const FREE_WAY: f32 = -1.252;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogInscatterParams {
-    /// From voxels from the corner of the level's volume to the world.
+    /// From voxels from the corner of the scene's volume to the world.
     pub world_from_voxels: [[f32; 4]; 4],
     /// The eye in the world, a position where the fourth number is above zero; where it is zero,
     /// against where all rays go.

@@ -74,7 +74,7 @@ impl VoxelGrid {
         let edge = voxel.filter(|e| e.is_finite() && *e > 0.0);
         let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
         let [low, high] = scene.info.bounds.map(Vec3::from_array);
-        // Walls at the very edge of the level lie inside.
+        // Walls at the very edge of the scene lie inside.
         let (low, high) = (low - edge, high + edge);
         Self::new([low, high], voxels_of(high - low, edge, max_voxels))
     }

@@ -221,7 +221,7 @@ fn closed_door_blocks_all_light() {
     assert_eq!(known.sets, [0, 1]);
     assert!(!known.probes.is_empty());
     assert!(without.data().occluders.is_none());
-    // Half of a level does not look through the door.
+    // Half of a scene does not look through the door.
     let share = known.links.len() as f64 / with.data().operator.links.len() as f64;
     println!(
         "{} of {} links' parts, {share:.3}",

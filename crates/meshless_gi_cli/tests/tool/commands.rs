@@ -367,8 +367,8 @@ fn bake_invalid_input_has_exit_code() {
         fs::write(at(name), bytes).unwrap();
         at(name)
     };
-    let (level, out) = (data("cornell/cornell.glb"), at("out.mgi"));
-    let glb = fs::read(&level).unwrap();
+    let (scene_file, out) = (data("cornell/cornell.glb"), at("out.mgi"));
+    let glb = fs::read(&scene_file).unwrap();
     let bake = |code, scene: &str, more: &[&str]| {
         let mut all = vec!["bake", scene, "-o", &out];
         all.extend(more);
@@ -388,8 +388,8 @@ fn bake_invalid_input_has_exit_code() {
     bake(INPUT, &write("d.gi.ron", &[0xff, 0xfe]), &[]);
     bake(IO, &write("e.gi.ron", b"(scene: \"gone.glb\")"), &[]);
     let few = write("f.gi.ron", b"(levels: 2, sender_levels: 3)");
-    assert!(bake(INPUT, &level, &["--recipe", &few]).contains("sender_levels"));
-    bake(INPUT, &level, &["--viewpoint", "1e6,1e6,1e6"]);
+    assert!(bake(INPUT, &scene_file, &["--recipe", &few]).contains("sender_levels"));
+    bake(INPUT, &scene_file, &["--viewpoint", "1e6,1e6,1e6"]);
 
     for wrong in [
         &["--rays", "0"][..],
@@ -408,23 +408,26 @@ fn bake_invalid_input_has_exit_code() {
         &["--unknown"],
         &["--stats", &out],
     ] {
-        bake(USAGE, &level, wrong);
+        bake(USAGE, &scene_file, wrong);
     }
     expect(USAGE, &[]);
-    expect(USAGE, &["bake", &level]);
+    expect(USAGE, &["bake", &scene_file]);
     expect(USAGE, &["bake", &few, "-o", &out, "--recipe", &few]);
     // What is read is not written over.
     let mine = write("mine.glb", &glb);
     expect(USAGE, &["bake", &mine, "-o", &mine]);
     assert!(fs::read(&mine).unwrap() == glb);
 
-    // Noticed before the bake, not after it: at this level of care it would take minutes.
+    // Noticed before the bake, not after it: at this accuracy it would take minutes.
     let slow = ["--preset", "high"];
     for target in [text(folder.path()), &at("no/such/folder.mgi")] {
-        expect(IO, &[&["bake", &level, "-o", target][..], &slow].concat());
+        expect(
+            IO,
+            &[&["bake", &scene_file, "-o", target][..], &slow].concat(),
+        );
     }
     let stats = at("no/such/stats.json");
-    bake(IO, &level, &[&["--stats", &stats][..], &slow].concat());
+    bake(IO, &scene_file, &[&["--stats", &stats][..], &slow].concat());
     assert!(!Path::new(&out).exists(), "a bake that failed left a file");
     let left: Vec<_> = fs::read_dir(folder.path())
         .unwrap()
@@ -497,7 +500,7 @@ fn inspect_prints_sections() {
 fn validate_reports_outdated_bake() {
     let folder = TempDir::new().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let (level, bake) = (at("level.glb"), at("level.mgi"));
+    let (scene_file, bake) = (at("level.glb"), at("level.mgi"));
     for (options, level_of) in [
         (
             &["--preset", "draft", "--rays", "64"][..],
@@ -508,20 +511,20 @@ fn validate_reports_outdated_bake() {
             "cornell/cornell.glb",
         ),
     ] {
-        fs::copy(data(level_of), &level).unwrap();
-        let mut arguments = vec!["bake", text(&level), "-o", text(&bake)];
+        fs::copy(data(level_of), &scene_file).unwrap();
+        let mut arguments = vec!["bake", text(&scene_file), "-o", text(&bake)];
         arguments.extend(options);
         expect(DONE, &arguments);
-        let check = ["validate", text(&bake), "--level", text(&level)];
+        let check = ["validate", text(&bake), "--level", text(&scene_file)];
         assert!(expect(DONE, &check).0.contains(": valid"));
-        fs::copy(data("rooms_open/rooms_open.glb"), &level).unwrap();
+        fs::copy(data("rooms_open/rooms_open.glb"), &scene_file).unwrap();
         let (list, why) = expect(INPUT, &check);
         assert!(
             list.contains("stale") && list.contains("level.glb"),
             "{list}"
         );
         assert!(why.contains("stale") && why.contains("level.mgi"), "{why}");
-        // Without the level it is a valid bake.
+        // Without the scene it is a valid bake.
         expect(DONE, &["validate", text(&bake)]);
     }
 }
@@ -529,14 +532,14 @@ fn validate_reports_outdated_bake() {
 #[test]
 fn bake_named_node_becomes_occluder() {
     let folder = tempfile::tempdir().unwrap();
-    let (level, out) = (
+    let (scene_file, out) = (
         data("rooms_open/rooms_open.glb"),
         folder.path().join("o.mgi"),
     );
     let bake = |name: &str, code: i32| {
         let all = [
             "bake",
-            &level,
+            &scene_file,
             "-o",
             text(&out),
             "--preset",
@@ -548,8 +551,8 @@ fn bake_named_node_becomes_occluder() {
     };
     bake("blue", DONE);
     assert!(expect(DONE, &["inspect", text(&out)]).0.contains("blue, "));
-    // It is part of the level: the bake is not stale.
-    expect(DONE, &["validate", text(&out), "--level", &level]);
+    // It is part of the scene: the bake is not stale.
+    expect(DONE, &["validate", text(&out), "--level", &scene_file]);
     let (_, why) = bake("gate", INPUT);
     assert!(why.contains("`gate`"), "{why}");
     let (_, why) = bake("", USAGE);

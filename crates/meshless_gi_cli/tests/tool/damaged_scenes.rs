@@ -58,9 +58,9 @@ fn run(arguments: &[&str]) -> (i32, String, String) {
 
 const QUICK: &str = "(preset: Draft, rays: 64, levels: 3, sender_levels: 2, extra_levels: 0, places: 4, bounces: 1)";
 
-fn bake(folder: &Path, level: &[u8]) -> (i32, String, String) {
+fn bake(folder: &Path, scene_file: &[u8]) -> (i32, String, String) {
     let at = |name: &str| folder.join(name).to_str().expect("text").to_owned();
-    fs::write(at("level.glb"), level).unwrap();
+    fs::write(at("level.glb"), scene_file).unwrap();
     fs::write(at("quick.gi.ron"), QUICK).unwrap();
     let (recipe, out, stats) = (at("quick.gi.ron"), at("out.mgi"), at("stats.json"));
     run(&[
@@ -109,8 +109,8 @@ fn bake_of_broken_scene_prints_warnings() {
 #[test]
 fn bake_of_lossless_room_prints_warning() {
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
-    let level = glb(&room(Vec3::ZERO, Vec3::splat(2.0)), Vec3::Y, WHITE);
-    let (code, out, err) = bake(folder.path(), &level);
+    let scene_file = glb(&room(Vec3::ZERO, Vec3::splat(2.0)), Vec3::Y, WHITE);
+    let (code, out, err) = bake(folder.path(), &scene_file);
     assert_eq!(code, 0, "{err}");
     assert!(
         err.contains("converges too slowly") && out.contains("lowered by up to 0.10 %"),

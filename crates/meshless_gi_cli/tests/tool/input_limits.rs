@@ -75,15 +75,15 @@ impl Folder {
         self.text(name)
     }
 
-    /// Bakes the level and expects a text that names the file and has all words.
-    fn refuse(&self, level: &str, options: &[&str], words: &[&str]) {
+    /// Bakes the scene and expects a text that names the file and has all words.
+    fn refuse(&self, scene_file: &str, options: &[&str], words: &[&str]) {
         let out = self.text("out.mgi");
-        let mut all = vec!["bake", level, "-o", &out];
+        let mut all = vec!["bake", scene_file, "-o", &out];
         all.extend(options);
         let error = run(INPUT, &all);
-        let name = Path::new(level).file_name().unwrap().to_str().unwrap();
+        let name = Path::new(scene_file).file_name().unwrap().to_str().unwrap();
         for word in words.iter().chain([&name]) {
-            assert!(error.contains(word), "{level}: no {word}: {error}");
+            assert!(error.contains(word), "{scene_file}: no {word}: {error}");
         }
     }
 }
@@ -101,7 +101,7 @@ fn readers_reject_device_pipe_and_socket() {
     );
     let socket = folder.text("socket");
     let _open = UnixListener::bind(&socket).unwrap();
-    let (level, lights) = (data("cornell/cornell.glb"), data("cornell/L0.json"));
+    let (scene_file, lights) = (data("cornell/cornell.glb"), data("cornell/L0.json"));
     let out = folder.text("out");
     for (special, kind) in [
         ("/dev/zero", "a device"),
@@ -123,7 +123,7 @@ fn readers_reject_device_pipe_and_socket() {
             &["bake", &ply, "-o", &out],
             &["bake", &json, "-o", &out],
             &["bake", &ron, "-o", &out],
-            &["bake", &level, "-o", &out, "--recipe", &ron],
+            &["bake", &scene_file, "-o", &out, "--recipe", &ron],
             &["scatter", &glb, "-o", &out],
             &["report", &glb, "-o", &out],
             &["inspect", &mgi],
@@ -154,9 +154,9 @@ fn readers_after_valid_bake_reject_device() {
     let recipe =
         "(preset: Draft, rays: 16, levels: 2, sender_levels: 1, extra_levels: 0, probes: ())";
     let recipe = folder.write("quick.gi.ron", recipe);
-    let (level, lights) = (data("cornell/cornell.glb"), data("cornell/L0.json"));
+    let (scene_file, lights) = (data("cornell/cornell.glb"), data("cornell/L0.json"));
     let (bake, out) = (folder.text("small.mgi"), folder.text("out"));
-    run(0, &["bake", &level, "-o", &bake, "--recipe", &recipe]);
+    run(0, &["bake", &scene_file, "-o", &bake, "--recipe", &recipe]);
     let zero = |name: &str| {
         symlink("/dev/zero", folder.at(name)).unwrap();
         folder.text(name)
@@ -215,12 +215,12 @@ fn scene_reference_to_special_file_is_rejected() {
     let folder = Folder::new();
     symlink("/dev/zero", folder.at("zero.bin")).unwrap();
     let buffer = r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"zero.bin","byteLength":4}]}"#;
-    let level = folder.write("buffer.gltf", buffer);
+    let scene_file = folder.write("buffer.gltf", buffer);
     let out = folder.text("out.mgi");
-    let error = run(INPUT, &["bake", &level, "-o", &out]);
+    let error = run(INPUT, &["bake", &scene_file, "-o", &out]);
     assert!(error.contains("zero.bin: is a device"), "{error}");
-    let level = folder.write("image.gltf", textured(r#""uri":"zero.bin""#));
-    let error = run(INPUT, &["bake", &level, "-o", &out]);
+    let scene_file = folder.write("image.gltf", textured(r#""uri":"zero.bin""#));
+    let error = run(INPUT, &["bake", &scene_file, "-o", &out]);
     assert!(error.contains("zero.bin: is a device"), "{error}");
     let recipe = folder.write("zero.gi.ron", r#"(scene: "/dev/zero")"#);
     let error = run(INPUT, &["bake", &recipe, "-o", &out]);
@@ -240,11 +240,11 @@ fn file_above_limit_is_rejected() {
         file.set_len(9 << 30).unwrap();
         folder.refuse(&folder.text(name), &[], &["9663676416 bytes", "8589934592"]);
     }
-    let level = data("cornell/cornell.glb");
-    let size = fs::metadata(&level).unwrap().len();
-    folder.refuse(&level, &["--max-input", "1KiB"], &["at most 1024"]);
+    let scene_file = data("cornell/cornell.glb");
+    let size = fs::metadata(&scene_file).unwrap().len();
+    folder.refuse(&scene_file, &["--max-input", "1KiB"], &["at most 1024"]);
     folder.refuse(
-        &level,
+        &scene_file,
         &["--max-input", &(size - 1).to_string()],
         &["at most"],
     );
@@ -256,7 +256,7 @@ fn file_above_limit_is_rejected() {
             "--max-input",
             &enough,
             "scatter",
-            &level,
+            &scene_file,
             "-o",
             &out,
             "--spacing",
@@ -267,7 +267,7 @@ fn file_above_limit_is_rejected() {
         0,
         &[
             "scatter",
-            &level,
+            &scene_file,
             "-o",
             &out,
             "--spacing",
@@ -279,7 +279,7 @@ fn file_above_limit_is_rejected() {
     for wrong in ["", "many", "1GB", "-1"] {
         run(
             USAGE,
-            &["scatter", &level, "-o", &out, "--max-input", wrong],
+            &["scatter", &scene_file, "-o", &out, "--max-input", wrong],
         );
     }
     let bake = folder.write("large.mgi", vec![0; 2000]);
@@ -289,7 +289,7 @@ fn file_above_limit_is_rejected() {
     }
 }
 
-/// All files of a level count, each time that it names them.
+/// All files of a scene count, each time that it names them.
 #[test]
 fn scene_with_repeated_file_references_is_rejected() {
     let folder = Folder::new();
@@ -297,16 +297,19 @@ fn scene_with_repeated_file_references_is_rejected() {
     let one = r#"{"uri":"a.bin","byteLength":4}"#;
     let buffers = vec![one; 1000].join(",");
     let text = format!(r#"{{"asset":{{"version":"2.0"}},"buffers":[{buffers}]}}"#);
-    let level = folder.write("many.gltf", text);
+    let scene_file = folder.write("many.gltf", text);
     let out = folder.text("out.mgi");
-    let error = run(INPUT, &["bake", &level, "-o", &out, "--max-input", "5MiB"]);
+    let error = run(
+        INPUT,
+        &["bake", &scene_file, "-o", &out, "--max-input", "5MiB"],
+    );
     assert!(
         error.contains("a.bin") && error.contains("at most"),
         "{error}"
     );
 }
 
-/// A level with one textured square whose image has these fields.
+/// A scene with one textured square whose image has these fields.
 fn textured(image: &str) -> String {
     let mut numbers: Vec<u8> = Vec::new();
     let corners = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -376,12 +379,12 @@ fn image_with_excess_declared_pixels_is_rejected() {
         ("most", png(u32::MAX >> 1, u32::MAX >> 1)),
     ] {
         let uri = format!(r#""uri":"data:,{}""#, percent(&image));
-        let level = folder.write(&format!("{name}.gltf"), textured(&uri));
-        folder.refuse(&level, &[], &["image 0"]);
+        let scene_file = folder.write(&format!("{name}.gltf"), textured(&uri));
+        folder.refuse(&scene_file, &[], &["image 0"]);
     }
     let uri = format!(r#""uri":"data:,{}""#, percent(&png(16_384, 16_384)));
-    let level = folder.write("named.gltf", textured(&uri));
-    folder.refuse(&level, &[], &["16384 x 16384 pixels do not fit"]);
+    let scene_file = folder.write("named.gltf", textured(&uri));
+    folder.refuse(&scene_file, &[], &["16384 x 16384 pixels do not fit"]);
 }
 
 #[test]
@@ -445,21 +448,21 @@ fn gltf_with_excess_declared_size_is_rejected() {
             "triangles: 1333333000",
         ),
     ] {
-        let level = folder.write(&format!("{name}.gltf"), text);
-        folder.refuse(&level, &[], &[word]);
+        let scene_file = folder.write(&format!("{name}.gltf"), text);
+        folder.refuse(&scene_file, &[], &[word]);
     }
     // Thousands of bytes of memory for each three bytes of text.
     let nodes = vec!["{}"; 4_400_000].join(",");
     let text = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}]}}"#);
-    let level = folder.write("objects.gltf", text);
-    folder.refuse(&level, &[], &["JSON objects"]);
+    let scene_file = folder.write("objects.gltf", text);
+    folder.refuse(&scene_file, &[], &["JSON objects"]);
     // Chunks.
     let glb = fs::read(data("cornell/cornell.glb")).unwrap();
     for (name, at) in [("length", 8), ("chunk", 12)] {
         let mut glb = glb.clone();
         glb[at..at + 4].copy_from_slice(&0xffff_fff0u32.to_le_bytes());
-        let level = folder.write(&format!("{name}.glb"), glb);
-        folder.refuse(&level, &[], &["4294967280 bytes"]);
+        let scene_file = folder.write(&format!("{name}.glb"), glb);
+        folder.refuse(&scene_file, &[], &["4294967280 bytes"]);
     }
 }
 
@@ -479,16 +482,16 @@ fn ply_with_excess_declared_size_is_rejected() {
         ("wide", points(binary, "18446744073709551615", "")),
         ("faces", points(binary, "0", faces)),
     ] {
-        let level = folder.write(&format!("{name}.ply"), text);
-        folder.refuse(&level, &[], &["do not fit"]);
+        let scene_file = folder.write(&format!("{name}.ply"), text);
+        folder.refuse(&scene_file, &[], &["do not fit"]);
     }
     // A list as long as a 32-bit number says.
     let list = "element face 1\nproperty list uint double vertex_indices\n";
     let mut bytes = points(binary, "0", list).into_bytes();
     bytes.truncate(bytes.len() - 6);
     bytes.extend([0xff; 8]);
-    let level = folder.write("list.ply", bytes);
-    folder.refuse(&level, &[], &["4294967295 values"]);
+    let scene_file = folder.write("list.ply", bytes);
+    folder.refuse(&scene_file, &[], &["4294967295 values"]);
 }
 
 #[test]
@@ -499,8 +502,8 @@ fn deeply_nested_text_is_rejected() {
     folder.refuse(&recipe, &[], &["deep.gi.ron"]);
     let scene = folder.write("deep.json", format!(r#"{{"lights":{deep}"#));
     folder.refuse(&scene, &[], &["deep.json"]);
-    let level = folder.write("deep.gltf", format!(r#"{{"extras":{deep}"#));
-    folder.refuse(&level, &[], &["deep.gltf"]);
+    let scene_file = folder.write("deep.gltf", format!(r#"{{"extras":{deep}"#));
+    folder.refuse(&scene_file, &[], &["deep.gltf"]);
     let many = vec![r#"(name: "a")"#; 100_000].join(",");
     let recipe = folder.write("many.gi.ron", format!("(occluders: [{many}])"));
     folder.refuse(&recipe, &[], &["occluders"]);

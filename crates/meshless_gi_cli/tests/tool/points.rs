@@ -303,7 +303,7 @@ fn the_tool_takes_points(rule: &str) {
         count == expected.len() && bright > 5 && (bright as usize) < count,
         "{bright} of {count}"
     );
-    // Points changed: stale. Points beside a mesh: one level.
+    // Points changed: stale. Points beside a mesh: one scene.
     let moved = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
     let mut bytes = Vec::new();
     write_ply(&mut bytes, PlyEncoding::Ascii, &moved, &[], &[]).unwrap();

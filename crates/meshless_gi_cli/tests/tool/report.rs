@@ -129,7 +129,7 @@ fn quick_report_is_complete() {
 fn report_invalid_input_fails_before_baking() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let level = data("cornell/cornell.glb");
+    let scene_file = data("cornell/cornell.glb");
     fs::write(at("no.glb"), "this is no level").unwrap();
     fs::write(at("points.ply"), "ply\n").unwrap();
     fs::write(at("bad.gi.ron"), "(scene: \"no.glb\", rays: 3)").unwrap();
@@ -138,12 +138,12 @@ fn report_invalid_input_fails_before_baking() {
         (1, vec![at("no.glb"), "-o".into(), new.clone()], "no.glb"),
         (1, vec![at("points.ply"), "-o".into(), new.clone()], "ply"),
         (1, vec![at("bad.gi.ron"), "-o".into(), new.clone()], "rays"),
-        (2, vec![level.clone()], "--output"),
+        (2, vec![scene_file.clone()], "--output"),
         (2, vec!["-o".into(), new.clone()], "SCENE"),
         (
             2,
             vec![
-                level.clone(),
+                scene_file.clone(),
                 "-o".into(),
                 new.clone(),
                 "--minutes=-1".into(),
@@ -153,7 +153,7 @@ fn report_invalid_input_fails_before_baking() {
         (
             2,
             vec![
-                level.clone(),
+                scene_file.clone(),
                 "-o".into(),
                 new.clone(),
                 "--minutes=nan".into(),
@@ -167,7 +167,7 @@ fn report_invalid_input_fails_before_baking() {
         ),
         (
             3,
-            vec![level.clone(), "-o".into(), level.clone()],
+            vec![scene_file.clone(), "-o".into(), scene_file.clone()],
             "cornell.glb",
         ),
     ] {
@@ -258,9 +258,9 @@ fn tiny_sweep() -> Sweep {
 
 #[test]
 fn report_errors_fall_with_quality_on_common_axes() {
-    let level = mesh_of_quads(&cornell_box());
+    let mesh = mesh_of_quads(&cornell_box());
     let steps = Mutex::new(Vec::new());
-    let made = sweep(&level, &tiny_sweep(), &Progress::default(), &|step| {
+    let made = sweep(&mesh, &tiny_sweep(), &Progress::default(), &|step| {
         assert!(step.done < step.steps);
         steps.lock().unwrap().push(step.what.clone());
     })
@@ -328,8 +328,8 @@ fn report_of_dark_or_empty_scene_fails() {
     assert!(made.unwrap_err().to_string().contains("no light"));
     let stopped = Progress::default();
     stopped.cancel();
-    let level = mesh_of_quads(&cornell_box());
-    assert!(sweep(&level, &tiny_sweep(), &stopped, &|_| ()).is_err());
+    let mesh = mesh_of_quads(&cornell_box());
+    assert!(sweep(&mesh, &tiny_sweep(), &stopped, &|_| ()).is_err());
 }
 
 /// A report of made-up rows: rule, links, error, seconds.
@@ -343,8 +343,8 @@ fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
         choose: |_| Vec::new(),
         ..tiny_sweep()
     };
-    let level = mesh_of_quads(&cornell_box());
-    let mut report = sweep(&level, &one, &Progress::default(), &|_| ()).unwrap();
+    let mesh = mesh_of_quads(&cornell_box());
+    let mut report = sweep(&mesh, &one, &Progress::default(), &|_| ()).unwrap();
     let like = report.rows.remove(0);
     for &(rule, links, error, seconds) in rows {
         let mut row = like.clone();

@@ -27,12 +27,12 @@ fn text(path: &Path) -> &str {
 fn validate_with_scene_names_each_difference() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let (level, recipe, bake) = (at("level.glb"), at("level.gi.ron"), at("level.mgi"));
+    let (scene_file, recipe, bake) = (at("level.glb"), at("level.gi.ron"), at("level.mgi"));
     let quick = r#"(scene: "level.glb", preset: Draft, rays: 64, levels: 4, sender_levels: 3)"#;
-    fs::copy(data("cornell/cornell.glb"), &level).unwrap();
+    fs::copy(data("cornell/cornell.glb"), &scene_file).unwrap();
     fs::write(&recipe, quick).unwrap();
     tool(0, &["bake", text(&recipe), "-o", text(&bake)]);
-    let by_level = ["validate", text(&bake), "--level", text(&level)];
+    let by_level = ["validate", text(&bake), "--level", text(&scene_file)];
     let by_recipe = ["validate", text(&bake), "--level", text(&recipe)];
     let by_both = [&by_level[..], &["--recipe", text(&recipe)]].concat();
     for check in [&by_level[..], &by_recipe, &by_both] {
@@ -56,7 +56,7 @@ fn validate_with_scene_names_each_difference() {
     tool(0, &by_level);
 
     // The level.
-    fs::copy(data("rooms_open/rooms_open.glb"), &level).unwrap();
+    fs::copy(data("rooms_open/rooms_open.glb"), &scene_file).unwrap();
     let list = tool(1, &by_level);
     assert_eq!(kinds(&list), ["content"], "{list}");
     assert!(list.contains("level.glb"), "{list}");
@@ -70,7 +70,7 @@ fn validate_with_scene_names_each_difference() {
     scene.data_mut().info.bake_version += 1;
     scene.write(&bake).unwrap();
     assert_eq!(kinds(&tool(1, &by_level)), ["content", "version"]);
-    fs::copy(data("cornell/cornell.glb"), &level).unwrap();
+    fs::copy(data("cornell/cornell.glb"), &scene_file).unwrap();
     let list = tool(1, &by_level);
     assert_eq!(kinds(&list), ["version"], "{list}");
     let version = format!("this program is bake version {BAKE_VERSION}");

@@ -1,4 +1,4 @@
-//! Light in free space: a ball that moves through a level, beside the reference integrator; sealed
+//! Light in free space: a ball that moves through a scene, beside the reference integrator; sealed
 //! rooms; closed forms; the file.
 
 use glam::{Mat4, Vec2, Vec3};
@@ -286,7 +286,7 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
 }
 
 /// Behind a wall of two centimeters a volume is black, whatever its voxels; on the lit walls and in
-/// the air it is what the probes say, or the display of the walls. Also where the level is turned.
+/// the air it is what the probes say, or the display of the walls. Also where the scene is turned.
 #[test]
 fn volumes_match_room_and_stay_dark_behind_walls() {
     let scene = &*TWO_CLOSED_ROOMS;
@@ -641,7 +641,7 @@ fn surface_and_probe_light_join_continuously() {
     let meshes = std::slice::from_ref(&mesh);
     let lights = [light_source];
     let lit = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
-    // Nearly all positions of the level itself have cover enough to be left alone.
+    // Nearly all positions of the scene have cover enough to be left alone.
     let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(&mesh, &viewpoints, 0..4000, 5, false).candidates;
     let covers = landed.iter().map(|c| {

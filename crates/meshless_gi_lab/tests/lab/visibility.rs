@@ -454,7 +454,7 @@ fn soft_shadow_of_degenerate_lights_stays_finite() {
     let points = [
         (Vec3::new(0.0, 0.0, 0.0), Vec3::Y),
         (Vec3::new(0.5, 0.0, 0.8), Vec3::Y),
-        // Within a wall, and looking out of the level.
+        // Within a wall, and looking out of the scene.
         (Vec3::new(0.0, -0.01, 0.0), Vec3::Y),
         (Vec3::new(0.3, 0.3, 0.9), Vec3::Z),
     ];

@@ -29,7 +29,7 @@ fn truth(positions: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
     irradiance_at_all(&level, &light_source(1.0, Vec3::ZERO), positions, &settings)
 }
 
-/// Errors of a bake's direct and indirect light at the positions, scaled and moved with the level.
+/// Errors of a bake's direct and indirect light at the positions, scaled and moved with the scene.
 fn measured(bake: &Baked, scale: f32, by: Vec3) -> [Errors; 2] {
     let positions = cornell_places();
     assert!(positions.len() > 150, "{}", positions.len());
