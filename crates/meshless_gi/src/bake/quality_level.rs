@@ -43,7 +43,7 @@ impl Preset {
                 rays_per_point: 256,
                 samples_per_sender: 8,
                 truncation_error: 0.03,
-                receiver_tolerance: 0.06,
+                receiver_tolerance: 0.04,
             },
             Self::Medium => QualityParameters {
                 points: 32_000.0,
