@@ -1,7 +1,7 @@
-//! Building the two hierarchies of a triangle mesh: the flat binary [`Bvh`] of the frame's shadow
-//! rays, and the wide compressed one that the bake casts closest hits through. Both come from
-//! obvhs; nothing of its types leaves the scene module, and vectors cross as arrays, because its
-//! glam may be another version than ours.
+//! The two hierarchies of a triangle mesh: the flat [`Bvh`] of the frame's shadow rays, and the one
+//! with a triangle in each leaf that the bake casts rays through. Both are binary trees of obvhs;
+//! nothing of its types leaves the scene module, and vectors cross as arrays, because its glam may
+//! be another version than ours.
 //!
 //! Boxes are padded so that the box test is conservative for the watertight triangle test behind
 //! it. Trees of a depth that no fixed stack could walk (possible with contrived input) are replaced
@@ -13,10 +13,6 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::node::Bvh2Node;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
-use obvhs::ploc::PlocBuilder;
 use obvhs::{Boundable, BvhBuildParams};
 use std::time::Duration;
 
@@ -29,8 +25,6 @@ pub(super) type Corners = [Vec3; 3];
 const PADDING: f32 = 4.0 * f32::EPSILON;
 /// The deepest binary tree that the walk in [`Bvh::occluded`] has stack for.
 const DEEPEST: usize = 60;
-/// The deepest wide tree that the wide walk has stack for, with room to spare.
-const DEEPEST_WIDE: usize = 28;
 /// Most triangles in a leaf of the frame's tree.
 const LEAF: u32 = 4;
 
@@ -56,32 +50,25 @@ fn padded(triangles: &[Corners]) -> Vec<Padded> {
     triangles.iter().map(boxed).collect()
 }
 
-/// The hierarchy for closest hits. No triangles make an empty one, in which every walk finds
-/// nothing.
-pub(super) fn build_wide(triangles: &[Corners]) -> CwBvh {
+/// A binary tree over triangles, at most `leaf` in each leaf. No triangles make an empty one, in
+/// which every walk finds nothing.
+pub(super) fn build_binary(triangles: &[Corners], leaf: u32) -> Bvh2 {
     let boxes = padded(triangles);
     if boxes.is_empty() {
-        return CwBvh::default();
+        return Bvh2::default();
     }
-    let params = BvhBuildParams::medium_build();
-    let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
-        params.ploc_search_distance,
-        &boxes,
-        (0..boxes.len() as u32).collect(),
-        params.sort_precision,
-        params.search_depth_threshold,
-    );
-    if boxes.len() > 2 {
-        ReinsertionOptimizer::default().run(&mut binary, params.reinsertion_batch_ratio, None);
+    if boxes.len() <= 2 {
+        return balanced(&boxes, leaf);
     }
+    let params = BvhBuildParams {
+        max_prims_per_leaf: leaf,
+        ..BvhBuildParams::medium_build()
+    };
+    let binary = build_bvh2(&boxes, params, &mut Duration::default());
     if depth(&binary) > DEEPEST {
-        return bvh2_to_cwbvh(&balanced(&boxes, 1), 3, true, false);
+        return balanced(&boxes, leaf);
     }
-    let wide = bvh2_to_cwbvh(&binary, 3, true, false);
-    if wide_depth(&wide) > DEEPEST_WIDE {
-        return bvh2_to_cwbvh(&balanced(&boxes, 1), 3, true, false);
-    }
-    wide
+    binary
 }
 
 impl Bvh {
@@ -89,23 +76,7 @@ impl Bvh {
     /// The same triangles give the same BVH on any machine. Vertices must be finite.
     #[must_use]
     pub fn build(triangles: &[[Vec3; 3]]) -> (Self, Vec<u32>) {
-        let boxes = padded(triangles);
-        if boxes.is_empty() {
-            return (Self::default(), Vec::new());
-        }
-        let mut binary = if boxes.len() <= 2 {
-            balanced(&boxes, LEAF)
-        } else {
-            let params = BvhBuildParams {
-                max_prims_per_leaf: LEAF,
-                ..BvhBuildParams::medium_build()
-            };
-            build_bvh2(&boxes, params, &mut Duration::default())
-        };
-        if depth(&binary) > DEEPEST {
-            binary = balanced(&boxes, LEAF);
-        }
-        flatten(&binary, triangles)
+        flatten(&build_binary(triangles, LEAF), triangles)
     }
 }
 
@@ -165,7 +136,8 @@ fn flatten(binary: &Bvh2, triangles: &[Corners]) -> (Bvh, Vec<u32>) {
         triangles: Vec::with_capacity(triangles.len()),
     };
     let mut order = Vec::with_capacity(triangles.len());
-    let mut sources = vec![0usize];
+    // No nodes have no root.
+    let mut sources: Vec<usize> = (0..binary.nodes.len().min(1)).collect();
     let mut at = 0;
     while at < sources.len() {
         let node = &binary.nodes[sources[at]];
@@ -212,18 +184,6 @@ fn depth(binary: &Bvh2) -> usize {
             let child = node.first_index as usize;
             open.extend([(child, depth + 1), (child + 1, depth + 1)]);
         }
-    }
-    deepest
-}
-
-fn wide_depth(wide: &CwBvh) -> usize {
-    let mut deepest = 0;
-    let mut open = vec![(0usize, 1usize)];
-    while let Some((index, depth)) = open.pop() {
-        deepest = deepest.max(depth);
-        let node = &wide.nodes[index];
-        let children = 0..node.imask.count_ones() as usize;
-        open.extend(children.map(|i| (node.child_base_idx as usize + i, depth + 1)));
     }
     deepest
 }
@@ -320,7 +280,6 @@ mod tests {
             let (fallback, order) = flatten(&balanced(&padded(&triangles), LEAF), &triangles);
             check(&triangles, &fallback, &order);
             assert!(depth(&balanced(&padded(&triangles), 1)) <= 2 + count.ilog2() as usize);
-            assert!(wide_depth(&build_wide(&triangles)) <= DEEPEST_WIDE);
             assert_eq!(Bvh::build(&triangles).0, bvh, "twice the same");
         }
     }
@@ -371,6 +330,5 @@ mod tests {
         let triangles = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 3000];
         let (bvh, order) = Bvh::build(&triangles);
         check(&triangles, &bvh, &order);
-        assert!(wide_depth(&build_wide(&triangles)) <= DEEPEST_WIDE);
     }
 }

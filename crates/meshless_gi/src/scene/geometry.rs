@@ -42,7 +42,7 @@ impl Bounds {
 }
 
 /// A ray. [`Ray::new`] is the only way to make one: it removes negative zeros from the direction,
-/// which the wide BVH would miss.
+/// so that equal directions have equal inverses.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     /// Start, in meters.

@@ -1,5 +1,5 @@
-//! Triangle meshes as [`Geometry`]: closest hits through obvhs's compressed wide BVH, the
-//! watertight test at its leaves.
+//! Triangle meshes as [`Geometry`]: closest hits through obvhs's binary BVH, the watertight test at
+//! its leaves.
 //!
 //! Surfaces are flat: the normal is the triangle's own, for light to stay on the side of the true
 //! surface. Triangles lie in memory in the order in which the BVH meets them. Of two hits at the
@@ -10,10 +10,10 @@ mod content_hash;
 mod emissive_triangles;
 mod rays;
 
-use rays::{interpolate, normal, power_of_two};
+use rays::{interpolate, normal};
 
 use super::Lifts;
-use super::bvh_build::build_wide;
+use super::bvh_build::build_binary;
 use super::geometry::mesh_ray_offset;
 use super::occluder::MeshNode;
 use super::watertight::{TriangleHit, WatertightRay};
@@ -23,7 +23,7 @@ use super::{
 };
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
-use obvhs::cwbvh::CwBvh;
+use obvhs::bvh2::Bvh2;
 use obvhs::ray::RayHit;
 use std::time::{Duration, Instant};
 
@@ -80,7 +80,7 @@ pub struct TriangleMesh {
     materials: Vec<Material>,
     textures: Vec<Texture>,
     bounds: Bounds,
-    wide: CwBvh,
+    tree: Bvh2,
     bvh_time: Duration,
     problems: MeshProblems,
     emitters: Emitters,
@@ -156,9 +156,9 @@ impl TriangleMesh {
             .fold(Bounds::EMPTY, Bounds::join);
         let corners: Vec<_> = faces.iter().map(|f| f.corners).collect();
         let began = Instant::now();
-        let wide = build_wide(&corners);
+        let tree = build_binary(&corners, 1);
         let bvh_time = began.elapsed();
-        let faces: Vec<Face> = wide
+        let faces: Vec<Face> = tree
             .primitive_indices
             .iter()
             .map(|&i| faces[i as usize])
@@ -174,7 +174,7 @@ impl TriangleMesh {
             materials,
             textures,
             bounds,
-            wide,
+            tree,
             bvh_time,
             problems,
             emitters: Emitters::default(),
@@ -370,14 +370,6 @@ impl TriangleMesh {
             }
         }
         (color, metallic, glow)
-    }
-
-    /// The unit that the wide walk measures distances along `ray` in: ten thousandth parts of the
-    /// mesh's size, in lengths of the ray's direction.
-    fn walk_unit(&self, ray: &Ray) -> f32 {
-        let length = ray.direction.abs().max_element();
-        let unit = 1e-4 * self.bounds.size().max_element() / length;
-        power_of_two(unit.clamp(1e-15, 1e15))
     }
 
     /// Returns true if a hit is on the surface and not in one of its holes.

@@ -29,18 +29,10 @@ fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
     )
 }
 
-/// The largest power of two that is not above `x`, which must be positive and normal.
-pub(super) fn power_of_two(x: f32) -> f32 {
-    f32::from_bits(x.to_bits() & 0x7f80_0000)
-}
-
 /// A ray for obvhs. Vectors cross as arrays. Inverses are exact where they can be: a component that
 /// is nearly zero must not count as larger than it is, or a ray along a wall would miss the wall
 /// behind.
-///
-/// Distances are in `unit`s, a power of two: the walk looks into no box that ends before 1e-4 of
-/// them, whatever the size of the scene.
-fn traversal_ray(ray: &Ray, unit: f32) -> obvhs::ray::Ray {
+fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
     const SMALLEST: f32 = 1e-18;
     let guarded = |d: f32| {
         if d.abs() < SMALLEST {
@@ -49,13 +41,13 @@ fn traversal_ray(ray: &Ray, unit: f32) -> obvhs::ray::Ray {
             d
         }
     };
-    let inverse = ray.direction.to_array().map(|d| 1.0 / (guarded(d) * unit));
+    let inverse = ray.direction.to_array().map(|d| 1.0 / guarded(d));
     obvhs::ray::Ray {
         origin: ray.origin.to_array().into(),
-        direction: (ray.direction * unit).to_array().into(),
+        direction: ray.direction.to_array().into(),
         inv_direction: inverse.into(),
         tmin: 0.0,
-        tmax: ray.max_t / unit,
+        tmax: ray.max_t,
     }
 }
 
@@ -72,17 +64,16 @@ impl Geometry for TriangleMesh {
     }
 
     fn cast(&self, ray: &Ray) -> Option<Hit> {
-        /// The walk goes on this little beyond the closest hit, so that another triangle at the
-        /// same distance is seen.
+        /// The traversal continues this little beyond the closest hit, so that another triangle at
+        /// the same distance is found.
         const BEYOND: f32 = 1.0 + 8.0 * f32::EPSILON;
         if self.faces.is_empty() || !usable(ray) {
             return None;
         }
-        let unit = self.walk_unit(ray);
         let test = WatertightRay::new(ray);
         let mut best: Option<Hit> = None;
-        self.wide
-            .ray_traverse(traversal_ray(ray, unit), &mut RayHit::none(), |_, k| {
+        self.tree
+            .ray_traverse(traversal_ray(ray), &mut RayHit::none(), |_, k| {
                 let face = &self.faces[k];
                 let [a, b, c] = face.corners;
                 let limit = best.map_or(ray.max_t, |h| h.t);
@@ -101,7 +92,7 @@ impl Geometry for TriangleMesh {
                     primitive: face.index,
                     uv: [hit.u, hit.v],
                 });
-                hit.t * BEYOND / unit
+                hit.t * BEYOND
             });
         best
     }
@@ -113,17 +104,14 @@ impl Geometry for TriangleMesh {
             return false;
         }
         let test = WatertightRay::new(&ray);
-        let unit = self.walk_unit(&ray);
-        !self
-            .wide
-            .ray_traverse_miss(traversal_ray(&ray, unit), |_, k| {
-                let face = &self.faces[k];
-                let [a, b, c] = face.corners;
-                match test.meet(a, b, c, 1.0) {
-                    Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
-                    _ => f32::INFINITY,
-                }
-            })
+        !self.tree.ray_traverse_miss(traversal_ray(&ray), |_, k| {
+            let face = &self.faces[k];
+            let [a, b, c] = face.corners;
+            match test.meet(a, b, c, 1.0) {
+                Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
+                _ => f32::INFINITY,
+            }
+        })
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
