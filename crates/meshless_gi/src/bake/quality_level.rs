@@ -53,7 +53,7 @@ impl Preset {
                 rays_per_point: 1024,
                 samples_per_sender: 16,
                 truncation_error: 0.01,
-                receiver_tolerance: 0.04,
+                receiver_tolerance: 0.03,
             },
             // The sender levels get no more points, since `Link::MAX_SENDERS` limits them.
             Self::High => QualityParameters {
