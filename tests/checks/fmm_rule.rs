@@ -197,7 +197,7 @@ fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
             }),
             other => other,
         },
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         rays_per_point: Some(64),
         levels: Some(3),
         sender_levels: Some(2),

@@ -142,7 +142,7 @@ fn level(room: &Room) -> TriangleMesh {
 fn quick() -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         levels: Some(3),
         rays_per_point: Some(64),
         ..default()

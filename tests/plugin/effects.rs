@@ -18,7 +18,7 @@ const SIZE: UVec2 = UVec2::new(128, 96);
 #[test]
 fn scene_runs_only_required_effects() {
     let recipe = Recipe {
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         levels: Some(3),
         sender_levels: Some(2),
         rays_per_point: Some(64),

@@ -30,7 +30,7 @@ fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedSce
     };
     let baked = room.bake_as(&Recipe {
         viewpoints: vec![[0.2, 1.0, 0.6], [-0.8, 1.0, 0.6]],
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         levels: Some(3),
         sender_levels: Some(2),
         max_refinement_points: Some(1000),

@@ -24,7 +24,7 @@ fn baked(order: u32) -> (Room, Arc<BakedScene>) {
     let room = Room::cornell();
     let bake = room.bake_as(&Recipe {
         viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         levels: Some(3),
         sender_levels: Some(2),
         refinement_levels: Some(0),

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 const RECIPE: &str =
-    r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.4, levels: 3, rays: 64)"#;
+    r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.6, levels: 3, rays: 64)"#;
 
 /// The room after somebody has moved its block.
 fn moved() -> Room {

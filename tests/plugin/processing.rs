@@ -27,7 +27,7 @@ use std::time::Duration;
 
 /// Recipe that bakes in less than a second.
 const RECIPE: &str =
-    r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.4, levels: 3, rays: 64)"#;
+    r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.6, levels: 3, rays: 64)"#;
 
 /// Assets of [`write_game`], as an app loads them.
 const ASSETS: [&str; 6] = [

@@ -8,6 +8,7 @@ mod cameras;
 mod display;
 mod dynamic_lighting;
 mod fog;
+mod forward_cameras;
 mod load_gltf;
 mod probes;
 mod rsm;

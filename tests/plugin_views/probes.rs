@@ -22,7 +22,7 @@ const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 fn bake(probes: bool) -> Arc<BakedScene> {
     Room::cornell().bake_as(&Recipe {
         viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         levels: Some(3),
         sender_levels: Some(2),
         max_refinement_points: Some(1000),

@@ -27,7 +27,7 @@ fn remembering() -> Arc<BakedScene> {
     let bake = || {
         Room::cornell().bake_as(&Recipe {
             viewpoints: vec![[0.0, 1.0, 0.6]],
-            coarse_radius: Some(0.3),
+            coarse_radius: Some(0.45),
             levels: Some(4),
             sender_levels: Some(4),
             max_refinement_points: Some(1000),

@@ -60,7 +60,7 @@ pub fn quick() -> Recipe {
     Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.4),
+        coarse_radius: Some(0.6),
         levels: Some(3),
         sender_levels: Some(2),
         max_refinement_points: Some(1000),

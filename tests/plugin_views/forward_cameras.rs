@@ -1,9 +1,6 @@
 //! The display of cameras that are not deferred: the same light as a deferred camera shows, also
 //! without HDR, in a viewport, and beside what is transparent or transmissive.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::Room;
@@ -29,7 +26,7 @@ fn bake() -> Arc<BakedScene> {
     let make = || {
         Room::cornell().bake_as(&Recipe {
             viewpoints: vec![[0.0, 1.0, 0.6]],
-            coarse_radius: Some(0.4),
+            coarse_radius: Some(0.6),
             levels: Some(3),
             sender_levels: Some(2),
             max_refinement_points: Some(1000),
