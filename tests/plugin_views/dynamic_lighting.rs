@@ -3,7 +3,7 @@
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::flip;
-use crate::support::scenes::{Room, cpu_indirect};
+use crate::support::scenes::{Room, cpu_indirect, rough_recipe};
 use crate::support::stage::{
     MAX, assert_alike, bevy_light, counters, indirect, light_source, settings, spawn_baked, view,
     work,
@@ -26,15 +26,9 @@ fn cornell() -> (Room, Arc<BakedScene>) {
     static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let room = Room::cornell();
     let recipe = Recipe {
-        viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.6),
-        levels: Some(3),
-        sender_levels: Some(2),
-        max_refinement_points: Some(1000),
-        rays_per_point: Some(128),
         sky: SkyModel::Harmonics,
         dynamic_materials: true,
-        ..default()
+        ..rough_recipe()
     };
     let baked = BAKED.get_or_init(|| room.bake_as(&recipe)).clone();
     (room, baked)

@@ -4,7 +4,7 @@
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::Picture;
-use crate::support::scenes::{Room, exposure};
+use crate::support::scenes::{Room, exposure, rough_recipe};
 use crate::support::stage::{
     counters, keep, light_source, settings, spawn_baked, spawn_light_source, view,
 };
@@ -41,17 +41,11 @@ fn bake() -> Arc<BakedScene> {
     static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let make = || {
         Room::cornell().bake_as(&Recipe {
-            viewpoints: vec![[0.0, 1.0, 0.6]],
-            coarse_radius: Some(0.6),
-            levels: Some(3),
-            sender_levels: Some(2),
-            max_refinement_points: Some(1000),
-            rays_per_point: Some(128),
             probes: Some(ProbeSettings {
                 spacing: Some(0.25),
                 rays_per_probe: None,
             }),
-            ..Recipe::default()
+            ..rough_recipe()
         })
     };
     MADE.get_or_init(make).clone()

@@ -3,7 +3,7 @@
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
-use crate::support::scenes::{Quad, Room, cpu_indirect};
+use crate::support::scenes::{Quad, Room, cpu_indirect, rough_recipe};
 use crate::support::stage::{
     MAX, assert_alike, counters, indirect, keep, light_source, settings, spawn_baked,
     spawn_light_source, view, work,
@@ -21,17 +21,11 @@ const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 
 fn bake(probes: bool) -> Arc<BakedScene> {
     Room::cornell().bake_as(&Recipe {
-        viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.6),
-        levels: Some(3),
-        sender_levels: Some(2),
-        max_refinement_points: Some(1000),
-        rays_per_point: Some(128),
         probes: probes.then_some(ProbeSettings {
             spacing: Some(0.3),
             rays_per_probe: None,
         }),
-        ..Recipe::default()
+        ..rough_recipe()
     })
 }
 

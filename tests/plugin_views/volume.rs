@@ -3,7 +3,7 @@
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
-use crate::support::scenes::{Quad, Room};
+use crate::support::scenes::{Quad, Room, rough_recipe};
 use crate::support::stage::{counters, keep, spawn_light_source, view, work};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::VisibleEntities;
@@ -32,17 +32,11 @@ fn bake(probes: bool) -> Arc<BakedScene> {
     static MADE: [OnceLock<Arc<BakedScene>>; 2] = [const { OnceLock::new() }; 2];
     let make = || {
         Room::cornell().bake_as(&Recipe {
-            viewpoints: vec![[0.0, 1.0, 0.6]],
-            coarse_radius: Some(0.6),
-            levels: Some(3),
-            sender_levels: Some(2),
-            max_refinement_points: Some(1000),
-            rays_per_point: Some(128),
             probes: probes.then_some(ProbeSettings {
                 spacing: Some(0.25),
                 rays_per_probe: None,
             }),
-            ..Recipe::default()
+            ..rough_recipe()
         })
     };
     MADE[usize::from(probes)].get_or_init(make).clone()

@@ -3,7 +3,7 @@
 
 use crate::support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::{Picture, flip};
-use crate::support::scenes::Room;
+use crate::support::scenes::{Room, rough_recipe};
 use crate::support::stage::{counters, keep, light_source, spawn_light_source, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::image::{CompressedImageFormats, ImageSampler, ImageType};
@@ -22,17 +22,11 @@ const LIGHT: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 
 fn bake() -> Arc<BakedScene> {
     Room::cornell().bake_as(&Recipe {
-        viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.6),
-        levels: Some(3),
-        sender_levels: Some(2),
-        max_refinement_points: Some(1000),
-        rays_per_point: Some(128),
         probes: Some(ProbeSettings {
             spacing: Some(0.25),
             rays_per_probe: None,
         }),
-        ..Recipe::default()
+        ..rough_recipe()
     })
 }
 

@@ -1,7 +1,7 @@
 //! Bakes from entities in tests: apps, quick recipes, and the ends of bakes.
 
 use super::assets::until;
-use super::scenes::Room;
+use super::scenes::{Room, rough_recipe};
 use bevy::asset::{AssetPlugin, RenderAssetUsages};
 use bevy::ecs::schedule::{ScheduleLabel, SingleThreadedExecutor};
 use bevy::image::Image;
@@ -59,13 +59,8 @@ pub fn keep_ends(app: &mut App) {
 pub fn quick() -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        viewpoints: vec![[0.0, 1.0, 0.6]],
-        coarse_radius: Some(0.6),
-        levels: Some(3),
-        sender_levels: Some(2),
-        max_refinement_points: Some(1000),
         rays_per_point: Some(64),
-        ..default()
+        ..rough_recipe()
     }
 }
 

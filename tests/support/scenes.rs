@@ -28,6 +28,20 @@ pub struct Room(pub Vec<Quad>);
 
 const WHITE: Vec3 = Vec3::new(0.7, 0.7, 0.7);
 
+/// A rough recipe for rooms as small as [`Room::cornell`]: tests compare two executors of one bake,
+/// not the bake with the reference.
+pub fn rough_recipe() -> Recipe {
+    Recipe {
+        viewpoints: vec![[0.0, 1.0, 0.6]],
+        coarse_radius: Some(0.6),
+        levels: Some(3),
+        sender_levels: Some(2),
+        max_refinement_points: Some(1000),
+        rays_per_point: Some(128),
+        ..Recipe::default()
+    }
+}
+
 impl Room {
     /// Two meters wide, open toward +Z, a red and a green wall, and a block.
     pub fn cornell() -> Self {
@@ -109,18 +123,11 @@ impl Room {
         )
     }
 
-    /// Bakes it, roughly: what is compared is two executors of one bake, not the bake with the
-    /// truth.
+    /// Bakes it by [`rough_recipe`].
     pub fn bake(&self, seed: u64) -> Arc<BakedScene> {
         self.bake_as(&Recipe {
-            viewpoints: vec![[0.0, 1.0, 0.6]],
-            coarse_radius: Some(0.6),
-            levels: Some(3),
-            sender_levels: Some(2),
-            max_refinement_points: Some(1000),
-            rays_per_point: Some(128),
             seed,
-            ..Recipe::default()
+            ..rough_recipe()
         })
     }
 
