@@ -279,6 +279,9 @@ mod tests {
             check(&triangles, &bvh, &order);
             let (fallback, order) = flatten(&balanced(&padded(&triangles), LEAF), &triangles);
             check(&triangles, &fallback, &order);
+            let (single, order) = flatten(&build_binary(&triangles, 1), &triangles);
+            check(&triangles, &single, &order);
+            assert!(single.nodes.iter().all(|node| node.count <= 1));
             assert!(depth(&balanced(&padded(&triangles), 1)) <= 2 + count.ilog2() as usize);
             assert_eq!(Bvh::build(&triangles).0, bvh, "twice the same");
         }
@@ -330,5 +333,7 @@ mod tests {
         let triangles = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 3000];
         let (bvh, order) = Bvh::build(&triangles);
         check(&triangles, &bvh, &order);
+        let (single, order) = flatten(&build_binary(&triangles, 1), &triangles);
+        check(&triangles, &single, &order);
     }
 }
