@@ -110,7 +110,7 @@ pub(super) fn assemble(
         probes,
         occluders: occluders::index_terms(&source.occluders, &packed.passing, &probe_terms)?,
         display: FlatBasis {
-            radius: flat.points.first().map_or(0.0, |p| p.radius),
+            radius: flat.radius(),
             planes: flat.planes,
             grid: flat.grid,
         },

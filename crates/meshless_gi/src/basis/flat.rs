@@ -61,7 +61,7 @@ impl Hierarchy {
             )
             .unzip();
         let seen: u64 = seen.into_iter().sum();
-        let min = 0.5 * self.levels.last().map_or(0.0, reach);
+        let min = 0.5 * self.levels.last().map_or(0.0, LevelBasis::radius);
         let mut radius = vec![min; self.surfaces.len()];
         for &(i, d) in nearest.iter().flatten() {
             let r = &mut radius[i as usize];
@@ -96,7 +96,7 @@ impl Hierarchy {
         seed: u64,
     ) -> (Vec<(Vec3, Vec3, f32)>, u64) {
         let points: Vec<usize> = (self.level_starts[first] as usize..self.surfaces.len()).collect();
-        let own = reach(&self.levels[first]);
+        let own = self.levels[first].radius();
         let (found, rays) =
             local_candidates(geometry, &self.surfaces, &points, own, BESIDE, seed ^ 0x62);
         let found = found.iter().map(|c| &c.surface);
@@ -130,8 +130,8 @@ impl Hierarchy {
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut rays = 1;
         let mut max = f32::INFINITY;
-        let viewer = Viewer::new(geometry, x, n, reach(&self.levels[0]));
-        let own = self.levels.last().map_or(0.0, reach);
+        let viewer = Viewer::new(geometry, x, n, self.levels[0].radius());
+        let own = self.levels.last().map_or(0.0, LevelBasis::radius);
         let mut nearest = Vec::with_capacity(NEAREST);
         for &(distance, i, d) in &*near {
             if nearest.len() == NEAREST || distance > max {
@@ -212,9 +212,4 @@ fn shares_layer(geometry: &dyn Geometry, point: &Point, x: Vec3, n: Vec3, rays: 
     *rays += 2 * Layer::RAYS;
     let own = Layer::new(geometry, point.x(), point.n(), reach);
     own.is_shared_with(&Layer::new(geometry, x, n, reach))
-}
-
-/// Radius of the functions of a level, meters.
-fn reach(level: &LevelBasis) -> f32 {
-    level.points.first().map_or(0.0, |p| p.radius)
 }

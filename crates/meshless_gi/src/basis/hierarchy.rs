@@ -335,11 +335,7 @@ impl Hierarchy {
         let last = self.senders.len() - 1;
         let first = self.level_starts[last];
         let leaves = &self.levels[last];
-        let reach: Vec<f32> = self
-            .senders
-            .iter()
-            .map(|level| level.points.first().map_or(0.0, |p| p.radius))
-            .collect();
+        let reach: Vec<f32> = self.senders.iter().map(LevelBasis::radius).collect();
         // No point has a share of zero: one without a particle counts next to nothing.
         let mut areas = vec![vec![0.0f32; tree.len()]; reach.len()];
         for level in &mut areas {

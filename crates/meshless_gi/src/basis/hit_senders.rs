@@ -7,7 +7,7 @@
 
 use super::kernel::{kernel, reach};
 use super::visibility::Viewer;
-use super::{Hierarchy, WeightEntry};
+use super::{Hierarchy, LevelBasis, WeightEntry};
 use crate::scene::Geometry;
 use glam::Vec3;
 
@@ -44,9 +44,10 @@ impl Hierarchy {
         let finest = levels - 1;
         let (x, n) = (hit.position, hit.normal);
         if self.sender_weights(finest, near, x, n, hit.is_emitter, out) {
-            let radius = self.senders[finest].points[0].radius;
+            let radius = self.senders[finest].radius();
             if hit.distance < NEAR * radius {
-                self.retain_visible(geometry, finest, x, n, out);
+                let viewer = Viewer::new(geometry, x, n, radius);
+                self.retain_visible(geometry, finest, &viewer, out);
             }
             if !out.is_empty() {
                 self.offset(finest, out);
@@ -88,16 +89,18 @@ impl Hierarchy {
         out: &mut Vec<WeightEntry>,
     ) -> bool {
         let (x, n) = (hit.position, hit.normal);
+        let radii = self.senders[..levels].iter().map(LevelBasis::radius);
+        let viewer = Viewer::new(geometry, x, n, radii.fold(0.0, f32::max));
         for l in (0..levels - 1).rev() {
             self.raw_sender_weights(l, self.senders[l].grid.near(x), x, n, hit.is_emitter, out);
-            self.retain_visible(geometry, l, x, n, out);
+            self.retain_visible(geometry, l, &viewer, out);
             if !out.is_empty() {
                 self.offset(l, out);
                 return true;
             }
         }
         out.clear();
-        out.extend(self.nearest_visible_sender(geometry, levels, hit));
+        out.extend(self.nearest_visible_sender(geometry, levels, hit, &viewer));
         !out.is_empty()
     }
 
@@ -107,6 +110,7 @@ impl Hierarchy {
         geometry: &dyn Geometry,
         levels: usize,
         hit: &GatherHit,
+        viewer: &Viewer,
     ) -> Option<WeightEntry> {
         let (x, n) = (hit.position, hit.normal);
         (0..levels).rev().find_map(|l| {
@@ -122,34 +126,31 @@ impl Hierarchy {
                 }
             }
             near.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-            let radius = level.points.first()?.radius;
-            let origin = Viewer::new(geometry, x, n, radius).origin(radius);
-            let visible = |&&(_, j): &&(f32, u32)| {
-                !geometry.occluded(origin, self.origins[(first + j) as usize])
+            let origin = viewer.origin(level.radius());
+            let is_visible = |&(_, j): &(f32, u32)| {
+                let end = self.origins[(first + j) as usize];
+                !geometry.occluded(origin, end)
             };
-            near.iter().find(visible).map(|&(_, j)| WeightEntry {
+            near.into_iter().find(is_visible).map(|(_, j)| WeightEntry {
                 index: first + j,
                 weight: 1.0,
             })
         })
     }
 
-    /// Removes the senders of level `l` that are not visible from (x, n). The weights of the others
-    /// sum to one.
+    /// Removes the senders of level `l` that the viewer does not see. The weights of the others sum
+    /// to one.
     fn retain_visible(
         &self,
         geometry: &dyn Geometry,
         l: usize,
-        x: Vec3,
-        n: Vec3,
+        viewer: &Viewer,
         out: &mut Vec<WeightEntry>,
     ) {
-        if let Some(point) = self.senders[l].points.first() {
-            let origin = Viewer::new(geometry, x, n, point.radius).origin(point.radius);
-            let origins = &self.origins[self.level_starts[l] as usize..];
-            out.retain(|w| !geometry.occluded(origin, origins[w.index as usize]));
-            super::hierarchy::normalize(out);
-        }
+        let origin = viewer.origin(self.senders[l].radius());
+        let origins = &self.origins[self.level_starts[l] as usize..];
+        out.retain(|w| !geometry.occluded(origin, origins[w.index as usize]));
+        super::hierarchy::normalize(out);
     }
 
     /// Turns indices on level `l` into indices among all points.

@@ -61,6 +61,13 @@ impl LevelBasis {
         }
     }
 
+    /// Support radius of the functions, meters: the first one's, 0 of none. All functions of a level
+    /// of a hierarchy have the same.
+    #[must_use]
+    pub fn radius(&self) -> f32 {
+        self.points.first().map_or(0.0, |point| point.radius)
+    }
+
     /// Weights w_j(x, n) of all functions that cover the position (\[L08\] Eq. (8)), not
     /// normalized, appended to `out`. Returns their sum.
     #[inline]

@@ -5,7 +5,7 @@
 //! and under edges. Rays therefore start from positions spread over that area (our deviation), and
 //! the row is the mean over it.
 
-use crate::basis::{Hierarchy, weight};
+use crate::basis::{Hierarchy, LevelBasis, weight};
 use crate::samples::{Random, free_height, gather_direction, lattice, tangents};
 use crate::scene::{Geometry, Ray};
 use glam::{Vec2, Vec3};
@@ -79,11 +79,8 @@ impl ReceiverRays {
         if geometry.surface_relief(x) > 0.0 {
             return rays;
         }
-        let finest = hierarchy
-            .levels
-            .last()
-            .and_then(|level| level.points.first());
-        let radius = CELL_RADIUS * finest.map_or(0.0, |p| p.radius);
+        let finest = hierarchy.levels.last();
+        let radius = CELL_RADIUS * finest.map_or(0.0, LevelBasis::radius);
         let l = hierarchy.level_of(i);
         let level = &hierarchy.levels[l];
         let own = &level.points[i - hierarchy.level_starts[l] as usize];
@@ -134,7 +131,6 @@ impl ReceiverRays {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::basis::LevelBasis;
     use crate::samples::Point;
     use crate::scene::{Material, Surface, TriangleMesh};
 
