@@ -4,6 +4,7 @@
 //! The coarser functions are wider than the layers between the position and their centers. Only
 //! those whose center is visible from the position count, so that a gap does not send the light of
 //! the open surface beside it. The same holds for hits near the receiver, which can lie in gaps.
+//! The back of a single-sided surface is black and has no sender.
 
 use super::kernel::{kernel, reach};
 use super::visibility::Viewer;
@@ -26,6 +27,8 @@ pub struct GatherHit {
     pub distance: f32,
     /// `true` if the hit belongs to the senders on emitters.
     pub is_emitter: bool,
+    /// `false` on the back of a single-sided surface.
+    pub is_lit: bool,
 }
 
 impl Hierarchy {
@@ -41,6 +44,10 @@ impl Hierarchy {
         hit: &GatherHit,
         out: &mut Vec<WeightEntry>,
     ) -> bool {
+        if !hit.is_lit {
+            out.clear();
+            return false;
+        }
         let finest = levels - 1;
         let (x, n) = (hit.position, hit.normal);
         if self.sender_weights(finest, near, x, n, hit.is_emitter, out) {
@@ -69,6 +76,9 @@ impl Hierarchy {
         let (x, n) = (hit.position, hit.normal);
         let mut level = Vec::new();
         out.clear();
+        if !hit.is_lit {
+            return false;
+        }
         for l in (0..levels).rev() {
             let near = self.senders[l].grid.near(x);
             if self.sender_weights(l, near, x, n, hit.is_emitter, &mut level) {
@@ -216,7 +226,26 @@ mod tests {
             normal: Vec3::Y,
             distance: 10.0,
             is_emitter: false,
+            is_lit: true,
         }
+    }
+
+    #[test]
+    fn back_of_single_sided_surface_has_no_sender() {
+        let (mesh, hierarchy) = wall_between_functions();
+        let front = far_hit(Vec3::new(0.1, 0.0, 0.0));
+        let near = hierarchy.senders[0].grid.near(front.position);
+        let mut found = Vec::new();
+        let mut count = |is_lit: bool| {
+            let hit = GatherHit { is_lit, ..front };
+            let covered = hierarchy.hit_senders(&mesh, 1, near, &hit, &mut found);
+            assert_eq!(covered, !found.is_empty());
+            let of_one_level = found.len();
+            hierarchy.senders_of_levels(1, &hit, &mut found);
+            [of_one_level, found.len()]
+        };
+        assert_eq!(count(true), [2, 2]);
+        assert_eq!(count(false), [0, 0]);
     }
 
     #[test]

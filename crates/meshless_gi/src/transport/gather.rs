@@ -113,8 +113,6 @@ struct GatherSample {
 /// Hit of a direction.
 struct SampleHit {
     hit: GatherHit,
-    /// `false` on the back of a single-sided surface.
-    is_lit: bool,
     /// List of the finest level's grid at the hit.
     near: Range<u32>,
 }
@@ -128,8 +126,8 @@ impl SampleHit {
                 normal: at.normal,
                 distance: hit.t,
                 is_emitter,
+                is_lit: at.lit,
             },
-            is_lit: at.lit,
             near: 0..0,
         }
     }
@@ -213,7 +211,7 @@ impl Gathered {
             }
         }
         if !covered {
-            let lost = match hit.is_lit {
+            let lost = match hit.hit.is_lit {
                 true => &mut self.uncovered,
                 false => &mut self.unlit,
             };

@@ -189,6 +189,7 @@ fn one(
                 normal: site.normal,
                 distance: hit.t,
                 is_emitter,
+                is_lit: site.lit,
             },
             &mut scratch.found,
         ) {
