@@ -61,8 +61,8 @@ impl LevelBasis {
         }
     }
 
-    /// Support radius of the functions, meters: the first one's, 0 of none. All functions of a level
-    /// of a hierarchy have the same.
+    /// Support radius of the first function, meters. All functions of a level of a hierarchy share
+    /// it. Returns 0 if there are none.
     #[must_use]
     pub fn radius(&self) -> f32 {
         self.points.first().map_or(0.0, |point| point.radius)
