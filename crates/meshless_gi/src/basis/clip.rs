@@ -1,20 +1,21 @@
 //! Clip planes bound a basis function at walls (design D7). They prevent the light leak of [L08]
 //! §5.2.
 //!
-//! A function's support is a ball-like region that ignores walls. Positions in it that the
-//! function's center cannot see must not get light from it, nor give any. Exact visibility per
-//! position would cost a ray per weight; instead the bake looks, once, from each center at the
-//! surface positions around it. Where the view is blocked, the plane of the blocker, turned toward
-//! the center, is a candidate; the planes that cut off most blocked positions and no visible one
-//! are kept, six at most.
+//! A function's support is an ellipsoid that ignores walls. Positions in it that are not visible
+//! from the function's center must not exchange light with it. Exact visibility per position would
+//! cost a ray per weight. Instead, the bake casts rays once, from each center to the surface
+//! positions around it. If a ray is blocked, the plane of the blocker, turned toward the center, is
+//! a candidate. The bake keeps at most six planes: those that cut off most blocked positions and no
+//! visible ones.
 //!
-//! Positions that happen to be known may all lie on the near side of a wall whose far side the
-//! support still touches. So each center also looks around along its tangent plane for walls, and
-//! behind each one and under covers for surface.
+//! All given positions can lie on the near side of a wall whose far side the support still touches.
+//! Further rays therefore search walls along the tangent plane of each center. Behind each wall,
+//! rays search surface positions, also under covers.
 //!
 //! A function ends with its layer ([`Layer`]): its first planes are those of the layer. A position
-//! of another layer counts as blocked, even if the center sees it. A plane at the edge of a cover
-//! cuts off what lies below, and a plane half-way in height what lies above or below a step.
+//! of another layer counts as blocked, even if it is visible from the center. A plane at the edge
+//! of a cover cuts off the surface below it. A plane half-way in height cuts off the surface above
+//! or below a step.
 
 use super::kernel::{before, kernel, leans, plane_at};
 use super::layer_edge::edge_plane;
@@ -25,24 +26,25 @@ use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Largest number of planes of a function: what the display can afford to test.
+/// Largest number of planes of a function. It limits the plane tests at run time.
 const MAX_PLANES: usize = 6;
-/// A plane may cut off this share of the visible weight for each share of blocked weight.
+/// Largest visible weight that a plane may cut off per unit of blocked weight.
 const LOSS: f32 = 0.5;
-/// Largest number of positions that a function looks at for its clip planes.
+/// Largest number of given positions whose visibility is tested per function.
 const MAX_VISIBILITY_SAMPLES: usize = 64;
 /// Largest number of positions whose layer's edge is searched.
 const MAX_EDGES: usize = 8;
-/// Directions along the tangent plane in which it looks for walls.
+/// Number of directions along the tangent plane that are searched for walls.
 const DIRECTIONS: u32 = 16;
-/// Positions behind a wall in each of them.
+/// Number of distances behind a wall at which surface is searched, per direction.
 const BEHIND: u32 = 4;
 /// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq.
 /// (10).
 const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
 /// Height above the tangent plane, in radii, from which surface under a cover is searched.
 const UNDER_COVER: f32 = 0.01;
-/// Blocked weight, out of a function's own 1, that is worth a plane.
+/// Smallest gain in blocked weight that justifies a plane. The weight at the function's center is
+/// 1.
 const WORTH: f32 = 1e-5;
 
 /// Surface position around a function.
@@ -56,7 +58,8 @@ struct Surrounding {
 }
 
 impl Surrounding {
-    /// Free height above the position, meters, at most `reach`. Adds the rays cast to `rays`.
+    /// Returns the free height above the position, meters, at most `reach`. Adds the rays cast to
+    /// `rays`.
     fn free_height(&self, geometry: &dyn Geometry, reach: f32, rays: &mut u64) -> f32 {
         match self.free {
             Some(free) => free.min(reach),
@@ -68,21 +71,23 @@ impl Surrounding {
     }
 }
 
-/// A position in a function's support.
+/// Position in a function's support.
 pub(super) struct ClipSample {
     /// Meters.
     pub x: Vec3,
-    /// Its normal; zero in free space.
+    /// Unit normal. Zero at positions that do not lie on a surface.
     pub n: Vec3,
-    /// Weight of the function there, dimensionless.
+    /// Weight of the function at the position, dimensionless.
     pub weight: f32,
-    /// `true` if it is hidden from the function's center.
+    /// `true` if the position must not exchange light with the function's center.
     pub blocked: bool,
 }
 
-/// The planes `first` (n, d), then of the `candidates` those that cut off most blocked weight of
-/// `samples` and no more visible weight than that is worth. A candidate that cuts off the center is
-/// left out. Positions that are cut off leave the list. `radius` is that of the support, meters.
+/// Chooses clip planes. The result starts with the planes `first` (n, d), followed by the
+/// candidates that cut off the most blocked weight of `samples`. A candidate is left out if it cuts
+/// off the center. It is also left out if the visible weight that it cuts off exceeds [`LOSS`]
+/// times the blocked weight. Blocked samples that are cut off are removed from `samples`. `radius`
+/// is the support radius, meters.
 pub(super) fn choose_planes(
     samples: &mut Vec<ClipSample>,
     first: &[Vec4],
@@ -90,7 +95,7 @@ pub(super) fn choose_planes(
     center: Vec3,
     radius: f32,
 ) -> Vec<[f32; 4]> {
-    // A hair's breadth, so that the wall's own foot is on neither side by rounding.
+    // Tolerance against rounding: the foot of the wall itself is never cut off.
     let slack = 1e-3 * radius;
     let cut_off = |sample: &ClipSample, plane: Vec4| {
         sample.blocked && before(plane, sample.x, sample.n, radius) < -slack
@@ -101,7 +106,7 @@ pub(super) fn choose_planes(
     while kept.len() < MAX_PLANES {
         let mut best: Option<(f32, Vec4)> = None;
         for &plane in candidates {
-            // The function's own position stays, however near the wall it is.
+            // A plane must not cut off the function's center.
             if plane.dot(center.extend(1.0)) <= 0.0 {
                 continue;
             }
@@ -126,16 +131,17 @@ pub(super) fn choose_planes(
     kept
 }
 
-/// The clip planes of one function: `around` are surface points in and near its support.
-/// Returns planes (n, d) with n·x + d ≥ 0 on the function's side, and adds the rays cast to `rays`.
+/// Returns the clip planes (n, d) of one function, with n·x + d ≥ 0 on the function's side.
+/// `around` are surface points in and near its support. Adds the rays cast to `rays`.
 fn clip_planes(
     geometry: &dyn Geometry,
     point: &Point,
     around: impl Iterator<Item = Surrounding>,
     rays: &mut u64,
 ) -> Vec<[f32; 4]> {
-    // Occluders stand open for light, but functions end at them: else what is lit on one side would
-    // shine on the other when they shut. They end no layer, for what they cover is lit when open.
+    // Gather rays pass through occluders, but functions end at them. Otherwise light from one side
+    // would appear on the other side of a closed occluder. Occluders do not end a layer, because
+    // the surfaces that they cover are lit when they are open.
     let closed = geometry.with_occluders_closed().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let reach = TALL * radius;
@@ -198,17 +204,17 @@ fn clip_planes(
     choose_planes(&mut samples, &first, &candidates, x_j, radius)
 }
 
-/// The plane parallel to the tangent plane of a function at (`x_j`, `n_j`), half-way to a position
-/// above or below it. `None` if the position is on the tangent plane.
+/// Returns the plane parallel to the tangent plane of a function at (`x_j`, `n_j`), half-way to a
+/// position above or below it. Returns `None` if the position is on the tangent plane.
 fn plane_between(x_j: Vec3, n_j: Vec3, x: Vec3) -> Option<Vec4> {
     let height = n_j.dot(x - x_j);
     let toward = -n_j * height.signum();
     (height != 0.0).then(|| toward.extend(0.5 * height.abs() - toward.dot(x_j)))
 }
 
-/// Surface points within a function's support behind whatever stands on its tangent plane, as seen
-/// from `eye`, and the planes of the occluders that stand there. A jamb beyond a door may be so
-/// narrow that no position of it is found.
+/// Returns surface points in a function's support behind geometry on its tangent plane. Rays start
+/// at `eye`. Also returns the planes of the occluders among that geometry: a jamb behind a door can
+/// be too narrow for any sampled position.
 fn behind_walls(
     geometry: &dyn Geometry,
     point: &Point,
@@ -253,8 +259,8 @@ fn behind_walls(
     (found, occluders)
 }
 
-/// Gives each function its clip planes, looking at the positions in `around`. Also says how many
-/// rays it took.
+/// Computes the clip planes of each function from the positions in `around`. Returns the level and
+/// the number of rays cast.
 pub(super) fn with_planes(
     geometry: &dyn Geometry,
     mut points: Vec<Point>,
@@ -276,8 +282,8 @@ pub(super) fn with_planes(
             Surrounding { x, n, free }
         })
         .collect();
-    // Functions of several radii: each looks through the few cells that its support touches, of a
-    // grid about as coarse as itself.
+    // The functions have several radii. Each uses the grid whose cells are about as large as its
+    // radius, so that its support touches few cells.
     let smallest = points.iter().fold(f32::INFINITY, |r, p| r.min(p.radius));
     let sizes = std::iter::successors(Some(smallest), |s| Some(4.0 * s));
     let grids: Vec<HashedGrid> = sizes
@@ -303,7 +309,7 @@ pub(super) fn with_planes(
                 }
             });
             near.sort_unstable();
-            // Coarse functions among fine points need not look at all of them.
+            // Coarse functions have many fine points around them. A subset is enough.
             let stride = near.len().div_ceil(MAX_VISIBILITY_SAMPLES);
             let around = near
                 .iter()
@@ -329,7 +335,7 @@ mod tests {
     use crate::basis::weight;
     use crate::scene::{Material, TriangleMesh};
 
-    /// A floor of 4 m, and a shelf 4 cm above it from x = 0.2 on.
+    /// Floor of 4 m, and a shelf 4 cm above it from x = 0.2 on.
     fn floor_and_shelf() -> TriangleMesh {
         let v = Vec3::new;
         let [floor, shelf] = [(-2.0, 0.0), (0.2, 0.04)].map(|(x, y)| {

@@ -2,7 +2,7 @@
 //!
 //! A small emitter close to another surface, such as a sign on a wall, lies within the support of
 //! that surface's functions. Its light would be spread over them, and few gather rays would meet
-//! it. Emitters therefore have senders of their own: a hit on an emissive triangle belongs to these
+//! it. Emitters therefore have senders of their own. A hit on an emissive triangle belongs to these
 //! alone, every other hit to the other senders. Gathers then sample emitters by area
 //! ([`crate::transport::gather()`]).
 
@@ -13,9 +13,9 @@ use crate::scene::{Emitters, Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Number of importance particles. From each of their bounces one position on an emitter is tried.
+/// Number of importance particles. Each of their bounces tries one position on an emitter.
 const PARTICLES: u64 = 1024;
-/// Part of the points of a level that may lie on emitters.
+/// Divisor of a level's largest number of points. The quotient limits the points on emitters.
 const MAX_PART: usize = 4;
 
 /// Returns `true` if a point of the surface lies on an emissive triangle.
@@ -26,7 +26,8 @@ fn is_on_emitter(geometry: &dyn Geometry, emitters: &Emitters, surface: &Surface
     hit.is_some_and(|hit| emitters.contains(hit.primitive))
 }
 
-/// Positions on emitters that light reaches from the viewpoints, and the number of rays cast.
+/// Returns positions on emitters that importance particles from the viewpoints can reach, and the
+/// number of rays cast.
 pub(super) fn emitter_candidates(
     geometry: &dyn Geometry,
     emitters: &Emitters,
@@ -70,7 +71,7 @@ pub(super) fn separate_emitters(
     rays
 }
 
-/// Returns `true` for each surface that lies on an emitter.
+/// Tests each surface: `true` if it lies on an emitter.
 pub(super) fn on_emitters(
     geometry: &dyn Geometry,
     emitters: &Emitters,
@@ -83,9 +84,10 @@ pub(super) fn on_emitters(
 }
 
 impl Hierarchy {
-    /// Basis functions of sender level `l` that are not zero at (x, n), with weights that sum to
-    /// one: those on emitters at a position on an emitter, the others elsewhere. `near` is the list
-    /// of the level's grid at `x`. Replaces `out`. Returns `false` if there is none.
+    /// Computes the basis functions of sender level `l` that are not zero at (x, n). Their weights
+    /// sum to one. At a position on an emitter these are the functions on emitters, elsewhere the
+    /// others. `near` is the list of the level's grid at `x`. Replaces `out`. Returns `false` if no
+    /// function covers the position.
     #[inline]
     pub fn sender_weights(
         &self,
@@ -104,7 +106,7 @@ impl Hierarchy {
         !out.is_empty()
     }
 
-    /// Weights of [`sender_weights`](Self::sender_weights) before they are normalized.
+    /// Computes the weights of [`sender_weights`](Self::sender_weights) before normalization.
     pub(super) fn raw_sender_weights(
         &self,
         l: usize,
@@ -127,7 +129,7 @@ impl Hierarchy {
         self.emissive.get(j).is_some_and(|&e| e)
     }
 
-    /// Emitters of the geometry that have senders of their own.
+    /// Returns the emitters of the geometry if they have senders of their own.
     #[must_use]
     pub fn separate_emitters<'a>(&self, geometry: &'a dyn Geometry) -> Option<&'a Emitters> {
         geometry.emitters().filter(|_| !self.emissive.is_empty())

@@ -1,12 +1,12 @@
-//! The flat display basis ([L08] §4.1 "Flattening"): all points of all levels on one level, each
-//! with a radius of its own.
+//! Flat display basis ([L08] §4.1 "Flattening"): all points of all levels on one level, each with
+//! its own radius.
 //!
-//! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where
-//! light asks for them, so a function's radius follows from the points around it: it reaches every
-//! position that has it among its [`NEAREST`] nearest visible points. Where points are even that is
-//! the same radius for all; beside denser points it is as wide as the other side needs, and no
-//! position between levels is left without functions. The positions tested are the points
-//! themselves, surface around each of them, and hits of importance particles.
+//! \[L08\] gives every function the radius of the finest level. Our finer levels exist only where
+//! the light needs detail. A function's radius therefore follows from the points around it. The
+//! function reaches every position that has it among its [`NEAREST`] nearest visible points. At
+//! evenly spaced points all radii are equal. At the border of a denser region the radii are large
+//! enough to leave no position uncovered. The tested positions are the points themselves, surface
+//! positions around each of them, and hits of importance particles.
 
 use super::clip::with_planes;
 use super::kernel::{before, leans};
@@ -20,19 +20,19 @@ use crate::scene::Geometry;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Functions that reach a position.
+/// Number of functions that reach a position.
 const NEAREST: usize = 5;
 /// Largest distance of a near function, relative to the second nearest.
 const FAR: f32 = 3.0;
-/// Range of a function relative to that of the tested positions.
+/// Radius of a function relative to the distance of its farthest tested position.
 const MARGIN: f32 = 1.1;
-/// Paths of the importance particles.
+/// Number of importance particles.
 const PATHS: u64 = 6_144;
 /// Number of rays from each point that search further test positions.
 const BESIDE: u64 = 8;
 
 impl Hierarchy {
-    /// The flat basis of all points. Also says how many rays it took.
+    /// Builds the flat basis of all points. Also returns the number of rays cast.
     #[must_use]
     pub fn flat(
         &self,
@@ -86,9 +86,9 @@ impl Hierarchy {
         (flat, rays + traced.rays + asked + seen + opened)
     }
 
-    /// Positions around each point from level `first` on, in its layer and in layers beside it, and
-    /// the largest distance of their nearest point: only coarse functions reach behind walls, where
-    /// no light comes. Also returns the number of rays cast.
+    /// Returns positions around each point from level `first` on, in its layer and in adjacent
+    /// layers. Each has the largest allowed distance of its nearest point. Only coarse functions
+    /// reach behind walls that no light reaches. Also returns the number of rays cast.
     fn beside(
         &self,
         geometry: &dyn Geometry,
@@ -104,10 +104,11 @@ impl Hierarchy {
         (found.collect(), rays)
     }
 
-    /// The nearest visible points of a position by \[L08\] Eq. (10) over the squared cosine of the
-    /// normals, as Eq. (11) has it, among those whose functions on their own level reach it:
-    /// indices and dist_j(x). The nearest one is not farther than the radius of the finest
-    /// level, or has the position in its layer. Also returns the number of rays cast.
+    /// Returns the nearest visible points of a position: their indices and dist_j(x). The
+    /// candidates are the points whose functions on their own level reach the position. They are
+    /// sorted by \[L08\] Eq. (10) over the squared cosine of the normals, as in Eq. (11). The
+    /// nearest one is not farther than the radius of the finest level, or it shares the layer of
+    /// the position. Also returns the number of rays cast.
     fn nearest(
         &self,
         geometry: &dyn Geometry,
@@ -147,7 +148,7 @@ impl Hierarchy {
                     || shares_layer(geometry, point, x, n, &mut rays));
             if is_reached {
                 nearest.push((i, d));
-                // Where little is near, what is far does not help.
+                // At a sparsely covered position, distant functions are left out.
                 if nearest.len() == 2 {
                     max = FAR * distance;
                 }
@@ -157,9 +158,9 @@ impl Hierarchy {
     }
 }
 
-/// Removes clip planes where they leave a position without any function: those of the nearest
-/// function of its layer whose own level reaches it. Planes of occluders stay. Returns the number
-/// of rays cast.
+/// Removes clip planes that leave a position without any function. They are the planes of the
+/// nearest function in the position's layer whose own level reaches the position. Planes of
+/// occluders stay. Returns the number of rays cast.
 fn open(
     geometry: &dyn Geometry,
     flat: &mut LevelBasis,
@@ -181,7 +182,7 @@ fn open(
             |plane: &[f32; 4], radius| before(Vec4::from_array(*plane), x, n, radius) >= 0.0;
         let mut reaches = |&&(j, _): &&(u32, f32)| {
             let point = &flat.points[j as usize];
-            // Positions on the other side of an occluder stay there.
+            // Planes of occluders still separate positions.
             let mut occluders = flat.planes[point.plane_range()].iter();
             let is_open =
                 occluders.all(|p| !leans(Vec4::from_array(*p)) || before(p, point.radius));

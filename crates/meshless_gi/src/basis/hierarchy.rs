@@ -25,7 +25,7 @@ pub struct HierarchySettings {
     /// Number of levels.
     pub levels: usize,
     /// Number of levels, from the coarsest, that are senders. The finest sender level and the
-    /// finest level of all cover everything. The others leave tight corners to finer levels.
+    /// finest level of all cover everything. The other levels leave tight corners to finer levels.
     pub sender_levels: usize,
     /// Largest number of points of each level.
     pub max: Vec<usize>,
@@ -33,18 +33,18 @@ pub struct HierarchySettings {
     pub seed: u64,
     /// C of the basis functions of senders. `None` uses the functions of the hierarchy. \[L08\]
     /// uses one basis for both, and suggests different ones in §5.2. Receivers need smooth
-    /// functions. Tight senders blur less, and their lookup is faster.
+    /// functions. Senders with a small C blur less, and their lookup is faster.
     pub sender_overlap: Option<f32>,
-    /// Clip planes end functions at walls. `false` is the method of \[L08\].
+    /// `true` if clip planes end functions at walls. `false` is the method of \[L08\].
     pub clip: bool,
-    /// Particles drop their first bounces.
+    /// `true` if particles drop their first bounces.
     pub drop_first: bool,
-    /// Emissive surfaces have senders of their own, see `emitter_points.rs`.
+    /// `true` if emissive surfaces have senders of their own. See `emitter_points.rs`.
     pub separate_emitters: bool,
 }
 
 impl HierarchySettings {
-    /// Emitters that get senders of their own.
+    /// Returns the emitters that get senders of their own.
     pub(super) fn emitters<'a>(&self, geometry: &'a dyn Geometry) -> Option<&'a Emitters> {
         let emitters = geometry.emitters().filter(|_| self.separate_emitters);
         emitters.filter(|e| e.is_sparse())
@@ -68,13 +68,14 @@ pub struct Hierarchy {
     pub truncated: Vec<usize>,
     /// `true` for each sender on an emissive surface. Empty if emitters are not separate.
     pub emissive: Vec<bool>,
-    /// Visibility origin of each point, meters: slightly above it, see `visibility.rs`.
+    /// Visibility origin of each point, meters. It lies slightly above the point. See
+    /// `visibility.rs`.
     pub origins: Vec<Vec3>,
 }
 
 impl Hierarchy {
-    /// Scatters the points and builds the levels. `progress` gets the completed share after each
-    /// step. If it returns `false`, the construction stops and returns nothing.
+    /// Scatters the points and builds the levels. `progress` is called with the completed fraction
+    /// after each step. If it returns `false`, the construction stops and returns `None`.
     pub fn build(
         geometry: &dyn Geometry,
         viewpoints: &[Vec3],
@@ -103,7 +104,7 @@ impl Hierarchy {
         for l in 0..settings.levels {
             let disk = settings.coarse_radius / (1u32 << l) as f32;
             let points = to_points(&filled[l], disk * overlap(l, settings.levels));
-            // Search the points of this level and the next: four to five times as dense as the
+            // Use the points of this level and the next: four to five times as dense as the
             // functions themselves.
             let finer = (l + 1).min(settings.levels - 1);
             let mut around: Vec<&[Candidate]> = vec![&filled[finer]];
@@ -151,10 +152,10 @@ impl Hierarchy {
         })
     }
 
-    /// Adds a level of half the finest level's disk radius around the points `wanting` of the
-    /// finest level, where light needs more detail. Candidates are surface points visible from just
-    /// above each of them. `max` limits the number of points. Returns `None` if no point was
-    /// added.
+    /// Adds a level around the points `wanting` of the finest level, where light needs more detail.
+    /// Its disk radius is half that of the finest level. Candidates are surface points visible from
+    /// just above each of the points. `max` limits the number of added points. Returns the number
+    /// of added points.
     pub fn add_level(
         &mut self,
         geometry: &dyn Geometry,
@@ -195,7 +196,7 @@ impl Hierarchy {
         self.surfaces.len()
     }
 
-    /// Returns `true` if there are no points.
+    /// Returns `true` if the hierarchy has zero points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.surfaces.is_empty()
@@ -214,8 +215,8 @@ impl Hierarchy {
     }
 
     /// Appends the parents of the points of level `l` with B_k(p_i) (\[L08\] §2.1, Eq. (17)) to
-    /// `out`, which must hold those of the coarser levels. With `all`, a point has parents on every
-    /// coarser level, with weights that sum to one per level. Otherwise, it has those of the
+    /// `out`, which must contain those of the coarser levels. With `all`, a point has parents on
+    /// every coarser level, with weights that sum to one per level. Otherwise, it has those of the
     /// nearest coarser level that covers it.
     pub fn append_parents(&self, l: usize, all: bool, out: &mut Weights) {
         let rows: Vec<Vec<WeightEntry>> = self
@@ -243,7 +244,7 @@ impl Hierarchy {
         out.append(rows);
     }
 
-    /// Returns the parents of every point, see [`append_parents`](Self::append_parents).
+    /// Returns the parents of every point. See [`append_parents`](Self::append_parents).
     #[must_use]
     pub fn parents(&self, all: bool) -> Weights {
         let mut out = Weights::from_rows(std::iter::empty::<Vec<WeightEntry>>());
@@ -290,8 +291,8 @@ impl Hierarchy {
     }
 
     /// Returns the sender with the largest weight at each sender of the next level: a tree over the
-    /// sender levels. Senders of the coarsest level, and those that no function of the previous
-    /// level covers, are their own parents.
+    /// sender levels. A sender of the coarsest level is its own parent. So is a sender that no
+    /// function of the previous level covers.
     #[must_use]
     pub fn tree(&self) -> Vec<u32> {
         (0..self.senders.len())
@@ -317,12 +318,13 @@ impl Hierarchy {
             .collect()
     }
 
-    /// Area that each point of the tree shows to the rest of the scene, in arbitrary units, for
-    /// every sender level. It is the number of importance particles, which visit a closed scene
-    /// evenly, that land nearest to the point after a flight longer than the level's functions
-    /// reach. Receivers that use a coarse sender's mean are far away and do not see into the cracks
-    /// between its children. A mean by area would count their darkness and lose some percent of the
-    /// light. Also returns the number of rays cast.
+    /// Computes the area of each point of the tree that is visible from the rest of the scene, per
+    /// sender level and in arbitrary units. An area is the number of importance particles that land
+    /// nearest to the point after a flight longer than the support radius of the level. Importance
+    /// particles visit a closed scene evenly. Receivers that use the mean of a coarse sender are
+    /// far away. The cracks between its children are not visible from them. A mean by area would
+    /// count the dark cracks and lose some percent of the light. Also returns the number of rays
+    /// cast.
     #[must_use]
     pub fn visible_areas(
         &self,
@@ -336,11 +338,11 @@ impl Hierarchy {
         let first = self.level_starts[last];
         let leaves = &self.levels[last];
         let reach: Vec<f32> = self.senders.iter().map(LevelBasis::radius).collect();
-        // No point has a share of zero: one without a particle counts next to nothing.
+        // Every area is above zero: a point without a particle has almost zero weight.
         let mut areas = vec![vec![0.0f32; tree.len()]; reach.len()];
         for level in &mut areas {
             level[first as usize..].fill(0.01);
-            // Few particles meet an emitter. Its disks count alike.
+            // Few particles meet an emitter. All disks on emitters count equally.
             for (i, area) in level.iter_mut().enumerate().skip(first as usize) {
                 if self.is_on_emitter(i) {
                     *area = 1.0;
@@ -374,7 +376,7 @@ impl Hierarchy {
                             best = (w.weight, w.index);
                         }
                     }
-                    // The free position is half-way along the flight.
+                    // `free` is half-way along the flight.
                     (best.1, 2.0 * c.free.distance(c.surface.position))
                 })
                 .collect();
@@ -419,7 +421,8 @@ impl Hierarchy {
     }
 }
 
-/// Scales the weights to a sum of one. Clears a row whose sum is next to nothing.
+/// Scales the weights to a sum of one. Clears a row whose sum is at most
+/// [`NO_COVER`](super::NO_COVER).
 pub(super) fn normalize(row: &mut Vec<WeightEntry>) {
     let sum: f32 = row.iter().map(|w| w.weight).sum();
     if sum <= super::NO_COVER {
@@ -430,7 +433,7 @@ pub(super) fn normalize(row: &mut Vec<WeightEntry>) {
     }
 }
 
-/// Visibility origin of each point of a level, meters.
+/// Returns the visibility origin of each point of a level, meters.
 pub(super) fn origins(geometry: &dyn Geometry, level: &LevelBasis) -> Vec<Vec3> {
     let points = level.points.par_iter();
     let origin = |p: &Point| Viewer::new(geometry, p.x(), p.n(), p.radius).origin(p.radius);

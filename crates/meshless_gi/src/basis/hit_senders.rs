@@ -2,9 +2,9 @@
 //!
 //! Positions that no function of the finest sender level covers have coarser senders (design D1).
 //! The coarser functions are wider than the layers between the position and their centers. Only
-//! those whose center is visible from the position count, so that a gap does not send the light of
-//! the open surface beside it. The same holds for hits near the receiver, which can lie in gaps.
-//! The back of a single-sided surface is black and has no sender.
+//! functions whose center is visible from the position count. A gap then does not send the light of
+//! the open surface next to it. The same holds for hits near the receiver, which can lie in gaps.
+//! The back of a single-sided surface is black and has zero senders.
 
 use super::kernel::{kernel, reach};
 use super::visibility::Viewer;
@@ -12,8 +12,8 @@ use super::{Hierarchy, LevelBasis, WeightEntry};
 use crate::scene::Geometry;
 use glam::Vec3;
 
-/// Length of a ray, relative to the radius of the functions at its hit, below which they have to be
-/// visible from the hit: it can lie in a gap that they do not reach into.
+/// Ray length, relative to the radius of the functions at the hit, below which visibility from the
+/// hit is tested. A near hit can lie in a gap that its functions do not reach into.
 const NEAR: f32 = 0.5;
 
 /// Hit of a gather ray.
@@ -32,9 +32,10 @@ pub struct GatherHit {
 }
 
 impl Hierarchy {
-    /// Senders of a hit among the first `levels` levels, with weights that sum to one: those of the
-    /// finest level that covers it. `near` is the list of the finest level's grid at the position.
-    /// Replaces `out` by indices among all points. Returns `false` if there is none.
+    /// Computes the senders of a hit among the first `levels` levels, with weights that sum to one.
+    /// They belong to the finest level that covers the hit. `near` is the list of the finest
+    /// level's grid at the position. Replaces `out` by indices among all points. Returns `false` if
+    /// the hit has zero senders.
     #[inline]
     pub fn hit_senders(
         &self,
@@ -64,9 +65,9 @@ impl Hierarchy {
         self.coarse_senders(geometry, levels, hit, out)
     }
 
-    /// Senders of a hit on each of the first `levels` levels (\[L08\] Eq. (16)): as
-    /// [`hit_senders`](Self::hit_senders), with weights that sum to one on each level that covers
-    /// the position.
+    /// Computes the senders of a hit on each of the first `levels` levels (\[L08\] Eq. (16)). See
+    /// [`hit_senders`](Self::hit_senders). Weights sum to one on each level that covers the
+    /// position.
     pub fn senders_of_levels(
         &self,
         levels: usize,
@@ -89,7 +90,8 @@ impl Hierarchy {
         !out.is_empty()
     }
 
-    /// [`hit_senders`](Self::hit_senders) of a position that the finest level does not cover.
+    /// Implements [`hit_senders`](Self::hit_senders) for a position that the finest level does not
+    /// cover.
     #[cold]
     fn coarse_senders(
         &self,
@@ -114,7 +116,8 @@ impl Hierarchy {
         !out.is_empty()
     }
 
-    /// The visible sender of the finest level whose function would weigh most without clip planes.
+    /// Returns the visible sender with the largest weight without clip planes, on the finest level
+    /// that has one.
     fn nearest_visible_sender(
         &self,
         geometry: &dyn Geometry,
@@ -148,8 +151,8 @@ impl Hierarchy {
         })
     }
 
-    /// Removes the senders of level `l` that the viewer does not see. The weights of the others sum
-    /// to one.
+    /// Removes the senders of level `l` that are not visible from the viewer, and normalizes the
+    /// remaining weights to a sum of one.
     fn retain_visible(
         &self,
         geometry: &dyn Geometry,
@@ -163,7 +166,7 @@ impl Hierarchy {
         super::hierarchy::normalize(out);
     }
 
-    /// Turns indices on level `l` into indices among all points.
+    /// Converts indices on level `l` to indices among all points.
     fn offset(&self, l: usize, out: &mut [WeightEntry]) {
         for w in out {
             w.index += self.level_starts[l];
@@ -179,8 +182,8 @@ mod tests {
     use crate::samples::Point;
     use crate::scene::{Material, TriangleMesh};
 
-    /// A floor with a thin wall at x = 0, and two levels of functions: wide ones on either side,
-    /// and a fine one far away.
+    /// Floor with a thin wall at x = 0, and two levels of functions. The wide ones are on either
+    /// side of the wall, the fine one is far away.
     fn wall_between_functions() -> (TriangleMesh, Hierarchy) {
         let v = Vec3::new;
         let floor = [
@@ -204,7 +207,7 @@ mod tests {
             let at = |&x: &f32| Point::new(v(x, 0.0, 0.0), Vec3::Y, radius);
             LevelBasis::new(xs.iter().map(at).collect(), Vec::new())
         };
-        // Without planes: the wall is nothing to the weights.
+        // Without planes: the weights ignore the wall.
         let senders = vec![level(&[-0.2, 0.5], 1.0), level(&[2.0], 0.3)];
         let origins = senders.iter().flat_map(|l| origins(&mesh, l)).collect();
         let hierarchy = Hierarchy {
@@ -251,7 +254,7 @@ mod tests {
     #[test]
     fn near_hit_has_visible_senders() {
         let (mesh, hierarchy) = wall_between_functions();
-        // The functions of the coarse level alone.
+        // Grid list of the coarse level alone.
         let near = hierarchy.senders[0].grid.near(Vec3::ZERO);
         let mut found = Vec::new();
         let mut count = |distance: f32| {
@@ -287,7 +290,7 @@ mod tests {
     #[test]
     fn position_without_function_takes_nearest_visible_sender() {
         let (mesh, mut hierarchy) = wall_between_functions();
-        // A plane that cuts off all but the centers.
+        // A plane that cuts off everything except the centers.
         for level in &mut hierarchy.senders {
             level.planes = vec![[0.0, 0.0, -1.0, 0.01]];
             for point in &mut level.points {

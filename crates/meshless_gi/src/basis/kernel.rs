@@ -1,11 +1,11 @@
-//! The weight function of the basis: [L08] Eqs. (8)-(10), with clip planes that stop it at walls
-//! (design D7).
+//! Weight function of the basis: [L08] Eqs. (8)-(10), with clip planes that end it at walls (design
+//! D7).
 
 use crate::samples::{Point, dist_squared};
 use crate::scene::Barrier;
 use glam::{Vec3, Vec4};
 
-/// K(t) of \[L08\] Eq. (9) for t = r / r_j: 2t³ − 3t² + 1 up to 1, then 0.
+/// Computes K(t) of \[L08\] Eq. (9) with t = r / r_j: 2t³ − 3t² + 1 for t < 1, otherwise 0.
 #[must_use]
 #[inline]
 pub fn kernel(t: f32) -> f32 {
@@ -16,17 +16,17 @@ pub fn kernel(t: f32) -> f32 {
     }
 }
 
-/// Squared length of the normal of a clip plane from which on the plane has a lean.
+/// Squared length of a clip plane's normal above which the plane has a lean.
 pub const LEAN_FROM: f32 = 1.001;
 /// Lean of an occluder's clip plane beyond half of the occluder's thickness, in radii. It covers
 /// surfaces drawn on the occluder itself, and rounding.
 const LEAN_MARGIN: f32 = 0.01;
-/// Longest lean, in radii: no function reaches further.
+/// Largest lean, in radii. Functions do not reach farther.
 const LONGEST_LEAN: f32 = 2.0;
 
-/// The clip plane (n, d) of a function of `radius` at a barrier. The normal of an ordinary one is a
-/// unit vector. That of an occluder is longer: its squared length is [`LEAN_FROM`] and the lean, in
-/// radii.
+/// Computes the clip plane (n, d) of a function of `radius` at a barrier. The normal of an ordinary
+/// plane is a unit vector. The normal of an occluder's plane is longer: its squared length is
+/// [`LEAN_FROM`] plus the lean, in radii.
 #[must_use]
 pub(super) fn plane_at(barrier: &Barrier, radius: f32) -> Vec4 {
     let plane = barrier.normal.extend(-barrier.normal.dot(barrier.position));
@@ -37,15 +37,16 @@ pub(super) fn plane_at(barrier: &Barrier, radius: f32) -> Vec4 {
     })
 }
 
-/// Returns true if a clip plane is that of an occluder.
+/// Returns `true` if a clip plane belongs to an occluder.
 pub(super) fn leans(plane: Vec4) -> bool {
     plane.truncate().length_squared() > LEAN_FROM
 }
 
-/// Above zero where the position is on the function's side of a clip plane. The plane of an
-/// occluder lies in its middle and moves with the normal of what is lit: by its lean away from the
-/// function for what faces it, and toward it for what faces away. So all that lies in a shut door
-/// is lit from the side that it faces, and floor and jambs from the nearer one.
+/// Computes a value that is at least zero if the position is on the function's side of a clip
+/// plane. The plane of an occluder lies in the middle of the occluder and shifts by its lean. It
+/// shifts away from the function if the normal `n` faces the function, and toward it if `n` faces
+/// away. A surface inside a closed door is thus lit from the side that it faces. Floor and jambs
+/// are lit from the nearer side.
 #[inline]
 pub(super) fn before(plane: Vec4, x: Vec3, n: Vec3, radius: f32) -> f32 {
     let m = plane.truncate();
@@ -53,8 +54,8 @@ pub(super) fn before(plane: Vec4, x: Vec3, n: Vec3, radius: f32) -> f32 {
     plane.dot(x.extend(1.0)) + lean * m.dot(n)
 }
 
-/// w_j(x, n) of \[L08\] Eq. (8), dimensionless in [0, 1]; 0 where `x` lies behind one of the
-/// function's clip planes. `planes` is the array that `point.planes` points into.
+/// Computes w_j(x, n) of \[L08\] Eq. (8), dimensionless in [0, 1]. The weight is 0 if `x` lies
+/// behind one of the function's clip planes. `planes` is the array that `point.planes` refers to.
 #[must_use]
 #[inline]
 pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
@@ -66,8 +67,8 @@ pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     }
 }
 
-/// The cosine of the normals, the squared distance of \[L08\] Eq. (10), and whether the position is
-/// within the radius and on the side that the function faces.
+/// Returns the cosine of the normals and the squared distance of \[L08\] Eq. (10). The last value
+/// is `true` if the position is within the radius and on the side that the function faces.
 #[inline]
 pub(super) fn reach(point: &Point, x: Vec3, n: Vec3) -> (f32, f32, bool) {
     let n_j = point.n();
@@ -77,7 +78,7 @@ pub(super) fn reach(point: &Point, x: Vec3, n: Vec3) -> (f32, f32, bool) {
     (cosine, squared, inside)
 }
 
-/// [`weight`] of a position that [`reach`] says is inside.
+/// Computes [`weight`] for a position that is inside by [`reach`].
 #[inline]
 pub(super) fn weight_inside(
     point: &Point,
@@ -113,7 +114,7 @@ mod tests {
         assert_eq!(weight(&p, &[], Vec3::X, Vec3::Y), 0.5);
         assert_eq!(weight(&p, &[], Vec3::X, Vec3::NEG_Y), 0.0);
         assert_eq!(weight(&p, &[], Vec3::X * 2.0, Vec3::Y), 0.0);
-        // Along the normal the support is 1 / (1 + F_squash) as long.
+        // The support extends 1 / (1 + F_squash) radii along the normal.
         assert_eq!(weight(&p, &[], Vec3::Y * 0.67, Vec3::Y), 0.0);
         // A wall at x = 0.9 that faces the function.
         let planes = [[-1.0, 0.0, 0.0, 0.9]];
@@ -122,7 +123,7 @@ mod tests {
         assert!(weight(&p, &planes, Vec3::X * 0.89, Vec3::Y) > 0.5);
     }
 
-    /// A door 20 cm thick with its middle at x = 1, before a function at the origin.
+    /// Door 20 cm thick with its middle at x = 1, in front of a function at the origin.
     #[test]
     fn weight_inside_occluder_belongs_to_faced_side() {
         let barrier = Barrier {
@@ -135,7 +136,7 @@ mod tests {
         for (n, end) in [(Vec3::NEG_X, 1.105), (Vec3::Y, 1.0), (Vec3::X, 0.895)] {
             assert!(before(end - 0.001, n) && !before(end + 0.001, n), "{n}");
         }
-        // What stays has no thickness, whatever faces it.
+        // A static wall has zero thickness for every normal.
         let wall = Barrier {
             half_thickness: None,
             ..barrier

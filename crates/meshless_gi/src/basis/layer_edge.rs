@@ -3,14 +3,15 @@
 use crate::samples::tangents;
 use glam::{Vec3, Vec4};
 
-/// Number of bisections: the edge is found to a thousandth of the way.
+/// Number of bisections. The error of the edge is at most 0.001 of the distance searched.
 const STEPS: u32 = 10;
 /// Angle to either side at which the direction of the edge is measured, radians.
 const ANGLE: f32 = 0.15;
 
-/// Plane (n, d) that contains the normal `n_j` and the edge between the center `x_j` and a position
-/// `x` of another layer, with the center on its positive side. `is_inside` returns `true` for a
-/// position on the tangent plane in the center's layer. `None` if there is no edge across the way.
+/// Computes the plane (n, d) that contains the normal `n_j` and the edge between the center `x_j`
+/// and a position `x` of another layer. The center is on its positive side. `is_inside` returns
+/// `true` for a position on the tangent plane in the center's layer. Returns `None` if the search
+/// does not find an edge.
 pub(super) fn edge_plane(
     x_j: Vec3,
     n_j: Vec3,
@@ -21,7 +22,7 @@ pub(super) fn edge_plane(
     let way = x - x_j;
     let (along_t, along_b) = (way.dot(t), way.dot(b));
     let angle = libm::atan2f(along_b, along_t);
-    // A little farther, for the edge may be farther away to one side.
+    // Margin, because the edge can be farther away on one side.
     let length = 1.2 * libm::hypotf(along_t, along_b);
     let mut edge = |turn: f32| {
         let toward = t * libm::cosf(angle + turn) + b * libm::sinf(angle + turn);

@@ -18,7 +18,8 @@ pub(super) struct LevelPoints {
 }
 
 impl LevelPoints {
-    /// Scatters the points of each level. Those of senders on emitters are among `on_emitter`.
+    /// Scatters the points of each level. The points of senders on emitters come from `on_emitter`.
+    /// Returns `None` if `progress` returns `false`.
     pub fn new(
         geometry: &dyn Geometry,
         viewpoints: &[Vec3],

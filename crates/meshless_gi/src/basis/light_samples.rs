@@ -2,16 +2,19 @@
 //! function B_j ([L08] Eq. (2)).
 //!
 //! \[L08\] §2.1 evaluates light at the function's own center. The shadow edge of a moving light
-//! then jumps from center to center, and a sender next to a lit ledge is either lit or dark. A
-//! sender of the finest level is therefore the mean over several samples. Candidates come
-//! from a lattice with the kernel's density ([L08] Eq. (9)), rotated for each sender and projected
-//! to the surface. The samples are chosen from them by the inverse of the level's sum of weights:
-//! together, the senders of a level then represent each part of the surface once. Samples that a
-//! wall or a fold hides from the center are left out. On a rough surface (the cells of a point
-//! cloud) samples lie above the surrounding rims, which the frame's shadow rays would hit
-//! otherwise. Visibility is then tested from above the surface, as for clip planes, since the next
-//! cell of a bend would hide everything behind it. On triangles it is tested from the surface
-//! itself: a higher origin would see over sills and ledges to surfaces with other light.
+//! then jumps from center to center. A sender next to a lit ledge is either lit or dark. A sender
+//! of the finest level is therefore the mean over several samples.
+//!
+//! Candidates come from a lattice with the kernel's density ([L08] Eq. (9)), rotated for each
+//! sender and projected to the surface. Samples are selected by the inverse of the level's sum of
+//! weights. Together, the senders of a level then represent each part of the surface once. Samples
+//! that a wall or a fold occludes from the center are left out.
+//!
+//! On a rough surface (the cells of a point cloud) samples lie above the surrounding rims. The
+//! shadow rays of a frame would hit the rims otherwise. Visibility is then tested from above the
+//! surface, as for clip planes: on a curved surface, the next cell would occlude everything behind
+//! it. On triangles it is tested from the surface itself. From a higher origin, surfaces with other
+//! light behind sills and ledges would be visible.
 
 use super::kernel::weight;
 use super::visibility::support_origin_height;
@@ -21,16 +24,16 @@ use crate::scene::{Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Number of lattices of candidates, each as large as the number of samples.
+/// Number of candidate lattices. Each has as many points as a sender has samples.
 const LATTICES: u32 = 8;
-/// Smallest sum of weights that counts. At the rim of a function that is alone, one candidate would
-/// stand for most of the surface.
+/// Lower bound of the sum of weights. Without it, one candidate at the rim of an isolated function
+/// would represent most of the surface.
 const MIN_WEIGHTS: f32 = 0.25;
 
 /// Candidate for a light sample.
 struct SampleCandidate {
     surface: Surface,
-    /// Inverse of the sum of the level's weights there.
+    /// Inverse of the sum of the level's weights at the candidate.
     share: f32,
 }
 
@@ -39,14 +42,14 @@ struct SampleCandidate {
 pub struct SenderLevel<'a> {
     /// Basis functions.
     pub basis: &'a LevelBasis,
-    /// `true` for each sender on an emissive surface, whose samples lie on emissive surfaces, as
-    /// those of the other senders do not. Empty if emitters are not separate.
+    /// `true` for each sender on an emissive surface. The samples of these senders lie on emissive
+    /// surfaces, those of the other senders do not. Empty if emitters are not separate.
     pub emissive: &'a [bool],
 }
 
-/// The positions of a level's functions, so many each, behind one another; `surfaces` are those at
-/// the functions' centers and get the mean reflectance and emission over the positions. Also says
-/// how many rays it took.
+/// Returns `per_sender` light samples for each function of the level, function after function, and
+/// the number of rays cast. `surfaces` are the surfaces at the function centers. Their albedo and
+/// emission are replaced by the means over the samples.
 pub fn place_light_samples(
     geometry: &dyn Geometry,
     level: &SenderLevel<'_>,
@@ -83,8 +86,8 @@ pub fn place_light_samples(
     (found.into_iter().flat_map(|f| f.0).collect(), rays)
 }
 
-/// The surface at lattice points around function `i` that belong to it: of each lattice, a position
-/// at each radius in `reach`. Also returns the number of rays cast.
+/// Returns the candidates of function `i` at lattice points around its center, and the number of
+/// rays cast. Each lattice has one point at each radius in `reach`, relative to the support radius.
 fn look_around(
     geometry: &dyn Geometry,
     level: &SenderLevel<'_>,
@@ -99,7 +102,8 @@ fn look_around(
     let (x, n) = (surface.position, surface.normal);
     let (t, b) = tangents(n);
     let mut random = Random::new(seed, 0x70_6c_61_63, i as u64);
-    // Within the support along the normal ([L08] Eq. (10)), and under what covers the center.
+    // Rays stay within the support along the normal ([L08] Eq. (10)) and below any surface above
+    // the center.
     let depth = 0.25 * point.radius;
     let height = 0.5 * free_height(geometry, x, n, 2.0 * depth);
     let mut rays = 1;
@@ -111,7 +115,7 @@ fn look_around(
         for (k, r) in reach.iter().enumerate() {
             let angle = lattice(k as u32, reach.len() as u32, turn).y * std::f32::consts::TAU;
             let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * (r * point.radius);
-            // Down from above onto the surface.
+            // Ray from above down to the surface.
             let ray = Ray::segment(x + across + n * height, -n, height + depth);
             rays += 1;
             let Some(hit) = geometry.cast(&ray) else {
@@ -147,14 +151,14 @@ fn look_around(
             });
         }
     }
-    // Samples that follow each other are near each other: systematic resampling then leaves no gap.
+    // Consecutive samples are close to each other, so that systematic resampling leaves no gaps.
     let bounds = support_bounds(point);
     seen.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
     (seen, rays)
 }
 
-/// `count` of the candidates, each as often as its share demands (systematic resampling). Empty if
-/// there is none.
+/// Selects `count` candidates, each in proportion to its share (systematic resampling). Returns an
+/// empty list if `candidates` is empty.
 fn resample(candidates: &[SampleCandidate], count: usize) -> Vec<Surface> {
     let whole: f32 = candidates.iter().map(|c| c.share).sum();
     let mut chosen = Vec::with_capacity(count);
@@ -165,16 +169,16 @@ fn resample(candidates: &[SampleCandidate], count: usize) -> Vec<Surface> {
             chosen.push(candidate.surface);
         }
     }
-    // Rounding may leave the last one out.
+    // Rounding can leave out the last sample.
     while let (true, Some(last)) = (chosen.len() < count, candidates.last()) {
         chosen.push(last.surface);
     }
     chosen
 }
 
-/// The radius, in parts of the support's, inside of which the share `u` of a function's weight on a
-/// plane lies: the inverse of ∫ K(t) t dt = 2t⁵/5 − 3t⁴/4 + t²/2 over its whole, 3/20, with K of
-/// \[L08\] Eq. (9).
+/// Computes the radius, relative to the support radius, that encloses the fraction `u` of a
+/// function's weight on a plane. It inverts ∫ K(t) t dt = 2t⁵/5 − 3t⁴/4 + t²/2, divided by its
+/// total 3/20, with K of \[L08\] Eq. (9).
 fn quantile(u: f32) -> f32 {
     let inside = |t: f32| t * t * (0.5 + t * t * (0.4 * t - 0.75)) / 0.15;
     let (mut low, mut high) = (0.0f32, 1.0f32);
@@ -202,7 +206,7 @@ mod tests {
         [[a, b, c], [a, c, d]]
     }
 
-    /// A floor of 4 m with a wall through x = 0.3, as thin as can be.
+    /// Floor of 4 m with a wall of zero thickness at x = 0.3.
     fn floor_and_wall() -> TriangleMesh {
         let floor = square([
             Vec3::new(-2.0, 0.0, 2.0),
@@ -239,7 +243,7 @@ mod tests {
 
     #[test]
     fn kernel_quantile_matches_kernel_integral() {
-        // Midpoint rule over K(t) t against the quantile.
+        // Compare the quantile with the midpoint rule over K(t) t.
         for u in [0.1f32, 0.5, 0.9] {
             let t = quantile(u);
             let steps = 20_000;
@@ -311,7 +315,7 @@ mod tests {
     }
 
     #[cfg(feature = "point_clouds")]
-    /// A ball of points of radius 1, and functions of radius 0.2 on it.
+    /// Sphere of points of radius 1, and functions of radius 0.2 on it.
     fn ball() -> (TriangleMesh, LevelBasis, Vec<Surface>) {
         let ball: Vec<Vec3> = (0..1500).map(|i| on_the_sphere(1, i)).collect();
         let points = PlyPoints {
@@ -364,8 +368,8 @@ mod tests {
     fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
         let (samples, _) = place_light_samples(&mesh, &senders(&level), &mut surfaces, 64, 3);
-        // Nothing but the ball is there: a light above a position's own and its neighbors' horizon
-        // shines on it. The start is a frame's.
+        // The sphere is the only geometry. A light above the horizon of a position and its
+        // neighbors must be visible from the position. The ray starts as a frame's shadow ray does.
         let blocked = |raised: f32| {
             let dark = |(k, sample): (usize, &LightSample)| {
                 let (x, n) = (sample.x(), sample.n());

@@ -24,6 +24,6 @@ pub use shepard::{LevelBasis, support_bounds};
 pub use voronoi_cells::{CellPart, find_cells};
 pub use weights::{WeightEntry, Weights};
 
-/// Sum of weights below which a position counts as not covered: a Shepard quotient of less would be
-/// 0/0 or noise.
+/// Sum of weights up to which a position counts as not covered. The Shepard quotient of a smaller
+/// sum would be 0/0 or noise.
 pub const NO_COVER: f32 = 1e-6;

@@ -1,10 +1,10 @@
-//! The basis in free space: functions around the probes, on one level, for every direction of a
-//! normal. From the positions of `samples` to what `frame::probe` looks up.
+//! Basis of the probes between surfaces: functions on one level, for every direction of a normal.
+//! It is built from the positions of `samples`. `frame::probe` evaluates it.
 //!
-//! The weights are those of [L08] Eqs. (8)-(9) without what concerns normals: probes have none,
-//! which a normal of zero says ([L08] Eq. (10) is then the plain distance). Clip planes stop a
-//! function at walls as they stop those on surfaces (design D7): the positions looked at are other
-//! positions in free space.
+//! The weights are those of [L08] Eqs. (8)-(9) without the terms of normals. The normal of a probe
+//! is zero, and [L08] Eq. (10) is then the Euclidean distance. Clip planes end a function at walls,
+//! as for functions on surfaces (design D7). The tested positions are other positions between
+//! surfaces.
 
 use super::LevelBasis;
 use super::clip::{ClipSample, choose_planes};
@@ -14,17 +14,17 @@ use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Radius of a function, in parts of the spacing: so that a position which a probe within the
-/// spacing sees always has several.
+/// Radius of a function, relative to the spacing. A position with a visible probe within the
+/// spacing then always has several functions.
 pub const PROBE_OVERLAP: f32 = 1.75;
-/// Positions at most that a probe looks at.
+/// Largest number of positions whose visibility from a probe is tested.
 const MAX_VISIBILITY_SAMPLES: usize = 192;
-/// Directions in which it looks for walls.
+/// Number of directions from a probe that are searched for walls.
 const WALLS: u32 = 48;
 
-/// w_j(x) of a probe, dimensionless in [0, 1]; 0 behind one of its clip planes, which those of
-/// occluders are for each `n` of what is lit elsewhere. Zero for no normal: the side of an occluder
-/// that is nearer.
+/// Computes w_j(x) of a probe, dimensionless in [0, 1]. The weight is 0 behind one of its clip
+/// planes. The planes of occluders shift with the normal `n` of the lit surface. With a zero `n`,
+/// they lie in the middle of the occluder.
 #[must_use]
 #[inline]
 pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
@@ -36,8 +36,8 @@ pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> 
     }
 }
 
-/// Probes at `positions`, `spacing` meters apart, with clip planes by their visibility from the
-/// positions in `crossed`. Also returns the number of rays.
+/// Builds probes at `positions`, `spacing` meters apart. Their clip planes follow from the
+/// visibility of the positions in `crossed`. Also returns the number of rays cast.
 #[must_use]
 pub fn probe_basis(
     geometry: &dyn Geometry,
@@ -86,7 +86,7 @@ pub fn probe_basis(
     (LevelBasis::new(points, planes), rays)
 }
 
-/// The clip planes of a probe at `x`, and how many rays it took.
+/// Returns the clip planes of a probe at `x` and the number of rays cast.
 fn planes_of(
     geometry: &dyn Geometry,
     x: Vec3,
@@ -121,7 +121,7 @@ fn planes_of(
     }
     for k in 0..WALLS {
         let way = uniform_sphere(lattice(k, WALLS, Vec2::ZERO)).normalize_or(Vec3::Y);
-        // A probe has no value inside of a wall, which no light reaches.
+        // A probe has zero weight inside a wall, because no light reaches it.
         if let Some(t) = look(way, radius, &mut candidates) {
             let length = 0.5 * (t + radius);
             samples.push(ClipSample {
@@ -144,7 +144,7 @@ mod tests {
     use crate::samples::{ProbePlacementSettings, Random, place_probes};
     use crate::scene::{Material, Quad, mesh_of_quads};
 
-    /// The six walls of a room, seen from within.
+    /// The six walls of a room, with fronts to the inside.
     fn room(low: Vec3, high: Vec3) -> Vec<Quad> {
         let size = high - low;
         (0..6)
@@ -202,7 +202,7 @@ mod tests {
                 "{x}: {found:?}"
             );
         }
-        // Without planes they would not.
+        // Without planes, probes reach through the wall.
         let found = reaching(Vec3::new(1.95, 1.0, 1.0), false);
         assert!(found.iter().any(|p| p.x > 2.0));
     }

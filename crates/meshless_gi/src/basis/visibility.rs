@@ -3,11 +3,13 @@
 use crate::scene::{Geometry, Ray};
 use glam::Vec3;
 
-/// Height above the surface, in radii, from which a function looks: over gravel, not over walls.
+/// Height of the visibility origin above the surface, in radii. Rays from it pass over gravel, not
+/// over walls.
 pub(super) const ORIGIN_HEIGHT: f32 = 0.1;
 
-/// Height of the visibility origin above the center (x, n) of a function with this radius, in
-/// meters. It sees over gravel and around bends, and is at most half-way to the geometry above.
+/// Computes the height of the visibility origin above the center (x, n) of a function with this
+/// radius, in meters. Rays from it pass over gravel and around bends. The height is at most half
+/// the distance to the geometry above. Adds the rays cast to `rays`.
 pub(super) fn visibility_origin_height(
     geometry: &dyn Geometry,
     x: Vec3,
@@ -19,10 +21,10 @@ pub(super) fn visibility_origin_height(
     Viewer::new(geometry, x, n, radius).height(radius)
 }
 
-/// Height from which the center (x, n) of a function with this radius looks at its own support, in
-/// meters. It is [`visibility_origin_height`] on a rough surface, where the next cell of a bend
-/// would hide all that lies behind it. On triangles it is the surface itself: a higher origin would
-/// see over sills and ledges to surfaces with other light.
+/// Computes the height above the center (x, n) at which rays to a function's own support start, in
+/// meters. On a rough surface it is [`visibility_origin_height`]: the next cell of a bend would
+/// occlude everything behind it. On triangles it is the surface itself. From a higher origin,
+/// surfaces with other light behind sills and ledges would be visible.
 pub(super) fn support_origin_height(
     geometry: &dyn Geometry,
     x: Vec3,
@@ -50,8 +52,8 @@ pub(super) struct Viewer {
 }
 
 impl Viewer {
-    /// Viewer at surface position `x` with unit normal `n`, for functions up to this radius. Casts
-    /// one ray.
+    /// Creates a viewer at surface position `x` with unit normal `n`, for functions up to this
+    /// radius. Casts one ray.
     pub fn new(geometry: &dyn Geometry, x: Vec3, n: Vec3, radius: f32) -> Self {
         let lift = geometry.ray_offset(x);
         let high = (ORIGIN_HEIGHT * radius).max(lift);
@@ -64,12 +66,13 @@ impl Viewer {
         }
     }
 
-    /// Visibility origin for a function of this radius, meters.
+    /// Returns the visibility origin for a function of this radius, meters.
     pub fn origin(&self, radius: f32) -> Vec3 {
         self.position + self.normal * self.height(radius)
     }
 
-    /// Height of the origin above the surface, meters. See [`visibility_origin_height`].
+    /// Returns the height of the origin above the surface, meters. See
+    /// [`visibility_origin_height`].
     fn height(&self, radius: f32) -> f32 {
         let high = (ORIGIN_HEIGHT * radius).max(self.lift);
         match self.free < 2.0 * high {

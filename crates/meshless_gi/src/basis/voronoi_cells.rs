@@ -1,10 +1,10 @@
-//! The surface that each point of a level stands for, m², and where it lies: what lies nearer to
-//! the point than to any other, by the weights of the basis.
+//! Voronoi cells: the surface that each point of a level represents, as positions and areas in m².
+//! The basis weight of the point is the largest of the level in its cell.
 //!
-//! A disk as wide as the point's function is dropped onto the surface at lattice points of equal
-//! area; those where no other function of the level weighs more are its cell. [G08] §2.4 takes
-//! areas from the local density of points, which edges and corners, where nothing lies beyond, make
-//! too large.
+//! A disk with the radius of the point's function is projected onto the surface at lattice points
+//! of equal area. The lattice points where no other function of the level has a larger weight form
+//! the cell. [G08] §2.4 takes areas from the local density of points. At edges and corners, with no
+//! points beyond them, these areas are too large.
 
 use super::{LevelBasis, WeightEntry};
 use crate::samples::{Random, free_height, lattice, tangents};
@@ -12,22 +12,22 @@ use crate::scene::{Geometry, Ray};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Lattice points a disk: a third of them lie in the cell.
+/// Number of lattice points per disk. A third of them lie in the cell.
 const LATTICE_POINTS: u32 = 64;
 
-/// A piece of a point's surface.
+/// Part of a point's cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPart {
-    /// Position in meters.
+    /// Position, meters.
     pub position: Vec3,
-    /// Unit normal there.
+    /// Unit normal.
     pub normal: Vec3,
-    /// The surface that it stands for, m².
+    /// Area that the part represents, m².
     pub area: f32,
 }
 
-/// The cells of a level's points, each as at most `parts` pieces of equal area spread over it. Also
-/// says how many rays it took.
+/// Computes the cells of a level's points, each as at most `parts` parts of equal area. Also
+/// returns the number of rays cast.
 #[must_use]
 pub fn find_cells(
     geometry: &dyn Geometry,
@@ -46,7 +46,7 @@ pub fn find_cells(
     (cells.into_iter().map(|c| c.0).collect(), rays)
 }
 
-/// All pieces of a cell.
+/// Returns all parts of a cell and the number of rays cast.
 fn look_around(
     geometry: &dyn Geometry,
     level: &LevelBasis,
@@ -58,7 +58,7 @@ fn look_around(
     let (x, n) = (point.x(), point.n());
     let (t, b) = tangents(n);
     let turn = Random::new(seed, 0x63_65_6c_6c, i as u64).unit();
-    // Under what covers the point.
+    // Rays start below any surface above the point.
     let depth = 0.25 * point.radius;
     let height = 0.5 * free_height(geometry, x, n, 2.0 * depth);
     let lift = geometry.ray_offset(x);
@@ -84,8 +84,8 @@ fn look_around(
         if weight <= 0.0 || !nearest || cosine < 0.1 || !there.lit {
             continue;
         }
-        // From above, for a curved surface bulges between the two; from below where there is a
-        // ceiling.
+        // The ray from above passes over the bulge of a curved surface. The ray from below passes
+        // under a ceiling.
         let open = [height.max(lift), lift].into_iter().any(|up| {
             rays += 1;
             !geometry.occluded(x + n * up, there.position + there.normal * up)
@@ -99,7 +99,7 @@ fn look_around(
         }
     }
     if seen.is_empty() {
-        // Narrower than the lattice: the point itself, for what one piece stands for.
+        // The cell is narrower than the lattice: the point itself represents the area of one part.
         seen.push(CellPart {
             position: x,
             normal: n,
@@ -109,12 +109,11 @@ fn look_around(
     (seen, rays)
 }
 
-/// Reduces the pieces to at most `max`, which keep the total area.
+/// Reduces the parts to at most `max`, and keeps the total area.
 fn thinned(seen: &[CellPart], max: usize) -> Vec<CellPart> {
     let kept = max.min(seen.len());
     let area = seen.iter().map(|p| p.area).sum::<f32>() / kept as f32;
-    // Every so many of the lattice, which goes outwards while it turns, from the middle of each
-    // stretch.
+    // The lattice spirals outwards. Take the middle of each of `kept` equal stretches.
     (0..kept)
         .map(|k| CellPart {
             area,
@@ -129,7 +128,7 @@ mod tests {
     use crate::samples::Point;
     use crate::scene::{Material, TriangleMesh};
 
-    /// Points on a grid over a floor of 4 m by 4 m; a wall stands on it.
+    /// Points on a grid over a floor of 4 m by 4 m, with a wall on it.
     fn floor() -> (TriangleMesh, LevelBasis) {
         let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
         let triangles = vec![
@@ -155,8 +154,8 @@ mod tests {
         assert!(rays >= 64 * u64::from(LATTICE_POINTS));
         let area = |cell: &Vec<CellPart>| cell.iter().map(|p| p.area).sum::<f32>();
         let whole: f32 = cells.iter().map(area).sum();
-        // The wall takes a strip 5 cm wide from the column that it divides, seen from its points at
-        // x = 0.25.
+        // The wall takes a strip 5 cm wide from the column that it divides: the strip is not
+        // visible from the column's points at x = 0.25.
         let right = 16.0 - 4.0 * 0.05;
         assert!((whole - right).abs() < 0.03 * right, "{whole}");
         for (cell, p) in cells.iter().zip(&level.points) {

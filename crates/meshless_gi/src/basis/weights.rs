@@ -1,4 +1,4 @@
-//! Sparse interpolation weights: rows of (index, weight). Parents and pull both are such rows.
+//! Sparse interpolation weights: rows of (index, weight). Parents and pull both use such rows.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 pub struct WeightEntry {
     /// Index of the point.
     pub index: u32,
-    /// Its normalized weight, dimensionless.
+    /// Normalized weight, dimensionless.
     pub weight: f32,
 }
 
@@ -17,12 +17,12 @@ pub struct WeightEntry {
 pub struct Weights {
     /// Start of each row, and the end of the last.
     pub starts: Vec<u32>,
-    /// All rows behind one another.
+    /// Entries of all rows, row after row.
     pub entries: Vec<WeightEntry>,
 }
 
 impl Weights {
-    /// Rows from lists, in order.
+    /// Creates rows from lists, in order.
     pub fn from_rows<R: IntoIterator<Item = WeightEntry>>(
         rows: impl IntoIterator<Item = R>,
     ) -> Self {
@@ -34,7 +34,7 @@ impl Weights {
         out
     }
 
-    /// Adds rows behind those that are there.
+    /// Appends rows.
     pub fn append<R: IntoIterator<Item = WeightEntry>>(
         &mut self,
         rows: impl IntoIterator<Item = R>,
@@ -45,19 +45,19 @@ impl Weights {
         }
     }
 
-    /// Number of rows.
+    /// Returns the number of rows.
     #[must_use]
     pub fn len(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
 
-    /// True without rows.
+    /// Returns `true` if the number of rows is zero.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Row `i`.
+    /// Returns row `i`.
     #[must_use]
     pub fn row(&self, i: usize) -> &[WeightEntry] {
         &self.entries[self.starts[i] as usize..self.starts[i + 1] as usize]

@@ -1,16 +1,18 @@
 //! Directions over a hemisphere or a sphere: a Fibonacci lattice with a random shift, warped to a
-//! density between uniform and cosine. A lattice converges faster than random points, its shift
-//! keeps the estimate unbiased, and the density keeps both the normal and the tangential parts of a
-//! vector irradiance bounded: cosine sampling alone divides the latter by a cosine that goes to
-//! zero.
+//! density between uniform and cosine.
+//!
+//! A lattice converges faster than random points, and its shift keeps the estimate unbiased. The
+//! density bounds both the normal and the tangential parts of a vector irradiance. Cosine sampling
+//! alone divides the tangential parts by a cosine that goes to zero.
 
 use glam::{Vec2, Vec3};
 
-/// Share of the cosine density; the rest is uniform over the hemisphere. Every choice is unbiased.
+/// Fraction of the cosine density. The rest is uniform over the hemisphere. Every value is
+/// unbiased.
 const COSINE_SHARE: f32 = 0.75;
 
-/// Two unit vectors that make a right-handed frame with the unit vector `n` (Duff et al. 2017,
-/// branchless).
+/// Computes two unit vectors that form a right-handed frame with the unit vector `n` (Duff et al.
+/// 2017, branchless).
 #[must_use]
 pub fn tangents(n: Vec3) -> (Vec3, Vec3) {
     let sign = 1.0f32.copysign(n.z);
@@ -22,11 +24,12 @@ pub fn tangents(n: Vec3) -> (Vec3, Vec3) {
     )
 }
 
-/// Point `i` of the Fibonacci lattice of `count` points in [0, 1)², moved by `shift` around the
-/// torus.
+/// Computes point `i` of the Fibonacci lattice of `count` points in [0, 1)², moved by `shift`
+/// around the torus.
 #[must_use]
 pub fn lattice(i: u32, count: u32, shift: Vec2) -> Vec2 {
-    /// 2³² over the golden ratio: the lattice's second coordinate in integers, exact for any count.
+    /// 2³² over the golden ratio: the lattice's second coordinate as an integer, exact for any
+    /// count.
     const GOLDEN: u32 = 0x9e37_79b9;
     let u = (i as f32 + 0.5) / count as f32;
     let v = (i.wrapping_mul(GOLDEN) >> 8) as f32 * (1.0 / 16_777_216.0);
@@ -39,7 +42,8 @@ fn on_circle(v: f32) -> (f32, f32) {
     (libm::sinf(phi), libm::cosf(phi))
 }
 
-/// A direction of the upper hemisphere (z up) with density ∝ cosine, from two uniform numbers.
+/// Computes a direction of the upper hemisphere (z up) with density ∝ cosine, from two uniform
+/// numbers.
 #[must_use]
 pub fn cosine_hemisphere(u: Vec2) -> Vec3 {
     let z = u.x.sqrt();
@@ -48,7 +52,7 @@ pub fn cosine_hemisphere(u: Vec2) -> Vec3 {
     Vec3::new(r * c, r * s, z)
 }
 
-/// A direction uniform over the whole sphere, from two uniform numbers.
+/// Computes a direction uniform over the whole sphere, from two uniform numbers.
 #[must_use]
 pub fn uniform_sphere(u: Vec2) -> Vec3 {
     let z = 1.0 - 2.0 * u.x;
@@ -57,12 +61,12 @@ pub fn uniform_sphere(u: Vec2) -> Vec3 {
     Vec3::new(r * c, r * s, z)
 }
 
-/// A direction of the upper hemisphere and its weight w = 1 / (π N p): Σ w · f(ω) · ω estimates
-/// (1/π) ∫ f(ω) ω dω with `count` directions.
+/// Computes a direction of the upper hemisphere and its weight w = 1 / (π N p). Σ w · f(ω) · ω
+/// estimates (1/π) ∫ f(ω) ω dω with `count` directions.
 #[must_use]
 pub fn gather_direction(i: u32, count: u32, shift: Vec2) -> (Vec3, f32) {
     let u = lattice(i, count, shift);
-    // Density of z = cos θ: a · 2z + (1 − a); its integral a z² + (1 − a) z = u.x solved for z.
+    // Density of z = cos θ: a · 2z + (1 − a). Its integral a z² + (1 − a) z = u.x is solved for z.
     let (a, b) = (COSINE_SHARE, 1.0 - COSINE_SHARE);
     let z = 2.0 * u.x / (b + (b * b + 4.0 * a * u.x).sqrt());
     let z = z.clamp(1e-6, 1.0);
@@ -71,7 +75,7 @@ pub fn gather_direction(i: u32, count: u32, shift: Vec2) -> (Vec3, f32) {
     (Vec3::new(r * c, r * s, z), gather_weight(z, count))
 }
 
-/// Weight of a direction of [`gather_direction`] whose cosine is `z`.
+/// Computes the weight of a direction of [`gather_direction`] whose cosine is `z`.
 #[must_use]
 pub fn gather_weight(z: f32, count: u32) -> f32 {
     let (a, b) = (COSINE_SHARE, 1.0 - COSINE_SHARE);
@@ -99,7 +103,7 @@ mod tests {
         }
     }
 
-    /// Σ w ω and Σ w ω x² of one set of directions.
+    /// Computes Σ w ω and Σ w ω x² of one set of directions.
     fn moments(count: u32, direction: impl Fn(u32) -> (Vec3, f32)) -> (Vec3, Vec3) {
         (0..count).fold((Vec3::ZERO, Vec3::ZERO), |(first, second), i| {
             let (d, w) = direction(i);
@@ -108,9 +112,9 @@ mod tests {
         })
     }
 
-    /// The closed forms (1/π) ∫ ω dω = (0, 0, 1) and (1/π) ∫ ω (ω·x)² dω = (0, 0, 1/4): without
-    /// bias over all shifts, and with at most half the error that as many independent directions of
-    /// the same density have.
+    /// Tests the closed forms (1/π) ∫ ω dω = (0, 0, 1) and (1/π) ∫ ω (ω·x)² dω = (0, 0, 1/4). The
+    /// estimates are unbiased over all shifts. Their error is at most half that of the same number
+    /// of independent directions with the same density.
     #[test]
     fn gather_weights_integrate_closed_forms() {
         const SHIFTS: u32 = 400;
@@ -126,8 +130,8 @@ mod tests {
                     lattice_error += o.length_squared();
                 }
                 let shifts: Vec<Vec2> = (0..count).map(|_| Vec2::new(r.unit(), r.unit())).collect();
-                // One direction of a lattice of one is one random direction; its weight is for a
-                // set of one.
+                // A lattice of one point gives one random direction. Its weight is that of a set of
+                // one.
                 let (first, second) = moments(count, |i| {
                     let (d, w) = gather_direction(0, 1, shifts[i as usize]);
                     (d, w / count as f32)
@@ -139,7 +143,7 @@ mod tests {
                 lattice_error < 0.25 * random_error,
                 "{count}: {lattice_error} {random_error}"
             );
-            // Four standard errors of the mean, from the errors just measured.
+            // Four standard errors of the mean, from the measured errors.
             let bound = 4.0 * lattice_error.sqrt() / SHIFTS as f32;
             assert!(
                 mean.iter().all(|m| m.length() < bound),

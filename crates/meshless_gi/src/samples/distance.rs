@@ -1,26 +1,27 @@
 //! Distances between surface points: the anisotropic distance of [L08] Eq. (10) and the symmetric
-//! 5D one of Eq. (11).
+//! 5D distance of Eq. (11).
 
 use glam::Vec3;
 
 /// Additional growth of the distance along the normal (\[L08\] §2.2).
 pub const F_SQUASH: f32 = 2.0;
 
-/// dist_j(x) of \[L08\] Eq. (10): the length of v + F_squash ⟨v, n_j⟩ n_j with v = x − x_j, meters.
+/// Computes dist_j(x) of \[L08\] Eq. (10), meters: the length of v + F_squash ⟨v, n_j⟩ n_j with v =
+/// x − x_j.
 #[must_use]
 #[inline]
 pub fn dist(v: Vec3, n_j: Vec3) -> f32 {
     dist_squared(v, n_j).sqrt()
 }
 
-/// The square of [`dist`], m².
+/// Computes the square of [`dist`], m².
 #[must_use]
 #[inline]
 pub fn dist_squared(v: Vec3, n_j: Vec3) -> f32 {
     (v + F_SQUASH * v.dot(n_j) * n_j).length_squared()
 }
 
-/// D(p, q) of \[L08\] Eq. (11), meters; infinite where the normals are 90° or more apart.
+/// Computes D(p, q) of \[L08\] Eq. (11), meters. Infinite if the normals are 90° or more apart.
 #[must_use]
 pub fn distance_5d(x_p: Vec3, n_p: Vec3, x_q: Vec3, n_q: Vec3) -> f32 {
     let cosine = n_p.dot(n_q).max(0.0);

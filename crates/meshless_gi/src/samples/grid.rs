@@ -1,9 +1,9 @@
-//! A flat hashed grid: which functions cover a position. One look-up is one hash and one contiguous
-//! list; the arrays are the GPU's own layout, so that a kernel and its CPU twin walk the same bytes
-//! (design: no R-tree, [L08] §2.1 "Efficient Reconstruction" replaced).
+//! Flat hashed grid: finds the functions that cover a position. One lookup is one hash and one
+//! contiguous list. The arrays have the GPU layout, so that a kernel and its CPU twin read the same
+//! bytes (design: no R-tree, [L08] §2.1 "Efficient Reconstruction" replaced).
 //!
-//! Built from boxes: each box is entered in every cell that it touches. An entry list starts with
-//! its length.
+//! The grid is built from boxes. Each box is entered in every cell that it touches. An entry list
+//! starts with its length.
 
 use crate::scene::Bounds;
 use bytemuck::{Pod, Zeroable};
@@ -11,38 +11,39 @@ use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// One slot of the hash table: the cell it holds and where the cell's list starts. 16 bytes.
+/// Slot of the hash table: a cell and the start of its list. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct GridSlot {
     /// Integer coordinates of the cell.
     pub cell: [i32; 3],
-    /// Index into `entries` of the list's length, which the list follows; [`GridSlot::EMPTY`] for a
+    /// Index into `entries` of the list's length, followed by the list. [`GridSlot::EMPTY`] for a
     /// free slot.
     pub start: u32,
 }
 
 impl GridSlot {
-    /// `start` of a slot that holds no cell.
+    /// `start` of an empty slot.
     pub const EMPTY: u32 = u32::MAX;
 }
 
-/// A hashed grid over boxes. Cells are cubes of `cell_size` meters; cell = floor(p / cell_size).
+/// Hashed grid over boxes. Cells are cubes of `cell_size` meters, with cell = floor(p / cell_size).
 #[derive(Clone, Debug, PartialEq)]
 pub struct HashedGrid {
     /// Edge of a cell, meters.
     pub cell_size: f32,
-    /// Hash table, a power of two long, at most half full, linear probing.
+    /// Hash table with linear probing. Its length is a power of two, and at most half of it is in
+    /// use.
     pub slots: Vec<GridSlot>,
-    /// The lists: length, then indices in ascending order.
+    /// Lists: length, then indices in ascending order.
     pub entries: Vec<u32>,
 }
 
 impl HashedGrid {
-    /// Cells are numbered up to this, in each direction.
+    /// Largest absolute cell coordinate along each axis.
     pub const CELL_LIMIT: f32 = 1_073_741_824.0;
 
-    /// The hash of a cell. The shader has the same function.
+    /// Computes the hash of a cell. The shader has the same function.
     #[must_use]
     pub fn hash(cell: IVec3) -> u32 {
         let mut h = (cell.x as u32)
@@ -55,22 +56,23 @@ impl HashedGrid {
         h
     }
 
-    /// The cell that holds `p` for cells of `cell_size`. Coordinates beyond 2³⁰ cells saturate.
+    /// Returns the cell that contains `p`, with cells of `cell_size` meters. Coordinates beyond 2³⁰
+    /// cells saturate.
     #[must_use]
     pub fn cell(p: Vec3, cell_size: f32) -> IVec3 {
         let scaled = (p / cell_size).clamp(
             Vec3::splat(-Self::CELL_LIMIT),
             Vec3::splat(Self::CELL_LIMIT),
         );
-        // Truncated, and one less where that went up: a floor that calls no function.
+        // Floor without a function call: truncate, and subtract one if that rounded up.
         let cell = scaled.as_ivec3();
         let above = |k: usize| i32::from(cell[k] as f32 > scaled[k]);
         cell - IVec3::new(above(0), above(1), above(2))
     }
 
-    /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it
-    /// touches. Empty or non-finite boxes are left out. `cell_size` should be about the size of a
-    /// box: what would have more than 2³¹ entries stays empty.
+    /// Builds a grid from the boxes `bounds(i)` of the indices `0..count`. Each box is entered in
+    /// every cell that it touches. Empty or non-finite boxes are left out. `cell_size` should be
+    /// about the size of a box. A grid that would have more than 2³¹ entries stays empty.
     #[must_use]
     pub fn build(count: usize, cell_size: f32, bounds: impl Fn(usize) -> Bounds) -> Self {
         Self::build_within(count, cell_size, bounds, u64::MAX).unwrap_or(Self {
@@ -86,8 +88,8 @@ impl HashedGrid {
         })
     }
 
-    /// As [`build`](Self::build), but None, and nothing allocated, where that would take more than
-    /// `most_bytes` of memory.
+    /// Builds a grid as [`build`](Self::build) does, within a memory limit. Returns `None`, without
+    /// allocation of the grid, if it would take more than `most_bytes` bytes.
     #[must_use]
     pub fn build_within(
         count: usize,
@@ -160,8 +162,8 @@ impl HashedGrid {
         })
     }
 
-    /// Calls `each` with the indices entered in any cell that `bounds` touches, cell after cell; an
-    /// index whose box spans cells comes more than once.
+    /// Calls `each` with the indices entered in any cell that `bounds` touches, cell after cell. An
+    /// index whose box spans several cells occurs several times.
     pub fn for_each_in(&self, bounds: Bounds, mut each: impl FnMut(u32)) {
         let (lo, hi) = (
             Self::cell(bounds.min, self.cell_size),
@@ -178,13 +180,13 @@ impl HashedGrid {
         }
     }
 
-    /// The indices whose boxes touch the cell of `p`, ascending.
+    /// Returns the indices whose boxes touch the cell of `p`, ascending.
     #[must_use]
     pub fn near(&self, p: Vec3) -> &[u32] {
         self.list(Self::cell(p, self.cell_size))
     }
 
-    /// The range in `entries` of the indices whose boxes touch the cell of `p`.
+    /// Returns the range in `entries` of the indices whose boxes touch the cell of `p`.
     #[must_use]
     pub(crate) fn near_range(&self, p: Vec3) -> Range<u32> {
         let list = self.list_range(Self::cell(p, self.cell_size));
@@ -217,7 +219,7 @@ impl HashedGrid {
 mod tests {
     use super::*;
 
-    /// A small deterministic cloud; the oracle below is the O(n²) search.
+    /// Small deterministic point cloud. The oracle below is the O(n²) search.
     fn cloud(n: u32) -> Vec<Vec3> {
         let unit =
             |h: u32| (HashedGrid::hash(IVec3::splat(h as i32)) >> 8) as f32 / (1 << 24) as f32;

@@ -1,19 +1,19 @@
-//! Layer of a surface position: the space between the surface and what lies in front of it, and the
-//! body behind it.
+//! Layer of a surface position: the space between the surface and the geometry in front of it, and
+//! the solid behind it.
 //!
 //! The distances of [L08] Eqs. (10) and (11) separate parallel surfaces by F_squash only. A picture
-//! 5 cm in front of a wall lies within the support of the wall's functions, and the wall behind it
-//! gets no points of its own. Layers separate them (our addition): a layer ends half-way to the
-//! first surface on either side of its position, and two positions of one layer have similar free
-//! heights above them. Occluders that stand open end no layer.
+//! 5 cm in front of a wall lies within the support of the wall's functions. The wall behind it then
+//! gets no points of its own. Layers separate them (our addition). A layer ends half-way to the
+//! first surface on either side of its position. Two positions of one layer have similar free
+//! heights above them. Open occluders do not end a layer.
 
 use crate::scene::{Geometry, Ray};
 use glam::{Vec3, Vec4};
 
 /// Largest ratio of the free heights of two positions in one layer.
 const MAX_HEIGHT_RATIO: f32 = 4.0;
-/// Difference in height, relative to the reach, up to which only free heights separate two layers:
-/// surfaces of one body are uneven. Rough surfaces are uneven by their relief.
+/// Height difference, relative to the reach, up to which only free heights separate two layers,
+/// because surfaces of one solid are uneven. Rough surfaces are uneven by their relief.
 const EVEN_HEIGHT: f32 = 0.15;
 
 /// Layer of a surface position.
@@ -22,10 +22,10 @@ pub struct Layer {
     /// Position, meters, and unit normal.
     position: Vec3,
     normal: Vec3,
-    /// Difference in height up to which only free heights separate it from another layer, meters.
+    /// Height difference up to which only free heights separate it from another layer, meters.
     even_height: f32,
-    /// Planes (n, d) where the layer ends: a position p is inside where n·p + d ≥ 0. `None` where
-    /// nothing lies within reach.
+    /// Planes (n, d) at which the layer ends. A position p is inside if n·p + d ≥ 0. `None` if the
+    /// side has no surface within reach.
     planes: [Option<Vec4>; 2],
     /// Free height above the position, meters, at most the reach.
     height: f32,
@@ -35,8 +35,8 @@ impl Layer {
     /// Number of rays that [`Layer::new`] casts.
     pub const RAYS: u64 = 2;
 
-    /// Layer of position `x` with unit normal `n`. Surfaces farther than `reach` meters along the
-    /// normal do not end it.
+    /// Computes the layer of position `x` with unit normal `n`. Surfaces farther than `reach`
+    /// meters along the normal do not end it.
     #[must_use]
     pub fn new(geometry: &dyn Geometry, x: Vec3, n: Vec3, reach: f32) -> Self {
         let height = free_height(geometry, x, n, reach);
@@ -60,14 +60,15 @@ impl Layer {
         has_similar_height(self.height, height)
     }
 
-    /// Returns `true` if the position `x` with unit normal `n` is about as high as the layer's.
+    /// Returns `true` if the position `x` with unit normal `n` has about the same height as the
+    /// layer's position.
     #[must_use]
     pub fn is_level_with(&self, x: Vec3, n: Vec3) -> bool {
         let way = x - self.position;
         way.dot(n).abs().max(way.dot(self.normal).abs()) <= self.even_height
     }
 
-    /// Returns `true` if both are the layer of their positions, which have the same reach.
+    /// Returns `true` if both layers are the same. Their reaches must be equal.
     #[must_use]
     pub fn is_shared_with(&self, other: &Self) -> bool {
         has_similar_height(self.height, other.height)
@@ -75,7 +76,7 @@ impl Layer {
                 || self.contains(other.position) && other.contains(self.position))
     }
 
-    /// Planes (n, d) where the layer ends.
+    /// Returns the planes (n, d) at which the layer ends.
     pub fn planes(&self) -> impl Iterator<Item = Vec4> + '_ {
         self.planes.iter().copied().flatten()
     }
@@ -87,8 +88,8 @@ impl Layer {
     }
 }
 
-/// Distance in meters from a surface at `x` to the first surface in the direction `n`, at most
-/// `reach`. Rough surface around `x` does not count.
+/// Computes the distance in meters from a surface at `x` to the first surface in the direction `n`,
+/// at most `reach`. The relief of a rough surface around `x` does not count.
 #[must_use]
 pub fn free_height(geometry: &dyn Geometry, x: Vec3, n: Vec3, reach: f32) -> f32 {
     let lift = geometry.ray_offset(x) + geometry.surface_relief(x);
@@ -109,7 +110,7 @@ mod tests {
     use super::*;
     use crate::scene::{Material, TriangleMesh};
 
-    /// Squares of 2 m by 2 m that face up, at these heights.
+    /// Creates squares of 2 m by 2 m that face up, at these heights.
     fn squares(heights: &[f32]) -> TriangleMesh {
         let corner = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
         let triangles: Vec<[Vec3; 3]> = heights

@@ -1,21 +1,21 @@
-//! A position that light is projected onto, as the bake, the file and the GPU hold it.
+//! Position that light is projected onto, in the layout of the bake, the file and the GPU.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
-/// A surface point and its normal. 16 bytes, the layout of `LightSample` in the shaders.
+/// Surface point and its normal. 16 bytes, the layout of `LightSample` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LightSample {
     /// Position, meters.
     pub position: [f32; 3],
-    /// Unit normal on the octahedron, two signed normalized 16-bit numbers (WGSL's
-    /// `unpack2x16snorm`); 5e-5 exact.
+    /// Unit normal, octahedral encoding as two signed normalized 16-bit numbers (WGSL's
+    /// `unpack2x16snorm`). The error is at most 5e-5.
     pub normal: u32,
 }
 
 impl LightSample {
-    /// A position with a unit normal.
+    /// Creates a sample from a position in meters and a unit normal.
     #[must_use]
     pub fn new(position: Vec3, normal: Vec3) -> Self {
         let sum = normal.abs().element_sum();
@@ -34,13 +34,13 @@ impl LightSample {
         }
     }
 
-    /// Position, meters.
+    /// Returns the position, meters.
     #[must_use]
     pub fn x(&self) -> Vec3 {
         Vec3::from_array(self.position)
     }
 
-    /// Unit normal.
+    /// Returns the unit normal.
     #[must_use]
     #[inline]
     pub fn n(&self) -> Vec3 {
@@ -52,7 +52,7 @@ impl LightSample {
     }
 }
 
-/// The other side of the octahedron.
+/// Maps a point to the other side of the octahedron.
 fn fold(p: Vec2) -> Vec2 {
     let sign = |v: f32| if v < 0.0 { -1.0 } else { 1.0 };
     Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))

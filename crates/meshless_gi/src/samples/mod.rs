@@ -1,4 +1,4 @@
-//! Sample points: surface points that light can reach, spread as Poisson disks, and look-up of
+//! Sample points: surface points that light can reach, spread as Poisson disks, and lookup of
 //! points near a position.
 
 mod direction;

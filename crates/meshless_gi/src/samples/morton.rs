@@ -1,15 +1,15 @@
-//! An order in which what is near in space is near in memory: Morton's curve through the scene's
-//! box. Receivers that follow each other then cast rays through the same part of the tree and meet
+//! Order along Morton's curve through the scene's bounding box: points that are close in space are
+//! close in memory. Consecutive receivers then cast rays through the same part of the tree and hit
 //! the same senders, in the bake and on the GPU.
 
 use super::Candidate;
 use crate::scene::Bounds;
 use glam::Vec3;
 
-/// Steps along each axis.
+/// Largest integer coordinate along each axis.
 const STEPS: f32 = 2_097_151.0;
 
-/// The position of `x` on Morton's curve through `bounds`.
+/// Computes the position of `x` on Morton's curve through `bounds`.
 #[must_use]
 pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
     let size = bounds.size().max(Vec3::splat(f32::MIN_POSITIVE));
@@ -25,7 +25,7 @@ pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
     spread(at.x) | spread(at.y) << 1 | spread(at.z) << 2
 }
 
-/// Puts candidates in that order; equal positions keep theirs.
+/// Sorts candidates in Morton order. The sort is stable.
 pub fn order(candidates: &mut [Candidate], bounds: &Bounds) {
     candidates.sort_by_cached_key(|c| morton(c.surface.position, bounds));
 }
@@ -40,8 +40,8 @@ mod tests {
             min: Vec3::splat(-1.0),
             max: Vec3::ONE,
         };
-        // 512 cells of the box in the curve's order: each run of eight fills a cube of two by two
-        // by two, and so do the runs of 64.
+        // 512 cells of the box in Morton order. Each run of eight fills a cube of two by two by two
+        // cells. Each run of 64 fills a cube of four by four by four.
         let mut cells: Vec<Vec3> = (0..512)
             .map(|i| Vec3::new((i % 8) as f32, (i / 8 % 8) as f32, (i / 64) as f32))
             .collect();
@@ -53,7 +53,7 @@ mod tests {
                 assert_eq!(high - low, Vec3::splat(edge - 1.0));
             }
         }
-        // Outside of the box and in a flat one: a position, and no panic.
+        // Positions outside the box and a flat box do not panic.
         assert_eq!(
             morton(Vec3::splat(9.0), &bounds),
             morton(Vec3::ONE, &bounds)

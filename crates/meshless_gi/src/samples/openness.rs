@@ -1,15 +1,15 @@
 //! Openness: the harmonic mean distance to nearby geometry over the hemisphere ([L08] §2.3). Coarse
-//! points belong where it is large; tight corners are left to finer levels.
+//! points belong at positions of large openness. Tight corners are left to finer levels.
 
 use super::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, Ray};
 use glam::{Vec2, Vec3};
 
-/// Rays a candidate.
+/// Number of rays per candidate.
 pub const OPENNESS_RAYS: u32 = 32;
 
-/// Harmonic mean distance in meters over the hemisphere of `n` at `x`, rays of length 3 `radius`
-/// (\[L08\] §2.3). Rays that meet nothing count with their full length.
+/// Computes the harmonic mean distance in meters over the hemisphere of `n` at `x`, with rays of
+/// length 3 `radius` (\[L08\] §2.3). Rays without a hit count with their full length.
 #[must_use]
 pub fn openness(
     geometry: &dyn Geometry,

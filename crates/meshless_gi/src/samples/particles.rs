@@ -1,5 +1,5 @@
 //! Importance particles ([L08] §2.3): surface points that light can reach from a viewpoint.
-//! Particles start at the viewpoints and reflect about; every bounce but the first few leaves a
+//! Particles start at the viewpoints and reflect diffusely. Every bounce after the first few adds a
 //! candidate.
 
 use super::{Random, cosine_hemisphere, tangents, uniform_sphere};
@@ -7,32 +7,33 @@ use crate::scene::{Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Bounces a particle makes ([L08]: 30).
+/// Largest number of bounces of a particle ([L08]: 30).
 const BOUNCES: u32 = 30;
-/// Bounces that leave no candidate, so that the distribution forgets the start ([L08]: 3).
+/// Number of first bounces without a candidate, so that the distribution does not depend on the
+/// start ([L08]: 3).
 const DROPPED: u32 = 3;
 
-/// A position on a surface that light reaches.
+/// Surface position that light reaches.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
-    /// The surface there, on the side that was reached.
+    /// Surface, on the side that was reached.
     pub surface: Surface,
-    /// Half-way back along the ray that found it: a position in free space.
+    /// Position half-way along the ray that found the surface, meters. It lies between surfaces.
     pub free: Vec3,
 }
 
 /// Result of tracing particles.
 #[derive(Debug, Default)]
 pub struct TracedParticles {
-    /// The candidates, in the order of the particles.
+    /// Candidates, in the order of the particles.
     pub candidates: Vec<Candidate>,
-    /// Rays that it took.
+    /// Number of rays cast.
     pub rays: u64,
 }
 
-/// Traces the particles numbered `particles` from `viewpoints` (particle k starts at viewpoint k
-/// mod their number). `drop_first` says whether the first bounces are dropped; an open scene, where
-/// particles escape at once, cannot afford it.
+/// Traces the particles numbered `particles` from `viewpoints`. Particle k starts at viewpoint k
+/// mod `viewpoints.len()`. `drop_first` drops the first bounces. Set it to `false` for an open
+/// scene, because particles leave the scene after few bounces.
 ///
 /// The result depends on the numbers alone, not on threads.
 pub fn trace_particles(
@@ -88,7 +89,7 @@ fn trace_one(
         if !surface.position.is_finite() || !surface.normal.is_finite() {
             break;
         }
-        // The back of a single-sided surface shows nothing: no light leaves it.
+        // The back of a single-sided surface neither reflects nor emits.
         if !surface.front && surface.albedo == Vec3::ZERO && surface.emission == Vec3::ZERO {
             break;
         }
@@ -109,10 +110,10 @@ fn trace_one(
     (out, rays)
 }
 
-/// Candidates around the given points of `surfaces`: what rays meet that start above a random
-/// position near each, no farther from it than `reach` meters. `rounds` rays for each point; round
-/// after round over all points, so that any first part of the result is spread over all of them.
-/// Also says how many rays it took.
+/// Returns candidates around the given points of `surfaces`, at most `reach` meters from their
+/// point, and the number of rays cast. Each ray starts at a random height above a point. Each point
+/// has `rounds` rays. A round visits all points, so that any first part of the result is spread
+/// over all of them.
 #[must_use]
 pub fn local_candidates(
     geometry: &dyn Geometry,
@@ -136,7 +137,7 @@ pub fn local_candidates(
                     reach,
                 );
                 let ceiling = geometry.cast(&up).map_or(reach, |hit| hit.t);
-                // An eye at a random height under whatever is above, looking anywhere.
+                // Random origin below the next surface above, random direction.
                 let eye = up.at((0.9 * ceiling * random.unit()).max(0.5 * lift));
                 let toward = uniform_sphere(Vec2::new(random.unit(), random.unit()));
                 let direction =

@@ -1,9 +1,9 @@
-//! A surface point p = (x, n) as every stage and the GPU hold it.
+//! Surface point p = (x, n), in the layout of every stage and the GPU.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A surface point with the radius of its basis function. 32 bytes, the layout of `Point` in the
+/// Surface point with the radius of its basis function. 32 bytes, the layout of `Point` in the
 /// shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -14,12 +14,12 @@ pub struct Point {
     pub radius: f32,
     /// Unit normal.
     pub normal: [f32; 3],
-    /// Clip planes of its basis function: first index in the low 24 bits, how many in the high 8.
+    /// Clip planes of its basis function: first index in the low 24 bits, count in the high 8.
     pub planes: u32,
 }
 
 impl Point {
-    /// A point without clip planes.
+    /// Creates a point without clip planes.
     #[must_use]
     pub fn new(position: Vec3, normal: Vec3, radius: f32) -> Self {
         Self {
@@ -30,19 +30,19 @@ impl Point {
         }
     }
 
-    /// Position, meters.
+    /// Returns the position, meters.
     #[must_use]
     pub fn x(&self) -> Vec3 {
         Vec3::from_array(self.position)
     }
 
-    /// Unit normal.
+    /// Returns the unit normal.
     #[must_use]
     pub fn n(&self) -> Vec3 {
         Vec3::from_array(self.normal)
     }
 
-    /// The range of its clip planes in the array that they live in.
+    /// Returns the range of its clip planes in the array of planes.
     #[must_use]
     pub fn plane_range(&self) -> std::ops::Range<usize> {
         let first = (self.planes & 0x00ff_ffff) as usize;

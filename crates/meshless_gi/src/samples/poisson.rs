@@ -1,12 +1,12 @@
 //! Poisson disks under the 5D distance ([L08] §2.3): one independent set of points per level, with
 //! radii that halve from level to level.
 //!
-//! Dart throwing tries importance candidates in order. A candidate is accepted if no accepted point
-//! of its level is nearer than R under [L08] Eq. (11). Optionally, it must also be open enough. A
-//! level is full after 2000 consecutive failures ([L08]).
+//! Dart throwing tests importance candidates in order. A candidate is accepted if the distance to
+//! every accepted point of its level is at least R under [L08] Eq. (11). Optionally, its openness
+//! must also be large enough. A level is full after 2000 consecutive failures ([L08]).
 //!
-//! A point covers only its own layer ([`Layer`]): a candidate on a shelf, or on a wall behind a
-//! picture, is accepted however near a point of another layer is (our addition).
+//! A point covers only its own layer ([`Layer`]). A candidate on a shelf, or on a wall behind a
+//! picture, is accepted at any distance to a point of another layer (our addition).
 //!
 //! About one position in 2000 is then uncovered, mostly on strips too thin to be hit: the visible
 //! edges of ledges and steps. A level that has to cover everything then casts rays from each of its
@@ -23,7 +23,7 @@ use glam::{IVec3, Vec3};
 const FAILURES: u32 = 2000;
 /// Number of particles traced at a time.
 const BATCH: u64 = 4096;
-/// Number of particles after which a level ends in any case, because candidates are too rare.
+/// Number of particles after which a level ends in any case, if candidates are too rare.
 const MAX_PARTICLES: u64 = 1 << 18;
 
 /// Number of rays from each point that search uncovered positions.
@@ -41,7 +41,7 @@ pub struct DiskSettings {
     pub max: usize,
     /// Seed. It should depend on the level, so that levels do not share their candidates.
     pub seed: u64,
-    /// `true` if particles drop their first bounces, see [`trace_particles`].
+    /// `true` if particles drop their first bounces. See [`trace_particles`].
     pub drop_first: bool,
 }
 
@@ -79,7 +79,7 @@ impl Buckets {
         HashedGrid::hash(cell) as usize & (self.heads.len() - 1)
     }
 
-    /// Adds the points since the last call. There are now `count` points; point `i` lies at
+    /// Adds the points since the last call. The total is now `count`, and point `i` lies at
     /// `position_of(i)`.
     fn grow(&mut self, count: usize, position_of: impl Fn(usize) -> Vec3) {
         if count > self.heads.len() {
@@ -141,8 +141,8 @@ impl<'a> Disks<'a> {
         self.radius / (1.0 + F_SQUASH)
     }
 
-    /// Returns `true` if no point of the candidate's layer is nearer than the radius under \[L08\]
-    /// Eq. (11).
+    /// Returns `true` if every point of the candidate's layer is at least a radius away under
+    /// \[L08\] Eq. (11).
     fn is_bare(&mut self, candidate: &Candidate) -> bool {
         let (x, n) = (candidate.surface.position, candidate.surface.normal);
         let reach = self.reach();
@@ -155,7 +155,7 @@ impl<'a> Disks<'a> {
             let (Some(geometry), Some(layer)) = (self.geometry, &self.layers[i as usize]) else {
                 return true;
             };
-            // Most candidates are level with the point: their free height decides.
+            // Most candidates have the height of the point. Only their free height is tested.
             if layer.is_level_with(x, n) {
                 let free = free.get_or_insert_with(|| free_height(geometry, x, n, reach));
                 return layer.has_similar_height(*free);
@@ -271,7 +271,7 @@ fn throw_particles(
     false
 }
 
-/// Tries all of `candidates` in order, and keeps those that are at least `radius` apart under
+/// Tests all of `candidates` in order, and keeps those that are at least `radius` apart under
 /// \[L08\] Eq. (11), `max` at most. Layers of `geometry` are covered separately. Also returns the
 /// number of rays cast.
 #[must_use]
@@ -293,7 +293,7 @@ pub fn throw_darts(
     (disks.points, disks.rays)
 }
 
-/// Returns the indices of `points` that remain when all are tried in `order`, at least `radius`
+/// Returns the indices of `points` that remain when all are tested in `order`, at least `radius`
 /// apart under \[L08\] Eq. (11). `points` are positions (meters) and unit normals. Every other
 /// point is nearer than `radius` to one of the result.
 #[must_use]

@@ -1,11 +1,10 @@
-//! Probe placement: positions in open space that dynamic objects can reach. They are the centers of
-//! the probes' basis.
+//! Probe placement: positions between surfaces that dynamic objects can reach. They are the centers
+//! of the probes' basis.
 //!
-//! Open space is where light paths pass. Candidates come from importance particles (\[L08\] §2.3)
-//! and from short paths upwards from the surfaces that they reach. None lies inside solid geometry.
-//! A candidate becomes a probe if no *visible* probe is within the spacing. Both sides of a thin
-//! wall then get their own probes, and so do regions around corners. Candidates with the largest
-//! clearance come first.
+//! Candidates lie on light paths: importance particles (\[L08\] §2.3) and short paths upwards from
+//! the surfaces that they reach. A candidate never lies inside solid geometry. It becomes a probe
+//! if no *visible* probe is within the spacing. Both sides of a thin wall then get their own
+//! probes, and so do regions around corners. Candidates with the largest clearance come first.
 
 use super::{Random, cosine_hemisphere, lattice, tangents, trace_particles, uniform_sphere};
 use crate::scene::{Geometry, Ray};
@@ -13,45 +12,46 @@ use glam::{IVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Particles of a round.
+/// Number of particles per round.
 const PATHS: u64 = 2_048;
-/// Rounds at most.
+/// Largest number of rounds.
 const ROUNDS: u64 = 24;
-/// A round that finds fewer new probes than this part of those there are is the last.
+/// Fraction of new probes, relative to all probes, below which the current round is the last.
 const ENOUGH: f64 = 0.004;
-/// Directions in which the room around a candidate is felt.
+/// Number of rays that measure the clearance of a candidate.
 const FEELERS: u32 = 14;
-/// Candidates of a round at most.
+/// Largest number of candidates per round.
 const MAX_CANDIDATES: usize = 1 << 15;
 
 /// Settings of the placement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbePlacementSettings {
-    /// Distance that no two probes which see each other are below, meters; above zero.
+    /// Smallest distance of two probes that are visible from each other, meters. Must be above
+    /// zero.
     pub spacing: f32,
-    /// Most probes.
+    /// Largest number of probes.
     pub max: usize,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// Particles drop their first bounces.
+    /// `true` if particles drop their first bounces.
     pub drop_first: bool,
 }
 
 /// Placed probes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProbePlacement {
-    /// The probes' positions, meters.
+    /// Positions of the probes, meters.
     pub probes: Vec<Vec3>,
-    /// Other positions in free space, meters.
+    /// Other positions between surfaces, meters.
     pub crossed: Vec<Vec3>,
     /// `true` if the limit was reached.
     pub truncated: bool,
-    /// Rays that it took.
+    /// Number of rays cast.
     pub rays: u64,
 }
 
-/// Spreads probes over the free space of `geometry` that can be reached from `viewpoints`. The same
-/// for any number of threads.
+/// Places probes in the space of `geometry` that can be reached from `viewpoints`. The result does
+/// not depend on the number of threads.
 #[must_use]
 pub fn place_probes(
     geometry: &dyn Geometry,
@@ -59,7 +59,7 @@ pub fn place_probes(
     settings: &ProbePlacementSettings,
 ) -> ProbePlacement {
     let mut out = ProbePlacement::default();
-    // Both sides of an occluder get their own, for when it is shut.
+    // Both sides of an occluder get their own probes, because it can be closed.
     let shut = geometry.with_occluders_closed().unwrap_or(geometry);
     let spacing = settings.spacing;
     let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
@@ -112,7 +112,8 @@ pub fn place_probes(
     out
 }
 
-/// Candidates with the room that each has around it, up to half the spacing, meters.
+/// Returns candidates with their clearance, at most half the spacing, meters. Also returns the
+/// number of rays cast.
 fn candidates(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
@@ -136,10 +137,10 @@ fn candidates(
         .enumerate()
         .map(|(i, c)| {
             let mut random = Random::new(seed, 0x73_70, i as u64);
-            // Anywhere along the way to the surface …
+            // Random position on the path to the surface.
             let start = 2.0 * c.free - c.surface.position;
             let along = start.lerp(c.surface.position, 0.02 + 0.96 * random.unit());
-            // … and above it, where things stand.
+            // Random position on a short path above the surface, in the region of dynamic objects.
             let (x, n) = (c.surface.position, c.surface.normal);
             let (t, b) = tangents(n);
             let d = cosine_hemisphere(Vec2::new(random.unit(), random.unit()));
@@ -157,7 +158,7 @@ fn candidates(
     (found.into_iter().flatten().filter(sound).collect(), rays)
 }
 
-/// Distance to what is nearest, felt in a few directions, at most `reach`.
+/// Estimates the distance to the nearest geometry with a few rays, at most `reach`, meters.
 fn room_around(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
     (0..FEELERS).fold(reach, |free, k| {
         let way = uniform_sphere(lattice(k, FEELERS, Vec2::ZERO)).normalize_or(Vec3::Y);
@@ -186,7 +187,7 @@ mod tests {
         let eye = [Vec3::new(0.0, 1.0, 0.9)];
         let found = place_probes(&mesh, &eye, &settings(0.25));
         assert!(!found.truncated);
-        // The box is open to one side, where free space goes on for a little.
+        // The box is open on one side: positions up to 0.5 m outside of it count.
         let Bounds { min, max } = mesh.bounds();
         let inside = |x: Vec3| {
             let within = |m: f32| (min - m).cmple(x).all() && x.cmple(max + m).all();
@@ -198,7 +199,7 @@ mod tests {
                 assert!(a.distance(b) >= 0.25 || mesh.occluded(a, b), "{a} {b}");
             }
         }
-        // Wherever light comes a probe is in sight within the spacing and a little.
+        // Every lit position has a visible probe within the spacing plus a margin.
         let eight = |k: i32| Vec3::new((k % 2) as f32, (k / 2 % 2) as f32, (k / 4) as f32);
         let far = (0..8).filter(|&k| {
             let x = Vec3::new(-0.95, 0.05, -0.95) + eight(k) * 1.9;
@@ -207,7 +208,7 @@ mod tests {
         });
         assert_eq!(far.count(), 0);
         assert_eq!(found, place_probes(&mesh, &eye, &settings(0.25)));
-        // Half as far apart: about eight times as many.
+        // Half the spacing gives about eight times as many probes.
         let twice = place_probes(&mesh, &eye, &settings(0.125)).probes.len();
         let ratio = twice as f64 / found.probes.len() as f64;
         assert!((4.0..12.0).contains(&ratio), "{ratio}");

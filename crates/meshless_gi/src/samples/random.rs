@@ -1,14 +1,14 @@
-//! Random numbers of the baked path: counter based, so that sample k of stream (seed, a, b) is the
-//! same whoever draws it and on whichever thread (design D5). SplitMix64 finaliser; our own so that
-//! no dependency can change a bake.
+//! Random numbers of the baked path. They are counter based: sample k of stream (seed, a, b) does
+//! not depend on the caller or the thread (design D5). The generator is the SplitMix64 finalizer,
+//! implemented here so that a dependency cannot change a bake.
 
-/// A reproducible stream of random numbers.
+/// Reproducible stream of random numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Random {
     state: u64,
 }
 
-/// The finaliser of SplitMix64: a bijection of 64 bits that spreads every bit.
+/// Applies the finalizer of SplitMix64: a bijection of 64 bits that spreads every bit.
 #[must_use]
 pub fn mix(mut x: u64) -> u64 {
     x ^= x >> 30;
@@ -19,7 +19,8 @@ pub fn mix(mut x: u64) -> u64 {
 }
 
 impl Random {
-    /// The stream that belongs to `seed` and the pair (`a`, `b`): what is sampled, and its index.
+    /// Creates the stream of `seed` and the pair (`a`, `b`). `a` identifies the sampled quantity,
+    /// `b` is its index.
     #[must_use]
     pub fn new(seed: u64, a: u64, b: u64) -> Self {
         const ODD: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -28,18 +29,18 @@ impl Random {
         Self { state }
     }
 
-    /// The next 64 random bits.
+    /// Returns the next 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         mix(self.state)
     }
 
-    /// The next number, uniform in [0, 1).
+    /// Returns the next number, uniform in [0, 1).
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 * (1.0 / 16_777_216.0)
     }
 
-    /// An index below `n`, which must not be zero.
+    /// Returns a uniform index below `n`, which must not be zero.
     pub fn below(&mut self, n: usize) -> usize {
         ((u128::from(self.bits()) * n as u128) >> 64) as usize
     }
@@ -51,7 +52,8 @@ mod tests {
 
     #[test]
     fn random_streams_are_uniform_and_independent() {
-        // χ² over 64 cells with 64 · 1000 draws: mean 63, standard deviation 11.2; 5 σ either side.
+        // χ² over 64 cells with 64 · 1000 draws: mean 63, standard deviation 11.2. The bounds are 5
+        // σ on either side.
         for (a, b) in [(0, 0), (0, 1), (1, 0), (7, u64::MAX)] {
             let mut cells = [0u32; 64];
             for index in 0..64_000 {

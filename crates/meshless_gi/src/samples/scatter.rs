@@ -1,19 +1,20 @@
-//! Points spread evenly over a mesh: how a level of triangles becomes a point cloud. Uniform by
-//! area, thinned to Poisson disks of one radius.
+//! Points spread evenly over a mesh: conversion of a triangle mesh to a point cloud. The points are
+//! uniform by area, thinned to Poisson disks of one radius.
 
 use super::{Candidate, Random, throw_darts};
 use crate::scene::{Geometry, Hit, PlyPoints, Ray, TriangleMesh};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Darts for each disk's area: leaves few gaps.
+/// Number of darts per disk area. This number leaves few gaps.
 const DARTS: f64 = 16.0;
-/// No more darts than this.
+/// Largest number of darts.
 const MAX: f64 = 3e8;
 
-/// Points on `mesh` of which no two on one surface are nearer than `spacing` (meters), with the
-/// normals of the triangles' fronts and their reflectances there. `None` where that would be too
-/// many, or `spacing` is no length. The same arguments give the same points.
+/// Returns points on `mesh`, at least `spacing` meters apart on one surface. They have the normals
+/// of the triangles' fronts and the reflectances at the points. Returns `None` if the number of
+/// darts would be too large or `spacing` is not above zero. The same arguments give the same
+/// points.
 #[must_use]
 pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints> {
     let corners: Vec<[Vec3; 3]> = (0..mesh.len()).filter_map(|i| mesh.triangle(i)).collect();
@@ -29,7 +30,7 @@ pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints
     }
     let dart = |k: u64| {
         let mut random = Random::new(seed, 0x73_63_61_74, k);
-        // Two numbers, because one in single precision is too coarse to choose among a million
+        // Two numbers, because one in single precision is too coarse to select among a million
         // triangles.
         let at = (f64::from(random.unit()) + f64::from(random.unit()) * 2f64.powi(-24)) * area;
         let index = sums.partition_point(|s| *s < at).min(corners.len() - 1);

@@ -1,21 +1,22 @@
-//! Viewpoints for a scene that names none: positions in free space from which light can be seen.
+//! Viewpoints for a scene without given ones: positions between surfaces that light can reach.
 //!
-//! [L08] §2.3 asks the user for one valid viewpoint, so that the inside of solid things gets no
-//! points. We try positions all over the scene's box and keep those that see mostly the front of
-//! surfaces: from within a solid one sees backs. A scene whose winding says nothing (every side
-//! counts as back as often as front) is judged by how far one sees instead, and a scene that is
-//! open all around (a single object) is looked at from outside.
+//! [L08] §2.3 requires one valid viewpoint from the user, so that the inside of solids gets no
+//! points. We test positions all over the scene's bounding box and keep those whose rays mostly hit
+//! the front of surfaces. Rays from inside a solid hit backs. The winding of a scene can be
+//! unreliable: backs then are hit as often as fronts. Its positions are rated by the distance of
+//! the hits instead. The viewpoints of a scene that is open all around (a single object) lie
+//! outside its box.
 
 use super::{Random, uniform_sphere};
 use crate::scene::{Geometry, Ray};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Positions tried.
+/// Number of tested positions.
 const TRIED: u64 = 2048;
-/// Rays per position.
+/// Number of rays per position.
 const RAYS: u32 = 32;
-/// Viewpoints kept at most.
+/// Largest number of viewpoints.
 const KEPT: usize = 64;
 
 /// Visibility from one position.
@@ -23,11 +24,12 @@ struct View {
     position: Vec3,
     hits: u32,
     fronts: u32,
-    /// Harmonic mean distance to what is seen: small inside of thin solids.
+    /// Harmonic mean distance of the hits, meters. Small inside thin solids.
     openness: f32,
 }
 
-/// Viewpoints found, and the rays it took. Empty only when nothing can be hit at all.
+/// Finds viewpoints. Also returns the number of rays cast. The list is empty only if the bounds of
+/// the geometry have zero size or are not finite.
 #[must_use]
 pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
     let bounds = geometry.bounds();
@@ -41,8 +43,8 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
     let mut rays = TRIED * u64::from(RAYS);
     let seen: u32 = inside.iter().map(|v| v.hits).sum();
     let fronts: u32 = inside.iter().map(|v| v.fronts).sum();
-    // Winding is trusted when fronts clearly prevail; from free space one sees fronts if winding
-    // means anything.
+    // Winding is reliable if fronts clearly prevail. With reliable winding, rays from outside
+    // solids hit fronts.
     let trusted = f64::from(fronts) > 0.6 * f64::from(seen);
     let enclosed = RAYS / 4;
     let mut kept: Vec<&View> = inside
@@ -51,12 +53,12 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
         .collect();
     kept.sort_by(|a, b| b.openness.total_cmp(&a.openness));
     if !trusted {
-        // Without winding: keep the half that sees farthest.
+        // Without winding: keep the half with the largest distances.
         kept.truncate(kept.len().div_ceil(2));
     }
     let mut out = spread(kept.iter().map(|v| v.position), KEPT);
     if out.is_empty() {
-        // Open all around: look at it from a sphere outside of its box.
+        // Open all around: take positions on a sphere outside the bounding box.
         let radius = 0.75 * size.length();
         let outside = look_around(geometry, seed ^ 1, |r| {
             bounds.center() + radius * uniform_sphere(Vec2::new(r.unit(), r.unit()))
@@ -67,7 +69,7 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
             KEPT,
         );
         if out.is_empty() {
-            // A thin thing seen from afar: aim is hopeless, so stand around its very surface.
+            // Random rays miss a thin distant object: take positions on the sphere without a hit.
             out = spread(outside.iter().map(|v| v.position), KEPT);
         }
     }
@@ -112,8 +114,8 @@ fn look_around(
         .collect()
 }
 
-/// At most `count` of the positions, each as far as possible from those before it (farthest point
-/// first).
+/// Selects at most `count` of the positions, each as far as possible from the previous ones
+/// (farthest point first).
 fn spread(positions: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
     let mut left: Vec<(Vec3, f32)> = positions.map(|p| (p, f32::INFINITY)).collect();
     let mut out: Vec<Vec3> = Vec::new();
