@@ -1,32 +1,32 @@
-//! A flat binary BVH over triangles: what the frame's shadow rays walk, on the CPU and on the GPU
-//! alike. The triangles of occluders, which a game opens and shuts, stand behind all others and
-//! carry what passes them.
+//! Flat binary BVH over triangles for the frame's shadow rays, used on both CPU and GPU. The
+//! triangles of occluders come after all others and store a transmittance that can change at run
+//! time.
 
 use super::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A node. 32 bytes.
+/// BVH node, 32 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BvhNode {
-    /// Smallest corner, meters, already padded so that the box test is conservative.
+    /// Smallest corner in meters, padded so that the box test is conservative.
     pub min: [f32; 3],
-    /// An inner node: its first child, the second follows. A leaf: its first triangle.
+    /// First child of an inner node, followed by the second child. First triangle of a leaf.
     pub first: u32,
-    /// Largest corner.
+    /// Largest corner in meters, padded in the same way.
     pub max: [f32; 3],
     /// Number of triangles. 0 for an inner node.
     pub count: u32,
 }
 
-/// A triangle as the shadow rays see it. 48 bytes.
+/// Triangle for shadow rays, 48 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BvhTriangle {
     /// First vertex, meters.
     pub a: [f32; 3],
-    /// 0 for what stays, else one more than the number of the occluder that it belongs to.
+    /// Number of the occluder plus one. 0 for static geometry.
     pub occluder: u32,
     /// Second vertex.
     pub b: [f32; 3],
@@ -34,31 +34,31 @@ pub struct BvhTriangle {
     pub gain: f32,
     /// Third vertex.
     pub c: [f32; 3],
-    /// Not used.
+    /// Padding.
     pub pad2: u32,
 }
 
-/// The flat BVH. Node 0 is the root; no nodes means no geometry.
+/// Flat BVH. Node 0 is the root. A BVH without nodes has no geometry.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bvh {
-    /// Nodes; children lie behind their parent.
+    /// Nodes. Children come after their parent.
     pub nodes: Vec<BvhNode>,
     /// Triangles in leaf order.
     pub triangles: Vec<BvhTriangle>,
 }
 
 impl Bvh {
-    /// Nodes that a walk may have put aside: a BVH is at most this deep.
+    /// Size of the traversal stack in nodes. This is the largest depth of a BVH.
     pub const STACK: usize = 64;
-    /// Components of a direction that are smaller are taken for this.
+    /// Smallest magnitude of a direction component. Smaller components are replaced by this value.
     pub const SMALLEST: f32 = 1e-18;
 
-    /// Most occluders: one bit each of what a walk has crossed.
+    /// Largest number of occluders. A traversal stores one bit per crossed occluder.
     pub const MAX_OCCLUDERS: usize = 64;
 
     /// Returns the fraction of light that passes along `ray` with t in (0, `ray.max_t`). 0 behind
-    /// static geometry, else the product of the transmittances of the occluders on the way, each
-    /// counted once.
+    /// static geometry. Otherwise the product of the transmittances of the crossed occluders. Each
+    /// occluder is counted once.
     #[must_use]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
         let (mut passes, mut crossed) = (1.0, 0u64);
@@ -76,8 +76,8 @@ impl Bvh {
         passes
     }
 
-    /// The occluders that `ray` crosses with t in (0, `ray.max_t`), bit k for number k; what stays
-    /// is looked through.
+    /// Returns the occluders that `ray` crosses with t in (0, `ray.max_t`) as bits by occluder
+    /// number. Static geometry is ignored.
     #[must_use]
     pub fn crossed_occluders(&self, ray: &Ray) -> u64 {
         let mut crossed = 0;
@@ -103,19 +103,20 @@ impl Bvh {
         ray.max_t
     }
 
-    /// True when no light passes along `ray` with t in (0, `ray.max_t`).
+    /// Returns `true` if no light passes along `ray` with t in (0, `ray.max_t`).
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.transmittance(ray) <= 0.0
     }
 
-    /// Index of the first triangle of an occluder.
+    /// Returns the index of the first triangle of an occluder.
     #[must_use]
     pub fn first_occluder(&self) -> usize {
         self.triangles.partition_point(|t| t.occluder == 0)
     }
 
-    /// Sets what passes each occluder, by number; those that are missing are open.
+    /// Sets the transmittance of each occluder by number. Occluders beyond the end of `gains` get
+    /// 1.
     pub fn set_transmittances(&mut self, gains: &[f32]) {
         let first = self.first_occluder();
         for triangle in &mut self.triangles[first..] {
@@ -124,15 +125,15 @@ impl Bvh {
         }
     }
 
-    /// Shows `meet` the triangles that `ray` meets, in no order, until it says that it has seen
-    /// enough.
+    /// Calls `meet` with the triangles that `ray` hits, in arbitrary order, until `meet` returns
+    /// `true`.
     #[inline]
     fn walk(&self, ray: &Ray, mut meet: impl FnMut(&BvhTriangle) -> bool) {
         if self.nodes.is_empty() {
             return;
         }
-        // No infinities, so that nothing is 0 · ∞: an axis that the ray hardly moves along counts
-        // as one that it crosses very late.
+        // Infinities would give 0 · ∞. A direction component near zero is replaced by a very small
+        // one.
         let guard = |d: f32| {
             if d.abs() < Self::SMALLEST {
                 Self::SMALLEST
@@ -171,7 +172,7 @@ impl Bvh {
     }
 }
 
-/// The bit of a triangle's occluder; none for what stays.
+/// Returns the bit of a triangle's occluder. 0 for static geometry.
 fn bit_of(triangle: &BvhTriangle) -> u64 {
     match triangle.occluder {
         0 => 0,
@@ -179,10 +180,10 @@ fn bit_of(triangle: &BvhTriangle) -> u64 {
     }
 }
 
-/// A ray's own coordinate system, in which it runs along z: Woop, Benthin & Wald 2013. A ray
-/// through a shared edge meets one of its triangles.
+/// Coordinate system in which the ray runs along z: Woop, Benthin & Wald 2013. A ray through a
+/// shared edge hits one of its triangles.
 struct Shear {
-    /// Axes that become x, y and z.
+    /// World axes that become x, y and z.
     axes: [usize; 3],
     s: Vec3,
 }

@@ -1,11 +1,11 @@
 //! The two hierarchies of a triangle mesh: the flat [`Bvh`] of the frame's shadow rays, and the one
-//! with a triangle in each leaf that the bake casts rays through. Both are binary trees of obvhs;
-//! nothing of its types leaves the scene module, and vectors cross as arrays, because its glam may
-//! be another version than ours.
+//! with a single triangle per leaf for the bake's rays. Both are built as binary trees of obvhs.
+//! Its types are private to the scene module. Vectors are converted to arrays, because its glam may
+//! be another version.
 //!
-//! Boxes are padded so that the box test is conservative for the watertight triangle test behind
-//! it. Trees of a depth that no fixed stack could walk (possible with contrived input) are replaced
-//! by balanced ones.
+//! Boxes are padded so that the box test is conservative for the watertight triangle test.
+//! Contrived input can produce trees that are too deep for the fixed traversal stack. These are
+//! replaced by balanced trees.
 
 use super::bvh::{Bvh, BvhNode, BvhTriangle};
 use glam::Vec3;
@@ -16,19 +16,18 @@ use obvhs::bvh2::node::Bvh2Node;
 use obvhs::{Boundable, BvhBuildParams};
 use std::time::Duration;
 
-/// A triangle's vertices in meters.
+/// Vertices of a triangle, meters.
 pub(super) type Corners = [Vec3; 3];
 
-/// Units in the last place of the scene's largest coordinate by which a box is padded on each side:
-/// the vertices that the triangle test sees and the slabs that the box test sees are both rounded
-/// relative to that coordinate.
+/// Padding of a box on each side, relative to the scene's largest coordinate. The vertices of the
+/// triangle test and the slabs of the box test are both rounded relative to that coordinate.
 const PADDING: f32 = 4.0 * f32::EPSILON;
-/// The deepest binary tree that the walk in [`Bvh::occluded`] has stack for.
+/// Largest depth of a binary tree that fits the traversal stack of [`Bvh::occluded`].
 const DEEPEST: usize = 60;
-/// Most triangles in a leaf of the frame's tree.
+/// Largest number of triangles in a leaf of the frame's tree.
 const LEAF: u32 = 4;
 
-/// A padded box on its way into obvhs.
+/// Padded box in the format of obvhs.
 struct Padded(Aabb);
 
 impl Boundable for Padded {
@@ -50,8 +49,8 @@ fn padded(triangles: &[Corners]) -> Vec<Padded> {
     triangles.iter().map(boxed).collect()
 }
 
-/// A binary tree over triangles, at most `leaf` in each leaf. No triangles make an empty one, in
-/// which every walk finds nothing.
+/// Builds a binary tree over triangles with at most `leaf` triangles per leaf. The tree is empty
+/// without triangles, and every traversal of it finds no hit.
 pub(super) fn build_binary(triangles: &[Corners], leaf: u32) -> Bvh2 {
     let boxes = padded(triangles);
     if boxes.is_empty() {
@@ -72,8 +71,8 @@ pub(super) fn build_binary(triangles: &[Corners], leaf: u32) -> Bvh2 {
 }
 
 impl Bvh {
-    /// A BVH over triangles, and the index that each triangle of the BVH had in `triangles`.
-    /// The same triangles give the same BVH on any machine. Vertices must be finite.
+    /// Builds a BVH over triangles. Returns it with the index into `triangles` of each of its
+    /// triangles. The same triangles give the same BVH on any machine. Vertices must be finite.
     #[must_use]
     pub fn build(triangles: &[[Vec3; 3]]) -> (Self, Vec<u32>) {
         flatten(&build_binary(triangles, LEAF), triangles)
@@ -81,9 +80,9 @@ impl Bvh {
 }
 
 impl Bvh {
-    /// This BVH with the triangles of occluders behind its own, the `k`-th of `occluders` as number
-    /// k and open. The tree is one level deeper: its root has what stays on one side, and what
-    /// moves on the other.
+    /// Returns this BVH with the triangles of occluders after its own. The `k`-th entry of
+    /// `occluders` gets the number k and is open. The depth of the tree increases by one: one child
+    /// of the root has the static geometry and the other has the occluders.
     #[must_use]
     pub fn with_occluders(self, occluders: &[Vec<[Vec3; 3]>]) -> Self {
         let all: Vec<Corners> = occluders.iter().flatten().copied().collect();
@@ -109,7 +108,8 @@ impl Bvh {
                     max: corner(f32::max, a.max, b.max),
                     count: 0,
                 };
-                // The two old roots side by side, then what is below the one and below the other.
+                // The two old roots are siblings, followed by the nodes below the first and those
+                // below the second.
                 let (staying, count) = (self.nodes.len() as u32, self.triangles.len() as u32);
                 let moved = |node: &BvhNode, nodes: u32, triangles: u32| BvhNode {
                     first: node.first + if node.count == 0 { nodes } else { triangles },
@@ -129,14 +129,14 @@ impl Bvh {
     }
 }
 
-/// Nodes breadth first, children side by side behind their parent, triangles in leaf order.
+/// Flattens a tree: nodes breadth first, siblings after their parent, triangles in leaf order.
 fn flatten(binary: &Bvh2, triangles: &[Corners]) -> (Bvh, Vec<u32>) {
     let mut bvh = Bvh {
         nodes: Vec::with_capacity(binary.nodes.len()),
         triangles: Vec::with_capacity(triangles.len()),
     };
     let mut order = Vec::with_capacity(triangles.len());
-    // No nodes have no root.
+    // An empty tree has no root.
     let mut sources: Vec<usize> = (0..binary.nodes.len().min(1)).collect();
     let mut at = 0;
     while at < sources.len() {
@@ -173,7 +173,7 @@ fn flatten(binary: &Bvh2, triangles: &[Corners]) -> (Bvh, Vec<u32>) {
     (bvh, order)
 }
 
-/// Number of nodes on the longest path from the root to a leaf.
+/// Returns the number of nodes on the longest path from the root to a leaf.
 fn depth(binary: &Bvh2) -> usize {
     let mut deepest = 0;
     let mut open = vec![(0usize, 1usize)];
@@ -188,7 +188,7 @@ fn depth(binary: &Bvh2) -> usize {
     deepest
 }
 
-/// A tree of depth ⌈log₂ n⌉ + 1: halves by the middle of the boxes along the longest axis.
+/// Builds a tree of depth ⌈log₂ n⌉ + 1 by splits at the median box center along the longest axis.
 fn balanced(boxes: &[Padded], leaf: u32) -> Bvh2 {
     let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
     let mut nodes = vec![Bvh2Node::default()];
@@ -223,8 +223,8 @@ mod tests {
     use super::*;
     use crate::scene::Ray;
 
-    /// Triangles whose sizes and distances grow by powers of two, which makes greedy builders lean
-    /// to one side.
+    /// Returns triangles with sizes and distances that grow by powers of two. Greedy builders
+    /// create unbalanced trees from them.
     fn lopsided(count: usize) -> Vec<Corners> {
         let at = |i: usize| f32::powi(1.5, i as i32 % 40) + (i / 40) as f32 * 1e-3;
         (0..count)
@@ -239,8 +239,8 @@ mod tests {
     }
 
     fn check(triangles: &[Corners], bvh: &Bvh, order: &[u32]) {
-        // Every triangle once, inside its leaf and all boxes above it; children side by side behind
-        // their parent.
+        // Each triangle occurs once, inside its leaf and all boxes above it. Siblings are adjacent
+        // and come after their parent.
         let mut sorted = order.to_vec();
         sorted.sort_unstable();
         assert!(sorted.iter().copied().eq(0..triangles.len() as u32));
@@ -314,7 +314,7 @@ mod tests {
         }
         assert_eq!(bvh.transmittance(&from(3.1, 0.5)), 1.0);
         assert_eq!(bvh.transmittance(&from(3.1, 1.5)), 0.0);
-        // The second has two sides, and holds back once.
+        // The ray hits two sides of the second occluder, which attenuates only once.
         bvh.set_transmittances(&[0.5, 0.25]);
         assert_eq!(bvh.transmittance(&from(1.1, 3.0)), 0.5);
         assert_eq!(bvh.transmittance(&from(1.1, 9.0)), 0.125);

@@ -1,10 +1,10 @@
-//! The built-in scene: a Cornell box, for the demo, the examples and tests. Colored walls that a
-//! light's light bleeds from, two blocks that shade.
+//! Built-in Cornell box for the demo, the examples and tests. It has colored walls that cause color
+//! bleeding and two blocks that cast shadows.
 
 use super::{Material, TriangleMesh};
 use glam::{Quat, Vec3};
 
-/// A flat four-sided surface, its corners counter-clockwise as seen from its front.
+/// Flat quadrilateral with counter-clockwise corners seen from its front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quad {
     /// Meters.
@@ -17,8 +17,8 @@ const WHITE: Vec3 = Vec3::new(0.73, 0.71, 0.68);
 const RED: Vec3 = Vec3::new(0.61, 0.06, 0.05);
 const GREEN: Vec3 = Vec3::new(0.12, 0.42, 0.09);
 
-/// A room of 2 m, open toward +Z, red on the left, green on the right, with two blocks on its
-/// floor. The floor is at y = 0, its center in the origin.
+/// Returns a room of 2 m, open toward +Z, red on the left and green on the right. Two blocks stand
+/// on its floor. The floor is at y = 0 with its center at the origin.
 #[must_use]
 pub fn cornell_box() -> Vec<Quad> {
     let v = Vec3::new;
@@ -79,7 +79,8 @@ pub fn cornell_box() -> Vec<Quad> {
     quads
 }
 
-/// A box that stands on `foot`, turned by `turn` radians about the vertical, without its underside.
+/// Returns a box without underside that stands on `foot`, rotated by `turn` radians about the
+/// vertical.
 fn block(foot: Vec3, size: Vec3, turn: f32) -> Vec<Quad> {
     let rotation = Quat::from_rotation_y(turn);
     let at = |x: f32, y: f32, z: f32| {
@@ -111,7 +112,7 @@ fn block(foot: Vec3, size: Vec3, turn: f32) -> Vec<Quad> {
     ]
 }
 
-/// The surfaces as the bake takes them: two triangles each.
+/// Triangulates surfaces for the bake: two triangles per quad.
 #[must_use]
 pub fn mesh_of_quads(quads: &[Quad]) -> TriangleMesh {
     let halves = |q: &Quad| {
@@ -136,7 +137,7 @@ mod tests {
         assert_eq!(quads.len(), 15);
         let mesh = mesh_of_quads(&quads);
         assert_eq!((mesh.len(), mesh.problems().dropped()), (30, 0));
-        // Seen from the middle of the room, above the blocks.
+        // Viewpoint in the middle of the room, above the blocks.
         let eye = Vec3::new(0.0, 1.5, 0.6);
         for (i, quad) in quads.iter().enumerate().filter(|(i, _)| *i < 5) {
             let to = quad.corners.iter().sum::<Vec3>() / 4.0 - eye;

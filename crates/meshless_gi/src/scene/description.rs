@@ -1,15 +1,14 @@
-//! SCENE.json: which geometry files make a scene, and its lights. Read by the tool and by the tests
-//! of accuracy.
+//! SCENE.json: the geometry files of a scene and its lights. The tool and the accuracy tests read
+//! it.
 //!
-//! Fields that are not known are ignored; values that light can't have are errors that name their
-//! position.
+//! Unknown fields are ignored. Invalid values of lights are errors that name their position.
 
 use super::{InputBudget, Light, SceneError, SkyRadiance};
 use glam::Vec3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Largest description, bytes: a parsed one takes up to forty times as many.
+/// Largest description, bytes. A parsed description takes up to forty times its size.
 const MAX_BYTES: u64 = 1 << 26;
 
 #[derive(Deserialize)]
@@ -25,7 +24,7 @@ struct RawGeometry {
     file: String,
 }
 
-/// A light as it stands in the file; E = I cos θ / d² and so on as [`Light`] has it.
+/// Light in the format of the file. Units as in [`Light`], such as E = I cos θ / d².
 #[derive(Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
 enum RawLight {
@@ -61,12 +60,12 @@ enum RawLight {
     },
 }
 
-/// A scene as a SCENE.json describes it.
+/// Scene of a SCENE.json.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneDescription {
-    /// The geometry's files; relative names are relative to the description's folder.
+    /// Geometry files. Relative names are relative to the folder of the description.
     pub geometry: Vec<PathBuf>,
-    /// The lights.
+    /// Lights.
     pub lights: Vec<Light>,
 }
 
@@ -74,13 +73,13 @@ impl SceneDescription {
     /// Reads a description from a file.
     ///
     /// # Errors
-    /// [`SceneError::Io`] and [`SceneError::Refused`] where it cannot be read, any other where its
-    /// content is not valid.
+    /// [`SceneError::Io`] and [`SceneError::Refused`] if the file cannot be read. Other errors if
+    /// its content is not valid.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SceneError> {
         Self::read_within(path, &mut InputBudget::default())
     }
 
-    /// As [`read`](Self::read), of a file within `budget`.
+    /// Reads a description like [`read`](Self::read) within `budget`.
     ///
     /// # Errors
     /// Those of [`read`](Self::read).
@@ -94,8 +93,8 @@ impl SceneDescription {
         Self::parse(&text, &path.display().to_string(), folder)
     }
 
-    /// Reads a description from text. `file` is what errors call it, `folder` what file names are
-    /// relative to.
+    /// Reads a description from text. `file` is the file name in errors. File names in the text are
+    /// relative to `folder`.
     pub fn parse(text: &[u8], file: &str, folder: &Path) -> Result<Self, SceneError> {
         if text.len() as u64 > MAX_BYTES {
             return Err(SceneError::TooLarge {

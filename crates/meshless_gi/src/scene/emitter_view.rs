@@ -1,6 +1,6 @@
-//! Emitters as seen from a position: samples by power over squared distance.
+//! Sampling of emitters for a position, by power over squared distance.
 //!
-//! Samples by power alone have much noise in scenes with many emitters, since few of them fall on
+//! Samples by power alone have much noise in scenes with many emitters, because few of them are on
 //! the emitter next to a position. Emitters form at most [`GROUPS`] compact groups. A sample
 //! selects a group by its power over the squared distance, then an emitter of the group by power
 //! and a position by area.
@@ -12,12 +12,12 @@ use std::ops::Range;
 /// Largest number of groups.
 pub(super) const GROUPS: usize = 64;
 
-/// Emitters that lie close to one another.
+/// Group of emitters that lie close to one another.
 #[derive(Clone, Debug)]
 pub(super) struct EmitterGroup {
-    /// Part of the power that the emitters before the group have.
+    /// Fraction of the power of the emitters before the group.
     pub start: f32,
-    /// Part of the power.
+    /// Fraction of the power of the group.
     pub share: f32,
     /// Center, meters.
     pub center: Vec3,
@@ -25,8 +25,8 @@ pub(super) struct EmitterGroup {
     pub radius: f32,
 }
 
-/// Splits items with these centers into at most [`GROUPS`] ranges, and orders the items so that
-/// those of a range lie close to one another: the widest range is halved, until there are enough.
+/// Splits items with these centers into at most [`GROUPS`] ranges. Reorders the items so that those
+/// of a range lie close to one another. The widest range is halved until there are enough ranges.
 pub(super) fn split_into_groups<T>(
     items: &mut [T],
     center: &impl Fn(&T) -> Vec3,
@@ -62,16 +62,16 @@ pub(super) fn split_into_groups<T>(
     ranges.into_iter().map(|(range, _)| range).collect()
 }
 
-/// Emitters as seen from a position.
+/// Sampling distribution of emitters for a position.
 #[derive(Clone, Debug)]
 pub struct EmitterView<'a> {
     emitters: &'a Emitters,
-    /// For each group, the part of all samples on it and on earlier ones.
+    /// Per group: fraction of all samples on this group and on earlier groups.
     ends: [f32; GROUPS],
 }
 
 impl<'a> EmitterView<'a> {
-    /// Emitters as seen from `x` (meters).
+    /// Creates the distribution for `x` (meters).
     pub(super) fn new(emitters: &'a Emitters, x: Vec3) -> Self {
         let mut ends = [1.0; GROUPS];
         let mut sum = 0.0;
@@ -84,7 +84,8 @@ impl<'a> EmitterView<'a> {
             sum += group.share / square.max(f32::MIN_POSITIVE);
             *end = sum;
         }
-        // Positions without a finite sum lie on an emitter. Rays of the hemisphere find the rest.
+        // Positions without a finite sum lie on an emitter. Rays over the hemisphere sample the
+        // rest.
         let scale = if sum.is_finite() { 1.0 / sum } else { 1.0 };
         for end in &mut ends[..groups.len()] {
             *end = (*end * scale).min(1.0);
@@ -92,28 +93,28 @@ impl<'a> EmitterView<'a> {
         Self { emitters, ends }
     }
 
-    /// Part of all samples before group `g`, and on it.
+    /// Returns the fraction of all samples before group `g`, and the fraction on it.
     fn part(&self, g: usize) -> (f32, f32) {
         let before = g.checked_sub(1).map_or(0.0, |g| self.ends[g]);
         (before, self.ends[g] - before)
     }
 
-    /// Position on an emitter for a uniform `u` in \[0, 1)², meters, and the index of its
-    /// primitive. `None` if nothing emits.
+    /// Returns the position on an emitter for a uniform `u` in \[0, 1)², in meters, and the index
+    /// of its primitive. `None` if nothing emits.
     #[must_use]
     pub fn position(&self, u: Vec2) -> Option<(Vec3, u32)> {
         let groups = self.emitters.groups();
         let g = self.ends[..groups.len()].partition_point(|&end| end <= u.x);
         let g = g.min(groups.len().checked_sub(1)?);
         let (before, part) = self.part(g);
-        // Relative to the group's part, the number that selected it is uniform again.
+        // The part of `u.x` within the fraction of the selected group is uniform again.
         let v = ((u.x - before) / part).clamp(0.0, 1.0);
         let power = groups[g].start + v * groups[g].share;
         self.emitters.position(Vec2::new(power, u.y))
     }
 
-    /// Ray from `start` to the position of `u` on an emitter, and its hit. `None` if the position
-    /// is behind the plane with normal `n`, or is not visible.
+    /// Returns the ray from `start` to the position of `u` on an emitter, and its hit. `None` if
+    /// the position is behind the plane with normal `n`, or is not visible.
     #[must_use]
     pub fn visible(
         &self,
@@ -132,8 +133,8 @@ impl<'a> EmitterView<'a> {
         (hit.primitive == primitive).then_some((ray, hit))
     }
 
-    /// Density per steradian of the directions toward [`position`](Self::position)s, at a hit of
-    /// `ray`. 0 if the hit is not on an emitter.
+    /// Returns the density per steradian of the directions toward [`position`](Self::position)s at
+    /// a hit of `ray`. 0 if the hit is not on an emitter.
     #[must_use]
     pub fn density(&self, ray: &Ray, hit: &Hit) -> f32 {
         let Some(g) = self.emitters.group_of(hit.primitive) else {
@@ -150,8 +151,8 @@ mod tests {
     use crate::samples::lattice;
     use crate::scene::{Material, TriangleMesh};
 
-    /// Two triangles of areas 2 and 0.5 m² at different heights, of emission 1 and 8, and 100 small
-    /// ones far away.
+    /// Returns two triangles of areas 2 and 0.5 m² at different heights, of emission 1 and 8, and
+    /// 100 small triangles far away.
     fn mesh() -> TriangleMesh {
         let v = Vec3::new;
         let emissive = |e: f32| Material::emissive(Vec3::ZERO, Vec3::splat(e));
@@ -184,7 +185,7 @@ mod tests {
         assert!(part_of_first_two(Vec3::X * 50.0) < 0.05);
     }
 
-    /// The mean of 1 / density over samples is the solid angle of the emitters.
+    /// Checks that the mean of 1 / density over samples is the solid angle of the emitters.
     #[test]
     fn density_integrates_solid_angle() {
         let mesh = mesh();

@@ -1,9 +1,9 @@
-//! Emissive triangles of a geometry, and positions on them drawn by area and strength.
+//! Emissive triangles of a geometry, and sample positions on them by area and emission.
 //!
-//! Sampling an emitter by area has little noise far from it, sampling the hemisphere has little
-//! noise near it. Integrators combine both by the balance heuristic (\[VG95\] §3.2), which
-//! needs the density of the area samples for every direction: [`Emitters::density`]. Where the
-//! start of the directions is known, [`Emitters::seen_from`] selects near emitters more often.
+//! Sampling an emitter by area has little noise far from it. Sampling the hemisphere has little
+//! noise near it. Integrators combine both by the balance heuristic (\[VG95\] §3.2), which needs
+//! the density of the area samples for every direction: [`Emitters::density`]. If the start of the
+//! directions is fixed, [`Emitters::seen_from`] selects near emitters more often.
 
 use super::emitter_view::{EmitterGroup, EmitterView, split_into_groups};
 use super::{Hit, Ray};
@@ -19,18 +19,18 @@ struct Emitter {
     corners: [Vec3; 3],
     /// Unit normal.
     normal: Vec3,
-    /// Part of all samples that lie on this triangle or on an earlier one.
+    /// Fraction of all samples on this triangle or on an earlier one.
     end: f32,
-    /// Part of all samples that lie on this triangle.
+    /// Fraction of all samples on this triangle.
     share: f32,
-    /// Samples per square meter, as a part of all samples.
+    /// Fraction of all samples per square meter.
     per_area: f32,
     /// Group of the triangle.
     group: u32,
 }
 
 impl Emitter {
-    /// Center of the triangle, meters.
+    /// Returns the center of the triangle, meters.
     fn center(&self) -> Vec3 {
         self.corners.iter().sum::<Vec3>() / 3.0
     }
@@ -46,13 +46,13 @@ pub struct Emitters {
     is_sparse: bool,
 }
 
-/// Largest part of the area of a geometry that sparse emitters cover.
+/// Largest fraction of the area of a geometry that sparse emitters cover.
 const SPARSE: f64 = 0.5;
 
 impl Emitters {
-    /// Collects triangles: index of the primitive, corners in meters, and mean emission of any unit
-    /// that all have in common. Leaves out those without area or emission. `total_area` is that of
-    /// the geometry, m².
+    /// Collects triangles: index of the primitive, corners in meters, and mean emission. All
+    /// emissions have the same unit. Leaves out triangles without area or emission. `total_area` is
+    /// the area of the geometry, m².
     #[must_use]
     pub fn new(
         triangles: impl IntoIterator<Item = (u32, [Vec3; 3], f32)>,
@@ -116,25 +116,26 @@ impl Emitters {
         }
     }
 
-    /// The emitters as seen from `x` (meters).
+    /// Returns the sampling distribution of the emitters for `x` (meters).
     #[must_use]
     pub fn seen_from(&self, x: Vec3) -> EmitterView<'_> {
         EmitterView::new(self, x)
     }
 
-    /// Groups of emitters, in the order of the emitters.
+    /// Returns the groups of emitters, in the order of the emitters.
     pub(super) fn groups(&self) -> &[EmitterGroup] {
         &self.groups
     }
 
-    /// Group of the primitive. `None` if it does not emit.
+    /// Returns the group of the primitive. `None` if it does not emit.
     pub(super) fn group_of(&self, primitive: u32) -> Option<usize> {
         let index = *self.index_of.get(&primitive)?;
         Some(self.emitters[index as usize].group as usize)
     }
 
-    /// Returns `true` if emitters cover at most half of the area of the geometry. Samples of their
-    /// area are worth their cost then. Rays of the hemisphere find the others without noise.
+    /// Returns `true` if emitters cover at most half of the area of the geometry. Area samples are
+    /// only worth their cost in this case. Rays over the hemisphere sample the other emitters
+    /// without noise.
     #[must_use]
     pub fn is_sparse(&self) -> bool {
         self.is_sparse
@@ -152,19 +153,19 @@ impl Emitters {
         self.index_of.contains_key(&primitive)
     }
 
-    /// Sum of area times mean emission over all triangles.
+    /// Returns the sum of area times mean emission over all triangles.
     #[must_use]
     pub fn power(&self) -> f32 {
         self.power
     }
 
-    /// Position on an emitter for a uniform `u` in \[0, 1)², meters, and the index of its
-    /// primitive. `None` if nothing emits.
+    /// Returns the position on an emitter for a uniform `u` in \[0, 1)², in meters, and the index
+    /// of its primitive. `None` if nothing emits.
     #[must_use]
     pub fn position(&self, u: Vec2) -> Option<(Vec3, u32)> {
         let index = self.emitters.partition_point(|e| e.end < u.x);
         let emitter = self.emitters.get(index).or(self.emitters.last())?;
-        // Relative to the triangle's share, the number that selected it is uniform again.
+        // The part of `u.x` within the fraction of the selected triangle is uniform again.
         let v = (1.0 - (emitter.end - u.x) / emitter.share).clamp(0.0, 1.0);
         let [a, b, c] = emitter.corners;
         let root = v.sqrt();
@@ -172,8 +173,8 @@ impl Emitters {
         Some((position, emitter.primitive))
     }
 
-    /// Density per steradian of the directions toward [`position`](Self::position)s, at a hit of
-    /// `ray`. 0 if the hit is not on an emitter.
+    /// Returns the density per steradian of the directions toward [`position`](Self::position)s at
+    /// a hit of `ray`. 0 if the hit is not on an emitter.
     #[must_use]
     pub fn density(&self, ray: &Ray, hit: &Hit) -> f32 {
         let Some(&index) = self.index_of.get(&hit.primitive) else {
@@ -191,7 +192,7 @@ mod tests {
     use crate::samples::lattice;
     use crate::scene::{Geometry, Material, TriangleMesh};
 
-    /// Two triangles of areas 2 and 0.5 m² at different heights, of emission 1 and 8.
+    /// Returns two triangles of areas 2 and 0.5 m² at different heights, of emission 1 and 8.
     fn mesh() -> TriangleMesh {
         let v = Vec3::new;
         let emissive = |e: f32| Material::emissive(Vec3::ZERO, Vec3::splat(e));

@@ -9,26 +9,26 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// A file could not be read: not a fault of its content.
+    /// A file could not be read. The cause is not its content.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A file was refused before its content was looked at.
+    /// A file was refused before its content was read.
     #[error("{}: {source}", path.display())]
     Refused {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Reason.
         source: ReadError,
     },
-    /// The file is not the format that it should be.
+    /// The file is not of the expected format.
     #[error("{file}: {reason}")]
     Format {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Problem, and its position if known.
         reason: String,
@@ -37,16 +37,16 @@ pub enum SceneError {
     #[cfg(feature = "point_clouds")]
     #[error("{file}: {source}")]
     Ply {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Problem, with its line or byte.
         source: PlyError,
     },
-    /// The points of a file make no surface.
+    /// The points of a file do not form a surface.
     #[cfg(feature = "point_clouds")]
     #[error("{file}: {source}")]
     Points {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Problem of the points.
         source: PointsError,
@@ -54,9 +54,9 @@ pub enum SceneError {
     /// A mesh of the file is not valid.
     #[error("{file}: mesh {mesh}, primitive {primitive}: {reason}")]
     Mesh {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// Index and, where it has one, name of the mesh.
+        /// Index of the mesh, and its name if it has one.
         mesh: String,
         /// Index of the primitive in the mesh.
         primitive: usize,
@@ -66,17 +66,17 @@ pub enum SceneError {
     /// A texture could not be decoded.
     #[error("{file}: image {image}: {reason}")]
     Image {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Index of the image in the file.
         image: usize,
         /// Problem.
         reason: String,
     },
-    /// More than this program takes on.
+    /// A quantity of the file exceeds a limit.
     #[error("{file}: {what}: {count}, at most {limit}")]
     TooLarge {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Name of the quantity.
         what: &'static str,
@@ -85,18 +85,18 @@ pub enum SceneError {
         /// Largest number allowed.
         limit: u64,
     },
-    /// There is not one usable triangle.
+    /// The file has no usable triangle.
     #[error("{file}: no usable triangle ({dropped} dropped)")]
     Empty {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Number of triangles that were dropped.
         dropped: u64,
     },
-    /// A value of a scene description is out of its range.
+    /// A value of a scene description is out of range.
     #[error("{file}: {location}: {reason}")]
     Value {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Path of the value in the description.
         location: String,
@@ -106,7 +106,7 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// Names the file of a [`ReadError`].
+    /// Adds the file name to a [`ReadError`].
     #[must_use]
     pub fn reading(path: &Path, error: ReadError) -> Self {
         let path = path.into();
@@ -116,7 +116,7 @@ impl SceneError {
         }
     }
 
-    /// True where the file could not be read at all, as opposed to read and found invalid.
+    /// Returns `true` if the file could not be read. `false` if it was read and is invalid.
     #[must_use]
     pub fn is_io(&self) -> bool {
         matches!(self, Self::Io { .. })

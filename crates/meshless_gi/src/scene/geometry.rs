@@ -1,9 +1,9 @@
-//! The one interface between light transport and geometry ([L08] §5.1): cast, occlusion, surface.
+//! Interface between light transport and geometry ([L08] §5.1): closest hit, occlusion, surface.
 
 use super::{Emitters, MaterialFactors};
 use glam::Vec3;
 
-/// An axis-aligned box, in meters.
+/// Axis-aligned box, in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Smallest corner.
@@ -13,13 +13,13 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// A box that holds nothing; joining it with anything gives that thing.
+    /// Empty box. Joined with any position, it gives a box of that position alone.
     pub const EMPTY: Self = Self {
         min: Vec3::INFINITY,
         max: Vec3::NEG_INFINITY,
     };
 
-    /// The smallest box that holds `self` and `p`.
+    /// Returns the smallest box that contains `self` and `p`.
     #[must_use]
     pub fn join(self, p: Vec3) -> Self {
         Self {
@@ -28,50 +28,50 @@ impl Bounds {
         }
     }
 
-    /// Edge lengths in meters; zero where the box is empty.
+    /// Returns the edge lengths in meters. Zero for an empty box.
     #[must_use]
     pub fn size(self) -> Vec3 {
         (self.max - self.min).max(Vec3::ZERO)
     }
 
-    /// The center, in meters.
+    /// Returns the center in meters.
     #[must_use]
     pub fn center(self) -> Vec3 {
         0.5 * (self.min + self.max)
     }
 }
 
-/// A ray. [`Ray::new`] is the only way to make one: it removes negative zeros from the direction,
-/// so that equal directions have equal inverses.
+/// Ray. [`Ray::new`] and [`Ray::segment`] are the only constructors. They remove negative zeros
+/// from the direction, so that equal directions have equal inverses.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     /// Start, in meters.
     pub origin: Vec3,
-    /// Unit direction; no component is -0.0.
+    /// Unit direction without components of -0.0.
     pub direction: Vec3,
-    /// Hits farther than this (meters) do not count.
+    /// Largest hit distance, in meters. Hits beyond it are ignored.
     pub max_t: f32,
 }
 
 impl Ray {
-    /// A ray without an end. `direction` must be of unit length.
+    /// Creates a ray of infinite length. `direction` must be of unit length.
     #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self::segment(origin, direction, f32::INFINITY)
     }
 
-    /// A ray that ends after `max_t` meters.
+    /// Creates a ray that ends after `max_t` meters.
     #[must_use]
     pub fn segment(origin: Vec3, direction: Vec3, max_t: f32) -> Self {
         Self {
             origin,
-            // Adding +0.0 turns -0.0 into +0.0 and leaves every other value as it is.
+            // Adding +0.0 turns -0.0 into +0.0 and does not change any other value.
             direction: direction + Vec3::ZERO,
             max_t,
         }
     }
 
-    /// The point at distance `t`.
+    /// Returns the position at distance `t`.
     #[must_use]
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
@@ -89,30 +89,30 @@ pub struct Hit {
     pub uv: [f32; 2],
 }
 
-/// The surface at a hit, seen from the side the ray came from.
+/// Surface at a hit, on the side of the ray's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Position in meters, as near to the true surface as the representation can say.
+    /// Position in meters, as near to the true surface as the representation allows.
     pub position: Vec3,
-    /// Unit geometric normal on the side the ray came from.
+    /// Unit geometric normal on the side of the ray's origin.
     pub normal: Vec3,
     /// Diffuse reflectance, linear RGB, each in [0, 1]. Black on the back of a single-sided
     /// material.
     pub albedo: Vec3,
     /// Emitted radiosity M = π · radiance, W/m². Black on the back of a single-sided material.
     pub emission: Vec3,
-    /// True where the ray met the front (the winding's side) of the surface.
+    /// `true` if the ray hit the front of the surface, given by the winding.
     pub front: bool,
 }
 
-/// The part of a [`Surface`] that a gather needs of each of its hits: no texture is read for it.
+/// Subset of a [`Surface`] that a gather needs for each of its hits. It requires no texture reads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitPoint {
     /// Position in meters.
     pub position: Vec3,
-    /// Unit geometric normal on the side the ray came from.
+    /// Unit geometric normal on the side of the ray's origin.
     pub normal: Vec3,
-    /// False on the back of a single-sided material: no light comes from there.
+    /// `false` on the back of a single-sided material, which reflects and emits no light.
     pub lit: bool,
 }
 
@@ -133,32 +133,33 @@ pub struct MaterialTerms {
 /// side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Barrier {
-    /// Unit normal, toward the start of the ray that met it.
+    /// Unit normal, toward the origin of the ray.
     pub normal: Vec3,
-    /// A position on the plane, meters.
+    /// Position on the plane, meters.
     pub position: Vec3,
-    /// Half of the thickness of an occluder, meters, whose middle the plane is; none for what
-    /// stays, which nothing is drawn inside of.
+    /// Half of the thickness of an occluder in meters. The plane is then the middle of the
+    /// occluder. `None` for static geometry, because no geometry is rendered inside it.
     pub half_thickness: Option<f32>,
 }
 
 /// Queries of light transport to a scene. Implementations are pure: the same ray gives the same
 /// result on any thread.
 pub trait Geometry: Sync {
-    /// A box around everything. [`Bounds::EMPTY`] when there is nothing.
+    /// Returns a box around all geometry. [`Bounds::EMPTY`] if there is none.
     fn bounds(&self) -> Bounds;
 
-    /// The closest hit with `t` in (0, `ray.max_t`). Cut-out texels are passed through.
+    /// Returns the closest hit with `t` in (0, `ray.max_t`). Rays pass through cut-out texels.
     fn cast(&self, ray: &Ray) -> Option<Hit>;
 
-    /// True when anything lies strictly between `from` and `to`. Callers keep both ends off the
-    /// surfaces.
+    /// Returns `true` if any geometry lies strictly between `from` and `to`. Callers must offset
+    /// both ends from the surfaces.
     fn occluded(&self, from: Vec3, to: Vec3) -> bool;
 
-    /// The surface where `ray` met `hit`.
+    /// Returns the surface at `hit` of `ray`.
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface;
 
-    /// The position and side of [`surface`](Self::surface) alone, with the same bits.
+    /// Returns only the position and the side of [`surface`](Self::surface). The values are bitwise
+    /// identical.
     fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
         let surface = self.surface(ray, hit);
         HitPoint {
@@ -168,32 +169,32 @@ pub trait Geometry: Sync {
         }
     }
 
-    /// The material where `ray` met `hit`; none where the geometry has no materials that could
+    /// Returns the material at `hit` of `ray`. `None` if the geometry has no materials that can
     /// change.
     fn material_terms(&self, _ray: &Ray, _hit: &Hit) -> Option<MaterialTerms> {
         None
     }
 
-    /// The materials that [`material_terms`](Self::material_terms) names: names and factors. The
-    /// same names may come again.
+    /// Returns the names and factors of the materials that [`material_terms`](Self::material_terms)
+    /// references. Names may occur more than once.
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         Vec::new()
     }
 
-    /// Emissive triangles, for samples of their area. `None` if nothing emits, or if only rays of
-    /// the hemisphere can find what emits.
+    /// Returns the emissive triangles for area sampling. `None` if nothing emits. Also `None` if
+    /// emission can be sampled only by rays over the hemisphere.
     fn emitters(&self) -> Option<&Emitters> {
         None
     }
 
-    /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and
-    /// [`cast`](Self::cast) ignores them.
+    /// Returns the occluders that `ray` crosses before its end, as bits by occluder number.
+    /// Occluders are open, and [`cast`](Self::cast) ignores them.
     fn crossed_occluders(&self, _ray: &Ray) -> u64 {
         0
     }
 
-    /// The same geometry with all occluders shut, where there are any: functions end at them as at
-    /// walls, open or not.
+    /// Returns the same geometry with all occluders closed. `None` without occluders. Basis
+    /// functions end at occluders as at walls, in any state.
     fn with_occluders_closed(&self) -> Option<&dyn Geometry> {
         None
     }
@@ -208,21 +209,21 @@ pub trait Geometry: Sync {
         }
     }
 
-    /// A length, in meters, by which a ray's start is lifted off a surface at `p` so that it cannot
-    /// meet it again.
+    /// Returns the distance in meters by which a ray's start is offset from a surface at `p`. The
+    /// offset prevents a second hit on that surface.
     fn ray_offset(&self, p: Vec3) -> f32 {
         mesh_ray_offset(self.bounds().size().max_element(), p)
     }
 
-    /// Part of [`ray_offset`](Self::ray_offset) that is due to surface near `p` that rises above
-    /// it, meters. 0 for smooth surfaces. A frame offsets its shadow rays for rounding only, so
-    /// light samples are placed this far above the surface.
+    /// Returns the part of [`ray_offset`](Self::ray_offset) that is caused by surface above `p`, in
+    /// meters. 0 for smooth surfaces. A frame offsets its shadow rays for rounding only, so light
+    /// samples are placed this far above the surface.
     fn surface_relief(&self, _p: Vec3) -> f32 {
         0.0
     }
 }
 
-/// The lift off exact surfaces at `p` of a geometry of this size, meters.
+/// Returns the ray offset in meters at `p` for exact surfaces of a geometry of this size.
 pub(super) fn mesh_ray_offset(size: f32, p: Vec3) -> f32 {
     (1e-5 * size).max(8.0 * f32::EPSILON * p.abs().max_element().max(size))
 }

@@ -1,89 +1,88 @@
-//! Analytic implicit surfaces as [`Geometry`]: the proof that nothing in basis or transport leans
+//! Analytic implicit surfaces as [`Geometry`]. They verify that basis and transport do not depend
 //! on triangles ([L08] §5.1).
 //!
-//! A scene is a list of shapes, each the zero set of a function that never overstates the distance
-//! to it and is positive outside. Rays march by that distance, which can't step over a surface.
-//! If the distance becomes small, or the ray starts next to a surface, steps of a fixed smallest
-//! size look for a change of sign instead, and bisection finds the root: a ray that starts on a
-//! surface leaves it without being caught by it, and one that grazes is decided by a sign.
+//! A scene is a list of shapes. Each shape is the zero set of a function that is positive outside
+//! and never exceeds the distance to the shape. Rays advance by this distance, which cannot step
+//! over a surface. If the distance becomes small, or the ray starts next to a surface, steps of a
+//! fixed minimum size search for a change of sign. Bisection then computes the root. A ray that
+//! starts on a surface leaves it without a hit on that surface. For a grazing ray the sign decides.
 //!
-//! Limits: features thinner than [`ImplicitScene::tolerance`] can be missed; a ray that touches a
+//! Limits: features thinner than [`ImplicitScene::tolerance`] can be missed. A ray that touches a
 //! surface without passing through it counts as a miss.
 
 use super::{Bounds, Geometry, Hit, Ray, Surface};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Steps after which a ray is given up as a miss.
+/// Largest number of steps of a ray. A ray that exceeds it is a miss.
 const MAX_STEPS: u32 = 4096;
-/// Halvings of the interval in which a sign changes: an f32's worth.
+/// Bisections of the interval that contains a change of sign. The result has `f32` precision.
 const HALVINGS: u32 = 30;
 
-/// A solid whose surface is an implicit function's zero set. Lengths in meters.
+/// Solid with an implicit function as its surface. Lengths in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// A ball.
+    /// Sphere.
     Sphere {
-        /// Its center.
+        /// Center.
         center: Vec3,
-        /// Its radius.
+        /// Radius.
         radius: f32,
     },
-    /// Everything on the far side of a plane: points with n·x < offset.
+    /// Half-space behind a plane: points with n·x < offset.
     HalfSpace {
-        /// Unit normal n, out of the solid.
+        /// Unit normal n, pointing out of the solid.
         normal: Vec3,
-        /// n·x on the plane.
+        /// Value of n·x on the plane.
         offset: f32,
     },
-    /// A box along the axes.
+    /// Axis-aligned box.
     Cuboid {
-        /// Its center.
+        /// Center.
         center: Vec3,
-        /// Half its edges.
+        /// Half edge lengths.
         half: Vec3,
     },
-    /// The room inside a box along the axes: everything outside of the box is solid, its surface
-    /// faces inwards.
+    /// Axis-aligned room: everything outside the box is solid, and its surface faces inwards.
     Room {
-        /// Its center.
+        /// Center.
         center: Vec3,
-        /// Half its edges.
+        /// Half edge lengths.
         half: Vec3,
     },
-    /// The hollow inside a ball: everything outside is solid.
+    /// Spherical cavity: everything outside the sphere is solid.
     Cavity {
-        /// Its center.
+        /// Center.
         center: Vec3,
-        /// Its radius.
+        /// Radius.
         radius: f32,
     },
-    /// A ring.
+    /// Torus.
     Torus {
-        /// Its center.
+        /// Center.
         center: Vec3,
         /// Unit axis.
         axis: Vec3,
-        /// From the center to the middle of the tube.
+        /// Distance from the center to the middle of the tube.
         major: f32,
         /// Radius of the tube.
         minor: f32,
     },
-    /// A cylinder with flat ends; a low one is a disk.
+    /// Cylinder with flat ends. A low cylinder is a disk.
     Cylinder {
-        /// Its center, half-way between the ends.
+        /// Center, half-way between the ends.
         center: Vec3,
         /// Unit axis.
         axis: Vec3,
-        /// Its radius.
+        /// Radius.
         radius: f32,
-        /// Half the distance of its ends.
+        /// Half the distance between the ends.
         half_height: f32,
     },
 }
 
 impl Shape {
-    /// A lower bound of the distance to the surface, exact near it; negative inside.
+    /// Returns a lower bound of the distance to the surface, exact near it. Negative inside.
     #[must_use]
     pub fn distance(&self, p: Vec3) -> f32 {
         match *self {
@@ -157,10 +156,10 @@ fn to_box(p: Vec3, half: Vec3) -> f32 {
     q.max(Vec3::ZERO).length() + q.max_element().min(0.0)
 }
 
-/// A shape with what it does to light.
+/// Shape with albedo and emission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImplicitObject {
-    /// The solid.
+    /// Solid.
     pub shape: Shape,
     /// Diffuse reflectance, linear RGB in [0, 1].
     pub albedo: Vec3,
@@ -168,7 +167,7 @@ pub struct ImplicitObject {
     pub radiance: Vec3,
 }
 
-/// A union of solids.
+/// Union of solids.
 #[derive(Clone, Debug)]
 pub struct ImplicitScene {
     objects: Vec<ImplicitObject>,
@@ -177,8 +176,8 @@ pub struct ImplicitScene {
 }
 
 impl ImplicitScene {
-    /// The union of `objects`. Half-spaces have no bounds of their own: they count as far as the
-    /// other shapes reach. Albedo is clamped to [0, 1].
+    /// Creates the union of `objects`. Half-spaces have no bounds of their own: they are bounded by
+    /// the extent of the other shapes. Albedo is clamped to [0, 1].
     #[must_use]
     pub fn new(mut objects: Vec<ImplicitObject>) -> Self {
         for object in &mut objects {
@@ -193,18 +192,20 @@ impl ImplicitScene {
         Self {
             objects,
             bounds,
-            // A dozen roundings of the largest coordinate: below this a distance's sign is noise.
+            // Sixteen roundings of the largest coordinate. Below this value the sign of a distance
+            // is noise.
             tolerance: 16.0 * f32::EPSILON * far.max(1e-3),
         }
     }
 
-    /// Distance in meters below which two surfaces are not distinguished.
+    /// Returns the distance in meters below which two surfaces are not distinguished.
     #[must_use]
     pub fn tolerance(&self) -> f32 {
         self.tolerance
     }
 
-    /// Distance to the union and which object is nearest. Infinite without objects.
+    /// Returns the distance to the union and the index of the nearest object. Infinite without
+    /// objects.
     #[must_use]
     pub fn distance(&self, p: Vec3) -> (f32, usize) {
         let mut best = (f32::INFINITY, 0);
@@ -217,21 +218,20 @@ impl ImplicitScene {
         best
     }
 
-    /// The first position along the ray where the sign of the distance changes.
+    /// Returns the distance along the ray of the first change of sign.
     fn march(&self, ray: &Ray) -> Option<f32> {
         let size = self.bounds.size().length();
         let center = self.bounds.center();
         let reach = if self.objects.is_empty() || !ray.origin.is_finite() {
             return None;
         } else if size > 0.0 {
-            // Half-spaces may lie beyond the box; ten times its size is where the scene ends.
+            // Half-spaces may lie beyond the box. The scene ends at ten times the size of the box.
             (ray.origin - center).length() + 10.0 * size
         } else {
             1e6
         };
         let end = ray.max_t.min(reach);
-        // On which side the ray starts is decided a step ahead, off the surface that it may start
-        // on.
+        // The initial side is evaluated one step ahead, because the ray may start on a surface.
         let smallest = 8.0 * self.tolerance;
         let mut before = smallest;
         let mut d = self.distance(ray.at(before)).0;
@@ -243,7 +243,7 @@ impl ImplicitScene {
             let t = before + d.abs().max(smallest);
             let next = self.distance(ray.at(t)).0;
             if (next < 0.0) != inside {
-                // A sign change between `before` and `t`: halve.
+                // Bisection: the sign changes between `before` and `t`.
                 let (mut low, mut high) = (before, t);
                 for _ in 0..HALVINGS {
                     let middle = 0.5 * (low + high);
@@ -260,7 +260,7 @@ impl ImplicitScene {
         None
     }
 
-    /// The gradient of an object's distance by central differences.
+    /// Returns the gradient of an object's distance by central differences.
     fn gradient(&self, object: usize, p: Vec3) -> Vec3 {
         let h = 64.0 * self.tolerance;
         let at = |q: Vec3| self.objects[object].shape.distance(q);
@@ -434,7 +434,7 @@ mod tests {
         }
         let scene = ImplicitScene::new(vec![object(shape)]);
         let bounds = scene.bounds();
-        // Corners of the solid along x: half the axis' share and the rim's.
+        // The extent along x is the sum of the parts of half the axis and of the rim.
         assert!((bounds.max.x - center.x - (0.3 + 1.6)).abs() < 1e-5);
         assert!((bounds.max.z - center.z - 2.0).abs() < 1e-5);
         let down = Ray::new(center + axis * 4.0 + Vec3::Z, -axis);

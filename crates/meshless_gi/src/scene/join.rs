@@ -1,12 +1,12 @@
-//! Several pieces of geometry as one mesh: meshes and the cells of point clouds in one hierarchy,
-//! so that they light and shade each other.
+//! Joining several meshes and cells of point clouds to one mesh. They share one hierarchy, so that
+//! they light and shadow each other.
 
 use super::mesh::FaceParts;
 use super::{Material, TriangleMesh, TriangleUvs};
 
 impl TriangleMesh {
-    /// One mesh of all triangles, part after part, each with its own materials and textures. One
-    /// part is given back as it is.
+    /// Joins all triangles to one mesh, part after part, each with its own materials and textures.
+    /// A single part is returned unchanged.
     #[must_use]
     pub fn joined(mut parts: Vec<Self>) -> Self {
         if parts.len() == 1

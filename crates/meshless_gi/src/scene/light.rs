@@ -3,56 +3,56 @@
 use super::SkyRadiance;
 use glam::Vec3;
 
-/// A light source. Units follow glTF and Bevy: E = I cos θ / d² at a surface.
+/// Light source. Units follow glTF and Bevy: E = I cos θ / d² at a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Light {
-    /// Shines alike in all directions.
+    /// Point light that emits uniformly in all directions.
     Point {
-        /// Meters.
+        /// Position, meters.
         position: Vec3,
-        /// W/sr.
+        /// Radiant intensity, W/sr.
         intensity: Vec3,
-        /// Meters at which the smooth window (1 − (d/range)⁴…) ends, as Bevy's shader has it;
-        /// infinite for none.
+        /// Distance in meters at which the smooth window (1 − (d/range)⁴…) ends, as in Bevy's
+        /// shader. Infinite for no limit.
         range: f32,
     },
-    /// Shines in a cone. Falloff: clamp((cos t − cos outer)/(cos inner − cos outer), 0, 1)².
+    /// Spot light. Falloff: clamp((cos t − cos outer)/(cos inner − cos outer), 0, 1)².
     Spot {
-        /// Meters.
+        /// Position, meters.
         position: Vec3,
-        /// Unit, where the light goes.
+        /// Unit direction of emission.
         direction: Vec3,
-        /// W/sr on the axis.
+        /// Radiant intensity on the axis, W/sr.
         intensity: Vec3,
-        /// Half angle of the full cone, radians.
+        /// Half angle of the cone of full intensity, radians.
         inner: f32,
-        /// Half angle where it ends, radians.
+        /// Half angle at which the intensity reaches zero, radians.
         outer: f32,
-        /// As for a point light.
+        /// Same as the range of a point light.
         range: f32,
     },
-    /// From infinitely far.
+    /// Directional light at infinite distance.
     Directional {
-        /// Unit, where the light goes.
+        /// Unit direction of emission.
         direction: Vec3,
-        /// W/m² on a surface that faces the light.
+        /// Irradiance of a surface that faces the light, W/m².
         irradiance: Vec3,
     },
-    /// A rectangle that emits to the side of `u × v`.
+    /// Rectangle that emits to the side of `u × v`.
     Rect {
-        /// Meters.
+        /// Center, meters.
         center: Vec3,
-        /// Half edge, meters.
+        /// Half edge vector, meters.
         u: Vec3,
-        /// Half edge, meters.
+        /// Half edge vector, meters.
         v: Vec3,
-        /// W/(m² sr).
+        /// Radiance, W/(m² sr).
         radiance: Vec3,
     },
-    /// Radiance from every direction that meets nothing.
+    /// Radiance from every direction without a hit.
     Sky {
-        /// W/(m² sr).
+        /// Radiance, W/(m² sr).
         radiance: SkyRadiance,
     },
 }

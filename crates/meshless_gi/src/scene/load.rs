@@ -1,5 +1,5 @@
-//! A level's geometry from a file of any kind that can be read: triangles, points, or a description
-//! that names several of them.
+//! Geometry of a scene from a file of any supported type: triangles, points, or a description that
+//! lists several files.
 
 #[cfg(feature = "point_clouds")]
 use super::load_ply_within;
@@ -7,24 +7,24 @@ use super::{InputBudget, MeshProblems, SceneError, TriangleMesh, load_gltf_withi
 use glam::Vec3;
 use std::path::Path;
 
-/// A level's geometry as one mesh.
+/// Geometry of a scene as one mesh.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct LoadedGeometry {
     /// Triangles, and the cells of points, in meters.
     pub mesh: TriangleMesh,
-    /// Points whose cells are in the mesh; 0 where there are triangles only.
+    /// Number of points that have cells in the mesh. 0 for triangles only.
     pub points: u64,
-    /// Problems of triangles that were dropped or corrected.
+    /// Numbers of triangles that were dropped or corrected.
     pub problems: MeshProblems,
-    /// Notes on content that was not read or was read in another way.
+    /// Notes on content that was ignored or converted.
     pub notes: Vec<String>,
 }
 
-/// Reads `.ply` as points and anything else as glTF. With the feature `json` a `.json` is a scene
-/// description whose geometry is joined. Points without normals face the `viewpoints` (meters, in
-/// free space) that their surface lies around: see `PointCloud::new`. Without the feature
-/// `point_clouds` a `.ply` is an error.
+/// Reads `.ply` files as points and other files as glTF. With the feature `json` a `.json` file is
+/// a scene description, and its geometry is joined. A surface of points without normals faces those
+/// `viewpoints` (meters, between surfaces) that it encloses. See `PointCloud::new`. Without the
+/// feature `point_clouds` a `.ply` file is an error.
 ///
 /// # Errors
 /// See [`SceneError`].
@@ -35,7 +35,7 @@ pub fn load_geometry(
     load_geometry_within(path, viewpoints, &mut InputBudget::default())
 }
 
-/// As [`load_geometry`]; all files together are within `budget`.
+/// Reads geometry like [`load_geometry`]. All files together are within `budget`.
 ///
 /// # Errors
 /// See [`SceneError`].
@@ -81,7 +81,7 @@ pub fn load_geometry_within(
     })
 }
 
-/// All geometry that a description names.
+/// Reads all geometry that a description lists.
 #[cfg(feature = "json")]
 fn described(
     path: &Path,

@@ -1,17 +1,17 @@
-//! Diffuse materials and the textures that vary them over a surface. All light is linear RGB.
+//! Diffuse materials and their textures. All light is linear RGB.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
 
-/// Meaning of a texture coordinate outside of [0, 1].
+/// Addressing mode of texture coordinates outside [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
     /// The texture repeats.
     #[default]
     Repeat,
-    /// The texture repeats, every second time mirrored.
+    /// The texture repeats and is mirrored in every second repetition.
     Mirror,
-    /// The border texel goes on for ever.
+    /// The border texel extends to infinity.
     Clamp,
 }
 
@@ -30,8 +30,8 @@ impl Wrap {
     }
 }
 
-/// An image of 8 bits a channel with straight alpha. (0, 0) is the first texel's upper left corner,
-/// as in glTF.
+/// Image of 8 bits per channel with straight alpha. (0, 0) is the upper left corner of the first
+/// texel, as in glTF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: u32,
@@ -41,8 +41,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// A texture of `width` × `height` texels, row by row from the top. None where the numbers do
-    /// not fit together or there is no texel at all.
+    /// Creates a texture of `width` × `height` texels, row by row from the top. `None` if the
+    /// number of texels does not match or is zero.
     #[must_use]
     pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>, wrap: [Wrap; 2]) -> Option<Self> {
         let count = u64::from(width) * u64::from(height);
@@ -54,7 +54,7 @@ impl Texture {
         })
     }
 
-    /// Number of texels.
+    /// Returns the number of texels.
     #[cfg(feature = "gltf")]
     pub(super) fn len(&self) -> u64 {
         self.texels.len() as u64
@@ -66,10 +66,10 @@ impl Texture {
         self.texels[(y * self.width + x) as usize]
     }
 
-    /// The four texels around `uv` and the weights between them: bilinear filtering.
+    /// Returns the four texels around `uv` and the weights between them for bilinear filtering.
     fn around(&self, uv: Vec2) -> ([[u8; 4]; 4], Vec2) {
         let at = uv * Vec2::new(self.width as f32, self.height as f32) - Vec2::splat(0.5);
-        // Coordinates beyond what a texel index holds are no position in particular.
+        // Coordinates beyond the range of texel indices have no meaningful texel.
         let at = if at.is_finite() {
             at.clamp(Vec2::splat(-1e9), Vec2::splat(1e9))
         } else {
@@ -95,7 +95,7 @@ impl Texture {
         top * (1.0 - f.y) + bottom * f.y
     }
 
-    /// The color at `uv`, sRGB decoded to linear before it is filtered; alpha is linear.
+    /// Returns the color at `uv`. sRGB is decoded to linear before filtering. Alpha is linear.
     #[must_use]
     pub fn color(&self, uv: Vec2) -> Vec4 {
         let table = srgb_table();
@@ -110,13 +110,13 @@ impl Texture {
         })
     }
 
-    /// The texel values at `uv` as numbers in [0, 1], not decoded.
+    /// Returns the texel values at `uv` in [0, 1], without decoding.
     #[must_use]
     pub fn data(&self, uv: Vec2) -> Vec4 {
         self.blend(uv, |t| Vec4::from_array(t.map(f32::from)) / 255.0)
     }
 
-    /// Alpha at `uv`.
+    /// Returns alpha at `uv`.
     #[must_use]
     pub fn alpha(&self, uv: Vec2) -> f32 {
         let ([a, b, c, d], f) = self.around(uv);
@@ -125,7 +125,7 @@ impl Texture {
     }
 
     /// Returns `false` only if no texel in the bounding box of these coordinates has an alpha of
-    /// `min_alpha` or more. A box of very many texels returns `true`.
+    /// `min_alpha` or more. A box with a very large number of texels returns `true`.
     #[must_use]
     pub fn may_reach_alpha(&self, corners: [Vec2; 3], min_alpha: f32) -> bool {
         const MAX: i64 = 1 << 14;
@@ -146,7 +146,7 @@ impl Texture {
         (y0..=y1).any(|y| (x0..=x1).any(|x| f32::from(self.texel(x, y)[3]) / 255.0 >= min_alpha))
     }
 
-    /// Adds everything that a bake reads of it to `hasher`.
+    /// Adds all properties that a bake reads to `hasher`.
     pub fn add_to_hash(&self, hasher: &mut blake3::Hasher) {
         hasher.update(&self.width.to_le_bytes());
         hasher.update(&self.height.to_le_bytes());
@@ -155,8 +155,8 @@ impl Texture {
     }
 }
 
-/// sRGB codes as linear values (IEC 61966-2-1), by a power function that gives the same bits on
-/// every machine.
+/// Returns the linear values of sRGB codes (IEC 61966-2-1). The power function gives the same bits
+/// on every machine.
 pub(super) fn srgb_table() -> &'static [f32; 256] {
     static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
     TABLE.get_or_init(|| {
@@ -172,32 +172,32 @@ pub(super) fn srgb_table() -> &'static [f32; 256] {
     })
 }
 
-/// A diffuse material, as glTF's metallic-roughness model has it without its specular part.
-/// Textures are indices into the textures of the mesh; each reads its own texture coordinates
+/// Diffuse material: glTF's metallic-roughness model without its specular part. Textures are
+/// indices into the textures of the mesh. Each uses its own texture coordinates
 /// ([`super::TriangleUvs`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Linear RGB in [0, 1], and alpha.
     pub base_color: Vec4,
-    /// Multiplies `base_color`: sRGB color, linear alpha.
+    /// Texture that multiplies `base_color`: sRGB color, linear alpha.
     pub base_color_texture: Option<u32>,
     /// Metallic fraction of the surface, 0 to 1. Metal has no diffuse reflection.
     pub metallic: f32,
-    /// Multiplies `metallic` by its blue channel.
+    /// Texture with a blue channel that multiplies `metallic`.
     pub metallic_texture: Option<u32>,
     /// Emitted radiance, W/(m² sr), linear RGB.
     pub emissive: Vec3,
-    /// Multiplies `emissive`: sRGB.
+    /// Texture that multiplies `emissive`: sRGB.
     pub emissive_texture: Option<u32>,
-    /// False: the back reflects and emits nothing. It blocks light all the same.
+    /// `false` if the back reflects and emits nothing. The back still blocks light.
     pub double_sided: bool,
-    /// Alpha below which there is no surface. `None`: alpha is ignored.
+    /// Alpha below which there is no surface. `None` ignores alpha.
     pub alpha_cutoff: Option<f32>,
-    /// Name, or empty. Not part of the content hash.
+    /// Name, possibly empty. Not part of the content hash.
     pub name: String,
 }
 
-/// The numbers of a material that may change in a running game: its textures stay.
+/// Values of a material that can change at run time. Its textures cannot change.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct MaterialFactors {
@@ -214,7 +214,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// A double-sided surface that reflects `albedo` and emits nothing.
+    /// Creates a double-sided surface that reflects `albedo` and emits nothing.
     #[must_use]
     pub fn diffuse(albedo: Vec3) -> Self {
         Self {
@@ -230,7 +230,7 @@ impl Material {
         }
     }
 
-    /// A double-sided surface that reflects `albedo` and emits `radiance`, W/(m² sr).
+    /// Creates a double-sided surface that reflects `albedo` and emits `radiance`, W/(m² sr).
     #[must_use]
     pub fn emissive(albedo: Vec3, radiance: Vec3) -> Self {
         Self {
@@ -239,7 +239,7 @@ impl Material {
         }
     }
 
-    /// Its factors.
+    /// Returns the factors.
     #[must_use]
     pub fn factors(&self) -> MaterialFactors {
         MaterialFactors {
@@ -256,7 +256,7 @@ impl Material {
         ]
     }
 
-    /// Adds everything that a bake reads of it to `hasher`.
+    /// Adds all properties that a bake reads to `hasher`.
     pub fn add_to_hash(&self, hasher: &mut blake3::Hasher) {
         for x in self
             .base_color

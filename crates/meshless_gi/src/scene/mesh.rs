@@ -1,10 +1,10 @@
-//! Triangle meshes as [`Geometry`]: closest hits through obvhs's binary BVH, the watertight test at
-//! its leaves.
+//! Triangle meshes as [`Geometry`]. Closest hits use obvhs's binary BVH with the watertight
+//! triangle test in its leaves.
 //!
-//! Surfaces are flat: the normal is the triangle's own, for light to stay on the side of the true
-//! surface. Triangles lie in memory in the order in which the BVH meets them. Of two hits at the
-//! same distance the triangle with the lower index wins, so that an answer does not depend on the
-//! order of traversal.
+//! Surfaces are flat: the normal is the geometric normal of the triangle, so that light stays on
+//! the correct side of the surface. Triangles are stored in BVH order. If two hits have the same
+//! distance the triangle with the lower index is returned. The result therefore does not depend on
+//! the traversal order.
 
 mod content_hash;
 mod emissive_triangles;
@@ -27,39 +27,40 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ray::RayHit;
 use std::time::{Duration, Instant};
 
-/// Coordinates from here on, in meters, are taken for damage: squares of them overflow.
+/// Upper limit of coordinates, meters. Larger values are treated as damage, because their squares
+/// overflow.
 const FARTHEST: f32 = 1e9;
 
-/// Radiances from here on, in W/(m² sr), are taken for damage: sums of them overflow.
+/// Upper limit of radiance, W/(m² sr). Larger values are treated as damage, because their sums
+/// overflow.
 const BRIGHTEST: f32 = 1e18;
 
-/// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can
-/// have.
+/// Texture coordinates of the three corners of a triangle, per texture type of a [`Material`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TriangleUvs {
-    /// For the base color.
+    /// Coordinates of the base color texture.
     pub base_color: [Vec2; 3],
-    /// For the metallic texture.
+    /// Coordinates of the metallic texture.
     pub metallic: [Vec2; 3],
-    /// For the emissive texture.
+    /// Coordinates of the emissive texture.
     pub emissive: [Vec2; 3],
 }
 
-/// Parts of a mesh, with the triangles in their order.
+/// Parts of a mesh, with the triangles in their original order.
 pub(super) struct FaceParts {
     pub(super) triangles: Vec<[Vec3; 3]>,
     pub(super) material_of: Vec<u32>,
-    /// Empty where there are no textures.
+    /// Texture coordinates per triangle. Empty without textures.
     pub(super) uvs: Vec<TriangleUvs>,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
     pub(super) lifts: Vec<Lifts>,
     pub(super) nodes: Vec<MeshNode>,
-    /// Empty where there are no nodes.
+    /// Node of each triangle. Empty without nodes.
     pub(super) node_of: Vec<u32>,
 }
 
-/// A triangle as traversal reads it. 48 bytes.
+/// Triangle in the layout for traversal, 48 bytes.
 #[derive(Clone, Copy, Debug)]
 struct Face {
     corners: [Vec3; 3],
@@ -67,14 +68,14 @@ struct Face {
     index: u32,
     /// Index of the material.
     material: u32,
-    /// True if alpha can cut holes into the face.
+    /// `true` if alpha can cut holes into the face.
     masked: bool,
 }
 
-/// Triangles with materials, ready for rays.
+/// Triangles with materials and a BVH for ray casts.
 pub struct TriangleMesh {
     faces: Vec<Face>,
-    /// Position in `faces` of each triangle.
+    /// Index in `faces` of each triangle.
     face_index: Vec<u32>,
     uvs: Vec<TriangleUvs>,
     materials: Vec<Material>,
@@ -84,25 +85,26 @@ pub struct TriangleMesh {
     bvh_time: Duration,
     problems: MeshProblems,
     emitters: Emitters,
-    /// Ray offsets of the cells of points.
+    /// Ray offsets of the cells of point clouds.
     lifts: Vec<Lifts>,
-    /// The nodes of the file that it came from; none where there was no file, or one without any.
+    /// Nodes of the source file. Empty without a file or if the file has no nodes.
     nodes: Vec<MeshNode>,
     /// Node of each triangle.
     node_of: Vec<u32>,
 }
 
 impl TriangleMesh {
-    /// A mesh of plain materials. `triangles` are corners in meters, counter-clockwise seen from
-    /// the front; `material_of` has each triangle's index into `materials`, and triangles beyond
-    /// its end get the default material. Triangles that no ray could meet are left out and counted
-    /// in [`Self::problems`]; the others keep their order.
+    /// Creates a mesh with untextured materials. `triangles` are corners in meters,
+    /// counter-clockwise seen from the front. `material_of` has the index into `materials` of each
+    /// triangle. Triangles beyond its end get the default material. Degenerate or invalid triangles
+    /// are left out and counted in [`Self::problems`]. The others keep their order.
     #[must_use]
     pub fn new(triangles: Vec<[Vec3; 3]>, material_of: Vec<u32>, materials: Vec<Material>) -> Self {
         Self::textured(triangles, material_of, materials, Vec::new(), Vec::new())
     }
 
-    /// As [`Self::new`], with textures and each triangle's coordinates in them.
+    /// Creates a mesh like [`Self::new`], with textures and the texture coordinates of each
+    /// triangle.
     #[must_use]
     pub fn textured(
         triangles: Vec<[Vec3; 3]>,
@@ -186,8 +188,8 @@ impl TriangleMesh {
         mesh
     }
 
-    /// A mesh from vertices and indices; triangles whose indices are out of range are dropped and
-    /// counted.
+    /// Creates a mesh from vertices and indices. Triangles with indices out of range are dropped
+    /// and counted.
     #[must_use]
     pub fn indexed(
         vertices: &[Vec3],
@@ -211,26 +213,28 @@ impl TriangleMesh {
         mesh
     }
 
-    /// Returns `true` if a mesh keeps a triangle with these corners: they are finite, nearer than
-    /// 10⁹ m, and span an area. All others are left out and counted in [`Self::problems`].
+    /// Returns `true` if a mesh keeps a triangle with these corners. The corners must be finite,
+    /// nearer than 10⁹ m and span an area. All other triangles are left out and counted in
+    /// [`Self::problems`].
     #[must_use]
     pub fn keeps(corners: &[Vec3; 3]) -> bool {
         within_reach(corners) && has_area(corners)
     }
 
-    /// Number of triangles.
+    /// Returns the number of triangles.
     #[must_use]
     pub fn len(&self) -> usize {
         self.faces.len()
     }
 
-    /// True when it has no triangle. Rays then meet nothing.
+    /// Returns `true` if the mesh has no triangles. Rays then have no hits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.faces.is_empty()
     }
 
-    /// Corners, in meters, of the triangle with index `i`, as [`Hit::primitive`] counts them.
+    /// Returns the corners in meters of the triangle with index `i`. Indices are those of
+    /// [`Hit::primitive`].
     #[must_use]
     pub fn triangle(&self, i: usize) -> Option<[Vec3; 3]> {
         self.face_index
@@ -238,7 +242,7 @@ impl TriangleMesh {
             .map(|&k| self.faces[k as usize].corners)
     }
 
-    /// The material of the triangle with index `i`.
+    /// Returns the material of the triangle with index `i`.
     #[must_use]
     pub fn material(&self, i: usize) -> Option<&Material> {
         self.face_index
@@ -246,13 +250,13 @@ impl TriangleMesh {
             .and_then(|&k| self.materials.get(self.faces[k as usize].material as usize))
     }
 
-    /// Problems that were dropped or corrected.
+    /// Returns the numbers of parts that were dropped or corrected.
     #[must_use]
     pub fn problems(&self) -> &MeshProblems {
         &self.problems
     }
 
-    /// Time of building the hierarchy for a bake's rays.
+    /// Returns the build time of the hierarchy for the bake's rays.
     #[must_use]
     pub fn bvh_time(&self) -> Duration {
         self.bvh_time
@@ -276,19 +280,19 @@ impl TriangleMesh {
         }
     }
 
-    /// The nodes that its triangles came from, by the index of a triangle.
+    /// Returns the nodes of the source, and the node index of each triangle.
     pub(super) fn nodes(&self) -> (&[MeshNode], &[u32]) {
         (&self.nodes, &self.node_of)
     }
 
-    /// Assigns a node to every triangle, by its index; [`Self::split_occluders`] reads the names of
-    /// nodes.
+    /// Assigns a node to every triangle. [`Self::split_occluders`] reads the names of the nodes.
     /// `node_of` has an entry for each triangle that the mesh keeps ([`Self::keeps`]).
     pub fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
         (self.nodes, self.node_of) = (nodes, node_of);
     }
 
-    /// The mesh of the triangles whose index `keeps` likes, with the same materials.
+    /// Returns the mesh of the triangles with an index that `keeps` accepts, with the same
+    /// materials.
     pub(super) fn keep(&self, keeps: impl Fn(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.len()).filter(|&i| keeps(i)).collect();
         let face = |&i: &usize| &self.faces[self.face_index[i] as usize];
@@ -306,7 +310,7 @@ impl TriangleMesh {
         mesh
     }
 
-    /// Lifts that rays need on top of [`Geometry::ray_offset`]'s own.
+    /// Adds ray offsets of point cells to [`Geometry::ray_offset`].
     pub(super) fn set_lifts(&mut self, lifts: impl IntoIterator<Item = Lifts>) {
         self.lifts = lifts.into_iter().collect();
     }
@@ -316,8 +320,8 @@ impl TriangleMesh {
         self.problems.bad_index += count;
     }
 
-    /// The hierarchy that the frame's shadow rays walk. It ignores textures: a triangle that alpha
-    /// cuts away whole is left out, one that alpha cuts in part is whole.
+    /// Builds the hierarchy for the frame's shadow rays. It ignores textures. A triangle that alpha
+    /// removes completely is left out. A triangle that alpha removes partly is kept as a whole.
     #[must_use]
     pub fn bvh(&self) -> Bvh {
         let kept = |i: &usize| {
@@ -348,8 +352,8 @@ impl TriangleMesh {
         }
     }
 
-    /// The textures at a hit: of the base color (white without one), how metallic the surface is,
-    /// and of the emission (white without one).
+    /// Returns the texture values at a hit: base color, metallic fraction and emission. Colors are
+    /// white without a texture.
     fn texels(&self, face: &Face, hit: &Hit) -> (Vec3, f32, Vec3) {
         let material = &self.materials[face.material as usize];
         let (mut color, mut metallic, mut glow) = (Vec3::ONE, material.metallic, Vec3::ONE);
@@ -372,7 +376,7 @@ impl TriangleMesh {
         (color, metallic, glow)
     }
 
-    /// Returns true if a hit is on the surface and not in one of its holes.
+    /// Returns `true` if a hit is on the surface and not in an alpha hole.
     fn solid(&self, face: &Face, hit: &TriangleHit) -> bool {
         if !face.masked {
             return true;
@@ -402,22 +406,22 @@ impl core::fmt::Debug for TriangleMesh {
     }
 }
 
-/// Returns true if the coordinates of a triangle are finite and small enough for rays.
+/// Returns `true` if the coordinates of a triangle are finite and small enough for rays.
 fn within_reach(corners: &[Vec3; 3]) -> bool {
     (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
 }
 
-/// Returns true if a ray can hit the triangle.
+/// Returns `true` if a ray can hit the triangle.
 pub(super) fn has_area(corners: &[Vec3; 3]) -> bool {
     normal(corners).is_some()
 }
 
-/// Returns true if a mesh keeps the triangle.
+/// Returns `true` if a mesh keeps the triangle.
 pub(super) fn is_usable(corners: &[Vec3; 3]) -> bool {
     within_reach(corners) && normal(corners).is_some()
 }
 
-/// Puts a material's numbers into their ranges.
+/// Clamps the values of a material to their ranges.
 fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems) {
     let inside = |x: f32| {
         if x.is_finite() {

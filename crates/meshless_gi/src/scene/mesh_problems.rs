@@ -1,33 +1,33 @@
-//! Problems of the triangles and materials that a mesh was built from.
+//! Problems of the triangles and materials of a mesh.
 
 /// Numbers of parts that were dropped or corrected when a mesh was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshProblems {
-    /// Triangles dropped because a coordinate was not finite, or beyond 10⁹ m.
+    /// Triangles dropped because a coordinate was not finite or was beyond 10⁹ m.
     pub not_finite: u64,
     /// Triangles dropped because they have no area.
     pub no_area: u64,
     /// Triangles dropped because a vertex index was out of range.
     pub bad_index: u64,
-    /// Triangles whose material index was out of range: they got the default material.
+    /// Triangles with a material index out of range. They got the default material.
     pub bad_material: u64,
-    /// Materials whose reflectance was not within [0, 1]: clamped.
+    /// Materials with a reflectance outside [0, 1]. It was clamped.
     pub albedo_clamped: u64,
-    /// Materials whose emission was not finite or negative: it was dropped; or beyond 10¹⁸ W/(m²
-    /// sr): it was lowered to that.
+    /// Materials with invalid emission. It was dropped if it was not finite or was negative. It was
+    /// lowered to 10¹⁸ W/(m² sr) if it was larger.
     pub bad_emission: u64,
-    /// Materials that named a texture that is not there: used without it.
+    /// Materials that reference a missing texture. They are used without the texture.
     pub bad_texture: u64,
 }
 
 impl MeshProblems {
-    /// Triangles that are not in the mesh.
+    /// Returns the number of dropped triangles.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.not_finite + self.no_area + self.bad_index
     }
 
-    /// Adds what was wrong elsewhere.
+    /// Adds the numbers of `other`.
     #[cfg(feature = "json")]
     pub(super) fn add(&mut self, other: &Self) {
         self.not_finite += other.not_finite;

@@ -1,4 +1,4 @@
-//! Ray offsets of point clouds in builds without point clouds: the type has no value.
+//! Ray offsets of point clouds in builds without point clouds. The type has no values.
 
 use glam::Vec3;
 
@@ -7,7 +7,7 @@ use glam::Vec3;
 pub(super) enum Lifts {}
 
 impl Lifts {
-    /// The lift at a position, meters.
+    /// Returns the ray offset at a position, meters.
     pub(super) fn at(&self, _: Vec3) -> f32 {
         match *self {}
     }

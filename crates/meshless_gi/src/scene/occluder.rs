@@ -1,6 +1,6 @@
-//! Occluders: doors and lifts, which a game opens and shuts. The rays of a bake pass them as if
-//! they stood open, and say which they crossed; functions alone end at them, as at walls. Serves
-//! [`bake`](crate::bake) with a geometry around the level's own.
+//! Occluders: doors and lifts that a game opens and closes. The rays of a bake pass through
+//! occluders as if they were open and record the crossed ones. Only basis functions end at
+//! occluders, as at walls. [`bake`](crate::bake) uses the geometry wrapper of this module.
 
 use super::mesh::{FaceParts, is_usable};
 use super::{
@@ -9,33 +9,33 @@ use super::{
 };
 use glam::Vec3;
 
-/// A part of a scene that comes and goes.
+/// Part of a scene that can be opened and closed at run time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluder {
     /// Name.
     pub name: String,
-    /// Corners of its triangles where it is shut, meters.
+    /// Corners of its triangles in the closed state, meters.
     pub triangles: Vec<[Vec3; 3]>,
-    /// Boxes where it is shut.
+    /// Boxes in the closed state.
     pub boxes: Vec<Shutter>,
 }
 
-/// Planes that replace a box, since rendered geometry may lie anywhere inside of it: the middle
-/// across the thinnest edge, and those of the four sides that no wall adjoins. They are as closed
-/// as the box from one large side to the other.
+/// Planes that replace a box, because rendered geometry may lie anywhere inside it. They are the
+/// middle plane across the thinnest edge and the planes of those of the four sides that no wall
+/// adjoins. From one large side to the other they block as much as the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
     bounds: Bounds,
-    /// The thinnest edge.
+    /// Axis of the thinnest edge.
     axis: usize,
-    /// Sides that exist.
+    /// `true` if the side has a plane.
     sides: [bool; 4],
 }
 
-/// Corners of the middle, in halves of the two other edges. Side k runs from corner k to the next
-/// one.
+/// Corners of the middle plane in half-lengths of the two other edges. Side k runs from corner k to
+/// the next one.
 const CORNERS: [(f32, f32); 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-/// Rays that look for a wall along a side.
+/// Number of rays that test for a wall along a side.
 const LOOKS: usize = 9;
 
 impl Shutter {
@@ -54,7 +54,7 @@ impl Shutter {
         shutter
     }
 
-    /// Returns true if a wall adjoins the middle along the whole side.
+    /// Returns `true` if a wall adjoins the middle plane along the whole side.
     fn adjoins(&self, geometry: &dyn Geometry, side: usize) -> bool {
         let ((a, b), (c, d)) = (CORNERS[side], CORNERS[(side + 1) % 4]);
         let (from, to) = (self.corner(0.0, a, b), self.corner(0.0, c, d));
@@ -77,7 +77,8 @@ impl Shutter {
         self.bounds.center() + 0.5 * self.bounds.size() * at
     }
 
-    /// The middle first, then sides, which it says.
+    /// Returns the triangles of the middle plane and then of the sides. The flag is `true` for a
+    /// side.
     fn triangles(&self) -> Vec<([Vec3; 3], bool)> {
         let mut out = Vec::new();
         let mut quad = |[a, b, c, d]: [Vec3; 4], side| {
@@ -93,7 +94,7 @@ impl Shutter {
         out
     }
 
-    /// The plane of its middle, toward `from`.
+    /// Returns the middle plane, facing `from`.
     fn barrier(&self, from: Vec3) -> Barrier {
         let position = self.bounds.center();
         let mut normal = Vec3::ZERO;
@@ -115,8 +116,7 @@ impl Shutter {
 }
 
 impl Occluder {
-    /// Triangles that stand in the way of light: its own, and for each box its middle and the sides
-    /// around.
+    /// Returns the triangles that block light: its own, and the middle and side planes of each box.
     #[must_use]
     pub fn shapes(&self) -> Vec<[Vec3; 3]> {
         let boxes = self.boxes.iter().flat_map(Shutter::triangles);
@@ -125,19 +125,19 @@ impl Occluder {
     }
 }
 
-/// A node of the file, or an entity of the world, that triangles of a mesh came from.
+/// Node of the file or entity of the world that is the source of triangles of a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshNode {
-    /// Name, or empty if the file has none.
+    /// Name. Empty if the file has none.
     pub name: String,
-    /// The node above it, which has a lower index.
+    /// Parent node, which has a lower index.
     pub parent: Option<u32>,
 }
 
 impl TriangleMesh {
-    /// The mesh without what the nodes of these names and all below them hold, and that: one
-    /// occluder a name, empty where no node is called so. A triangle below several of them belongs
-    /// to the nearest.
+    /// Splits off the triangles of the nodes with these names and of all nodes below them. Returns
+    /// the remaining mesh, and one occluder per name. An occluder is empty if no node has its name.
+    /// A triangle below several named nodes belongs to the nearest one.
     #[must_use]
     pub fn split_occluders(&self, names: &[&str]) -> (Self, Vec<Occluder>) {
         let mut out: Vec<Occluder> = (names.iter())
@@ -147,7 +147,7 @@ impl TriangleMesh {
             })
             .collect();
         let (nodes, node_of) = self.nodes();
-        // Parents come first.
+        // Parents come before their children.
         let mut owner: Vec<Option<usize>> = Vec::with_capacity(nodes.len());
         for node in nodes {
             let above = node.parent.and_then(|p| owner.get(p as usize).copied());
@@ -168,28 +168,28 @@ impl TriangleMesh {
     }
 }
 
-/// A geometry whose occluders stand open, and are known.
+/// Geometry with open occluders that records the occluders that rays cross.
 pub struct OccluderGeometry<'a> {
     shut: Shut<'a>,
     bvh: Bvh,
 }
 
-/// The same geometry with all of them shut.
+/// Variant of the geometry with all occluders closed.
 struct Shut<'a> {
     open: &'a dyn Geometry,
     doors: TriangleMesh,
-    /// The boxes, and for each of the doors' triangles the one that it is of, with whether it is a
-    /// side.
+    /// Boxes. `occluder_of` has the box index of each triangle of `doors`, and `true` if the
+    /// triangle is a side.
     shutters: Vec<Shutter>,
     occluder_of: Vec<Option<(u32, bool)>>,
 }
 
-/// Marks hits of occluders among those of the scene, which has fewer triangles.
+/// Flag bit of primitive indices of occluders. The scene has fewer triangles.
 const DOOR: u32 = 1 << 31;
 
 impl<'a> OccluderGeometry<'a> {
-    /// `open` without the occluders, and those; no more than [`Bvh::MAX_OCCLUDERS`], the others are
-    /// left out.
+    /// Creates the geometry from `open`, which does not contain the occluders. Occluders beyond
+    /// [`Bvh::MAX_OCCLUDERS`] are left out.
     #[must_use]
     pub fn new(open: &'a dyn Geometry, occluders: &[Occluder]) -> Self {
         let occluders = &occluders[..occluders.len().min(Bvh::MAX_OCCLUDERS)];
@@ -225,8 +225,8 @@ impl<'a> OccluderGeometry<'a> {
 }
 
 impl Shut<'_> {
-    /// Returns the plane at which basis functions end at a door's `primitive`: the middle of its
-    /// two sides, toward the ray's origin.
+    /// Returns the plane at which basis functions end at an occluder's `primitive`. It is the plane
+    /// half-way between the two faces of the occluder, facing the ray's origin.
     fn door(&self, ray: &Ray, hit: &Hit) -> Barrier {
         let surface = self.doors.surface(ray, hit);
         let own = Barrier {
@@ -242,7 +242,7 @@ impl Shut<'_> {
         {
             Some((k, side)) => {
                 let shutter = &self.shutters[k as usize];
-                // From inside, a side is the frame beside the door.
+                // Seen from inside the box, a side is the frame around the door.
                 match side && shutter.contains(ray.origin) {
                     true => own,
                     false => shutter.barrier(ray.origin),
@@ -371,7 +371,7 @@ impl FaceParts {
             name: node.name.clone(),
             parent: node.parent.map(|p| p + first),
         });
-        // A part without nodes names none.
+        // The triangles of a part without nodes have no node.
         let count = self.triangles.len();
         let own = (0..count).map(|i| {
             self.node_of

@@ -1,38 +1,38 @@
-//! Bounded reading of files. Every reader of this crate takes its bytes from here: only from
-//! regular files, and no more of them than a limit.
+//! Bounded reading of files. All readers of this crate use it. Only regular files are read, and
+//! only up to a limit.
 
 use std::fs::{File, FileType, Metadata};
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Bytes of one read.
+/// Number of bytes per read call.
 const PIECE: u64 = 1 << 20;
 
-/// Reason why a file was not read.
+/// Error of reading a file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The operating system could not read it.
+    /// The operating system could not read the file.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
-    /// Not a regular file: it may have no end.
+    /// The file is not a regular file and may have no end.
     #[error("is {kind}, not a regular file")]
     NotRegular {
         /// Kind of the file, with its article.
         kind: &'static str,
     },
-    /// More bytes than allowed.
+    /// The file has more bytes than allowed.
     #[error("brings the input to {size} bytes or more, at most {limit} are allowed")]
     TooLarge {
-        /// Bytes, as far as they were counted.
+        /// Number of bytes counted so far.
         size: u64,
         /// Limit, bytes.
         limit: u64,
     },
 }
 
-/// Bytes that may still be read for one scene. All files of the scene share it: a small file that
-/// names a large one a thousand times costs no more than the limit.
+/// Number of bytes that may still be read for a scene. All files of the scene share the budget. A
+/// small file that references a large one a thousand times cannot exceed the limit.
 #[derive(Clone, Debug)]
 pub struct InputBudget {
     limit: u64,
@@ -55,7 +55,7 @@ impl InputBudget {
         Self { limit, left: limit }
     }
 
-    /// Reads a file as a whole and takes its length from the budget.
+    /// Reads a whole file and subtracts its length from the budget.
     ///
     /// # Errors
     /// See [`ReadError`].
@@ -76,10 +76,10 @@ impl InputBudget {
 /// Reads a regular file of at most `limit` bytes. Links are followed.
 ///
 /// # Errors
-/// See [`ReadError`]. The file is read in pieces: one that grows while it is read, or that states
-/// another length than it has, is refused at the limit.
+/// See [`ReadError`]. The file is read in pieces. A file that grows during the read, or that has
+/// another length than stated, is refused at the limit.
 pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
-    // Before it is opened: opening a pipe waits for a writer.
+    // This check precedes the open call, because opening a pipe blocks until there is a writer.
     check(&path.metadata()?, limit)?;
     let mut file = File::open(path)?;
     let length = check(&file.metadata()?, limit)?;
@@ -100,7 +100,7 @@ pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     })
 }
 
-/// Returns the length that the system states, bytes.
+/// Returns the length in bytes that the file system reports.
 fn check(found: &Metadata, limit: u64) -> Result<u64, ReadError> {
     if found.is_dir() {
         return Err(io::Error::from(io::ErrorKind::IsADirectory).into());
@@ -140,7 +140,7 @@ mod tests {
     fn file_at_limit_is_read_and_one_byte_more_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bin");
-        // Two pieces and a byte.
+        // Two pieces and one byte.
         let content: Vec<u8> = (0..2 * PIECE + 1).map(|i| (i % 251) as u8).collect();
         fs::write(&path, &content).unwrap();
         let size = content.len() as u64;
@@ -175,7 +175,7 @@ mod tests {
         );
     }
 
-    /// Files of /proc state a length of 0.
+    /// Files of /proc report a length of 0.
     #[cfg(target_os = "linux")]
     #[test]
     fn file_without_stated_length_is_bounded() {

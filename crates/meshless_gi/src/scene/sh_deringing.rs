@@ -1,48 +1,51 @@
-//! A sky without ringing: the radiance of [`SkyRadiance`] that is nowhere below zero and otherwise
-//! as it was, for scenes that see the sky through openings.
+//! Deringing of a sky in spherical harmonics. The result is the non-negative series nearest to a
+//! [`SkyRadiance`], for scenes that receive sky light through openings.
 //!
-//! Nine numbers that are fitted to a sky with something bright on one side fall below zero on the
-//! other. A surface in the open is not affected, because the cosine takes what rings away \[RH01\];
-//! one that sees only that part of the sky has negative light, in a channel or in all, and a
-//! strange color. \[Sl08\] multiplies the degrees by a window until nothing is negative, which also
-//! flattens what was right. Here the series moves to the nearest one, by the mean square over
-//! directions, that is nowhere negative and has the same mean. That is a convex problem of sixteen
-//! numbers: by the S-lemma c + d·ω + ω·Q ω ≥ 0 on the unit sphere exactly if
+//! Nine coefficients that are fitted to a sky with a bright region on one side are negative on the
+//! other side. An unoccluded surface is not affected, because the cosine removes the ringing
+//! \[RH01\]. A surface from which only the negative part is visible receives negative light in one
+//! or more channels and gets a wrong color. \[Sl08\] multiplies each degree by a window until the
+//! series is non-negative. The window also flattens correct parts. Here the series is projected to
+//! the nearest non-negative series with the same mean. The distance is the mean square over all
+//! directions. This is a convex problem of sixteen variables. By the S-lemma (\[BV04\] appendix
+//! B.2), c + d·ω + ω·Q ω ≥ 0 on the unit sphere is equivalent to the following condition. For some
+//! t this matrix is positive semidefinite:
 //!
 //! M(t) = ((Q + t I, d/2), (dᵀ/2, c − t))
 //!
-//! is positive semidefinite for some t (\[BV04\] appendix B.2). It is solved by alternating
-//! directions (\[BP11\] §3.1, scaled form), each step a closed form; what the last step leaves
-//! below zero goes by drawing the series toward its mean.
+//! The solver is the alternating direction method (\[BP11\] §3.1, scaled form). Each of its steps
+//! has a closed form. A negative remainder after the last step is removed by scaling the series
+//! toward its mean.
 
 use super::SkyRadiance;
 use nalgebra::{Matrix4, SymmetricEigen};
 
-/// Mean squares over the sphere: <(d·ω)²> = |d|²/3, <(ω·Q ω)²> = 2 |Q|²/15 with the sum of all nine
-/// squares.
+/// Mean squares over the sphere: <(d·ω)²> = |d|²/3 and <(ω·Q ω)²> = 2 |Q|²/15. |Q|² is the sum of
+/// all nine squares.
 const FIRST: f64 = 1.0 / 3.0;
 const SECOND: f64 = 2.0 / 15.0;
-/// The method's penalty, in units of these weights.
+/// Penalty parameter of the method, in units of these weights.
 const PENALTY: f64 = 0.3;
-/// Steps at most. No sky of the tests takes more than 230.
+/// Largest number of steps. The skies of the tests take at most 230.
 const STEPS: u32 = 400;
-/// Largest difference of two steps at which the iteration ends, and the threshold of zero, relative
-/// to a mean of one.
+/// Largest difference between two steps at which the iteration ends. Also the threshold of zero.
+/// Relative to a mean of one.
 const NEAR: f64 = 1e-6;
-/// Terms beside a mean of one are no larger here: what is seen from one direction alone has 7.5.
+/// Limit of the terms relative to a mean of one. The terms of light from a single direction are at
+/// most 7.5.
 const MAX: f64 = 10.0;
 
-/// One channel beside a mean of one: d, and Q as xx, yy, xy, xz, yz.
+/// Terms of a channel of mean one: d, and Q as xx, yy, xy, xz, yz.
 type Terms = [f64; SkyRadiance::TERMS];
 
 impl SkyRadiance {
-    /// The nearest sky that shines with no negative light from anywhere and has the same mean,
-    /// channel by channel (see the module); itself where nothing of it is negative. Radiance in
-    /// W/(m² sr), as before.
+    /// Returns the nearest sky without negative radiance and with the same mean. Each channel is
+    /// projected separately (see the module). A channel without negative radiance is unchanged.
+    /// Radiance in W/(m² sr).
     ///
-    /// For scenes that see the sky through windows, streets and courts. In the open it takes some
-    /// per cent of accuracy away. A channel of negative mean becomes black; a sky with coefficients
-    /// that are no numbers is given back as it is.
+    /// Useful in scenes that receive sky light through windows, in streets and in courts. On
+    /// unoccluded surfaces it lowers accuracy by some percent. A channel with a negative mean
+    /// becomes black. A sky with coefficients that are not finite is returned unchanged.
     #[must_use]
     pub fn without_ringing(&self) -> Self {
         if !self.is_finite() {
@@ -67,20 +70,21 @@ impl SkyRadiance {
     }
 }
 
-/// The nearest terms that leave a channel of mean one nowhere negative; `None` where these do.
+/// Returns the nearest terms for which a channel of mean one is non-negative. `None` if `terms`
+/// already meet this condition.
 fn nearest(terms: &Terms) -> Option<Terms> {
     if best(terms) >= -NEAR {
         return None;
     }
-    // Terms that no sky has, a thousand times its mean, come nearer first: they meet the same end
-    // in fewer steps, and no square overflows.
+    // Terms above `MAX` are scaled down first. Terms of a thousand times the mean are unphysical.
+    // The result is the same after fewer steps, and no square overflows.
     let size = terms.iter().fold(0.0f64, |a, b| a.max(b.abs()));
     let limited = terms.map(|t| t * (MAX / size).min(1.0));
     let (mut found, mut t) = (limited, 0.0);
     let (mut near, mut dual) = (semidefinite(&matrix(&found, t)), Matrix4::zeros());
     for _ in 0..STEPS {
-        // The series and t, against what is semidefinite: M's squares count d/2 twice, and Q's part
-        // is without trace.
+        // Update of the series and t for a fixed semidefinite matrix. The squares of M contain d/2
+        // twice. The Q part has zero trace.
         let to: Matrix4<f64> = near - dual;
         t = (to[(0, 0)] + to[(1, 1)] + to[(2, 2)] + 1.0 - to[(3, 3)]) / 4.0;
         let trace = (to[(0, 0)] + to[(1, 1)] + to[(2, 2)]) / 3.0;
@@ -105,12 +109,12 @@ fn nearest(terms: &Terms) -> Option<Terms> {
             break;
         }
     }
-    // f(ω) = (ω, 1)·M (ω, 1) ≥ 2 λ; toward the mean it rises.
+    // f(ω) = (ω, 1)·M (ω, 1) ≥ 2 λ. Scaling toward the mean raises this bound.
     let below = -2.0 * best(&found).min(0.0);
     Some(found.map(|t| t / (1.0 + below)))
 }
 
-/// M(t) of a channel of mean one.
+/// Returns M(t) of a channel of mean one.
 fn matrix(terms: &Terms, t: f64) -> Matrix4<f64> {
     let &[x, y, z, xx, yy, xy, xz, yz] = terms;
     let (x, y, z) = (x / 2.0, y / 2.0, z / 2.0);
@@ -124,20 +128,20 @@ fn matrix(terms: &Terms, t: f64) -> Matrix4<f64> {
     all
 }
 
-/// The nearest semidefinite matrix: its negative eigenvalues are none.
+/// Returns the nearest semidefinite matrix. Negative eigenvalues are set to zero.
 fn semidefinite(m: &Matrix4<f64>) -> Matrix4<f64> {
     let mut parts = SymmetricEigen::new(*m);
     parts.eigenvalues.apply(|v| *v = v.max(0.0));
     parts.recompose()
 }
 
-/// The smallest eigenvalue of M(t) for the t where it is largest: at least zero exactly if a
-/// channel of mean one is nowhere negative.
+/// Returns the smallest eigenvalue of M(t), maximized over t. It is at least zero if and only if a
+/// channel of mean one is non-negative.
 fn best(terms: &Terms) -> f64 {
     let value = |t: f64| SymmetricEigen::new(matrix(terms, t)).eigenvalues.min();
     let size = 1.0 + terms.iter().map(|t| t.abs()).sum::<f64>();
     let (mut low, mut high) = (-size, size);
-    // It is concave: of two positions inside the higher says which end is nearer to the top.
+    // Ternary search: the function is concave.
     for _ in 0..60 {
         let (a, b) = ((2.0 * low + high) / 3.0, (low + 2.0 * high) / 3.0);
         match value(a) < value(b) {
@@ -204,7 +208,7 @@ mod tests {
                 assert_eq!(found.mean, sky.mean);
                 let min = min(&found, &ways) / sky.mean;
                 assert!(min.min_element() > -1e-5, "size {size}: {min}");
-                // And once more, it stays but for rounding.
+                // A second call changes the series by rounding errors only.
                 let again = found.without_ringing();
                 for (a, b) in again.terms.iter().zip(&found.terms) {
                     assert!(((*a - *b) / sky.mean).abs().max_element() < 1e-3);
@@ -217,9 +221,9 @@ mod tests {
         assert!(found.mean.y == 0.0 && found.terms.iter().all(|t| t.y == 0.0));
     }
 
-    /// Nothing that is nowhere negative and has this mean is nearer: from what was found, no such
-    /// series lies on the side of what was asked for. Squares of linear forms, which all others are
-    /// sums of, stand for all.
+    /// Checks optimality: no non-negative series of this mean is nearer to the input. All such
+    /// series lie on the other side of the plane through the result, normal to the difference. The
+    /// test uses squares of linear forms, because all other non-negative series are sums of these.
     #[test]
     fn deringed_sky_is_nearest_non_negative() {
         let mut random = Random::new(5, 2, 3);
@@ -229,7 +233,7 @@ mod tests {
                 .zip(0..)
                 .map(|(w, k)| w * if k > 4 { 2.0 } else { 1.0 } * a[k].x * b[k].x)
                 .sum();
-            // Q_zz, which is not stored.
+            // Q_zz is not stored.
             sum += 2.0 / 15.0 * (a[3].x + a[4].x) * (b[3].x + b[4].x);
             sum
         };
@@ -267,8 +271,8 @@ mod tests {
         assert!(moved > 10, "{moved}");
     }
 
-    /// A sky with a low sun's glow on one side, seen in the open and through openings: as it comes,
-    /// by \[Sl08\]'s window and here.
+    /// Compares a sky with the glow of a low sun on unoccluded surfaces and through openings. The
+    /// variants are the unchanged series, the window of \[Sl08\] and this projection.
     #[test]
     fn deringed_sky_through_openings_keeps_colors() {
         let ways = ways(20_000);
@@ -280,8 +284,8 @@ mod tests {
             share * (Vec3::new(0.15, 0.2, 0.26) + glow * Vec3::new(5.2, 2.0, 0.6))
         };
         let fitted = SkyRadiance::of_map(ways.iter().map(|w| (*w, 1.0, sky(*w))));
-        // The window 1 / (1 + λ (l (l + 1))²) of the least λ that leaves nothing negative, channel
-        // by channel.
+        // The window 1 / (1 + λ (l (l + 1))²) of \[Sl08\], with the smallest λ per channel that
+        // leaves no negative value.
         let mut windowed = fitted;
         for channel in 0..3 {
             let by = |lambda: f32| {

@@ -1,9 +1,10 @@
-//! The radiance of the sky as nine numbers a color: spherical harmonics up to the second degree
-//! \[RH01\], which hold all that diffuse surfaces see of it but for a hundredth.
+//! Radiance of the sky as nine coefficients per color channel: spherical harmonics up to the second
+//! degree \[RH01\]. They give the irradiance of diffuse surfaces with an error of about one
+//! percent.
 //!
-//! L(ω) = c + d·ω + ω·Q ω, with Q symmetric and without trace, as probes have it
-//! (`transport::probes`): the nine polynomials 1; x, y, z; x² − z², y² − z², 2xy, 2xz, 2yz and the
-//! coefficients c; d; Q_xx, Q_yy, Q_xy, Q_xz, Q_yz. A uniform sky is c alone.
+//! L(ω) = c + d·ω + ω·Q ω, with Q symmetric and of zero trace, as in probes (`transport::probes`).
+//! The nine polynomials are 1, (x, y, z) and (x² − z², y² − z², 2xy, 2xz, 2yz). Their coefficients
+//! are c, d and (Q_xx, Q_yy, Q_xy, Q_xz, Q_yz). A uniform sky has only c.
 
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
@@ -13,7 +14,7 @@ use std::f32::consts::PI;
 pub struct SkyRadiance {
     /// c, the mean over all directions.
     pub mean: Vec3,
-    /// d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz: RGB each.
+    /// d (x, y, z) and Q_xx, Q_yy, Q_xy, Q_xz, Q_yz, RGB each.
     pub terms: [Vec3; SkyRadiance::TERMS],
 }
 
@@ -27,15 +28,15 @@ impl From<Vec3> for SkyRadiance {
 }
 
 impl SkyRadiance {
-    /// Coefficients beside the mean.
+    /// Number of coefficients in addition to the mean.
     pub const TERMS: usize = 8;
-    /// No sky.
+    /// Black sky.
     pub const BLACK: Self = Self {
         mean: Vec3::ZERO,
         terms: [Vec3::ZERO; Self::TERMS],
     };
 
-    /// The polynomials that the terms multiply, in direction `way` of unit length: each within ±1.
+    /// Returns the polynomials of the terms in the unit direction `way`. Each is within ±1.
     #[must_use]
     #[inline]
     pub fn polynomials(way: Vec3) -> [f32; Self::TERMS] {
@@ -52,19 +53,19 @@ impl SkyRadiance {
         ]
     }
 
-    /// Radiance from direction `way`, of unit length. The series may fall below zero beside
-    /// something very bright.
+    /// Returns the radiance from the unit direction `way`. The series may be negative near a very
+    /// bright region.
     #[must_use]
     pub fn toward(&self, way: Vec3) -> Vec3 {
         let terms = self.terms.iter().zip(Self::polynomials(way));
         self.mean + terms.map(|(term, p)| *term * p).sum::<Vec3>()
     }
 
-    /// The sky that has three colors straight up (+Y), at the horizon and straight down, and
-    /// between them the only polynomial of the second degree in the height.
+    /// Creates a sky with one color each straight up (+Y), at the horizon and straight down.
+    /// Between them the color is the unique second-degree polynomial in the height.
     #[must_use]
     pub fn gradient(zenith: Vec3, horizon: Vec3, ground: Vec3) -> Self {
-        // L = horizon + b y + a y²; y² = 1/3 + (y² − 1/3), and Q = a diag(−1/3, 2/3, −1/3).
+        // L = horizon + b y + a y² with y² = 1/3 + (y² − 1/3), and Q = a diag(−1/3, 2/3, −1/3).
         let a = 0.5 * (zenith + ground) - horizon;
         let mut sky = Self::from(horizon + a / 3.0);
         sky.terms[1] = 0.5 * (zenith - ground);
@@ -73,9 +74,9 @@ impl SkyRadiance {
         sky
     }
 
-    /// The nine coefficients of a map: `samples` are directions of unit length, the solid angle
-    /// that each stands for (steradians, relative: they are scaled to the sphere's), and the
-    /// radiance there. Black without samples.
+    /// Fits the nine coefficients to a map. Each sample has a unit direction, a solid angle and a
+    /// radiance. Solid angles are relative: they are scaled to the full sphere. Black without
+    /// samples.
     #[must_use]
     pub fn of_map(samples: impl IntoIterator<Item = (Vec3, f32, Vec3)>) -> Self {
         let mut sum = [[0.0f64; 3]; 9];
@@ -108,8 +109,8 @@ impl SkyRadiance {
         }
     }
 
-    /// The same sky for one who sees it turned: `turn` takes directions of the old axes to those of
-    /// the new ones, without scale.
+    /// Returns the same sky in rotated axes. `turn` transforms directions from the old axes to the
+    /// new axes, without scale.
     #[must_use]
     pub fn turned(&self, turn: Mat3) -> Self {
         let mut out = Self::from(self.mean);
@@ -133,26 +134,26 @@ impl SkyRadiance {
         out
     }
 
-    /// Returns true if the sky is the same in all directions.
+    /// Returns `true` if the sky is the same in all directions.
     #[must_use]
     pub fn is_uniform(&self) -> bool {
         self.terms == [Vec3::ZERO; Self::TERMS]
     }
 
-    /// Returns true if the sky emits no light.
+    /// Returns `true` if the sky emits no light.
     #[must_use]
     pub fn is_black(&self) -> bool {
         *self == Self::BLACK
     }
 
-    /// All coefficients are numbers.
+    /// Returns `true` if all coefficients are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.mean.is_finite() && self.terms.iter().all(|t| t.is_finite())
     }
 
-    /// Irradiance of a plane of normal `n` that nothing hides, W/m²: \[RH01\] Eq. (12) in these
-    /// polynomials.
+    /// Returns the irradiance of an unoccluded plane of normal `n`, W/m²: \[RH01\] Eq. (12) in
+    /// these polynomials.
     #[must_use]
     pub fn irradiance(&self, n: Vec3) -> Vec3 {
         let factors = [2.0 / 3.0; 3].into_iter().chain([0.25; 5]);

@@ -1,20 +1,20 @@
-//! The built-in statue: a knot on a pedestal in the Cornell box, without the blocks. A closed shape
-//! with thin, curved and hidden parts, for point clouds: the demo and tests scatter points over it.
+//! Built-in statue: a knot on a pedestal in the Cornell box, without the blocks. It is a closed
+//! shape with thin, curved and hidden parts. The demo and the tests sample point clouds from it.
 
 use super::{Material, TriangleMesh, cornell_box, mesh_of_quads};
 use glam::{DVec2, DVec3, Vec3};
 
 const MARBLE: Vec3 = Vec3::new(0.78, 0.76, 0.72);
 const STONE: Vec3 = Vec3::new(0.45, 0.44, 0.42);
-/// Pieces along the knot, around its tube, and around the pedestal.
+/// Segments along the knot, around its tube and around the pedestal.
 const ALONG: u32 = 480;
 const AROUND: u32 = 48;
 const TURN: u32 = 96;
-/// Meters for one unit of the knot's equation; half the width of its tube in meters.
+/// Meters per unit of the knot's equation, and half the width of its tube in meters.
 const SIZE: f64 = 0.16;
 const TUBE: f64 = 0.1;
-/// The pedestal's profile: radius and height of each ring, meters, from the floor to the middle of
-/// its top.
+/// Profile of the pedestal: radius and height of each ring in meters, from the floor to the center
+/// of its top.
 const PROFILE: [[f64; 2]; 8] = [
     [0.34, 0.0],
     [0.34, 0.08],
@@ -26,8 +26,8 @@ const PROFILE: [[f64; 2]; 8] = [
     [0.0, 0.46],
 ];
 
-/// The statue alone, standing on y = 0 over the origin; corners are counter-clockwise as seen from
-/// outside. It is open below, where it stands.
+/// Returns the statue alone, standing on y = 0 above the origin. Corners are counter-clockwise seen
+/// from outside. The base is open.
 #[must_use]
 pub fn statue() -> TriangleMesh {
     let (pedestal, knot) = (pedestal(), knot());
@@ -36,22 +36,22 @@ pub fn statue() -> TriangleMesh {
     TriangleMesh::new([pedestal, knot].concat(), material_of, materials)
 }
 
-/// The Cornell box with the [`statue`] in place of its blocks. The floor is at y = 0, its center in
-/// the origin.
+/// Returns the Cornell box with the [`statue`] instead of its blocks. The floor is at y = 0 with
+/// its center at the origin.
 #[must_use]
 pub fn statue_room() -> TriangleMesh {
     let walls = mesh_of_quads(&cornell_box()[..5]);
     TriangleMesh::joined(vec![walls, statue()])
 }
 
-/// Cosine and sine of so many parts of a turn, the same bits on every machine.
+/// Returns the cosine and sine of a fraction of a full turn, bitwise identical on every machine.
 fn turned(part: f64) -> DVec2 {
     let angle = core::f64::consts::TAU * part;
     DVec2::new(libm::cos(angle), libm::sin(angle))
 }
 
-/// A surface over a grid of `rows` × `columns` pieces; the columns close to a ring. Triangles
-/// without area are left out by the mesh.
+/// Triangulates a surface over a grid of `rows` × `columns` cells. The columns close to a ring. The
+/// mesh leaves out triangles without area.
 fn grid(rows: u32, columns: u32, at: impl Fn(u32, u32) -> DVec3) -> Vec<[Vec3; 3]> {
     let corner = |i: u32, j: u32| at(i, j % columns).as_vec3();
     let pieces = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j)));
@@ -73,14 +73,14 @@ fn pedestal() -> Vec<[Vec3; 3]> {
     })
 }
 
-/// A trefoil knot whose tube is a little flat and twists nine half turns on its way round.
+/// Returns a trefoil knot with a slightly flat tube that twists nine half turns along the knot.
 fn knot() -> Vec<[Vec3; 3]> {
     let middle = |part: f64| {
         let [one, two, three] = [1.0, 2.0, 3.0].map(|k| turned(k * part));
         DVec3::new(one.y + 2.0 * two.y, one.x - 2.0 * two.x, -three.y) * SIZE
     };
-    // Its lowest point is three units below its middle; the tube sinks into the pedestal by a
-    // tenth.
+    // The lowest point of the knot is three units below its center. The tube sinks into the
+    // pedestal by a tenth.
     let foot = DVec3::Y * (PROFILE[7][1] + 3.0 * SIZE + 0.9 * TUBE);
     grid(ALONG, AROUND, |i, j| {
         let part = f64::from(i % ALONG) / f64::from(ALONG);
@@ -108,7 +108,7 @@ mod tests {
         assert!(bounds.max.abs_diff_eq(Vec3::new(1.0, 2.0, 1.0), 1e-6));
         let mut on_statue = 0;
         for i in 0..40_000u32 {
-            // From the front, over the whole opening.
+            // View from the front, over the whole opening.
             let eye = Vec3::new(
                 (i % 200) as f32 * 0.0099 - 0.99,
                 (i / 200) as f32 * 0.0099 + 0.01,

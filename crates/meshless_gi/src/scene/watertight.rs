@@ -1,20 +1,20 @@
-//! The watertight ray-triangle test of Woop, Benthin & Wald 2013 ([WBW13]): a ray that passes an
-//! edge or a vertex of a closed mesh meets at least one of the triangles around it. The closest-hit
-//! casts of the bake end here.
+//! The watertight ray-triangle test of Woop, Benthin & Wald 2013 ([WBW13]): a ray through an edge
+//! or a vertex of a closed mesh hits at least one of the adjacent triangles. The closest-hit casts
+//! of the bake use this test.
 //!
-//! The triangle is moved into a system in which the ray starts at the origin and runs along z
-//! ([WBW13] §3.2). There the three edge functions are 2D cross products of the sheared vertices,
-//! which two triangles that share an edge compute from the same numbers with opposite sign. Where
-//! one of them is exactly zero in single precision it is computed again in double precision, whose
-//! products of single-precision numbers are exact, so that its sign is right ([WBW13] §3.3).
+//! The triangle is transformed to a system in which the ray starts at the origin and runs along z
+//! ([WBW13] §3.2). The three edge functions are then 2D cross products of the sheared vertices. Two
+//! triangles that share an edge compute its function from the same values with opposite sign. An
+//! edge function that is exactly zero in single precision is recomputed in double precision.
+//! Products of single-precision values are exact there, so that the sign is correct ([WBW13] §3.3).
 //!
-//! Deviation from the paper: distances are compared after the division, so that ties and near
-//! misses differ.
+//! Deviation from the paper: distances are compared after the division. Ties and near misses
+//! therefore differ.
 
 use super::Ray;
 use glam::Vec3;
 
-/// A ray with the constants that the test needs, made once a ray.
+/// Ray with the constants of the test, which are computed once per ray.
 #[derive(Clone, Copy, Debug)]
 pub struct WatertightRay {
     origin: Vec3,
@@ -27,7 +27,7 @@ pub struct WatertightRay {
 /// Intersection of a ray with the plane of a triangle, inside the triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangleHit {
-    /// Distance in lengths of the ray's direction.
+    /// Distance in units of the length of the ray's direction.
     pub t: f32,
     /// Barycentric weight of the second vertex.
     pub u: f32,
@@ -36,12 +36,12 @@ pub struct TriangleHit {
 }
 
 impl WatertightRay {
-    /// The constants of a ray. Its direction must not be zero.
+    /// Computes the constants of a ray. Its direction must not be zero.
     #[must_use]
     #[inline]
     pub fn new(ray: &Ray) -> Self {
-        // Let z be the axis along which the ray moves most; swap x and y where that turns the
-        // winding.
+        // z is the axis of the largest direction component. x and y are swapped if this reverses
+        // the winding.
         let d = ray.direction;
         let a = d.abs();
         let z = if a.x > a.y && a.x > a.z {
@@ -102,7 +102,7 @@ impl WatertightRay {
     }
 }
 
-/// The edge function from `p` to `q` with the right sign.
+/// Returns the edge function from `p` to `q` with the correct sign.
 #[cold]
 fn edge(p: Vec3, q: Vec3) -> f32 {
     let exact = f64::from(p.x) * f64::from(q.y) - f64::from(p.y) * f64::from(q.x);
@@ -125,7 +125,8 @@ mod tests {
     fn watertight_hit_weights_match_vertices() {
         let hit = meet(Vec3::new(0.25, 0.5, 0.0), Vec3::Z).unwrap();
         assert_eq!((hit.t, hit.u, hit.v), (2.0, 0.25, 0.5));
-        // From behind as well, and not when the ray leads away, ends before or passes by.
+        // A hit from behind. Misses: the ray points away, ends before the triangle or passes next
+        // to it.
         assert_eq!(meet(Vec3::new(0.25, 0.5, 5.0), -Vec3::Z).unwrap().t, 3.0);
         assert_eq!(meet(Vec3::new(0.25, 0.5, 0.0), -Vec3::Z), None);
         assert_eq!(meet(Vec3::new(0.75, 0.5, 0.0), Vec3::Z), None);

@@ -1,15 +1,16 @@
-//! Reading accessors: typed arrays inside buffers, with stride, normalized integers (also those of
+//! Reading accessors: typed arrays in buffers, with stride, normalized integers (including those of
 //! KHR_mesh_quantization) and sparse substitution. Every count and offset is checked against the
-//! bytes that are there before anything is read or allocated.
+//! available bytes before any read or allocation.
 
 use ::gltf::json::accessor::{ComponentType, Type};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
 
-/// Elements that an accessor without bytes of its own (all zero but for a sparse part) may have.
+/// Largest number of elements of an accessor without data. All elements are zero, except for those
+/// of a sparse part.
 pub(super) const MAX_ZEROS: usize = 1 << 22;
 
-/// The JSON and the bytes of all buffers.
+/// JSON and data of all buffers.
 pub(super) struct Buffers<'a> {
     pub(super) root: &'a Root,
     pub(super) bytes: Vec<std::borrow::Cow<'a, [u8]>>,
@@ -73,7 +74,7 @@ impl<'a> Span<'a> {
 }
 
 impl Buffers<'_> {
-    /// The bytes of a buffer view.
+    /// Returns the bytes of a buffer view.
     pub(super) fn view(&self, index: Index<buffer::View>) -> Result<&[u8], String> {
         let i = index.value();
         let view = self
@@ -157,7 +158,7 @@ impl Buffers<'_> {
         }
     }
 
-    /// All elements of an accessor of `N` components, as numbers.
+    /// Returns all elements of an accessor of `N` components as floating-point values.
     pub(super) fn vectors<const N: usize>(
         &self,
         index: Index<Accessor>,
@@ -223,7 +224,7 @@ impl Buffers<'_> {
         Ok(out)
     }
 
-    /// All elements of an accessor of vertex indices.
+    /// Returns all elements of an accessor of vertex indices.
     pub(super) fn indices(&self, index: Index<Accessor>) -> Result<Vec<u32>, String> {
         let name = |e: String| format!("accessor {}: {e}", index.value());
         let (accessor, kind, width) = self.checked(index)?;

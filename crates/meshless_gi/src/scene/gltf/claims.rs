@@ -1,4 +1,4 @@
-//! Sizes that a file claims, counted before anything is allocated for them.
+//! Sizes that a file states, counted before any allocation for them.
 
 use super::accessor::{Buffers, MAX_ZEROS};
 use ::gltf::json::mesh::{Mesh, Mode, Primitive, Semantic};
@@ -10,8 +10,8 @@ pub(super) fn objects(json: &[u8]) -> u64 {
     json.iter().filter(|byte| **byte == b'{').count() as u64
 }
 
-/// Returns the number of triangles of the nodes `first` and of all below them. Accessors that do
-/// not fit into their buffer views count nothing: they are refused when they are read.
+/// Returns the number of triangles of the nodes `first` and of all nodes below them. Accessors that
+/// do not fit into their buffer views count as zero, because they are refused when they are read.
 pub(super) fn triangles(buffers: &Buffers<'_>, first: &[usize]) -> u64 {
     let root = buffers.root;
     let meshes: Vec<u64> = root.meshes.iter().map(|m| mesh(buffers, m)).collect();
@@ -56,7 +56,7 @@ fn elements(buffers: &Buffers<'_>, accessor: Index<Accessor>) -> u64 {
         return 0;
     };
     let held = match accessor.buffer_view {
-        // An element takes a byte or more.
+        // An element takes at least one byte.
         Some(view) => buffers.view(view).map_or(0, <[u8]>::len),
         None => MAX_ZEROS,
     };

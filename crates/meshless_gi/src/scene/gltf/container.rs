@@ -1,7 +1,7 @@
-//! The outside of a glTF file: GLB chunks, data URIs, percent-encoded file names. Nothing here
-//! trusts a length.
+//! Container of a glTF file: GLB chunks, data URIs, percent-encoded file names. All lengths are
+//! validated.
 
-/// The JSON and the binary chunk of a GLB, or all bytes as JSON where it is a plain `.gltf`.
+/// Returns the JSON and the binary chunk of a GLB. For a plain `.gltf` returns all bytes as JSON.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     if !bytes.starts_with(b"glTF") {
         return Ok((bytes, None));
@@ -17,7 +17,7 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let length = word(8).ok_or("the header ends early")? as usize;
     if length > bytes.len() {
         return Err(format!(
-            "the header says {length} bytes, the file has {}",
+            "the header declares {length} bytes, the file has {}",
             bytes.len()
         ));
     }
@@ -28,14 +28,14 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
         let kind = &bytes[at + 4..at + 8];
         let chunk = bytes[at + 8..length].get(..size).ok_or_else(|| {
             format!(
-                "the chunk at byte {at} says {size} bytes, {} are left",
+                "the chunk at byte {at} declares {size} bytes, {} are left",
                 length - at - 8
             )
         })?;
         match kind {
             b"JSON" if json.is_none() => json = Some(chunk),
             b"BIN\0" if binary.is_none() => binary = Some(chunk),
-            // Others may be there and are to be ignored.
+            // The format requires that other chunks are ignored.
             _ => {}
         }
         at += 8 + size;
@@ -43,7 +43,7 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     Ok((json.ok_or("there is no JSON chunk")?, binary))
 }
 
-/// The bytes of a `data:` URI; none where `uri` is not one.
+/// Returns the bytes of a `data:` URI. `None` if `uri` has another scheme.
 pub(super) fn data_uri(uri: &str) -> Option<Result<Vec<u8>, String>> {
     let rest = uri.strip_prefix("data:")?;
     let Some((head, body)) = rest.split_once(',') else {
@@ -56,7 +56,7 @@ pub(super) fn data_uri(uri: &str) -> Option<Result<Vec<u8>, String>> {
     })
 }
 
-/// A relative URI as a file name: `%20` and the like decoded.
+/// Converts a relative URI to a file name by decoding `%20` and similar codes.
 pub(super) fn file_name(uri: &str) -> String {
     String::from_utf8_lossy(&percent_bytes(uri)).into_owned()
 }

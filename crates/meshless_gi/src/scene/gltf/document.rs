@@ -35,7 +35,8 @@ pub(super) fn load_buffers<'a>(
     Ok(out)
 }
 
-/// The nodes of the default scene; where there is none, all nodes that are nobody's child.
+/// Returns the nodes of the default scene. Without a default scene, returns all nodes without a
+/// parent.
 pub(super) fn first_nodes(root: &Root) -> Result<Vec<usize>, String> {
     let scene = match root.scene {
         Some(index) => Some(
@@ -57,7 +58,7 @@ pub(super) fn first_nodes(root: &Root) -> Result<Vec<usize>, String> {
     Ok((0..child.len()).filter(|&i| !child[i]).collect())
 }
 
-/// Decodes the textures that some material uses, and renumbers the materials' indices to them.
+/// Decodes the textures that a material uses, and renumbers the indices of the materials.
 pub(super) fn used_textures(
     file: &str,
     buffers: &Buffers<'_>,
@@ -106,7 +107,7 @@ pub(super) fn local_transform(node: &scene::Node) -> DMat4 {
     )
 }
 
-/// Triangles of a list, strip or fan, all wound alike.
+/// Returns the triangles of a list, strip or fan, all with the same winding.
 pub(super) fn assemble(mode: Mode, order: &[u32]) -> Vec<[u32; 3]> {
     match mode {
         Mode::TriangleStrip => order

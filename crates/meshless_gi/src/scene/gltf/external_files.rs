@@ -1,9 +1,9 @@
-//! Names of the files beside a glTF.
+//! Names of the files that a glTF references.
 
 use super::container::file_name;
 
-/// Returns the files that a glTF names beside itself: buffers and images that are neither embedded
-/// nor data URIs. Empty for bytes that are no glTF; a reader of those fails with a better message.
+/// Returns the external files of a glTF: buffers and images that are neither embedded nor data
+/// URIs. Empty if the bytes are not a glTF. The loader then reports a better error.
 #[must_use]
 pub fn external_files(bytes: &[u8]) -> Vec<String> {
     let Ok(document) = ::gltf::Gltf::from_slice_without_validation(bytes) else {

@@ -10,21 +10,21 @@ use glam::{Vec2, Vec3, Vec4};
 use image::{DynamicImage, ImageDecoder};
 use std::io::Cursor;
 
-/// Most texels of an image along an edge.
+/// Largest width and height of an image, texels.
 const LARGEST_EDGE: u32 = 16_384;
 /// Largest decoded image, bytes.
 const MAX_IMAGE: u64 = 1 << 30;
-/// Largest memory for all of an image but its pixels, such as color profiles, bytes.
+/// Largest memory for the metadata of an image, such as color profiles, bytes.
 const MAX_METADATA: u64 = 1 << 26;
-/// Largest number of pixels in a byte of a file: DEFLATE (RFC 1951) makes 1032 bytes of one at
-/// most, and a byte of a PNG is 8 pixels at most. JPEG has fewer: a block of 64 takes a bit or
-/// more.
+/// Largest number of pixels per byte of a file. DEFLATE (RFC 1951) expands one byte to at most 1032
+/// bytes, and a decompressed byte of a PNG has at most 8 pixels. JPEG has fewer pixels per byte: a
+/// block of 64 takes at least one bit.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Texture coordinate set of a texture, and its transform (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct TexturePlacement {
-    /// Number of the coordinate set; none where the material has no such texture.
+    /// Number of the coordinate set. `None` if the material has no such texture.
     pub(super) set: Option<u32>,
     offset: Vec2,
     rotation: f32,
@@ -52,7 +52,7 @@ impl TexturePlacement {
         }
     }
 
-    /// A coordinate of the mesh in the texture: scaled, turned, moved.
+    /// Transforms a texture coordinate of the mesh: scale, rotation, translation.
     pub(super) fn apply(&self, uv: Vec2) -> Vec2 {
         let (s, c) = (libm::sinf(self.rotation), libm::cosf(self.rotation));
         let p = uv * self.scale;
@@ -60,14 +60,14 @@ impl TexturePlacement {
     }
 }
 
-/// A material with the placements of its base color, metallic and emissive texture.
+/// Material with the placements of its base color, metallic and emissive texture.
 pub(super) struct Placed {
     pub(super) material: Material,
     pub(super) placements: [TexturePlacement; 3],
 }
 
-/// Returns the material of a primitive without one: white and not metallic, as viewers show it. The
-/// format's default is fully metallic, which has no diffuse reflection.
+/// Returns the material of a primitive without a material: white and not metallic, as viewers
+/// display it. The format's default is fully metallic, which has no diffuse reflection.
 pub(super) fn plain() -> Placed {
     Placed {
         material: Material {
@@ -90,7 +90,7 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
         .and_then(|e| e.emissive_strength.as_ref())
         .map_or(1.0, |e| e.emissive_strength.0);
     let (base, base_info, metallic, metallic_info) = match glossy {
-        // What is not reflected at once is left for diffuse reflection.
+        // The light that is not reflected specularly remains for diffuse reflection.
         Some(g) => {
             let [r, gr, b] = g.specular_factor.0;
             let textured = g.specular_glossiness_texture.is_some();
@@ -119,7 +119,7 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
             alpha_cutoff: match mode {
                 AlphaMode::Opaque => None,
                 AlphaMode::Mask => Some(m.alpha_cutoff.map_or(0.5, |c| c.0)),
-                // Light passes or does not: what is more opaque than not is opaque.
+                // Transparency is binary: alpha of at least 0.5 is opaque.
                 AlphaMode::Blend => Some(0.5),
             },
             name: m.name.clone().unwrap_or_default(),
@@ -132,7 +132,7 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
     })
 }
 
-/// The texture with index `i`, decoded; of at most `left` texels.
+/// Decodes the texture with index `i`, which may have at most `left` texels.
 pub(super) fn texture(
     file: &str,
     buffers: &Buffers<'_>,
@@ -182,8 +182,8 @@ pub(super) fn texture(
     Texture::new(width, height, texels, wrap).ok_or_else(|| wrong("it has no texel".into()))
 }
 
-/// Decodes an image of at most `left` texels. Nothing is allocated for pixels that its bytes cannot
-/// hold.
+/// Decodes an image of at most `left` texels. No memory is allocated for pixels that the bytes
+/// cannot contain.
 fn decode(bytes: &[u8], left: u64) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()

@@ -1,20 +1,24 @@
 //! Reading `.glb` and `.gltf` scenes (glTF 2.0): triangles of the default scene in world space,
-//! materials, lights.
+//! materials and lights.
 //!
-//! The gltf crate parses the JSON; everything behind an index, an offset or a length is checked
-//! here, because its own readers take them on trust. What is read and what it becomes:
+//! The gltf crate parses the JSON. Every index, offset and length is validated here, because the
+//! readers of that crate do not validate them. Supported content and its conversion:
 //!
 //! | glTF | here |
 //! |---|---|
-//! | nodes, instances, mirrored scales | triangles in meters, the winding turned with the mirror |
-//! | triangles, strips, fans, with and without indices | triangles; points and lines are left out and noted |
-//! | base color, metallic, emissive factor, texture, strength | [`Material`]; metal reflects nothing diffusely |
+//! | nodes, instances, mirrored scales | triangles in meters, winding reversed with the mirror |
+//! | triangles, strips, fans, with and without indices | triangles |
+//! | points, lines | left out and noted |
+//! | base color and metallic factor, texture | [`Material`]; metal has no diffuse reflection |
+//! | emissive factor, texture, strength | [`Material`] |
 //! | KHR_materials_pbrSpecularGlossiness | diffuse part, less the specular factor |
 //! | alphaMode MASK; BLEND | cut out below the cutoff; below 0.5 |
 //! | KHR_texture_transform, KHR_mesh_quantization | applied |
-//! | KHR_lights_punctual | [`Light`]: candela as W/sr, lux as W/m², one for one, because only ratios of light matter to a bake |
+//! | KHR_lights_punctual | [`Light`], candela as W/sr and lux as W/m² without conversion |
 //! | skins, morph targets | the pose that the vertices are stored in, noted |
 //! | cameras, animations, normals, vertex colors | not read |
+//!
+//! Photometric units of lights are not converted, because a bake depends only on ratios of light.
 
 mod accessor;
 mod claims;
@@ -37,16 +41,16 @@ use material::Placed;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// More triangles than this are not taken on.
+/// Largest number of triangles.
 const MAX_TRIANGLES: u64 = 1 << 25;
-/// More texels than this are not taken on.
+/// Largest number of texels.
 const MAX_TEXELS: u64 = 1 << 29;
 /// Largest number of JSON objects. A parsed node takes up to a hundred times the bytes of its text.
 const MAX_OBJECTS: u64 = 1 << 22;
-/// Nodes may be nested this deep.
+/// Largest depth of nested nodes.
 const DEEPEST: usize = 256;
-/// Extensions without which a file may say that it can't be read, and that are read here or do not
-/// matter to diffuse light.
+/// Extensions that a file may list as required. They are supported here or do not affect diffuse
+/// light.
 const READABLE: [&str; 4] = [
     "KHR_lights_punctual",
     "KHR_texture_transform",
@@ -54,31 +58,33 @@ const READABLE: [&str; 4] = [
     "KHR_xmp_json_ld",
 ];
 
-/// Supplies the bytes of a file that a scene names, by its name relative to the scene.
+/// Callback that returns the bytes of a referenced file. Its argument is the name relative to the
+/// scene.
 pub type Resolver<'a> = dyn FnMut(&str) -> Result<Vec<u8>, SceneError> + 'a;
 
-/// A scene as it was read.
+/// Scene from a file.
 #[derive(Debug)]
 pub struct LoadedScene {
-    /// Its triangles, in meters.
+    /// Triangles of the scene, meters.
     pub mesh: TriangleMesh,
-    /// Its lights.
+    /// Lights of the scene.
     pub lights: Vec<Light>,
-    /// A name for each light; empty where the file has none.
+    /// Name of each light. Empty if the file has no name.
     pub light_names: Vec<String>,
-    /// Problems of the mesh that were dropped or corrected.
+    /// Numbers of parts of the mesh that were dropped or corrected.
     pub problems: MeshProblems,
-    /// Notes on content that was not read or was read in another way.
+    /// Notes on content that was ignored or converted.
     pub notes: Vec<String>,
 }
 
-/// Reads a scene. What can't be read at all is [`SceneError::Io`]; all other errors are about what
-/// is in the files.
+/// Reads a scene. Returns [`SceneError::Io`] if a file cannot be read. All other errors are about
+/// the content of the files.
 pub fn load_gltf(path: impl AsRef<Path>) -> Result<LoadedScene, SceneError> {
     load_gltf_within(path, &mut InputBudget::default())
 }
 
-/// As [`load_gltf`]; the file and those that it names are together within `budget`.
+/// Reads a scene like [`load_gltf`]. The file and the files that it references are together within
+/// `budget`.
 ///
 /// # Errors
 /// Those of [`load_gltf`].
@@ -98,8 +104,8 @@ pub fn load_gltf_within(
     })
 }
 
-/// Reads a scene from bytes. `file` is what errors call it; `resolve` supplies the files that it
-/// names.
+/// Reads a scene from bytes. `file` is the file name in errors. `resolve` returns the bytes of the
+/// files that the scene references.
 pub fn load_gltf_bytes(
     bytes: &[u8],
     file: &str,
@@ -151,7 +157,7 @@ pub fn load_gltf_bytes(
     builder.finish()
 }
 
-/// Collects triangles and lights while it walks the nodes.
+/// Collector of triangles and lights during the node traversal.
 struct Builder<'a> {
     file: &'a str,
     buffers: &'a Buffers<'a>,
@@ -160,7 +166,7 @@ struct Builder<'a> {
     material_of: Vec<u32>,
     uvs: Vec<TriangleUvs>,
     nodes: Vec<MeshNode>,
-    /// The node of each triangle that the mesh keeps.
+    /// Node of each triangle that the mesh keeps.
     node_of: Vec<u32>,
     materials: Vec<Placed>,
     textures: Vec<super::Texture>,
@@ -332,7 +338,7 @@ impl<'a> Builder<'a> {
             })
             .collect();
         let uvs = self.coordinates(primitive, material)?;
-        // A mirroring transform turns the winding round; the front stays the front.
+        // A mirroring transform reverses the winding, so that the front side is unchanged.
         let mirrored = transform.determinant() < 0.0;
         for mut corner in corners {
             if mirrored {
@@ -357,7 +363,7 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// The texture coordinates of each of a material's textures, placed.
+    /// Returns the transformed texture coordinates for each texture of a material.
     fn coordinates(
         &mut self,
         primitive: &Primitive,

@@ -3,7 +3,8 @@
 use super::*;
 
 impl TriangleMesh {
-    /// A digest of everything that a bake reads from this mesh: geometry, materials, textures.
+    /// Returns a digest of all properties that a bake reads from this mesh: geometry, materials and
+    /// textures.
     #[must_use]
     pub fn content_hash(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();

@@ -3,7 +3,7 @@
 use super::*;
 
 impl TriangleMesh {
-    /// Collects the triangles whose material emits.
+    /// Collects the triangles with an emissive material.
     pub(super) fn find_emitters(&self) -> Emitters {
         /// Number of texture samples per triangle in each direction.
         const SAMPLES: u8 = 4;
@@ -15,7 +15,7 @@ impl TriangleMesh {
             let at = |k: u8| (f32::from(k) + 0.5) / f32::from(SAMPLES);
             for (i, j) in (0..SAMPLES).flat_map(|i| (0..SAMPLES).map(move |j| (i, j))) {
                 let u = Vec2::new(at(i), at(j));
-                // The unit square folded into the triangle.
+                // Folds the unit square into the triangle.
                 let uv = if u.x + u.y > 1.0 { Vec2::ONE - u } else { u };
                 let hit = Hit {
                     t: 0.0,

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// The unit normal on the side from which the corners run counter-clockwise; none where there is no
-/// area.
+/// Returns the unit normal on the side with counter-clockwise corners. `None` if the triangle has
+/// no area.
 pub(super) fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
     let [a, b, c]: [DVec3; 3] = [*a, *b, *c].map(Vec3::as_dvec3);
     let cross = (b - a).cross(c - a);
@@ -16,8 +16,8 @@ pub(super) fn interpolate(corners: [Vec2; 3], [u, v]: [f32; 2]) -> Vec2 {
     a + (b - a) * u + (c - a) * v
 }
 
-/// Returns the hit position on a face, the normal on the side of the ray's origin, and true if that
-/// is the front.
+/// Returns the hit position on a face, the normal on the side of the ray's origin, and `true` if
+/// that side is the front.
 fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
     let [a, b, c] = face.corners;
     let outward = normal(&face.corners).unwrap_or(-ray.direction);
@@ -29,9 +29,8 @@ fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
     )
 }
 
-/// A ray for obvhs. Vectors cross as arrays. Inverses are exact where they can be: a component that
-/// is nearly zero must not count as larger than it is, or a ray along a wall would miss the wall
-/// behind.
+/// Converts a ray for obvhs. Vectors are converted to arrays. Inverses are exact where possible. An
+/// overestimate of a component near zero would let a ray along a wall miss the wall behind it.
 fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
     const SMALLEST: f32 = 1e-18;
     let guarded = |d: f32| {
@@ -64,8 +63,8 @@ impl Geometry for TriangleMesh {
     }
 
     fn cast(&self, ray: &Ray) -> Option<Hit> {
-        /// The traversal continues this little beyond the closest hit, so that another triangle at
-        /// the same distance is found.
+        /// The traversal continues slightly beyond the closest hit, so that another triangle at the
+        /// same distance is tested.
         const BEYOND: f32 = 1.0 + 8.0 * f32::EPSILON;
         if self.faces.is_empty() || !usable(ray) {
             return None;
@@ -98,7 +97,7 @@ impl Geometry for TriangleMesh {
     }
 
     fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        // The direction is not made unit: t runs from 0 to 1.
+        // The direction is not normalized: t runs from 0 to 1.
         let ray = Ray::segment(from, to - from, 1.0);
         if self.faces.is_empty() || !usable(&ray) {
             return false;
@@ -116,7 +115,7 @@ impl Geometry for TriangleMesh {
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
         let Some(&face_index) = self.face_index.get(hit.primitive as usize) else {
-            // Not a hit of this mesh: a black surface that faces the ray.
+            // The hit is not on this mesh. The result is a black surface that faces the ray.
             return Surface {
                 position: ray.at(hit.t),
                 normal: -ray.direction,

@@ -12,7 +12,7 @@ fn node(name: &str, parent: Option<u32>) -> MeshNode {
     }
 }
 
-/// Four tiles, of which two are below a node "door".
+/// Returns four tiles, of which two are below a node "door".
 fn level() -> TriangleMesh {
     let tiles = vec![tile(0.0), tile(1.0), tile(2.0), tile(3.0)];
     let mut mesh = TriangleMesh::new(tiles, vec![0; 4], vec![Material::default()]);
@@ -33,7 +33,7 @@ fn split_occluders_takes_node_with_descendants() {
     );
     assert!(held[0].triangles.is_empty());
     assert_eq!(held[1].triangles, [tile(1.0), tile(2.0)]);
-    // The remaining mesh keeps its nodes, also after it is joined with another.
+    // The remaining mesh keeps its nodes, also after a join with another mesh.
     let (none, held) = rest.split_occluders(&["back"]);
     assert_eq!((none.len(), held[0].triangles.len()), (1, 1));
     let (rest, held) =
@@ -66,8 +66,8 @@ fn occluder_geometry_is_open_to_rays_and_closed_on_request() {
     assert!(rest.with_occluders_closed().is_none());
 }
 
-/// A box in a frame is its middle; with nothing around it, its sides too, and both hold back
-/// what crosses it.
+/// A box in a frame blocks at its middle plane. Without surrounding geometry its sides block too.
+/// In both cases rays that cross the box cross the occluder.
 #[test]
 fn occluder_box_blocks_at_middle_and_free_sides() {
     let bounds = Bounds {
@@ -77,7 +77,7 @@ fn occluder_box_blocks_at_middle_and_free_sides() {
     let none = TriangleMesh::new(Vec::new(), Vec::new(), Vec::new());
     let free = Shutter::new(bounds, &none);
     assert_eq!((free.axis, free.sides), (2, [true; 4]));
-    // A floor under it.
+    // Floor below the box.
     let at = |x, z| Vec3::new(x, 0.0, z);
     let floor = [at(-9.0, -9.0), at(9.0, -9.0), at(0.0, 20.0)];
     let floor = TriangleMesh::new(vec![floor], vec![0], vec![Material::default()]);
@@ -96,7 +96,8 @@ fn occluder_box_blocks_at_middle_and_free_sides() {
         };
         assert_eq!(through(0.3, -1.0, 1.0), 1);
         assert_eq!(through(0.6, -1.0, 1.0), 0);
-        // From inside of its nearer half out, and from its farther half.
+        // A segment that ends in the nearer half of the box crosses nothing. A segment that ends in
+        // the farther half crosses the occluder.
         assert_eq!(
             (through(0.3, -1.0, -0.05), through(0.3, -1.0, 0.05)),
             (0, 1)

@@ -1,14 +1,13 @@
-//! The body of a `.ply` file: one element after another, as text or as numbers of either byte
-//! order.
+//! Body of a `.ply` file: consecutive elements, as text or as binary values of either byte order.
 //!
-//! Both readers hand the scalars of each element to one function as `f64`, which holds every type
-//! exactly. Lists are passed over; their length is checked against what is there.
+//! Both readers pass the scalars of each element to a callback as `f64`, which represents every
+//! type exactly. Lists are skipped. Their length is checked against the remaining bytes.
 
 use super::PlyError;
 use super::header::{Element, Encoding, Header, Property, Scalar, line_at, shown};
 
-/// Walks all elements in order and passes the scalars of those named `element_name` to `each`: as
-/// many values as properties, lists as 0.
+/// Reads all elements in order. Calls `each` with the scalars of every element named
+/// `element_name`: one value per property, 0 for lists.
 pub(super) fn read(
     bytes: &[u8],
     header: &Header,
@@ -56,11 +55,11 @@ pub(super) fn read(
     Ok(())
 }
 
-/// Text: an element a line.
+/// Text reader: one element per line.
 struct Lines<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Lines read so far.
+    /// Number of lines read.
     line: usize,
 }
 
@@ -113,7 +112,7 @@ impl Lines<'_> {
             match property.length {
                 None => out.push(next(property, property.scalar)?),
                 Some(length) => {
-                    // No longer than the line: each value takes a word.
+                    // Bounded by the line: each value takes one word.
                     for _ in 0..whole(next(property, length)?, property).map_err(wrong)? {
                         next(property, property.scalar)?;
                     }
@@ -124,14 +123,14 @@ impl Lines<'_> {
         match words.next() {
             None => Ok(()),
             Some(word) => Err(wrong(format!(
-                "{} is one value more than the header says",
+                "{} is one value more than the header declares",
                 shown(&String::from_utf8_lossy(word))
             ))),
         }
     }
 }
 
-/// A number of this type; whole numbers have to be in the type's range.
+/// Parses a value of this type. Integers must be in the range of the type.
 fn number(word: &str, scalar: Scalar) -> Option<f64> {
     let within = |low: i64, high: i64| {
         let value = word.parse::<i64>().ok()?;
@@ -148,7 +147,7 @@ fn number(word: &str, scalar: Scalar) -> Option<f64> {
     }
 }
 
-/// A list's length.
+/// Converts the length of a list.
 fn whole(length: f64, property: &Property) -> Result<u64, String> {
     if length < 0.0 {
         return Err(format!(
@@ -159,7 +158,7 @@ fn whole(length: f64, property: &Property) -> Result<u64, String> {
     Ok(length as u64)
 }
 
-/// Binary numbers.
+/// Reader of binary values.
 struct Numbers<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -174,7 +173,7 @@ impl Numbers<'_> {
         }
     }
 
-    /// Passes over `count` bytes and gives them.
+    /// Advances by `count` bytes and returns them.
     fn take(&mut self, count: u64) -> Option<&[u8]> {
         let end = usize::try_from(count)
             .ok()
@@ -205,7 +204,7 @@ impl Numbers<'_> {
         })
     }
 
-    /// Passes over all of an element without lists.
+    /// Skips all elements of a type without lists.
     fn skip(&mut self, element: &Element) -> Result<(), PlyError> {
         let size: u64 = element
             .properties

@@ -1,11 +1,12 @@
-//! The header of a `.ply` file: its format, and what each element is made of. Nothing is allocated
-//! by what a header announces.
+//! Header of a `.ply` file: format, elements and their properties. Counts are checked against the
+//! length of the file before any allocation.
 
 use super::PlyError;
 
-/// More elements, and more properties of one, than this are damage.
+/// Largest number of elements, and of properties of an element. A larger number is treated as
+/// damage.
 const MAX_PARTS: usize = 1024;
-/// A header ends within so many bytes.
+/// Largest size of a header, bytes.
 const LONGEST: usize = 1 << 20;
 
 /// Encoding of the body.
@@ -16,7 +17,7 @@ pub(super) enum Encoding {
     BigEndian,
 }
 
-/// The type of one value.
+/// Type of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scalar {
     I8,
@@ -30,7 +31,7 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    /// Both families of names that are in use.
+    /// Returns the type of a name. Supports both common families of names.
     fn named(name: &str) -> Option<Self> {
         Some(match name {
             "char" | "int8" => Self::I8,
@@ -49,7 +50,7 @@ impl Scalar {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// Bytes of one value in a binary body.
+    /// Returns the size of a value in a binary body, bytes.
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -60,30 +61,30 @@ impl Scalar {
     }
 }
 
-/// A value of an element, or a list of values.
+/// Value of an element, or a list of values.
 #[derive(Clone, Debug)]
 pub(super) struct Property {
     pub(super) name: String,
     pub(super) scalar: Scalar,
-    /// The type of the list's length, where this is a list.
+    /// Type of the list length. `None` for a single value.
     pub(super) length: Option<Scalar>,
 }
 
-/// A kind of thing, and how many of it follow.
+/// Element type and its count.
 #[derive(Clone, Debug)]
 pub(super) struct Element {
     pub(super) name: String,
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
-    /// Line of the header that declares it.
+    /// Header line of the declaration.
     pub(super) line: usize,
 }
 
 impl Element {
-    /// The least bytes that one of it takes in the body.
+    /// Returns the smallest number of bytes of one element in the body.
     pub(super) fn least_bytes(&self, encoding: Encoding) -> u64 {
         let of = |p: &Property| match encoding {
-            // A digit and what parts it from the next; the last of the file may go without.
+            // A digit and a separator. The last value of the file may have no separator.
             Encoding::Ascii => 2,
             _ => p.length.unwrap_or(p.scalar).size() as u64,
         };
@@ -105,12 +106,12 @@ pub(super) struct Header {
     pub(super) elements: Vec<Element>,
     /// Offset of the body, bytes.
     pub(super) body: usize,
-    /// Lines of the header.
+    /// Number of header lines.
     pub(super) lines: usize,
 }
 
-/// The line that starts at `from`, without its end, and where the next one starts. None at the end
-/// of the bytes.
+/// Returns the line that starts at `from` without its end, and the start of the next line. `None`
+/// at the end of the bytes.
 pub(super) fn line_at(bytes: &[u8], from: usize) -> Option<(&[u8], usize)> {
     let rest = bytes.get(from..).filter(|rest| !rest.is_empty())?;
     let (line, next) = match rest.iter().position(|b| *b == b'\n') {
@@ -134,7 +135,7 @@ impl Header {
             let (line, next) = line_at(&bytes[..bytes.len().min(LONGEST)], from)
                 .ok_or_else(|| wrong("the header has no end_header".into()))?;
             from = next;
-            // Comments may be in any encoding; only words of what matters have to be text.
+            // Comments may have any encoding. Only the keywords must be valid text.
             let text = String::from_utf8_lossy(line);
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             match words.as_slice() {
@@ -202,7 +203,7 @@ impl Header {
         let Some(encoding) = encoding else {
             return Err(PlyError::Header {
                 line: lines + 1,
-                what: "the header says no format".into(),
+                what: "the header has no format".into(),
             });
         };
         let header = Self {
@@ -215,9 +216,9 @@ impl Header {
         Ok(header)
     }
 
-    /// No more of anything than the bytes that are there can hold.
+    /// Checks that the remaining bytes can hold the counts of all elements.
     fn check_counts(&self, body: usize) -> Result<(), PlyError> {
-        // The last value of a text needs nothing behind it.
+        // The last value of a text needs no separator.
         let mut left = body as u64 + u64::from(self.encoding == Encoding::Ascii);
         for element in &self.elements {
             let wrong = |what: String| PlyError::Header {
@@ -270,7 +271,7 @@ fn property(words: &[&str]) -> Result<Property, String> {
     }
 }
 
-/// A word of the file as an error may show it: short, and without control characters.
+/// Formats a word of the file for an error: short, and without control characters.
 pub(super) fn shown(word: &str) -> String {
     let mut out: String = word.chars().take(40).flat_map(char::escape_debug).collect();
     if word.chars().nth(40).is_some() {

@@ -1,21 +1,22 @@
-//! Reading and writing `.ply` files: points with positions and, where they are there, normals and
-//! colors. First step of a point cloud's way into a scene; [`PointCloud`](super::PointCloud) takes
-//! what is read here.
+//! Reading and writing `.ply` files: points with positions, optional normals and optional colors.
+//! [`PointCloud`](super::PointCloud) converts the points of a file to a surface.
 //!
 //! | `.ply` | here |
 //! |---|---|
 //! | ascii, binary_little_endian, binary_big_endian 1.0; LF or CR LF | read |
 //! | element `vertex`: `x y z` of any type | positions in meters |
-//! | `nx ny nz` of any type | normals, if all three are there; of any length |
+//! | `nx ny nz` of any type | normals, if all three are present; of any length |
 //! | `red green blue` of 8 bits | sRGB, decoded to linear albedo |
 //! | `red green blue` of `float` or `double` | linear albedo |
-//! | `red green blue` of another type | an error: its range is not known |
-//! | faces, other elements, other properties, lists | passed over; faces are counted and noted: a `.ply` is taken for points |
+//! | `red green blue` of another type | an error: its range is not specified |
+//! | faces | skipped, with a note of their number: a `.ply` is read as points |
+//! | other elements, other properties, lists | skipped |
 //!
-//! The reader is ours and no crate's: the maintained ones of the registry (ply-rs-bw 4.0) merge
-//! properties of the same name, so that such a body is read at wrong positions, never end on an
-//! element without properties, refuse comments that are not UTF-8, and say of binary bodies not
-//! where they break. The whole format is a header of words and a list of numbers.
+//! This crate has its own reader, because the maintained crates of the registry (ply-rs-bw 4.0)
+//! have four faults. They merge properties of the same name, so that such a body is read at wrong
+//! offsets. They do not terminate on an element without properties. They reject comments that are
+//! not UTF-8. Their errors for binary bodies have no position. The format consists only of a text
+//! header and a list of numbers.
 
 mod body;
 mod header;
@@ -29,39 +30,38 @@ use header::{Header, Scalar};
 use std::path::Path;
 pub use write::{PlyEncoding, write_ply};
 
-/// More points than this are not taken on: their cells would be more triangles than a level may
-/// have.
+/// Largest number of points. The cells of more points would exceed the triangle limit of a scene.
 const MAX_POINTS: u64 = 1 << 23;
 
-/// Error of a `.ply` file, with its position.
+/// Error in a `.ply` file, with its position.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlyError {
-    /// The header is not one.
+    /// The header is not valid.
     #[error("header line {line}: {what}")]
     Header {
-        /// Counted from 1.
+        /// Line number, counted from 1.
         line: usize,
         /// Problem.
         what: String,
     },
-    /// The body of an ASCII file does not hold what the header says.
+    /// The body of an ASCII file does not match the header.
     #[error("line {line}: {what}")]
     Text {
-        /// Counted from 1, the header's lines too.
+        /// Line number, counted from 1 including the header.
         line: usize,
         /// Problem.
         what: String,
     },
-    /// The body of a binary file does not hold what the header says.
+    /// The body of a binary file does not match the header.
     #[error("byte {byte}: {what}")]
     Binary {
-        /// Counted from 0, the header's bytes too.
+        /// Byte offset, counted from 0 including the header.
         byte: usize,
         /// Problem.
         what: String,
     },
-    /// More points than this program takes on.
+    /// The file has more points than the limit.
     #[error("{count} points, at most {limit}")]
     TooMany {
         /// Number found.
@@ -71,29 +71,31 @@ pub enum PlyError {
     },
 }
 
-/// Points as a file has them: nothing is checked but that they are numbers of the format.
+/// Points of a file. The values are numbers of the format and are otherwise unchecked.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlyPoints {
-    /// Meters; may hold what is not finite.
+    /// Positions, meters. May contain values that are not finite.
     pub positions: Vec<Vec3>,
-    /// As long as `positions`, or none: of any length, and may hold what is not finite.
+    /// Normals of any length, as many as `positions`. May contain values that are not finite.
+    /// `None` if the file has no normals.
     pub normals: Option<Vec<Vec3>>,
-    /// As long as `positions`, or none: linear RGB; may hold what is no reflectance.
+    /// Linear RGB albedo, as many as `positions`. May contain values outside [0, 1]. `None` if the
+    /// file has no colors.
     pub albedo: Option<Vec<Vec3>>,
-    /// Faces that the file has too; they are not read.
+    /// Number of faces in the file. Faces are not read.
     pub faces: u64,
 }
 
 /// Reads a `.ply` file.
 ///
 /// # Errors
-/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read,
-/// [`SceneError::Ply`] where its content is not valid.
+/// [`SceneError::Io`] and [`SceneError::Refused`] if the file cannot be read, [`SceneError::Ply`]
+/// if its content is not valid.
 pub fn read_ply(path: impl AsRef<Path>) -> Result<PlyPoints, SceneError> {
     read_ply_within(path, &mut InputBudget::default())
 }
 
-/// As [`read_ply`], of a file within `budget`.
+/// Reads a `.ply` file like [`read_ply`] within `budget`.
 ///
 /// # Errors
 /// Those of [`read_ply`].
@@ -112,7 +114,7 @@ pub fn read_ply_within(
 /// Reads the bytes of a `.ply` file.
 ///
 /// # Errors
-/// See [`PlyError`]. What is behind the last element is not looked at.
+/// See [`PlyError`]. Bytes after the last element are ignored.
 pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
     let header = Header::read(bytes)?;
     let no = |line: usize, what: &str| PlyError::Header {
@@ -148,7 +150,7 @@ pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
         );
         return Err(no(vertex.line, &what));
     }
-    // The header has shown that so many fit into the bytes that are there.
+    // The header check guarantees that the remaining bytes can hold this number of points.
     let count = vertex.count as usize;
     let mut positions = Vec::with_capacity(count);
     let mut normals = normal.map(|_| Vec::with_capacity(count));
@@ -176,7 +178,7 @@ pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
     })
 }
 
-/// An 8-bit sRGB value as linear light.
+/// Converts an 8-bit sRGB value to linear.
 fn linear(value: u8) -> f32 {
     super::material::srgb_table()[usize::from(value)]
 }

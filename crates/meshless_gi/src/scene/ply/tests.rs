@@ -1,4 +1,4 @@
-//! Reading, rejected files with positions, and changed bytes.
+//! Tests of reading, of rejected files with positions, and of damaged bytes.
 
 use super::*;
 use crate::samples::Random;
@@ -36,7 +36,7 @@ fn ply_written_cloud_round_trips() {
 
 #[test]
 fn ply_files_of_other_programs_load() {
-    // CR LF, a comment that is no UTF-8, elements before and after, lists, unknown properties,
+    // CR LF, a comment that is not UTF-8, elements before and after, lists, unknown properties,
     // 8-bit colors, doubles.
     let text = b"ply\r\nformat ascii 1.0\r\ncomment caf\xe9\r\nobj_info 7\r\nelement camera 1\r\nproperty list uchar float k\r\nproperty int id\r\n\
         element vertex 2\r\nproperty double x\r\nproperty double y\r\nproperty double z\r\nproperty uchar red\r\nproperty uchar green\r\n\
@@ -76,7 +76,7 @@ fn ply_errors_name_location() {
         ),
         (
             message("ply\nend_header\n"),
-            "header line 2: the header says no format",
+            "header line 2: the header has no format",
         ),
         (
             message("ply\nformat ebcdic 1.0\n"),
@@ -146,7 +146,7 @@ fn ply_errors_name_location() {
         ),
         (
             ascii(&format!("element vertex 1\n{xyz}end_header\n1 2 3 4\n")),
-            "line 8: `4` is one value more than the header says",
+            "line 8: `4` is one value more than the header declares",
         ),
         (
             ascii(&format!("element vertex 1\n{xyz}end_header\n1 two 3\n")),
@@ -189,15 +189,15 @@ fn ply_errors_name_location() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 4000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Flipped, cut, doubled and spliced bytes: an error or points, of which there are no more than
-    /// bytes.
+    /// Flipped, removed, doubled and spliced bytes give an error or points. The number of points is
+    /// at most the number of bytes.
     #[test]
     fn ply_damaged_files_do_not_panic(seed: u64, edits in 1usize..6, which in 0usize..3) {
         let mut bytes = written([PlyEncoding::Ascii, PlyEncoding::LittleEndian, PlyEncoding::BigEndian][which]);
         let mut random = Random::new(seed, 0, 0);
         for _ in 0..edits {
             let at = random.below(bytes.len().max(1));
-            // Half of the changes hit the header.
+            // Half of the changes are in the header.
             let at = if random.unit() < 0.5 { at % 260 } else { at };
             match random.below(5) {
                 0 => if let Some(b) = bytes.get_mut(at) { *b ^= 1 << random.below(8) },

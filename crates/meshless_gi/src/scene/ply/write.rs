@@ -1,5 +1,5 @@
-//! Writing points as a `.ply` file, in each of the format's encodings: what examples and tests read
-//! again. Colors are written as linear `float`s, so that they come back bit by bit.
+//! Writing points as a `.ply` file in each encoding of the format, for examples and tests. Colors
+//! are written as linear `float`s, so that they are read back bitwise identical.
 
 use glam::Vec3;
 use std::io::Write;
@@ -7,17 +7,17 @@ use std::io::Write;
 /// Encoding of the body of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlyEncoding {
-    /// Text, with as many digits as give the same number again.
+    /// Text with enough digits to read back the same value.
     Ascii,
-    /// Binary, least byte first.
+    /// Binary, little-endian.
     #[default]
     LittleEndian,
-    /// Binary, greatest byte first.
+    /// Binary, big-endian.
     BigEndian,
 }
 
-/// Writes points. `normals` and `albedo` (linear RGB) are empty, or as long as `positions`
-/// (meters); what is missing at their end is written as 0.
+/// Writes points. `normals` and `albedo` (linear RGB) are empty or as long as `positions` (meters).
+/// Missing values at their end are written as 0.
 ///
 /// # Errors
 /// Those of `to`.

@@ -1,74 +1,74 @@
-//! Cells of a point cloud: the flat, convex piece of surface of each point in its tangent plane.
-//! Its area is the point's weight in [G08] §2.4 and Eq. (9); its outline, a little enlarged, is
-//! what rays meet.
+//! Cells of a point cloud: the flat, convex surface piece of each point in its tangent plane. Its
+//! area is the point's weight in [G08] §2.4 and Eq. (9). Its outline, slightly enlarged, is the
+//! geometry for ray casts.
 //!
-//! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a
-//! point holds what of its tangent plane is nearer to it than to its neighbors (a Voronoi cell of
-//! the neighbors seen along the normal), so that the cells of a flat surface tile it, and their
-//! areas sum up to its area however unevenly it is sampled. Where a surface ends the cell has to
-//! end too:
+//! [G08] specifies the weights only as a local property computed from the normals. This project
+//! uses the part of the tangent plane that is nearer to the point than to its neighbors. It is a
+//! Voronoi cell of the neighbors projected along the normal. The cells of a flat surface tile it.
+//! Their areas sum up to its area for any sampling density. A cell ends with its surface:
 //!
-//! - **At a crease**, against a neighbor whose normal is turned by more than 40 degrees, at that
-//!   neighbor's tangent plane, if none of the point's own surface lies beyond it: walls meet in
-//!   their true edges, without gaps and without overhang.
-//! - **At a border**, where the neighbors leave a side open, three quarters of a spacing away. At a
-//!   hole of a random sample it goes on, up to two spacings. The area of both is the mean of their
-//!   closed neighbors' areas, because each point of an even sample stands for as much surface as
-//!   any other.
-//! - Neighbors that face the other way (the far side of a thin sheet) and those of another sheet
-//!   (higher above the plane than apart) do not count.
+//! - **At a crease**, the cell ends at the tangent plane of a neighbor with a normal that differs
+//!   by more than 40 degrees. This applies only if none of the point's own surface lies beyond
+//!   that plane. Walls meet in their true edges, without gaps and without overhang.
+//! - **At a border**, on a side without neighbors, the cell ends three quarters of a spacing away.
+//!   At a hole of a random sample it extends up to two spacings. In both cases its area is the mean
+//!   area of its closed neighbors, because all points of an even sample represent the same area.
+//! - Neighbors with opposite normals (the far side of a thin sheet) are ignored. Neighbors of
+//!   another sheet are also ignored: their height above the plane exceeds their distance in the
+//!   plane.
 //!
-//! For rays the cells overlap: by a fiftieth of a spacing, for rounding, and by twice the step
-//! between two tangent planes half-way between their points, so that a noisy cloud has no slits. A
-//! ray that starts on a cell has to clear the rims that rise over it: the lift.
+//! Cells overlap for ray casts, by a fiftieth of a spacing because of rounding. They also overlap
+//! by twice the step between two tangent planes half-way between their points, so that a noisy
+//! cloud has no slits. The start of a ray on a cell must clear the cell rims above it. This
+//! distance is the ray offset.
 
 use super::nearest::{Neighbor, PointTree};
 use core::f64::consts::PI;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Neighbors that may bound a cell.
+/// Number of neighbors that may bound a cell.
 const NEIGHBORS: usize = 24;
-/// Neighbors that may bound a cell that those leave open. Points behind it distinguish a hole in a
-/// random sample from a border.
+/// Number of neighbors for a cell that the first [`NEIGHBORS`] leave open. Points behind the
+/// opening distinguish a hole in a random sample from a border.
 const MORE_NEIGHBORS: usize = 96;
-/// Size of such a cell, relative to the distance of the farthest of those neighbors (5.5 spacings):
-/// cells at a border close too, but farther away.
+/// Size limit of such a cell, relative to the distance of the farthest of these neighbors (5.5
+/// spacings). Cells at a border also close, but farther away.
 const FARTHER: f64 = 0.42;
-/// A cell reaches no farther than this part of the farthest neighbor's distance: beyond half of it
-/// a neighbor may be unknown, but random samples have holes of up to two spacings, and 24 neighbors
-/// lie within 2.8.
+/// Size limit of a cell, relative to the distance of the farthest neighbor. Beyond 0.5 a neighbor
+/// may be missing from the list. Random samples have holes of up to two spacings, and 24 neighbors
+/// lie within 2.8 spacings.
 const REACH: f64 = 0.7;
-/// Normals that enclose a smaller angle are of one surface: its cosine, 40 degrees.
+/// Smallest cosine between normals of one surface: 40 degrees.
 const SAME: f64 = 0.766;
-/// Normals that enclose a larger angle are of two sides: its cosine, 120 degrees.
+/// Cosine below which normals belong to opposite sides: 120 degrees.
 const OTHER_SIDE: f64 = -0.5;
 /// Overlap of neighboring cells, spacings.
 const OVERLAP: f64 = 0.02;
 /// Distance that a cell extends over an open border, spacings.
 const BORDER: f64 = 0.75;
-/// Cells have up to so many corners.
+/// Largest number of corners of a cell.
 pub(super) const MAX_CORNERS: usize = 16;
-/// No cell.
+/// Tag of an edge without a neighbor.
 const OPEN: u8 = u8::MAX;
 
-/// A point's piece of surface.
+/// Surface piece of a point.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cell {
-    /// m².
+    /// Area, m².
     pub(super) area: f32,
-    /// Ray offset off the cell that clears the rims of its neighbors, meters.
+    /// Ray offset from the cell that clears the rims of its neighbors, meters.
     pub(super) lift: f32,
-    /// Corners, meters, counter-clockwise as seen from where the normal points. Empty where the
-    /// point stands for no surface.
+    /// Corners in meters, counter-clockwise seen from the side of the normal. Empty if the point
+    /// represents no surface.
     pub(super) outline: Vec<Vec3>,
     /// Distance between neighbors, meters.
     pub(super) spacing: f32,
-    /// True if neighbors or creases bound the cell on all sides.
+    /// `true` if neighbors or creases bound the cell on all sides.
     closed: bool,
 }
 
-/// The cells of points with unit normals.
+/// Computes the cells of points with unit normals.
 pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<Cell> {
     let around = |i: usize, (count, reach): (usize, f64), near: &mut Vec<Neighbor>| {
         tree.nearest(points[i], count, Some(i as u32), near);
@@ -112,25 +112,25 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
     cells
 }
 
-/// A neighbor of the same surface.
+/// Neighbor on the same surface.
 struct Own {
     index: u32,
     /// Position in the tangent plane.
     at: DVec2,
-    /// The step between the two tangent planes half-way between the points.
+    /// Step between the two tangent planes half-way between the points.
     step: f64,
-    /// The sine of the angle between them.
+    /// Sine of the angle between the two normals.
     sine: f64,
 }
 
-/// A half-plane of the tangent plane: a · y ≤ b, a of unit length.
+/// Half-plane of the tangent plane: a · y ≤ b, a of unit length.
 #[derive(Clone, Copy)]
 struct Bound {
     a: DVec2,
     b: f64,
 }
 
-/// A point's tangent plane with what bounds the cell in it.
+/// Tangent plane of a point, with the bounds of its cell.
 struct Plane {
     x: DVec3,
     u: DVec3,
@@ -141,14 +141,14 @@ struct Plane {
     creases: Vec<Bound>,
 }
 
-/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbor's
-/// position in `own`, a crease, or nothing.
+/// Corners in counter-clockwise order. Each has the tag of the edge that starts there: the index of
+/// a neighbor in `own`, [`CREASE`] or [`OPEN`].
 type Polygon = Vec<(DVec2, u8)>;
-/// The tag of an edge on a crease.
+/// Tag of an edge on a crease.
 const CREASE: u8 = u8::MAX - 1;
 
 impl Plane {
-    /// None where there is nothing around.
+    /// Creates the plane of point `i`. `None` if the point has no neighbors at other positions.
     fn new(
         i: usize,
         near: &[Neighbor],
@@ -167,7 +167,7 @@ impl Plane {
             u,
             v,
             reach: reach * far,
-            // So many neighbors within a circle.
+            // Spacing of this number of neighbors in a circle.
             spacing: far * (PI / near.len() as f64).sqrt(),
             own: Vec::with_capacity(near.len()),
             creases: Vec::new(),
@@ -191,7 +191,8 @@ impl Plane {
             }
         }
         for (n_j, b) in tilted {
-            // The neighbor's plane cuts ours in the line a · y = b; the point itself is the origin.
+            // The neighbor's plane intersects this plane in the line a · y = b. The point itself is
+            // the origin.
             let a = DVec2::new(n_j.dot(u), n_j.dot(v));
             let (a, b) = if b < 0.0 { (-a, -b) } else { (a, b) };
             let length = a.length();
@@ -210,11 +211,11 @@ impl Plane {
         Some(plane)
     }
 
-    /// The eight sides that bound what nothing else does.
+    /// Returns the octagon that bounds a cell on open sides.
     fn frame(&self) -> Polygon {
         (0..8)
             .map(|k| {
-                // The corners of an octagon: (±1, ±t) and (±t, ±1), t = tan 22.5°.
+                // Corners of an octagon: (±1, ±t) and (±t, ±1), t = tan 22.5°.
                 const T: f64 = core::f64::consts::SQRT_2 - 1.0;
                 const CORNERS: [[f64; 2]; 8] = [
                     [1.0, -T],
@@ -255,8 +256,8 @@ impl Plane {
         polygon
     }
 
-    /// The cell. `border` is the area of a cell that is open somewhere; without it such a cell is
-    /// not finished.
+    /// Returns the cell. `border` is the area of a cell with an open side. Without `border` such a
+    /// cell is incomplete.
     fn cell(&self, border: Option<f64>) -> Cell {
         let bare = self.bounded(0.0, 0.0);
         let closed = bare.iter().all(|(_, tag)| *tag != OPEN);
@@ -283,7 +284,7 @@ impl Plane {
             for k in 0..bare.len() {
                 let ((from, tag), (to, _)) = (bare[k], bare[(k + 1) % bare.len()]);
                 if let Some(a) = (from - to).perp().try_normalize().filter(|_| tag == OPEN) {
-                    // Outwards of a counter-clockwise polygon is to the right.
+                    // The outward direction of a counter-clockwise polygon is to the right.
                     clip(&mut outline, Bound { a, b: limit }, OPEN);
                 }
             }
@@ -299,7 +300,7 @@ impl Plane {
     }
 }
 
-/// Cuts a convex polygon (Sutherland and Hodgman).
+/// Clips a convex polygon (Sutherland and Hodgman).
 fn clip(polygon: &mut Polygon, bound: Bound, tag: u8) {
     let over = |y: DVec2| y.dot(bound.a) - bound.b;
     if polygon.iter().all(|(y, _)| over(*y) <= 0.0) {
@@ -314,7 +315,7 @@ fn clip(polygon: &mut Polygon, bound: Bound, tag: u8) {
         }
         if (a <= 0.0) != (b <= 0.0) {
             let cut = y + (next - y) * (a / (a - b));
-            // Where the edge leaves, the new edge begins; where it comes back, it goes on itself.
+            // The new edge starts at the exit point. The old edge continues at the entry point.
             out.push((cut, if a <= 0.0 { tag } else { edge }));
         }
     }

@@ -1,14 +1,14 @@
-//! A cloud of points as a surface: positions, normals (given or estimated), reflectances and areas
-//! as plain arrays, and the mesh of flat cells that rays meet. In the flow it stands where a
-//! level's triangles stand: read from a `.ply` ([`load_ply`]), joined with other geometry, baked.
+//! Point clouds as surfaces. A cloud has arrays of positions, normals (given or estimated),
+//! reflectances and areas, and a mesh of flat cells for ray casts. It takes the role of a scene's
+//! triangles: it is read from a `.ply` file ([`load_ply`]), joined with other geometry and baked.
 //!
-//! The cells are triangles of an ordinary [`TriangleMesh`], and no discs with an intersection of
-//! their own. A disc reaches over every edge by its radius, covers its neighbors two- or threefold,
-//! and would need a second kind of primitive in the frame's shadow rays and on the device; the
-//! cells tile the surface, end where it ends, and all that works on triangles works on them: what
-//! the bake meets is what the frame shadows with, bit by bit.
+//! The cells are triangles of an ordinary [`TriangleMesh`]. Discs are not used. A disc extends over
+//! each edge by its radius and covers its neighbors two or three times. Discs would also need a
+//! second primitive type in the frame's shadow rays and on the GPU. The cells tile the surface and
+//! end at its borders, and all code for triangles applies to them. The bake and the frame's shadow
+//! rays use bitwise identical geometry.
 //!
-//! Points reflect on both sides: a `.ply` has no material that could say otherwise.
+//! Points reflect on both sides, because a `.ply` file has no material with a single-sided flag.
 
 mod cells;
 mod nearest;
@@ -28,18 +28,19 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 
-/// Coordinates from here on, in meters, are taken for damage: no scene is as large, and what is
-/// left of single precision there is 64 m.
+/// Upper limit of coordinates, meters. Larger values are treated as damage: no scene is this large,
+/// and the resolution of single precision there is 64 m.
 const FARTHEST: f32 = 1e9;
-/// Most points of a cloud: the corners of their cells, [`cells::MAX_CORNERS`] each at most, are
-/// numbered by 32 bits.
+/// Largest number of points in a cloud. The corners of the cells, at most [`cells::MAX_CORNERS`]
+/// per cell, have 32-bit indices.
 const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
 /// Albedo of a point without a color.
 const GRAY: Vec3 = Vec3::splat(0.5);
-/// Normals of one position that enclose an angle with a cosine above this are of one point.
+/// Cosine threshold for normals at one position. Normals with a larger cosine belong to the same
+/// point.
 const SAME: f32 = 0.766;
 
-/// Points around a corner of a cell whose normals it may have a part of.
+/// Number of points around a cell corner that can contribute to its normal.
 const AROUND: usize = 8;
 
 /// Error of building a surface from points.
@@ -51,17 +52,17 @@ pub enum PointsError {
         "{usable} usable points at different positions ({not_finite} not finite, {coincident} coincident): three at least make a surface"
     )]
     TooFew {
-        /// Points that could be used.
+        /// Number of usable points.
         usable: u64,
-        /// Points with a coordinate that is not finite, or beyond 10⁹ m.
+        /// Points with a coordinate that is not finite or is beyond 10⁹ m.
         not_finite: u64,
-        /// Points at the position of another one with its normal.
+        /// Points with the same position and normal as another point.
         coincident: u64,
     },
-    /// More points than indices of 32 bits reach, with all corners of their cells.
+    /// More points than 32-bit indices of all cell corners allow.
     #[error("{0} points, at most {MAX_POINTS}")]
     TooMany(usize),
-    /// Normals or colors are not as many as positions.
+    /// Different numbers of positions and of normals or colors.
     #[error("{positions} positions, but {others} {what}")]
     Lengths {
         /// Number of positions.
@@ -71,43 +72,42 @@ pub enum PointsError {
         /// Length of that array.
         others: usize,
     },
-    /// The points are there, but so close together that their cells have no area in single
-    /// precision.
+    /// All cells have zero area in single precision, because the points are too close together.
     #[error("the points are so close together that they have no area")]
     NoArea,
 }
 
-/// Numbers of parts that were dropped or corrected when a cloud was built.
+/// Numbers of points that were dropped or corrected when a cloud was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PointProblems {
-    /// Points dropped because a coordinate was not finite, or beyond 10⁹ m.
+    /// Points dropped because a coordinate was not finite or was beyond 10⁹ m.
     pub not_finite: u64,
-    /// Points dropped because another one with the same position and a similar normal is there.
+    /// Points dropped because another point has the same position and a similar normal.
     pub coincident: u64,
-    /// Points that had no usable normal among others that had one: it was estimated.
+    /// Points without a usable normal in a cloud that has normals. Their normals were estimated.
     pub normal_estimated: u64,
     /// Points dropped because neither the file nor their neighbors give them a normal.
     pub no_normal: u64,
-    /// Points whose reflectance was not within [0, 1]: clamped; 0 where it was no number.
+    /// Points with a reflectance outside [0, 1]. It was clamped. NaN became 0.
     pub albedo_clamped: u64,
 }
 
-/// Points that stand for a surface. All arrays are of the same length.
+/// Points that represent a surface. All arrays have the same length.
 #[derive(Clone, Debug, Default)]
 pub struct PointCloud {
-    /// Meters.
+    /// Positions, meters.
     pub positions: Vec<Vec3>,
-    /// Unit.
+    /// Unit normals.
     pub normals: Vec<Vec3>,
     /// Diffuse reflectance, linear RGB in [0, 1].
     pub albedo: Vec<Vec3>,
-    /// The surface that each point stands for, m².
+    /// Surface area that each point represents, m².
     pub areas: Vec<f32>,
-    /// True where the file gave no normals at all.
+    /// `true` if the file had no normals.
     pub normals_estimated: bool,
-    /// Problems that were dropped or corrected.
+    /// Numbers of points that were dropped or corrected.
     pub problems: PointProblems,
-    /// Corners of all cells, those of point i from `first[i]` to `first[i + 1]`.
+    /// Corners of all cells. Point i has the corners from `first[i]` to `first[i + 1]`.
     corners: Vec<Vec3>,
     first: Vec<u32>,
     lifts: Vec<f32>,
@@ -115,11 +115,12 @@ pub struct PointCloud {
 }
 
 impl PointCloud {
-    /// A cloud of points as a file has them: cleans them, estimates what is missing, finds what
-    /// surface each stands for. Points keep their order. Where there are no normals, a closed part
-    /// of the surface that one of `viewpoints` (meters, in free space) lies in faces it; other
-    /// parts face outwards, or what they lie around. Points without a color reflect a half. The
-    /// same points give the same cloud on any number of threads.
+    /// Creates a cloud from the points of a file. Removes invalid points, estimates missing normals
+    /// and computes the surface area of each point. Points keep their order. If the file has no
+    /// normals, a closed part of the surface around one of `viewpoints` (meters, between surfaces)
+    /// faces inwards. Other parts face outwards, or toward the points of other parts inside them.
+    /// Points without a color have an albedo of 0.5. The result is the same for any number of
+    /// threads.
     ///
     /// # Errors
     /// See [`PointsError`].
@@ -203,37 +204,37 @@ impl PointCloud {
         Ok(cloud)
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     #[must_use]
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// True when it has no point; a cloud that was built has some.
+    /// Returns `true` if the cloud has no points. A cloud from [`Self::new`] is not empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// Corners, meters, of the flat convex cell of point `i`, counter-clockwise as seen from where
-    /// its normal points. It overlaps its neighbors' cells a little. Empty where the point stands
-    /// for no surface.
+    /// Returns the corners of the flat convex cell of point `i`, in meters. The order is
+    /// counter-clockwise seen from the side of its normal. The cell slightly overlaps the cells of
+    /// its neighbors. Empty if the point represents no surface.
     #[must_use]
     pub fn outline(&self, i: usize) -> &[Vec3] {
         &self.corners[self.corners_of(i)]
     }
 
-    /// Distance between point `i` and its neighbors, meters, about; 0 where the point stands for no
-    /// surface.
+    /// Returns the approximate distance between point `i` and its neighbors in meters. 0 if the
+    /// point represents no surface.
     #[must_use]
     pub fn spacing(&self, i: usize) -> f32 {
         self.spacings.get(i).copied().unwrap_or(0.0)
     }
 
-    /// A normal for each corner of each cell, in the order of the points and their
-    /// [`outline`](Self::outline)s: the mean of those of the points around it, without those beyond
-    /// a crease. Cells that meet in a corner have nearly the same normal there, so that light drawn
-    /// with it changes smoothly from cell to cell.
+    /// Returns a normal for each corner of each cell, in the order of the points and their
+    /// [`outline`](Self::outline)s. It is the mean normal of the surrounding points on the same
+    /// side of a crease. Cells that share a corner have nearly the same normal there, so that
+    /// shading varies smoothly between cells.
     #[must_use]
     pub fn corner_normals(&self) -> Vec<Vec3> {
         let tree = PointTree::new(&self.positions);
@@ -258,7 +259,8 @@ impl PointCloud {
             .collect()
     }
 
-    /// Range in [`corner_normals`](Self::corner_normals) of the corners of point `i`'s cell.
+    /// Returns the range in [`corner_normals`](Self::corner_normals) of the corners of point `i`'s
+    /// cell.
     #[must_use]
     pub fn corners_of(&self, i: usize) -> Range<usize> {
         match (self.first.get(i), self.first.get(i + 1)) {
@@ -267,21 +269,21 @@ impl PointCloud {
         }
     }
 
-    /// All points in parts that lie together, of `max` points at most (1 at least): ascending
-    /// indices.
+    /// Splits the points into spatially compact parts of at most `max` points (1 at least). Each
+    /// part lists indices in ascending order.
     #[must_use]
     pub fn parts(&self, max: usize) -> Vec<Vec<u32>> {
         parts::parts(&self.positions, max)
     }
 
-    /// A box around the points.
+    /// Returns a box around the points.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         self.positions.iter().fold(Bounds::EMPTY, |b, x| b.join(*x))
     }
 
-    /// The cells as triangles, for rays, and which point each triangle belongs to. Cells too small
-    /// for single precision are left out.
+    /// Returns the cells as a triangle mesh for ray casts, and the point index of each triangle.
+    /// Cells too small for single precision are left out.
     #[must_use]
     pub fn mesh(&self) -> (TriangleMesh, Vec<u32>) {
         let mut materials = Vec::new();
@@ -328,12 +330,12 @@ pub(super) struct Lifts {
     tree: PointTree,
     /// Ray offset and radius of influence of each point of the tree, meters.
     lifts: Vec<[f32; 2]>,
-    /// The largest of those reaches, meters.
+    /// Largest radius of influence, meters.
     farthest: f32,
 }
 
 impl Lifts {
-    /// The lift at `p`, meters; 0 where no rough cell is near.
+    /// Returns the ray offset at `p` in meters. 0 if no rough cell is near.
     pub(super) fn at(&self, p: Vec3) -> f32 {
         let near = self.tree.nearest_within(p, self.farthest * self.farthest);
         near.map_or(0.0, |n| {
@@ -343,21 +345,21 @@ impl Lifts {
     }
 }
 
-/// The triangles of a convex polygon.
+/// Returns the triangles of a convex polygon.
 fn fan(corners: &[Vec3]) -> impl Iterator<Item = [Vec3; 3]> + '_ {
     let others = corners.get(1..).unwrap_or_default();
     others.windows(2).map(|pair| [corners[0], pair[0], pair[1]])
 }
 
-/// Points that are finite, and of those at one position with similar normals the first: their
-/// indices in order.
+/// Returns the indices of finite points in order. Of points with the same position and similar
+/// normals only the first is kept.
 fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
     let fine = |x: &Vec3| x.is_finite() && x.abs().max_element() < FARTHEST;
     let mut order: Vec<u32> = (0..points.positions.len() as u32)
         .filter(|i| fine(&points.positions[*i as usize]))
         .collect();
     problems.not_finite = (points.positions.len() - order.len()) as u64;
-    // Adding 0 makes one zero of both.
+    // Adding 0 turns -0.0 into +0.0.
     let key = |i: u32| {
         (points.positions[i as usize] + Vec3::ZERO)
             .to_array()
@@ -370,8 +372,7 @@ fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
             .as_ref()
             .map_or(Vec3::ZERO, |n| unit(n[i as usize]))
     };
-    // Of points at one position those with a normal come first: one without must not stand for
-    // them.
+    // At equal positions, points with a normal come first, so that these are kept.
     order.sort_unstable_by_key(|i| (key(*i), normal(*i) == Vec3::ZERO, *i));
     let mut kept = Vec::with_capacity(order.len());
     for cell in order.chunk_by(|a, b| key(*a) == key(*b)) {
@@ -391,7 +392,7 @@ fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
     kept
 }
 
-/// The normal at length one; zero where it has no direction.
+/// Returns the normal scaled to unit length, or zero if it has no direction.
 fn unit(n: Vec3) -> Vec3 {
     let largest = n.abs().max_element();
     if n.is_finite() && largest > 0.0 {
@@ -411,25 +412,25 @@ fn reflectance(color: Vec3, clamped: &mut u64) -> Vec3 {
     inside
 }
 
-/// A point cloud as it was read.
+/// Point cloud from a file.
 #[derive(Debug)]
 pub struct LoadedPoints {
-    /// The points.
+    /// Point cloud.
     pub cloud: PointCloud,
-    /// Notes on content that was not read or was read in another way.
+    /// Notes on content that was ignored or converted.
     pub notes: Vec<String>,
 }
 
-/// Reads a `.ply` file as a cloud; see [`PointCloud::new`].
+/// Reads a `.ply` file as a cloud. See [`PointCloud::new`].
 ///
 /// # Errors
-/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read,
-/// [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
+/// [`SceneError::Io`] and [`SceneError::Refused`] if the file cannot be read, [`SceneError::Ply`]
+/// and [`SceneError::Points`] if its content is not valid.
 pub fn load_ply(path: impl AsRef<Path>, viewpoints: &[Vec3]) -> Result<LoadedPoints, SceneError> {
     load_ply_within(path, viewpoints, &mut InputBudget::default())
 }
 
-/// As [`load_ply`], of a file within `budget`.
+/// Reads a `.ply` file like [`load_ply`] within `budget`.
 ///
 /// # Errors
 /// Those of [`load_ply`], and [`SceneError::Refused`].
@@ -443,10 +444,10 @@ pub fn load_ply_within(
     cloud_of(points, &path.display().to_string(), viewpoints)
 }
 
-/// As [`load_ply`], of a file's bytes; `name` is what errors call it.
+/// Reads the bytes of a `.ply` file like [`load_ply`]. `name` is the file name in errors.
 ///
 /// # Errors
-/// [`SceneError::Ply`] and [`SceneError::Points`] where the content is not valid.
+/// [`SceneError::Ply`] and [`SceneError::Points`] if the content is not valid.
 pub fn load_ply_bytes(
     bytes: &[u8],
     name: &str,

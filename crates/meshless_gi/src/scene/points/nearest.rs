@@ -1,43 +1,43 @@
-//! The nearest points of a point: a balanced tree of halves (k-d tree). Serves normals, areas and
-//! lifts of a point cloud.
+//! Nearest neighbors of a point by a balanced k-d tree. Used for normals, areas and ray offsets of
+//! a point cloud.
 //!
-//! Halves are halves by count, so that any distribution gives a tree of depth log₂ N: a million
-//! points in one spot too. The tree is the order of the points alone: the middle of a range splits
-//! it, and the longest side of the range's box says along which axis.
+//! Ranges are split at the median, so that any distribution gives a tree of depth log₂ N. This
+//! includes a million points at one position. The tree is only an order of the points. The middle
+//! entry of a range splits it, along the longest side of the range's box.
 
 use glam::Vec3;
 
-/// Ranges of no more points than this are looked through one by one.
+/// Largest range that is searched linearly.
 const LEAF: usize = 8;
-/// Ranges of more points than this are built in parallel.
+/// Largest range that is built serially.
 const PARALLEL: usize = 1 << 14;
 
-/// A point with its index.
+/// Point with its index.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     x: Vec3,
     index: u32,
 }
 
-/// A neighbor that was found.
+/// Neighbor of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Neighbor {
-    /// Its index among the points that the tree was built of.
+    /// Index among the points of the tree.
     pub(super) index: u32,
-    /// Its squared distance, m².
+    /// Squared distance, m².
     pub(super) square: f32,
 }
 
-/// The tree.
+/// Balanced k-d tree.
 #[derive(Clone, Debug)]
 pub(super) struct PointTree {
     entries: Vec<Entry>,
-    /// Along which axis the entry in the middle of a range splits it.
+    /// Split axis of the entry in the middle of a range.
     axes: Vec<u8>,
 }
 
 impl PointTree {
-    /// A tree of points, all of them finite. The same points give the same tree.
+    /// Builds a tree of finite points. The same points give the same tree.
     pub(super) fn new(points: &[Vec3]) -> Self {
         let mut entries: Vec<Entry> = points
             .iter()
@@ -49,8 +49,8 @@ impl PointTree {
         Self { entries, axes }
     }
 
-    /// The up to `count` nearest points of `x`, nearest first; `without` is left out. `out` is
-    /// emptied first.
+    /// Writes at most `count` nearest points of `x` to `out`, nearest first, without the point
+    /// `without`. `out` is cleared first.
     pub(super) fn nearest(
         &self,
         x: Vec3,
@@ -64,8 +64,8 @@ impl PointTree {
         }
     }
 
-    /// The nearest point that is nearer to `x` than the square root of `square`: what
-    /// [`nearest`](Self::nearest) finds first, without looking farther.
+    /// Returns the point nearest to `x` within the square root of `square`. It equals the first
+    /// result of [`nearest`](Self::nearest), but farther points are not searched.
     pub(super) fn nearest_within(&self, x: Vec3, square: f32) -> Option<Neighbor> {
         let mut best = Neighbor {
             index: u32::MAX,

@@ -1,41 +1,46 @@
-//! Normals of points that have none: the plane through a point's neighbors, turned so that
-//! neighbors agree, and then to the outside.
+//! Estimation of missing normals of points. A normal comes from the plane through the point's
+//! neighbors. Its sign is first made consistent with the neighbors and then set to face outwards.
 //!
-//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction in which the neighbors
-//! spread least; a minimum spanning tree over neighbors carries the side along where their planes
-//! agree best. Three deviations. A neighbor's normal is mirrored in the plane between the two
-//! points before both are compared: on a circle, over the edge of a box and in the corner of a room
-//! the mirrored normal is the own one, so that sides are carried over creases, where [HDD92]
-//! compares normals of 90 degrees. The tree is never walked: a union-find that holds, for each
-//! point, whether it is turned against its root, is joined in the order of the edges' weights. And
-//! planes across creases, which lie between both surfaces and would round every corner of a room,
-//! are replaced by that of a neighbor that fits its own surroundings, if the point lies in it.
+//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction of smallest variance of the
+//! neighbors. A minimum spanning tree over neighbors propagates the sign along edges where the
+//! planes agree best. There are three deviations:
 //!
-//! The data does not contain the visible side of a part (connected through neighbors). A part is
-//! turned outwards: the sum of (x − center)·n over its points, times three its volume, is positive.
-//! A part that lies around the points of other parts faces them. Where viewpoints are given, a part
-//! that surrounds it faces it.
+//! - A neighbor's normal is mirrored in the plane between the two points before the comparison. On
+//!   a circle, over the edge of a box and in the corner of a room the mirrored normal equals the
+//!   point's own normal. The sign is therefore also propagated over creases, where [HDD92] compares
+//!   normals of 90 degrees.
+//! - The tree is not traversed. Edges are processed in order of their weights with a union-find,
+//!   which stores per point whether it is flipped relative to its root.
+//! - Planes across creases lie between both surfaces and would round every corner of a room. They
+//!   are replaced by the plane of a neighbor that fits its own neighborhood, if the point lies in
+//!   it.
+//!
+//! The data does not contain the visible side of a part (connected through neighbors). A part faces
+//! outwards: the sum of (x − center)·n over its points, which is proportional to its volume, is
+//! positive. A part around the points of other parts faces them. A part around one of the
+//! viewpoints faces that viewpoint.
 
 use super::nearest::{Neighbor, PointTree};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Neighbors through which a point's plane is laid.
+/// Number of neighbors for the plane of a point.
 const PLANE: usize = 16;
-/// Neighbors whose planes may be better than the own one: those of twice the distance, nearly.
+/// Number of neighbors with planes that may replace the plane of a point. They lie within nearly
+/// twice the distance.
 const CANDIDATES: usize = 48;
-/// A plane with this mean squared distance, relative to the square of its size, is flat.
+/// Mean squared distance below which a plane is flat, relative to the square of its size.
 const FLAT: f64 = 1e-4;
-/// A neighbor's plane is taken where it fits so many times as well; on a curved surface all fit
-/// about alike.
+/// Largest cost of a neighbor's plane that replaces the plane of a point, relative to the variance
+/// of the latter. On a curved surface all planes fit about equally well.
 const BETTER: f64 = 0.25;
-/// Neighbors with which a point compares sides.
+/// Number of neighbors with which a point compares its sign.
 const LINKS: usize = 8;
-/// Points of other parts that are looked at to find out whether a part lies around them.
+/// Number of points of other parts that are tested for being inside a part.
 const PROBES: usize = 32;
 
-/// A unit normal for each point; `Vec3::ZERO` where none can be computed: fewer than two neighbors
-/// at another position.
+/// Returns a unit normal for each point. `Vec3::ZERO` if a point has fewer than two neighbors at
+/// other positions.
 pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -> Vec<Vec3> {
     let fits: Vec<Fit> = points
         .par_iter()
@@ -55,11 +60,11 @@ pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -
     normals
 }
 
-/// The plane through a point's neighbors.
+/// Plane through a point's neighbors.
 #[derive(Clone, Copy)]
 struct Fit {
     normal: Vec3,
-    /// A point of the plane.
+    /// Point on the plane.
     mean: DVec3,
     /// Mean squared distance from the plane, m².
     variance: f64,
@@ -68,7 +73,7 @@ struct Fit {
 }
 
 impl Fit {
-    /// Through `x` and its neighbors; a zero normal where they are all at one position.
+    /// Fits a plane to `x` and its neighbors. The normal is zero if they are all at one position.
     fn from_neighbors(x: Vec3, near: &[Neighbor], points: &[Vec3]) -> Self {
         let square = near.last().map_or(0.0, |n| n.square);
         let mut fit = Self {
@@ -77,7 +82,7 @@ impl Fit {
             variance: 0.0,
             square,
         };
-        // Relative to the farthest, so that no size is too small or too large.
+        // Scaled by the farthest distance, so that no size underflows or overflows.
         let scale = f64::from(square).sqrt();
         if near.len() < 2 || scale <= 0.0 {
             return fit;
@@ -102,9 +107,9 @@ impl Fit {
     }
 }
 
-/// The normal of point `i`: that of its own plane, or of the plane of a neighbor that fits far
-/// better around itself and holds the point too. Across a crease a point's own neighbors lie on two
-/// surfaces, and their plane between them.
+/// Returns the normal of point `i`. It is the normal of its own plane, or of a neighbor's plane
+/// that has a much lower variance and contains the point. Across a crease the neighbors of a point
+/// lie on two surfaces and its own plane lies between them.
 fn sharpened(
     i: usize,
     fits: &[Fit],
@@ -129,8 +134,8 @@ fn sharpened(
     best.normal
 }
 
-/// Given unit normals, with those that are zero replaced: by the plane of the neighbors, on the
-/// side of the nearest neighbor that has a normal. Counts them in `estimated`.
+/// Replaces zero normals among unit normals by those of the plane through the neighbors. The sign
+/// is that of the nearest neighbor with a normal. Counts the replaced normals in `estimated`.
 pub(super) fn complete(
     points: &[Vec3],
     given: Vec<Vec3>,
@@ -154,8 +159,8 @@ pub(super) fn complete(
     out
 }
 
-/// The unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi's rotations,
-/// and that eigenvalue.
+/// Returns the unit eigenvector of the smallest eigenvalue of a symmetric matrix, and the
+/// eigenvalue. Uses Jacobi rotations.
 fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
     let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
     for _ in 0..12 {
@@ -189,25 +194,25 @@ fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
     )
 }
 
-/// Returns the agreement of two sides, in [-1, 1]: n_i · n_j, with n_j mirrored in the plane
+/// Returns the agreement of two orientations, in [-1, 1]: n_i · n_j, with n_j mirrored in the plane
 /// between the points.
 fn agreement(x_i: Vec3, n_i: Vec3, x_j: Vec3, n_j: Vec3) -> f32 {
     let along = (x_j - x_i).normalize_or_zero();
     n_i.dot(n_j - 2.0 * along * along.dot(n_j))
 }
 
-/// Sets of points, each with whether it is turned against its set's root.
+/// Union-find of points, with a flag per point: `true` if it is flipped relative to its parent.
 struct Sides {
     parent: Vec<u32>,
     turned: Vec<bool>,
 }
 
 impl Sides {
-    /// The root of `i`, and whether `i` is turned against it.
+    /// Returns the root of `i`, and `true` if `i` is flipped relative to it.
     fn root(&mut self, i: u32) -> (u32, bool) {
         let (mut at, mut turned) = (i as usize, false);
         while self.parent[at] as usize != at {
-            // Halving the way: the grandparent becomes the parent.
+            // Path halving: the grandparent becomes the parent.
             let up = self.parent[at] as usize;
             if self.parent[up] as usize != up {
                 self.turned[at] ^= self.turned[up];
@@ -220,7 +225,8 @@ impl Sides {
     }
 }
 
-/// Turns normals so that neighbors agree; gives each point's part, named after one of its points.
+/// Flips normals so that neighbors agree. Returns the part of each point, named by one of its
+/// points.
 fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
     let mut edges: Vec<(u32, u32, u32)> = points
         .par_iter()
@@ -230,7 +236,7 @@ fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
             let edge = |n: &Neighbor| {
                 let j = n.index as usize;
                 let sure = agreement(*x, normals[i], points[j], normals[j]).abs();
-                // As long as weights are in [0, 1] their bits are in order.
+                // The bits of weights in [0, 1] have the same order as the weights.
                 ((1.0 - sure.min(1.0)).to_bits(), i as u32, n.index)
             };
             near.iter().map(edge).collect::<Vec<_>>()
@@ -263,14 +269,14 @@ fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
 }
 
 /// Returns the solid angle of an oriented point at `from`. The sum over a closed part is 4π inside
-/// of it and 0 outside. Positive if the part faces `from`.
+/// the part and 0 outside. Positive if the part faces `from`.
 fn solid_angle(from: DVec3, x: Vec3, n: Vec3, area: f64) -> f64 {
     let to = from - x.as_dvec3();
     let square = to.length_squared().max(area);
     area * to.dot(n.as_dvec3()) / (square * square.sqrt())
 }
 
-/// Turns whole parts to the side that they show.
+/// Orients whole parts toward their visible side.
 fn outwards(
     points: &[Vec3],
     normals: &mut [Vec3],
@@ -280,7 +286,7 @@ fn outwards(
 ) {
     let mut members: Vec<u32> = (0..points.len() as u32).collect();
     members.sort_unstable_by_key(|i| (parts[*i as usize], *i));
-    // Neighbors within a circle: its area over their count stands for one.
+    // Area per point: the area of the circle around the neighbors, divided by their number.
     let area = |i: usize| core::f64::consts::PI * f64::from(squares[i]) / PLANE as f64;
     let many = members
         .chunk_by(|a, b| parts[*a as usize] == parts[*b as usize])
@@ -302,7 +308,7 @@ fn outwards(
         let mut faced = (viewpoints.iter())
             .map(|v| around(v.as_dvec3()))
             .find(|a| inside(*a));
-        // Small parts lie around nothing.
+        // A small part cannot surround other parts.
         if faced.is_none() && many && part.len() > points.len() / 16 {
             let first = parts[of(&part[0])];
             let others = members.len() - part.len();
@@ -361,7 +367,7 @@ mod tests {
             .unzip()
     }
 
-    /// The mean cosine between found and true normals.
+    /// Returns the mean cosine between estimated and true normals.
     fn mean_cosine(found: &[Vec3], truth: impl Fn(usize) -> Vec3) -> f32 {
         found
             .iter()
@@ -387,7 +393,7 @@ mod tests {
             .zip(&normals)
             .filter(|(a, b)| a.dot(**b) < 0.0)
             .count();
-        // In a corner of three faces a plane through neighbors may be any.
+        // In a corner of three faces the plane through neighbors is arbitrary.
         assert!(
             wrong <= 3,
             "sides are carried over the edges: {wrong} of 6000"
@@ -401,7 +407,7 @@ mod tests {
         assert!(mean_cosine(&seen_inside, |i| -points[i]) > 0.99);
         let seen_outside = estimated(&points, &[Vec3::new(0.2, 5.0, -0.1)]);
         assert!(mean_cosine(&seen_outside, |i| points[i]) > 0.99);
-        // A ball in a cube: the cube faces it.
+        // A sphere in a cube: the cube faces it.
         let (mut both, normals) = cube(6000);
         both.extend(sphere(1500, Vec3::splat(0.2), 0.3));
         let found = estimated(&both, &[]);

@@ -1,10 +1,10 @@
-//! A cloud in parts that lie together and are of bounded size: what draws or uploads a cloud need
-//! not take all of it at once. In the flow it stands beside the cloud.
+//! Splits a cloud into spatially compact parts of bounded size, so that a renderer or an upload can
+//! process a cloud in steps.
 
 use glam::Vec3;
 
-/// Indices of points in parts of `max` at most, each a box's content: what is too many is cut in
-/// two across its longest side. No part is empty, every index is in one, and those of a part
+/// Splits points into parts of at most `max` indices. A range above this size is halved across the
+/// longest side of its box. No part is empty and every index occurs once. The indices of a part
 /// ascend.
 pub(super) fn parts(points: &[Vec3], max: usize) -> Vec<Vec<u32>> {
     let max = max.max(1);
@@ -32,7 +32,7 @@ fn divide(points: &[Vec3], part: &mut [u32], max: usize, parts: &mut Vec<Vec<u32
         });
     let axis = (high - low).max_position();
     let middle = part.len() / 2;
-    // Where positions are equal the index decides: the same parts each time.
+    // Equal positions are ordered by index, so that the result is deterministic.
     part.select_nth_unstable_by(middle, |a, b| {
         of(a)[axis].total_cmp(&of(b)[axis]).then(a.cmp(b))
     });
@@ -64,7 +64,7 @@ mod tests {
         }
         assert!(found.iter().all(|p| p.is_sorted() && p.len() <= 300));
         assert_eq!(parts(&points, 1000).len(), 1);
-        // One position, and nothing at all.
+        // Points at one position, and no points.
         assert_eq!(parts(&[Vec3::ONE; 5], 1).len(), 5);
         assert!(parts(&[], 3).is_empty());
     }

@@ -1,5 +1,5 @@
-//! Areas against true areas, closed rooms against leaks, starts of rays against acne, and clouds
-//! that are none.
+//! Tests of areas against true areas, of leaks in closed rooms, of self-intersection at ray starts,
+//! and of invalid clouds.
 
 use super::*;
 use crate::samples::{Random, uniform_sphere};
@@ -25,7 +25,7 @@ fn sphere(count: u64, radius: f32) -> PointCloud {
     cloud(normals.iter().map(|n| radius * *n).collect(), normals)
 }
 
-/// Random points on a square of edge 1.
+/// Returns random points on a square of edge 1.
 fn square(count: u64) -> PointCloud {
     let at = |i| unit_square(i).extend(0.0);
     cloud((0..count).map(at).collect(), vec![Vec3::Z; count as usize])
@@ -34,8 +34,8 @@ fn square(count: u64) -> PointCloud {
 #[test]
 fn point_without_normal_does_not_replace_oriented_point() {
     let at: Vec<Vec3> = (0..200).map(|i| unit_square(i).extend(0.0)).collect();
-    // Each position twice, first without a normal; what is known looks another way than an estimate
-    // would.
+    // Each position occurs twice, first without a normal. The given normals differ from an
+    // estimate.
     let known = Vec3::new(0.6, 0.0, 0.8);
     let positions = at.iter().flat_map(|x| [*x, *x]).collect();
     let normals = at.iter().flat_map(|_| [Vec3::ZERO, known]).collect();
@@ -46,8 +46,8 @@ fn point_without_normal_does_not_replace_oriented_point() {
     assert_eq!((problems.coincident, problems.normal_estimated), (200, 0));
 }
 
-/// Random points on the faces of a box, normals inwards (`side` -1) or outwards (1), each face
-/// `even` by a jittered grid or not.
+/// Returns points on the faces of a box, with normals inwards (`side` -1) or outwards (1). `even`
+/// selects a jittered grid per face instead of random points.
 fn boxed(count: u64, half: Vec3, side: f32, even: bool) -> (Vec<Vec3>, Vec<Vec3>) {
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
     let total = 8.0 * (half.x * half.y + half.y * half.z + half.z * half.x);
@@ -83,7 +83,7 @@ fn total(cloud: &PointCloud) -> f32 {
     cloud.areas.iter().sum()
 }
 
-/// Fraction of the directions from `from` that hit nothing.
+/// Returns the fraction of the directions from `from` without a hit.
 fn leak(cloud: &PointCloud, from: Vec3) -> f64 {
     let (mesh, _) = cloud.mesh();
     let rays = 100_000;
@@ -116,7 +116,7 @@ fn point_areas_sum_to_sampled_surface() {
                 (found - 1.0).abs() < within,
                 "{count} points, {what}: {found}"
             );
-            // And the bound is none that anything would meet.
+            // The bound rejects areas that are 10 % too large.
             assert!((1.1 * found - 1.0).abs() > within);
         }
     }
@@ -124,7 +124,7 @@ fn point_areas_sum_to_sampled_surface() {
 
 #[test]
 fn point_density_changes_areas_but_not_sum() {
-    // Nine of ten points on the left half.
+    // Nine of ten points are on the left half.
     let at = |i: u64| {
         let r = unit_square(i);
         let x = if i.is_multiple_of(10) {
@@ -139,8 +139,8 @@ fn point_density_changes_areas_but_not_sum() {
         .filter(|i| cloud.positions[*i].x < 0.5)
         .map(|i| cloud.areas[i])
         .sum();
-    // Cells at the step get the areas of their denser neighbors: three hundredths are missing in
-    // all.
+    // Cells at the density step get the areas of their denser neighbors. Three percent of the area
+    // is missing in total.
     assert!(
         (left - 0.5).abs() < 0.02 && (total(&cloud) - 1.0).abs() < 0.04,
         "{left} of {}",
@@ -156,7 +156,7 @@ fn point_cloud_closed_surface_blocks_all_rays() {
     let (q, m) = boxed(10_000, Vec3::new(1.0, 2.0, 1.5), -1.0, false);
     let uneven = leak(&cloud(q, m), from);
     let round = leak(&sphere(10_000, 2.0), from);
-    // Noise of a tenth of the spacing in each coordinate, and normals that are estimated.
+    // Noise of a tenth of the spacing in each coordinate, and estimated normals.
     let noisy: Vec<Vec3> = p
         .iter()
         .enumerate()
@@ -172,7 +172,7 @@ fn point_cloud_closed_surface_blocks_all_rays() {
         even < 1e-4 && uneven < 1e-3 && round < 1e-3 && noisy < 1e-2,
         "{even} {uneven} {round} {noisy}"
     );
-    // Without a square meter of a wall there is a hole, and it is seen.
+    // A wall without one square meter has a visible hole.
     let stays = |x: &Vec3| x.x < 0.99 || x.y.abs() > 0.5 || x.z.abs() > 0.5;
     let (q, m) = p.iter().zip(&n).filter(|(x, _)| stays(x)).unzip();
     let hole = leak(&cloud(q, m), from);
@@ -181,7 +181,7 @@ fn point_cloud_closed_surface_blocks_all_rays() {
 
 #[test]
 fn point_cloud_ray_origins_clear_neighbor_cells() {
-    // From the outside of a sphere no cell is in the way, wherever a ray leaves it.
+    // No cell blocks rays that leave a sphere outwards.
     let s = sphere(5000, 1.0);
     let (mesh, point_of) = s.mesh();
     assert_eq!(point_of.len(), mesh.len());
@@ -275,13 +275,13 @@ fn point_cloud_degenerate_input_builds() {
         of(vec![Vec3::ONE; 3], Some(vec![])),
         Err(PointsError::Lengths { .. })
     ));
-    // One spot, normals all over: cells of no area.
+    // Points at one position with normals in all directions: the cells have no area.
     let turned: Vec<Vec3> = (0..100_000)
         .map(|i| uniform_sphere(unit_square(i)))
         .collect();
     let spot = of(vec![Vec3::ONE; 100_000], Some(turned));
     assert!(matches!(spot, Err(PointsError::NoArea)));
-    // A hundred thousand points in a spot of a few roundings, and one far away.
+    // A hundred thousand points within a few roundings of one position, and one far point.
     let mut dense: Vec<Vec3> = (0..100_000).map(|i| Vec3::ONE + 3e-7 * random(i)).collect();
     dense.push(Vec3::splat(1e6));
     check("a spot and one far away", of(dense.clone(), None));
@@ -346,7 +346,8 @@ fn point_cloud_degenerate_input_builds() {
 
 #[test]
 fn point_cell_corners_interpolate_normals() {
-    // On a sphere a corner's normal is its direction, and nearer to it than the cell's own is.
+    // On a sphere the normal of a corner is its direction. It is more accurate than the cell's
+    // normal.
     let ball = sphere(5000, 2.0);
     let smooth = ball.corner_normals();
     let (mut at, mut own, mut shared) = (0, 0.0f64, 0.0f64);
@@ -363,7 +364,7 @@ fn point_cell_corners_interpolate_normals() {
     let (own, shared) = ((own / at as f64).sqrt(), (shared / at as f64).sqrt());
     println!("off by {shared:.4}, by the cell's own {own:.4}");
     assert!(shared < 0.5 * own, "{shared} and {own}");
-    // Over a crease nothing is handed on.
+    // Normals are not averaged across a crease.
     let (positions, normals) = boxed(6000, Vec3::ONE, 1.0, true);
     let boxed = cloud(positions, normals);
     let smooth = boxed.corner_normals();
