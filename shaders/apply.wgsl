@@ -1,4 +1,4 @@
-// apply: the operator times the senders' coefficients, [L08] Eq. (14). Twin:
+// apply: product of the operator and the senders' coefficients, [L08] Eq. (14). Twin:
 // crates/meshless_gi/src/frame/apply.rs. Rows and threads: lib/apply.
 
 @group(0) @binding(4) var<storage, read> coefficients: array<vec4f>;

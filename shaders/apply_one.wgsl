@@ -1,9 +1,9 @@
-// apply_one: the operator times one channel of the senders' coefficients, in proportion to which
-// the other channels are. Twin: crates/meshless_gi/src/frame/apply_one.rs. Rows and threads:
-// lib/apply.
+// apply_one: product of the operator and one channel of the senders' coefficients. The other
+// channels are proportional to it. Twin: crates/meshless_gi/src/frame/apply_one.rs. Rows and
+// threads: lib/apply.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
-// Four numbers a coefficient, of which one is read.
+// Four numbers per coefficient. Only one of them is read.
 @group(0) @binding(4) var<storage, read> coefficients: array<f32>;
 
 var<workgroup> sums: array<vec3f, 64>;

@@ -15,7 +15,7 @@
 @group(0) @binding(10) var<storage, read_write> further: array<vec4f>;
 @group(0) @binding(11) var<storage, read> parent_starts: array<u32>;
 @group(0) @binding(12) var<storage, read> parent_entries: array<WeightEntry>;
-// Eight numbers a sender, if the bake has the sky's terms; not read otherwise.
+// Eight numbers per sender if the bake has sky terms. Otherwise it is not read.
 @group(0) @binding(13) var<storage, read> sky_visibility: array<f32>;
 
 @compute @workgroup_size(64)
@@ -33,7 +33,7 @@ fn sweep(
     }
     var e = irradiance_dot(irradiance[j], points[j].normal);
     if params.differences == 0u {
-        // What comes straight from the sky is reflected in `direct` already.
+        // `direct` already includes the reflected direct light of the sky.
         var terms = vec3f(0.0);
         for (var k = 0u; k < params.sky_terms; k++) {
             terms += params.sky_more[k].xyz * sky_visibility[j * params.sky_terms + k];

@@ -1,4 +1,4 @@
-// composite: radiance that is added to or subtracted from a pixel, drawn as one triangle with
+// composite: radiance that is added to or subtracted from a pixel. Draws one triangle with
 // blending. Twin: crates/meshless_gi/src/frame/composite.rs.
 
 @group(0) @binding(0) var<uniform> params: CompositeParams;
@@ -8,7 +8,7 @@
 
 const FRAC_1_PI: f32 = 0.318309886;
 
-// Three corners of a triangle that holds the whole screen.
+// Full-screen triangle.
 @vertex
 fn whole_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     let corner = vec2f(f32((index << 1u) & 2u), f32(index & 2u));
@@ -35,8 +35,8 @@ fn composite_specular(@builtin(position) position: vec4f) -> @location(0) vec4f 
     return vec4f(params.scale * gbuffer_occlusion(texel) * radiance.rgb, 0.0);
 }
 
-// Blended by subtraction: `irradiance` is the output of `subtract_shadow`, radiance of light that
-// is occluded. Without ambient occlusion, as the light that it is subtracted from.
+// Subtractive blending: `irradiance` is the output of `subtract_shadow`, the radiance of occluded
+// light. Ambient occlusion is not applied, as in the light that it is subtracted from.
 @fragment
 fn composite_shadow(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return vec4f(light_of(vec2u(position.xy)).rgb, 0.0);

@@ -3,7 +3,7 @@
 
 @group(0) @binding(2) var<storage, read> columns: array<Column>;
 @group(0) @binding(3) var<storage, read> members: array<u32>;
-// Two halves a word.
+// Two halves per word.
 @group(0) @binding(4) var<storage, read> column_values: array<u32>;
 @group(0) @binding(5) var<storage, read> senders: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> components: array<vec4f>;

@@ -1,4 +1,4 @@
-// fmm_down: R-expansions of a level's nodes, and irradiance at the points of the leaves. Twin:
+// fmm_down: R-expansions of the nodes of a level, and irradiance at the points of the leaves. Twin:
 // crates/meshless_gi/src/frame/fmm_down.rs.
 
 struct FmmEntry {
@@ -18,7 +18,7 @@ const NO_TERM: u32 = 4294967295u;
 // xy, xz and yy, yz, zz.
 var<workgroup> scalar: array<f32, MAX_FMM_TERMS>;
 var<workgroup> tensor: array<vec3f, 2u * MAX_FMM_TERMS>;
-// The source's expansion, term n times (its size over the distance)ⁿ.
+// The source's expansion. Terms of degree n are multiplied by (its size over the distance)ⁿ.
 var<workgroup> scaled: array<vec3f, 3u * MAX_FMM_TERMS>;
 var<workgroup> sums: array<Spectrum, 64>;
 
@@ -29,7 +29,7 @@ fn lower(at: u32) -> f32 {
     return scalar[at];
 }
 
-// Fills `scalar` and `tensor` for a unit vector; all threads together.
+// Fills `scalar` and `tensor` for a unit vector. Uses all threads of the workgroup.
 fn derive(r: vec3f, local: u32) {
     workgroupBarrier();
     for (var degree = 0u; degree <= params.order; degree += 1u) {
@@ -66,7 +66,7 @@ fn derive(r: vec3f, local: u32) {
     workgroupBarrier();
 }
 
-// The kernel's derivative at term t times a source.
+// Product of the kernel's derivative at term t and a source.
 fn product(t: u32, m: Spectrum) -> Spectrum {
     let low = tensor[2u * t];
     let high = tensor[2u * t + 1u];
@@ -77,8 +77,8 @@ fn product(t: u32, m: Spectrum) -> Spectrum {
     );
 }
 
-// Puts a node's expansion into `scaled`, once all threads are done with the last one; the barrier
-// after it is that of `derive`.
+// Writes a node's expansion into `scaled` after all threads have finished with the previous one.
+// `derive` has the barrier after it.
 fn load(node: u32, ratio: f32, local: u32) {
     workgroupBarrier();
     for (var t = local; t < params.terms; t += 64u) {
@@ -98,7 +98,7 @@ fn local_at(base: u32) -> Spectrum {
     return Spectrum(locals[base].xyz, locals[base + 1u].xyz, locals[base + 2u].xyz);
 }
 
-// A workgroup a node, a thread a term; two rounds at most.
+// One workgroup per node, one thread per term. At most two rounds.
 @compute @workgroup_size(64)
 fn receive(
     @builtin(workgroup_id) group: vec3u,
@@ -177,7 +177,7 @@ fn receive(
     }
 }
 
-// The near list of a point.
+// Near list of a point.
 fn near_by(node: FmmNode, receiver: FmmOperatorPoint) -> Spectrum {
     var f = nothing();
     for (var i = node.near; i < node.finish; i += 1u) {
@@ -200,7 +200,7 @@ fn near_by(node: FmmNode, receiver: FmmOperatorPoint) -> Spectrum {
     return f;
 }
 
-// A workgroup a leaf: the multipole list with a thread a term, then a thread a point.
+// One workgroup per leaf: the multipole list with one thread per term, then one thread per point.
 @compute @workgroup_size(64)
 fn evaluate(
     @builtin(workgroup_id) group: vec3u,

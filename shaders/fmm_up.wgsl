@@ -1,4 +1,4 @@
-// fmm_up: S-expansions of a level's nodes, from their points or their children. Twin:
+// fmm_up: S-expansions of the nodes of a level, from their points or their children. Twin:
 // crates/meshless_gi/src/frame/fmm_up.rs.
 
 @group(0) @binding(6) var<storage, read_write> expansions: array<vec4f>;
@@ -7,7 +7,7 @@ fn expansion_at(base: u32) -> Spectrum {
     return Spectrum(expansions[base].xyz, expansions[base + 1u].xyz, expansions[base + 2u].xyz);
 }
 
-// A workgroup a node, a thread a term.
+// One workgroup per node, one thread per term.
 @compute @workgroup_size(64)
 fn up(
     @builtin(workgroup_id) group: vec3u,
@@ -34,7 +34,7 @@ fn up(
                 let child = nodes[c];
                 let v = (node.center - child.center) / node.size;
                 let ratio = child.size / node.size;
-                // All terms that the exponents hold.
+                // All terms with exponents up to these.
                 for (var x = 0u; x <= e.x; x += 1u) {
                     for (var y = 0u; y <= e.y; y += 1u) {
                         for (var z = 0u; z <= e.z; z += 1u) {

@@ -1,5 +1,5 @@
-// fog: radiance of fog between the eye and a pixel, lit by a scene's indirect light. Drawn as one
-// triangle with additive blending, behind the engine's own fog. Twin:
+// fog: radiance that fog between the eye and a pixel scatters from a scene's indirect light. Drawn
+// as one triangle with additive blending, after the engine's own fog. Twin:
 // crates/meshless_gi/src/frame/fog.rs.
 
 struct FogParams {
@@ -31,19 +31,20 @@ struct FogParams {
 @group(0) @binding(6) var density: texture_3d<f32>;
 @group(0) @binding(7) var density_sampler: sampler;
 
-// So little light of what lies behind is nothing.
+// Transmittances below this count as zero.
 const MIN_TRANSMITTANCE: f32 = 1e-3;
 const PARALLEL: f32 = 1e-9;
 // Longer than any ray.
 const MAX_RAY_LENGTH: f32 = 3.4e38;
-// As the module that reads volumes at surfaces has them: shaders/engine/irradiance_volume.wgsl.
+// Same constants as in the module that reads volumes at surfaces:
+// shaders/engine/irradiance_volume.wgsl.
 const OPEN: f32 = -1.999;
 const QUARTER: f32 = 0.25;
 const BEFORE: f32 = 0.01;
 const BEYOND: f32 = 0.03;
 const MIN_OF_EIGHT: f32 = 1e-3;
 
-// From the near plane to what a pixel shows, in the view's space.
+// From the near plane to the surface in a pixel, in view space.
 struct Ray {
     origin: vec3f,
     direction: vec3f,
@@ -55,7 +56,7 @@ struct Outgoing {
     left: f32,
 }
 
-// Three corners of a triangle that holds the whole screen.
+// Full-screen triangle.
 @vertex
 fn fog_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     let corner = vec2f(f32((index << 1u) & 2u), f32(index & 2u));
@@ -67,7 +68,7 @@ fn fog(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return vec4f(light_of(position.xy, textureLoad(depth, vec2u(position.xy), 0)), 0.0);
 }
 
-// The same where the view takes several samples a pixel: by the first one, as the engine's fog
+// The same for views with several samples per pixel. Reads the first sample, as the engine's fog
 // does.
 @fragment
 fn fog_sampled(@builtin(position) position: vec4f) -> @location(0) vec4f {
@@ -105,13 +106,13 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     return sum * params.color;
 }
 
-// What a part of a ray of this density sends of light, and what it leaves of that behind.
+// Scattered radiance and transmittance of a part of a ray with this density.
 fn outgoing(dense: f32, part: f32) -> Outgoing {
     let lost = dense * params.extinction;
     return Outgoing(dense * exp(-lost * params.radius) * part * mean_left(lost * part), exp(-lost * part));
 }
 
-// What is left of light from where the ray enters the level on its way back through the fog.
+// Transmittance of the fog between the position where the ray enters it and the position `enters`.
 fn transmittance_to(ray: Ray, whole: vec2f, enters: f32) -> f32 {
     let before = enters - whole.x;
     var steps = 1u;
@@ -126,7 +127,7 @@ fn transmittance_to(ray: Ray, whole: vec2f, enters: f32) -> f32 {
     return exp(-through * params.extinction * part);
 }
 
-// How many of the steps that a view has for a whole ray belong to a share of it.
+// Number of steps of a part of a ray, in proportion to those of a whole ray.
 fn share(part: f32) -> u32 {
     return clamp(u32(ceil(f32(params.steps) * part)), 1u, params.steps);
 }
@@ -172,7 +173,7 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     let uv = (pixel - params.viewport.xy) / params.viewport.zw;
     let first = unprojected(uv, 1.0);
     let near = first.xyz / first.w;
-    // The farthest position is a direction where there is no far plane.
+    // Without a far plane the farthest position is a direction.
     let far = unprojected(uv, 0.0);
     let direction = normalize(far.xyz - far.w * near);
     let shown = unprojected(uv, seen);
@@ -183,8 +184,8 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     return Ray(near, direction, length);
 }
 
-// From where to where a ray is inside of a box of another space; the second is the smaller one
-// where it is not.
+// Range of a ray inside of a box in another space. The second value is the smaller one if the ray
+// misses the box.
 fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     let o = (space * vec4f(ray.origin, 1.0)).xyz;
     let toward = (space * vec4f(ray.direction, 0.0)).xyz;
@@ -204,7 +205,7 @@ fn arriving(asked: vec3f) -> vec3f {
     let size = vec3f(params.size);
     let place = clamp(asked, vec3f(0.5), size - 0.5);
     let here = textureSampleLevel(light, light_sampler, place / size, 0.0);
-    // In an open position all eight voxels say so.
+    // At an unobstructed position all eight voxels are open.
     if here.a >= 0.0 || here.a < OPEN {
         return here.rgb;
     }

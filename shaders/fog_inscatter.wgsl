@@ -4,15 +4,15 @@
 struct FogInscatterParams {
     world_from_voxels: mat4x4f,
     eye: vec4f,
-    // For each side the way to the voxel that its light is of.
+    // For each side the step from a voxel to the voxel whose light it stores.
     steps: array<vec4i, 6>,
     size: vec3u,
     asymmetry: f32,
 }
 
-// Ways that are free as far as the next voxel have less.
+// Directions without a wall up to the next voxel have less.
 const FREE_WAY: f32 = -1.252;
-// Where the eye is there is no direction.
+// Minimum distance from the eye. It prevents a division by zero.
 const NEAREST: f32 = 1e-12;
 
 @group(0) @binding(0) var<uniform> params: FogInscatterParams;
@@ -32,11 +32,10 @@ fn free(voxel: vec3u, way: vec3i) -> bool {
     return true;
 }
 
-// The light of a voxel for a side: that of the voxel behind it, which has it, where the way there
-// is free.
+// Light of a voxel for a side. The voxel behind it stores it, if no wall lies between the two.
 fn own(voxel: vec3u, side: u32) -> vec3f {
     let step = params.steps[side].xyz;
-    // Below zero it is large as well.
+    // Negative coordinates become large.
     let behind = vec3u(vec3i(voxel) - step);
     if all(behind < params.size) && free(voxel, -step) {
         return texel(behind, side).rgb;

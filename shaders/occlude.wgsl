@@ -1,10 +1,10 @@
-// occlude: links that pass occluders, for the current transmittances. Twin:
+// occlude: links that cross occluders, for the current transmittances. Twin:
 // crates/meshless_gi/src/frame/occlude.rs. One thread per term. The thread of the first term of a
 // link sums all of them.
 
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> passages: array<PackedLinkTerm>;
-// For each set of occluders.
+// Transmittance of each set of occluders.
 @group(0) @binding(3) var<storage, read> passing: array<f32>;
 // The first of them is the operator's link `span.base`.
 @group(0) @binding(4) var<storage, read_write> links: array<Link>;

@@ -1,10 +1,10 @@
 // probe: irradiance from probes for dynamic objects, blended with that of surface functions in a
 // pixel or subsplat. Twin: crates/meshless_gi/src/frame/probe.rs. `params` has the probes' grid.
 
-// Three a probe.
+// Three per probe.
 @group(0) @binding(7) var<storage, read> values: array<VectorIrradiance>;
 
-// Its twin: crates/meshless_gi/src/basis/probes.rs.
+// Twin: crates/meshless_gi/src/basis/probes.rs.
 fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
     let r = distance(x, probe.position);
     if r >= probe.radius {
@@ -16,7 +16,8 @@ fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
     return kernel(r / probe.radius);
 }
 
-// Distance before a surface at which light is read where no probe reaches the surface, in cells.
+// Distance in front of a surface at which probes are read again if none reaches the surface, in
+// cells.
 const RETRY_OFFSET: f32 = 0.1;
 
 fn probe(x: vec3f, n: vec3f) -> ProbeIrradiance {
@@ -58,9 +59,9 @@ fn probe_at(x: vec3f, n: vec3f) -> ProbeIrradiance {
     return ProbeIrradiance(sums[0], sums[1], sums[2], true);
 }
 
-// The vector irradiance that gives E(n) at n and changes beside it as E does.
+// Vector irradiance that equals E(n) at n and has its gradient there.
 fn around(light: ProbeIrradiance, n: vec3f) -> VectorIrradiance {
-    // Half the gradient of n·Q n is Q n.
+    // Half of the gradient of n·Q n is Q n.
     let a = light.even;
     let m = light.mixed;
     let gx = light.linear.x + 2.0 * (a.y * n.x + m.x * n.y + m.y * n.z);
@@ -89,7 +90,7 @@ fn next_scene(@builtin(global_invocation_id) id: vec3u) {
 
 fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     let missing = node_probe_fraction(node);
-    // Functions on surfaces give all its light, or it has no surface.
+    // Surface functions give all its light, or it has no surface.
     if missing <= 0.0 || !node_is(node, KNOWN) {
         return node;
     }

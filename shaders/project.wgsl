@@ -1,6 +1,6 @@
-// project: scalar irradiance of each sender from one light of color one with shadows, the mean over
-// its samples. Twin: crates/meshless_gi/src/frame/project.rs. One row of workgroups per changed
-// light.
+// project: scalar irradiance of each sender from one light of color one with shadows. It is the
+// mean over the sender's samples. Twin: crates/meshless_gi/src/frame/project.rs. One row of
+// workgroups per changed light.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(2) var<storage, read> lights: array<FrameLight>;
@@ -8,24 +8,24 @@
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
-// Slot after slot, `params.senders` values each.
+// Sorted by slot, `params.senders` values each.
 @group(0) @binding(7) var<storage, read_write> projected: array<f32>;
-// `params.samples_per_sender` each for the senders of the finest sender level.
+// `params.samples_per_sender` for each sender of the finest sender level.
 @group(0) @binding(8) var<storage, read> light_samples: array<LightSample>;
 
-// Positions of a sender that one patch of a rectangle light shines on at most.
+// Maximum number of samples of a sender that one patch of a rectangle light lights.
 const PATCH_SAMPLES: u32 = 4u;
 
 fn bvh_nodes() -> u32 {
     return params.nodes;
 }
 
-// Below the square of this distance a light grows no brighter.
+// Square of the distance below which the light does not get brighter.
 fn min_distance_squared(extent: f32) -> f32 {
     return clamp(2.5e-5 * extent * extent, 1.17549435e-38, 1e-4);
 }
 
-// A point or spot light nearer to the sample's plane than `sample_spacing` shines from that height.
+// A point or spot light closer to the sample's plane than `sample_spacing` is moved to that height.
 fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32 {
     let axis = light.direction;
     if light.kind == LIGHT_NONE {

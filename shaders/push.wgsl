@@ -15,7 +15,7 @@ fn push(
     @builtin(local_invocation_index) local: u32,
 ) {
     let i = flat_group(group, groups) * 64u + local;
-    // The sky is no function of any level.
+    // The sky is not a function of a level.
     if i == 0u {
         differences[params.sky_sender] = senders[params.sky_sender];
     }

@@ -1,6 +1,6 @@
 // pyramid: discontinuities of a view, per cell and level. Twin:
-// crates/meshless_gi/src/frame/pyramid.rs. `base` makes level 1 from pixels, `reduce` a level from
-// the one below.
+// crates/meshless_gi/src/frame/pyramid.rs. `base` computes level 1 from pixels, `reduce` a level
+// from the next finer one.
 
 @group(0) @binding(0) var<uniform> screen: SubsplatParams;
 @group(0) @binding(1) var<uniform> span: Span;
@@ -24,7 +24,7 @@ fn beside(pixel: vec2u, by: vec2i) -> vec2u {
     return vec2u(clamp(vec2i(pixel) + by, vec2i(0), vec2i(screen.size) - 1));
 }
 
-// How far the pixel is from the plane through two neighbors, in parts of its depth's reach.
+// Distance of the pixel from the plane through two neighbors, relative to its depth's reach.
 fn off_plane(pixel: vec2u, z: f32, d: f32, by: vec2i) -> f32 {
     let a = beside(pixel, -by);
     let b = beside(pixel, by);
@@ -37,7 +37,7 @@ fn off_plane(pixel: vec2u, z: f32, d: f32, by: vec2i) -> f32 {
 fn slope(pixel: vec2u, z: f32, by: vec2i) -> f32 {
     let p = beside(pixel, by);
     let other = linear_depth(p, lit_depth(p));
-    // From something to nothing it is as steep as can be.
+    // The step between a surface and the background has the largest slope.
     return min(abs(other - z) / min(other, z), STEEPEST);
 }
 

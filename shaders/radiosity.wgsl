@@ -7,7 +7,7 @@
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read> surfaces: array<PointSurface>;
 @group(0) @binding(6) var<storage, read_write> senders: array<vec4f>;
-// Eight numbers a sender, if the bake has the sky's terms; not read otherwise.
+// Eight numbers per sender if the bake has sky terms. Otherwise it is not read.
 @group(0) @binding(7) var<storage, read> sky_visibility: array<f32>;
 
 @compute @workgroup_size(64)
@@ -17,7 +17,7 @@ fn radiosity(
     @builtin(local_invocation_index) local: u32,
 ) {
     let j = flat_group(group, groups) * 64u + local;
-    // The sky's coefficients lie behind the senders', and are there even where there are no points.
+    // The sky's coefficients follow those of the senders. They exist even without points.
     if j == 0u {
         senders[params.sky_sender] = vec4f(params.sky, 0.0);
         for (var k = 0u; k < params.sky_terms; k++) {

@@ -53,7 +53,7 @@ fn divides(k: u32, cell: vec2u) -> bool {
     let grid = level_grid(k);
     if screen.diagonal != 0u {
         for (var i = 0u; i < 4u; i++) {
-            // Below zero is beyond the grid too.
+            // Negative coordinates are outside of the grid, too.
             let other = cell + 2u * vec2u(i & 1u, i >> 1u) - 1u;
             if all(other < grid) && breaks(k, other) {
                 return true;
@@ -95,7 +95,7 @@ fn refine(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
             continue;
         }
         let first = 2u * cell;
-        // At the picture's edge some children are outside.
+        // At the image border some children are outside.
         let inside = min(grid - first, vec2u(2u));
         let children = inside.x * inside.y;
         atomicAdd(&next[4], 1u);

@@ -3,13 +3,13 @@
 @group(0) @binding(0) var<uniform> params: RsmParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
 @group(0) @binding(2) var gbuffer: texture_2d<u32>;
-// The texels of all maps of a light, each map along its curve.
+// Texels of all maps of a light, each map in the order of its curve.
 @group(0) @binding(3) var<storage, read_write> lit_texels: array<RsmTexel>;
 @group(0) @binding(4) var<uniform> shade: RsmShadowParams;
 @group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
 @group(0) @binding(7) var<uniform> choice: RsmSelectParams;
-// Of all lights.
+// Virtual point lights of all lights.
 @group(0) @binding(8) var<storage, read_write> vpls: array<Vpl>;
 
 // Threads of `choose`.
@@ -18,14 +18,14 @@ const FARTHEST: f32 = 1e8;
 const MIN_COSINE: f32 = 0.1;
 const NEAREST_SQUARE: f32 = 1e-4;
 const TINY: f32 = 1.17549435e-38;
-// Squared radius of an even disk over its mean squared distance from the center.
+// Squared radius of a uniform disk over its mean squared distance from the center.
 const DISK: f32 = 2.0;
 
 fn bvh_nodes() -> u32 {
     return shade.nodes;
 }
 
-// The position of a texel along Hilbert's curve through the map.
+// Index of a texel along the Hilbert curve through the map.
 fn hilbert_index(side: u32, column: u32, row: u32) -> u32 {
     var x = column;
     var y = row;
@@ -143,7 +143,7 @@ fn importance(flux: vec3f) -> f32 {
     return flux.x + flux.y + flux.z;
 }
 
-// Flux of each run of texels, then before each run.
+// Flux of each run of texels, and the total flux before each run.
 var<workgroup> sums: array<f32, 256>;
 var<workgroup> before: array<f32, 257>;
 
@@ -151,7 +151,7 @@ fn run_length() -> u32 {
     return max((choice.texels + CHUNKS - 1u) / CHUNKS, 1u);
 }
 
-// How much of a texel with flux w, behind a flux `sum` of its run, lies below `edge`.
+// Fraction of a texel with flux w below `edge`. `sum` is the flux before it in its run.
 fn until(edge: f32, sum: f32, w: f32) -> f32 {
     return clamp((edge - sum) / w, 0.0, 1.0);
 }
@@ -161,7 +161,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
     if high <= low {
         return out;
     }
-    // The last run that begins below `low`.
+    // Last run that begins below `low`.
     var chunk = 0u;
     for (var step = CHUNKS / 2u; step > 0u; step /= 2u) {
         if before[chunk + step] < low {

@@ -16,13 +16,14 @@ const HALF_PI: f32 = 1.5707963267948966;
 const GOLDEN: f32 = 0.618034;
 const TURN: f32 = 6.283185307179586;
 const MAX_COMPONENTS: u32 = 128u;
-// Vectors lean so far at most that their length is ten times their part along the normal.
+// Limit of the angle to the normal: the length of a vector is at most ten times its component along
+// the normal.
 const MIN_ALONG: f32 = 0.1;
-// Depths that differ by no more count as equal.
+// Depths that differ by at most this much count as equal.
 const ROUNDING: f32 = 1e-3;
-// Depths count up to so many times s.
+// Depths are clamped to this multiple of s.
 const MAX_RATIO: f32 = 1e9;
-// The error of a point as wrong as its cluster.
+// Code of the error of a point that equals the error of its cluster.
 const ERROR_ONE: f32 = 32.0;
 
 // The point of this thread: axes, cluster, decoded coefficients.
@@ -35,7 +36,7 @@ var<private> words: u32;
 var<private> near: f32;
 var<private> decoded: array<f32, 132>;
 
-// Two unit vectors that make a right-handed frame with the unit vector n.
+// Two unit vectors that form a right-handed frame with the unit vector n.
 fn tangent(n: vec3f) -> vec3f {
     let s = select(-1.0, 1.0, n.z >= 0.0);
     let a = -1.0 / (s + n.z);
@@ -58,7 +59,7 @@ fn load_visibility(i: u32, n: vec3f) {
     decoded[0] = scales[cluster.scales];
     decoded[1] = scales[cluster.scales + 1u] * f32(point.error) / ERROR_ONE;
     near = cluster.near;
-    // The last word of a direction may hold fewer than four.
+    // The last word of a direction may contain fewer than four.
     for (var j = cluster.components; j < 4u * (words - 1u); j++) {
         decoded[j + 2u] = 0.0;
     }
@@ -91,7 +92,7 @@ fn depth(texel: u32) -> vec2f {
 }
 
 fn encode(d: f32) -> f32 {
-    // No square overflows.
+    // Squares do not overflow.
     let q = min(d / near, MAX_RATIO);
     return q * q / (1.0 + q * q);
 }
@@ -113,7 +114,7 @@ fn texel_direction(i: u32) -> vec3f {
     return vec3f(across * cos(phi), across * sin(phi), 1.0 - r * r);
 }
 
-// Texels to both sides along an edge of the map, and how far it is to the second.
+// Texels on both sides along an edge of the map, and the distance to the second.
 fn between(v: f32, count: u32) -> vec3f {
     let at = clamp(0.5 * (1.0 + v) * f32(count) - 0.5, 0.0, f32(count - 1u));
     let low = min(u32(at), max(count, 2u) - 2u);
@@ -156,10 +157,10 @@ fn look_up(d: vec3f) -> Cell {
     );
 }
 
-// Position of sample k as seen from x.
+// Position of sample k relative to x.
 fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     if light.kind == SOFT_RECTANGLE {
-        // A Fibonacci lattice.
+        // Fibonacci lattice.
         let at = f32(k) + 0.5;
         let turn = at * GOLDEN;
         let a = 2.0 * at / f32(light.columns * light.rows) - 1.0;
@@ -180,7 +181,8 @@ fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     return light.center + (t * cos(angle) + cross(to, t) * sin(angle)) * radius;
 }
 
-// Direction of a sample in xyz, its weight in w; 0 where it does not shine there.
+// Direction of a sample in xyz, its weight in w. The weight is 0 if no light goes in this
+// direction.
 fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
     let square = dot(to, to);
     if square <= 0.0 {
@@ -191,7 +193,7 @@ fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
     if light.kind == SOFT_RECTANGLE {
         w *= -dot(normal, direction);
     }
-    // The twin drops what is not finite.
+    // The twin drops values that are not finite.
     return vec4f(direction, select(0.0, w, w > 0.0 && w < 1e38));
 }
 
@@ -216,7 +218,7 @@ fn sees(direction: vec3f, distance: f32, normal: vec3f) -> f32 {
     return seen;
 }
 
-// What is missing of e, the irradiance without shadows from the light with color one.
+// Occluded part of e, the irradiance without shadows from the light with color one.
 fn occluded_irradiance(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     if e <= 0.0 {
         return vec3f(0.0);
@@ -263,7 +265,7 @@ fn soft_shadow(
     for (var l = 0u; l < params.lights; l++) {
         let e = unshadowed(lights[l], x, n, params.extent);
         let d = occluded_irradiance(lights[l], x, n, e);
-        // In the fourth floats: what would arrive without shadows.
+        // Fourth floats: the irradiance without shadows.
         let color = lights[l].color;
         out.x += vec4f(d.x * color, e * color.r);
         out.y += vec4f(d.y * color, e * color.g);

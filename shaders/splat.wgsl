@@ -4,7 +4,7 @@
 
 @group(0) @binding(7) var<storage, read> values: array<VectorIrradiance>;
 
-// Vector irradiance, its share of the light (the rest comes from probes), and true where any
+// Vector irradiance, its fraction of the light (the rest comes from probes), and `true` if any
 // function covers the point.
 struct Covered {
     e: VectorIrradiance,
@@ -12,20 +12,19 @@ struct Covered {
     covered: bool,
 }
 
-// Cosines to a function's normal from where on it counts as a surface's cover, and from where on
-// wholly.
+// Cosines to a function's normal from which on it covers a surface partly and fully.
 const MIN_COVER_COSINE: f32 = 0.7;
 const FULL_COVER_COSINE: f32 = 0.9;
 
-// Least share of a pixel that functions reach.
+// Minimum fraction of a pixel that functions cover.
 const MIN_SHARE: f32 = 1.0 / 1024.0;
 
-// Part of a function's weight that covers a surface, by the cosine between their normals.
+// Fraction of a function's weight that covers a surface, by the cosine between their normals.
 fn cover_of(cosine: f32) -> f32 {
     return clamp((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE), 0.0, 1.0);
 }
 
-// All of the light from `seam` on.
+// Fraction of the light, 1 from `seam` on.
 fn share_of(cover: f32) -> f32 {
     if cover >= params.seam {
         return 1.0;
@@ -56,8 +55,7 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
     return Covered(e, share_of(cover), sum > NO_COVER);
 }
 
-// Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the
-// position.
+// Irradiance. Alpha is its fraction of the light: 0 if no function covers the position.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
     return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_SHARE), found.covered));

@@ -1,4 +1,4 @@
-// subtract_shadow: radiance to subtract at each pixel for light that is occluded. Twin:
+// subtract_shadow: radiance of occluded light to subtract at each pixel. Twin:
 // crates/meshless_gi/src/frame/subtract_shadow.rs. `next_scene` evaluates pixels that earlier
 // scenes left uncovered. Entry points: lib/pixel_pass.
 
@@ -8,13 +8,13 @@
 @group(0) @binding(12) var tables: texture_2d_array<f32>;
 
 const FRAC_1_PI: f32 = 0.318309886;
-// Part of the occluded radiance that is subtracted.
+// Fraction of the occluded radiance that is subtracted.
 const TAKEN: f32 = 0.998;
-// Least perceptual roughness, and least cosine between the normal and the direction to the eye.
+// Minimum perceptual roughness, and minimum cosine between the normal and the direction to the eye.
 const MIN_ROUGHNESS: f32 = 0.089;
 const MIN_NDOTV: f32 = 1e-4;
 
-// Occluded fraction of the light, and true where any function covers the point.
+// Occluded fraction of the light, and `true` if any function covers the point.
 struct Missing {
     share: vec3f,
     covered: bool,
@@ -40,7 +40,7 @@ fn missing_at(x: vec3f, n: vec3f) -> Missing {
     return Missing(min(hidden / max(whole, vec3f(TINY)), vec3f(1.0)), true);
 }
 
-// Unit, from x toward the eye: to where the pixel's ray begins.
+// Unit direction from x toward the eye, the start of the pixel's ray.
 fn eye_from(pixel: vec2u, x: vec3f) -> vec3f {
     let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
     let h = params.local_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 1.0, 1.0);
@@ -51,7 +51,7 @@ fn fifth(v: f32) -> f32 {
     return v * v * v * v * v;
 }
 
-// Over π, the diffuse BRDF of a white surface for a light at `l` (unit).
+// π times the diffuse BRDF of a white surface for a light at `l` (unit).
 fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
     let sum = l + v;
     let size = max(sqrt(dot(sum, sum)), TINY);
@@ -79,8 +79,8 @@ struct Lobe {
     weight: vec3f,
 }
 
-// A table at a position between its texels, from 0 to 1 between the middles of the first and the
-// last.
+// Table lookup at a position between texels. 0 and 1 are the centers of the first and the last
+// texel.
 fn table(layer: u32, uv: vec2f) -> vec4f {
     let last = textureDimensions(tables) - 1u;
     let at = clamp(uv, vec2f(0.0), vec2f(1.0)) * vec2f(last);
@@ -104,7 +104,7 @@ fn lobe_of(surface: Surface, f0: vec3f) -> Lobe {
     return Lobe(rows, f0 * f.x + (1.0 - f0) * f.y);
 }
 
-// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
+// Fraction of a rectangle's radiance from the mirror direction of the eye.
 fn mirrored(lobe: Lobe, light: SoftLight, to: vec3f) -> f32 {
     // Row vectors: the dot products with the rows.
     let c = to * lobe.rows;

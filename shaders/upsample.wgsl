@@ -17,7 +17,7 @@ const FULL_NORMAL_COSINE: f32 = 0.9;
 const CUBIC_MIN_SIMILARITY: f32 = 0.9;
 const PIXELS_PER_DIRECT_EVALUATION: u32 = 4u;
 
-// A surface in a pixel, in the view's space.
+// Surface in a pixel, in view space.
 struct VisibleSurface {
     x: vec3f,
     n: vec3f,
@@ -45,16 +45,16 @@ struct Between {
     light: VectorIrradiance,
     covered: f32,
     weight: f32,
-    // No node of a surface around is unknown.
+    // `true` if all nodes of surrounding surfaces have a value.
     whole: bool,
 }
 
-// A node and its similarity to a point, 0 if the node is unknown.
+// Node and its similarity to a point, 0 if the node has no value.
 struct Near {
     node: SubsplatNode,
     likeness: f32,
     known: bool,
-    // True for an unknown node on a surface.
+    // `true` for a node without a value on a surface.
     missing: bool,
 }
 
@@ -80,7 +80,7 @@ fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
     let first = vec2i(cell / 2u);
     let odd = (cell & vec2u(1u)) == vec2u(1u);
     let middle = all(odd);
-    // Steps and weights: the middle of a cell, or of an edge.
+    // Steps and weights: the center of a cell, or of an edge.
     var steps = array<vec2i, 12>(
         vec2i(0, 0), vec2i(1, 0), vec2i(0, 1), vec2i(1, 1),
         vec2i(-1, 0), vec2i(-1, 1), vec2i(2, 0), vec2i(2, 1),

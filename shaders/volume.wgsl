@@ -1,57 +1,57 @@
-// volume: probe irradiance as Bevy's irradiance volumes hold it, for what is drawn forward.
-// Twin: crates/meshless_gi/src/frame/volume.rs. The twin asks from each side of a voxel which other
-// voxel's light it reads; here the thread of that one, which sums its light once, writes it to all
-// the sides that read it. A side that faces as a wall beside its voxel does has the wall's light,
-// which the voxel's own thread writes. Every texel has one writer.
+// volume: probe irradiance in the format of Bevy's irradiance volumes, for forward rendering. Twin:
+// crates/meshless_gi/src/frame/volume.rs. The twin computes for each side of a voxel the other
+// voxel whose light it reads. Here the thread of that voxel sums its light once and writes it to
+// all sides that read it. A side whose normal matches a wall next to its voxel has the wall's
+// light. The voxel's own thread writes it. Every texel has one writer.
 
 struct VolumeParams {
     size: vec3u,
     scale: f32,
     // The world's axes in the local space.
     axes: array<vec4f, 3>,
-    // For each side the voxels ahead and beside that one.
+    // For each side the voxels ahead and those around the voxel ahead.
     steps: array<array<vec4i, 9>, 6>,
 }
 
-// A position on a wall beside a voxel; its shares start here.
+// Position on a wall next to a voxel. `start` is the index of its first weight.
 struct WallSample {
     normal: vec3f,
     start: u32,
 }
 
-// What a face takes from a point's function.
+// Weight of a point's function at a wall sample.
 struct WallWeight {
     point: u32,
     part: f32,
 }
 
 const AHEAD: u32 = 4u;
-// Of ways: free as far as the next voxel, and a wall there.
+// Code of a direction without a wall up to the next voxel. Other codes are distances to a wall
+// there.
 const UNOBSTRUCTED: u32 = 255u;
 const DISTANCE_STEPS: f32 = 254.0;
 const ALL_UNOBSTRUCTED: u32 = 0xffffffffu;
-// A side reads a face where the cosine between them is more; in a voxel in the ground that does not
-// matter.
+// Minimum cosine between a side and the wall sample that it reads. Voxels without probes ignore it.
 const FACING: f32 = 0.5;
-// Cosines that differ by less are the same.
+// Cosines that differ by less count as equal.
 const SAME: f32 = 1e-4;
 const WEIGHT_BITS: u32 = 12u;
 
 @group(0) @binding(0) var<uniform> params: VolumeParams;
-// Where the shares of each voxel start, and at last where they end.
+// Index of the first weight of each voxel, and the end of the last.
 @group(0) @binding(1) var<storage, read> starts: array<u32>;
 @group(0) @binding(2) var<storage, read> weights: array<u32>;
-// Three a probe.
+// Three per probe.
 @group(0) @binding(3) var<storage, read> values: array<VectorIrradiance>;
-// Where the faces of each voxel start, and at last where they end.
+// Index of the first wall sample of each voxel, and the end of the last.
 @group(0) @binding(4) var<storage, read> wall_starts: array<u32>;
-// And one behind the last.
+// Wall samples, and one after the last.
 @group(0) @binding(5) var<storage, read> wall_samples: array<WallSample>;
 @group(0) @binding(6) var<storage, read> wall_weights: array<WallWeight>;
-// One a point.
+// One per point.
 @group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;
-// How far the ways from each voxel to the next ones are free, a byte each: along the edges and
-// against them. Then one that is 0 between the sides of a wall.
+// Distances to walls from each voxel toward its neighbors, one byte each: along the axes and
+// against them. The next byte is 0 between the two sides of a wall.
 @group(0) @binding(8) var<storage, read> wall_distances: array<vec2u>;
 @group(0) @binding(9) var voxels: texture_storage_3d<rgba16float, write>;
 
@@ -63,12 +63,12 @@ fn index_of(voxel: vec3u) -> u32 {
     return voxel.x + params.size.x * (voxel.y + params.size.y * voxel.z);
 }
 
-// The voxel a step away; one below zero is far above.
+// Voxel at a step. Negative coordinates become large.
 fn stepped(voxel: vec3u, by: vec3i) -> vec3u {
     return vec3u(vec3i(voxel) + by);
 }
 
-// Whether a probe reaches the middle of a voxel.
+// `true` if a probe reaches the center of a voxel.
 fn is_reached(voxel: vec3u) -> bool {
     if !inside(voxel) {
         return false;
@@ -77,7 +77,7 @@ fn is_reached(voxel: vec3u) -> bool {
     return starts[i] < starts[i + 1u];
 }
 
-// The light at the middle of a voxel of the volume.
+// Light at the center of a voxel of the volume.
 fn light_of(voxel: vec3u) -> ProbeIrradiance {
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var linear = nothing;
@@ -99,8 +99,8 @@ fn light_of(voxel: vec3u) -> ProbeIrradiance {
     return ProbeIrradiance(scaled(scale, linear), scaled(scale, even), scaled(scale, mixed), all_parts > 0.0);
 }
 
-// The face of a voxel of the volume that `n` faces most, the first of those; one behind the voxel's
-// last where none faces as it does.
+// First wall sample of a voxel with the largest cosine to `n`. Returns the end of the voxel's range
+// if no cosine is large enough.
 fn face_of(voxel: vec3u, n: vec3f) -> u32 {
     let i = index_of(voxel);
     let end = wall_starts[i + 1u];
@@ -120,7 +120,7 @@ fn has_face(voxel: vec3u, n: vec3f) -> bool {
     return face_of(voxel, n) < wall_starts[index_of(voxel) + 1u];
 }
 
-// The light of a face's wall.
+// Irradiance of a wall sample.
 fn on_a_wall(face: u32) -> vec3f {
     var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     let end = wall_samples[face + 1u].start;
@@ -136,7 +136,8 @@ fn scaled(scale: f32, e: VectorIrradiance) -> VectorIrradiance {
     return VectorIrradiance(scale * e.x, scale * e.y, scale * e.z);
 }
 
-// For a side without light ahead or of its own: the mean of those around the voxel ahead.
+// Mean of the voxels around the voxel ahead, for a side whose own voxel and voxel ahead have no
+// light.
 fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     var sum = vec3f(0.0);
     var count = 0.0;
@@ -154,7 +155,7 @@ fn way_of(voxel: vec3u, side: u32) -> u32 {
     return (wall_distances[index_of(voxel)][side / 4u] >> (8u * (side % 4u))) & 255u;
 }
 
-// Whether something stands before the middle of the voxel a step away.
+// `true` if a wall lies before the center of the voxel at a step.
 fn is_blocked(voxel: vec3u, by: vec3i) -> bool {
     var ends = false;
     for (var axis = 0u; axis < 3u; axis++) {
@@ -164,7 +165,7 @@ fn is_blocked(voxel: vec3u, by: vec3i) -> bool {
     return ends;
 }
 
-// What a side stores beside its light.
+// Distance that a side stores in addition to its light.
 fn stored_way(voxel: vec3u, side: u32) -> f32 {
     if all(wall_distances[index_of(voxel)] == vec2u(ALL_UNOBSTRUCTED)) {
         return -2.0;
@@ -176,8 +177,8 @@ fn stored_way(voxel: vec3u, side: u32) -> f32 {
 }
 
 fn store(voxel: vec3u, side: u32, light: vec3f) {
-    // Surfaces that face an axis have the lower half, those that face away from it the upper one;
-    // axes lie behind one another.
+    // Surfaces that face an axis use the lower half, those that face away use the upper half. The
+    // axes are stacked along z.
     let texel = voxel + params.size * vec3u(0u, side % 2u, side / 2u);
     textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), stored_way(voxel, side)));
 }
@@ -202,7 +203,7 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
             store(voxel, side, on_a_wall(face));
             continue;
         }
-        // One's own, where nothing is ahead.
+        // A voxel's own light is stored if no voxel ahead provides it.
         if is_reached(stepped(voxel, ahead)) && !(own.reached && is_blocked(voxel, ahead)) {
             continue;
         }

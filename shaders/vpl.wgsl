@@ -40,7 +40,7 @@ fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     }
     var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var state = EVALUATED | KNOWN;
-    // Else it holds what was predicted.
+    // Otherwise it stores the prediction.
     if node_is(node, EVALUATED) {
         light = node_light(node);
         state |= node.words[5];

@@ -39,7 +39,7 @@ struct Receiver {
     start: vec3f,
 }
 
-// A glossy pixel: what it shows in the view's space, and how much of its gloss.
+// Glossy pixel: its surface in view space, and the strength of its specular reflection.
 struct Glossy {
     x: vec3f,
     n: vec3f,
@@ -54,7 +54,7 @@ struct Around {
     at: Receiver,
 }
 
-// Prediction of the nodes around.
+// Prediction of the surrounding nodes.
 struct Prediction {
     light: SpecularRadiance,
     around: array<Around, 4>,
@@ -117,7 +117,7 @@ fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
     let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
     let ndc = vec2f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0);
     let h = params.space_from_clip * vec4f(ndc, here.depth, 1.0);
-    // The line of the pixel's positions of all depths. The far end may be infinite.
+    // Line of the pixel's positions at all depths. The far end may be infinite.
     let far = params.space_from_clip * vec4f(ndc, 0.0, 1.0);
     let near = far + params.space_from_clip[2];
     let v = normalize(near.xyz * far.w - far.xyz * near.w);
@@ -130,7 +130,7 @@ fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
 fn specular_of_light(i: u32, at: Receiver) -> vec2f {
     let g = vpl_share(i, at.x, at.facet.n);
     let arrives = dot(at.facet.n, g);
-    // Less has no direction in single precision.
+    // Smaller values have no direction in single precision.
     if !(arrives > MIN) {
         return vec2f(0.0);
     }
@@ -141,7 +141,7 @@ fn specular_of_light(i: u32, at: Receiver) -> vec2f {
         return vec2f(0.0);
     }
     let e = vpls[i].flux;
-    // A reflection may be brighter than a white matt surface.
+    // A reflection may be brighter than a white matte surface.
     let most = max(e.x, max(e.y, e.z)) * arrives * max(PI * (found.x + found.y), 1.0);
     if lit.nodes > 0u && most >= lit.dim {
         return arrives * vpl_reaches(i, at.start) * found;
@@ -218,7 +218,7 @@ fn asked(k: u32, cell: vec2u) -> vec4u {
     }
     let grid = vec2i(level_grid(k + 1u));
     let middle = vec2i(cell / 2u);
-    // Of an edge the cells on both of its sides.
+    // On an edge, the cells on both sides.
     let first = middle - 1 + vec2i(cell & vec2u(1u));
     var out = vec4u(0u);
     for (var y = first.y; y <= middle.y + 1; y++) {

@@ -1,11 +1,11 @@
-// The display of a view that is not deferred (src/plugin/forward_display.rs): its prepasses as a
-// G-buffer, and what its surfaces read.
+// Splatting in a view that is not deferred (src/plugin/forward_display.rs): converts its prepasses
+// to a G-buffer and writes the texture that its surfaces read.
 
 struct ForwardParams {
     view_from_clip: mat4x4f,
     // x, y, width, height, texels.
     viewport: vec4f,
-    // What multiplies the light.
+    // Factor of the light.
     scale: f32,
     pad_0: f32,
     pad_1: f32,
@@ -20,7 +20,7 @@ struct ForwardParams {
 @group(0) @binding(5) var<uniform> params: ForwardParams;
 
 const FRAC_1_PI: f32 = 0.318309886;
-// A white, rough texel without occlusion; what lib/gbuffer.wgsl reads.
+// A white, rough texel without occlusion, in the format of lib/gbuffer.wgsl.
 const COLOR: u32 = 0x80ffffffu;
 const OCCLUSION: u32 = 0x00ff0080u;
 
@@ -29,7 +29,7 @@ struct Texel {
     @builtin(frag_depth) depth: f32,
 }
 
-// Three corners of a triangle that holds the whole screen.
+// Full-screen triangle.
 @vertex
 fn whole_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     let corner = vec2f(f32((index << 1u) & 2u), f32(index & 2u));
@@ -50,8 +50,8 @@ fn gbuffer_of_one(@builtin(position) position: vec4f) -> Texel {
     return texel(textureLoad(depths, pixel, 0), textureLoad(normals, pixel, 0));
 }
 
-// The mean depth of a pixel's samples: that of its middle where one flat surface has them all, and
-// that of no surface where several share it.
+// Mean depth of a pixel's samples: that of the pixel's center if all samples lie on one flat
+// surface. If several surfaces share the pixel, the mean lies on none of them.
 @fragment
 fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
     let pixel = vec2u(position.xy);
@@ -63,8 +63,8 @@ fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
     return texel(sum / f32(count), textureLoad(normals_sampled, pixel, 0));
 }
 
-// The light of a white surface in rgb, exposed, and in a how far it is from the eye, negative:
-// nothing else that is bound in this position is.
+// rgb: exposed light of a white surface. a: negative distance from the eye. Other textures at this
+// binding have no negative alpha.
 @fragment
 fn shown(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);

@@ -1,14 +1,14 @@
-// The light of irradiance volumes at a surface: takes the position of Bevy's module of this name
-// once a level has a volume of ours (src/plugin/volume_shader.rs). Twin:
+// Light of irradiance volumes at a surface. Replaces Bevy's module of this name if a scene has a
+// MeshlessGI volume (src/plugin/volume_shader.rs). Twin:
 // crates/meshless_gi/src/frame/volume_sample.rs.
 //
-// A texel of ours has a negative fourth number: how far it is from its voxel to a wall
-// (crates/meshless_gi/src/frame/volume_distance.rs). Between voxels of which some have a wall
-// nearer than the position, those are left out. Where no wall is near, and in volumes that are not
-// ours, light is what the sampler says, as it is with Bevy's module.
+// A texel of such a volume has a negative fourth number: the distance from its voxel to a wall
+// (crates/meshless_gi/src/frame/volume_distance.rs). Voxels with a wall nearer than the position
+// are left out of the interpolation. Without a near wall, and in other volumes, the light is the
+// value of the sampler, as in Bevy's module.
 //
-// Where the view has a display (src/plugin/forward_display.rs) and its pixel shows this surface,
-// the display takes the position of our volumes.
+// If the view has a splatting texture (src/plugin/forward_display.rs) and its pixel shows this
+// surface, the texture replaces the light of MeshlessGI volumes.
 #define_import_path bevy_pbr::irradiance_volume
 
 #import bevy_pbr::light_probe::{light_probe_iterator_new, light_probe_iterator_next}
@@ -29,24 +29,25 @@
 
 #ifdef IRRADIANCE_VOLUMES_ARE_USABLE
 
-// A texel of a voxel all of whose ways are free has -2.
+// A texel of a voxel without walls in all directions has -2.
 const MESHLESS_GI_OPEN: f32 = -1.999;
-// What is added to the length of a way.
+// Offset that is added to a stored distance.
 const MESHLESS_GI_QUARTER: f32 = 0.25;
-// A position this far beyond a wall, voxels, is not lit through it; one before that by less and
-// less.
+// A position this far beyond a wall, in voxels, gets no light through it. The weight falls smoothly
+// between the two distances.
 const MESHLESS_GI_BEFORE: f32 = 0.01;
 const MESHLESS_GI_BEYOND: f32 = 0.03;
-// Where so little is left of the eight voxels, all of them count.
+// If less than this weight remains of the eight voxels, all of them count.
 const MESHLESS_GI_MIN_WEIGHT: f32 = 1e-3;
 
 #ifdef MESHLESS_GI_DISPLAY
-// How much of its distance from the eye a surface may be away from that of the display.
+// Largest difference of the distances of a surface and the splatting texture from the eye, relative
+// to the distance.
 const MESHLESS_GI_SAME_SURFACE: f32 = 0.01;
 
-// The display's light at a position, and 1; 0 where there is no display, or another surface in its
-// pixel. The display's fourth number is the distance from the eye along the view, negative: what
-// Bevy binds instead has none below zero.
+// Light of the splatting texture at a position, and 1. Returns 0 if there is no such texture or if
+// its pixel shows another surface. Its fourth number is the negative distance from the eye along
+// the view. The texture that Bevy binds instead has no negative values.
 fn meshless_gi_display(world_position: vec3<f32>) -> vec4<f32> {
     let h = view.clip_from_world * vec4f(world_position, 1.0);
     let uv = h.xy / h.w * vec2f(0.5, -0.5) + 0.5;
@@ -78,7 +79,8 @@ fn irradiance_volume_light(
             continue;
         }
 #endif
-        // Not a function with the texture as its argument: naga has none for a texture of an array.
+        // Not a function with the texture as its argument: naga does not support it for a texture
+        // of an array.
 #ifdef MULTIPLE_LIGHT_PROBES_IN_ARRAY
         let voxels = irradiance_volumes[found.texture_index];
 #else
@@ -87,7 +89,7 @@ fn irradiance_volume_light(
         let all_texels = vec3f(textureDimensions(voxels));
         let size = textureDimensions(voxels) / vec3u(1u, 2u, 3u);
         let local = (found.light_from_world * vec4f(world_position, 1.0)).xyz;
-        // Among the middles of the voxels, which are half a texel inside.
+        // Clamped to the range of the voxel centers, which are half a texel inside.
         let place = clamp((local + 0.5) * vec3f(size), vec3f(0.5), vec3f(size) - 0.5);
 
         let corner = place / all_texels;
@@ -104,7 +106,7 @@ fn irradiance_volume_light(
         is_shown = x.a < 0.0 && display.a > 0.0;
         here = select(here, display.rgb, is_shown);
 #endif
-        // In an open position all six texels of all eight voxels say so.
+        // At an unobstructed position all six texels of all eight voxels are open.
         if !is_shown && x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
             let first = vec3u(place - 0.5);
             var sum = vec3f(0.0);

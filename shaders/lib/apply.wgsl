@@ -1,31 +1,32 @@
-// Rows of the operator, shared by `apply` and `apply_one`: sixteen threads of a workgroup share a
-// row, so that neighbors read neighboring links. Their sums meet in workgroup memory.
+// Rows of the operator, shared by `apply` and `apply_one`. Sixteen threads of a workgroup share a
+// row, so that neighboring threads read neighboring links. Their sums are added in workgroup
+// memory.
 
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> rows: array<Row>;
-// The links of a part of the rows; the first of them is the operator's link `span.base`.
+// Links of a part of the rows. The first of them is the operator's link `span.base`.
 @group(0) @binding(3) var<storage, read> links: array<Link>;
 @group(0) @binding(5) var<storage, read_write> applied: array<VectorIrradiance>;
-// The rows in the order of their links: by tier. The span is a range of it.
+// Rows in the order of their links, by tier. The span is a range of it.
 @group(0) @binding(6) var<storage, read> order: array<u32>;
 
 const LANES: u32 = 16u;
 const ROWS: u32 = 4u;
 
-// The part of a row that one thread sums.
+// Part of a row that one thread sums.
 struct RowPart {
     // Index of the row.
     row: u32,
-    // First link of the thread and end of the row's links; the thread takes every LANES-th link.
+    // First link of the thread and end of the row's links. The thread takes every LANES-th link.
     first: u32,
     end: u32,
     scale: f32,
     lane: u32,
-    // True for the thread that writes the row's sum.
+    // `true` for the thread that writes the row's sum.
     writes: bool,
 }
 
-// The part of thread `local` of a workgroup. Threads beyond the span repeat its last row.
+// Part of thread `local` of a workgroup. Threads beyond the span repeat its last row.
 fn row_part(group: u32, local: u32) -> RowPart {
     let lane = local % LANES;
     let r = group * ROWS + local / LANES;

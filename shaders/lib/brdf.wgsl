@@ -1,4 +1,4 @@
-// The specular part of Bevy's standard material, for lights that are disks. Twin:
+// Specular part of Bevy's standard material, for lights that are disks. Twin:
 // crates/meshless_gi/src/frame/brdf.rs. Needs lib/vpl for π.
 
 const MIN_ROUGHNESS: f32 = 0.089;
@@ -6,7 +6,7 @@ const MIN_NDOTV: f32 = 1e-4;
 const MULTISCATTER_LOSS: f32 = 1.25;
 const MULTISCATTER_ROLLOFF: f32 = 1.1;
 
-// A surface as a light's reflection in it is seen.
+// Surface that reflects a light.
 struct ShadingPoint {
     n: vec3f,
     v: vec3f,
@@ -22,8 +22,8 @@ fn f90(f0: vec3f) -> f32 {
     return min(50.0 * 0.33 * (f0.r + f0.g + f0.b), 1.0);
 }
 
-// D V (1 − p) and D V p for light from `l` that is spread over a disk with the sine of half its
-// angle squared `spread`.
+// D V (1 − p) and D V p for light from `l` that is spread over a disk. `spread` is the squared sine
+// of half its angle.
 fn specular_terms(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
     let sum = l + facet.v;
     let len = length(sum);
@@ -48,7 +48,7 @@ fn specular_terms(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
     return vec2f(dv * (1.0 - p), dv * p);
 }
 
-// What is reflected more than once between facets, a factor.
+// Factor of multiple reflections between facets.
 fn multiscatter_compensation(roughness: f32, f0: vec3f) -> vec3f {
     let r2 = roughness * roughness;
     let r4 = r2 * r2;

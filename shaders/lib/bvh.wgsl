@@ -1,13 +1,13 @@
 // Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013.
-// Twin: crates/meshless_gi/src/scene/bvh.rs. Needs `nodes`, `triangles` and `bvh_nodes()`, how many
-// nodes there are.
+// Twin: crates/meshless_gi/src/scene/bvh.rs. Needs `nodes`, `triangles` and `bvh_nodes()`, the
+// number of nodes.
 
 const STACK: u32 = 64u;
 const SMALLEST: f32 = 1e-18;
 
-// A ray's own coordinate system, in which it runs along z.
+// Coordinate system of a ray, in which it runs along z.
 struct Shear {
-    // Which axis becomes x, y and z.
+    // Indices of the axes that become x, y and z.
     axes: vec3u,
     s: vec3f,
 }
@@ -49,16 +49,16 @@ fn meets(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) -> bool
     return t > 0.0 && t < max_t;
 }
 
-// Which part of the light passes along the ray with t in (0, max_t): 0 behind any triangle that
-// stays, else the product of the gains of the occluders in between, each once.
+// Transmittance along the ray with t in (0, max_t). It is 0 behind any static triangle. Otherwise
+// it is the product of the gains of the occluders in between, each once.
 fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
     if bvh_nodes() == 0u {
         return 1.0;
     }
     var gain = 1.0;
-    // A bit for each occluder.
+    // One bit per occluder.
     var crossed = vec2u(0u);
-    // No infinities, so that nothing is 0 · ∞.
+    // Finite, so that 0 · ∞ never occurs.
     let inverse = 1.0 / select(direction, vec3f(SMALLEST), abs(direction) < vec3f(SMALLEST));
     let shear = shear_of(direction);
     var stack: array<u32, 64>;

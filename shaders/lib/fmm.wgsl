@@ -1,5 +1,5 @@
-// Inputs and expansions of the kernels of the fast multipole method. An expansion has three vec4f a
-// term: x, y and z, each in red, green and blue.
+// Inputs and expansions of the kernels of the fast multipole method. An expansion has three vec4f
+// per term: x, y and z, each in red, green and blue.
 
 struct FmmNode {
     center: vec3f,
@@ -29,7 +29,7 @@ struct FmmOperatorPoint {
 
 struct FmmTerm {
     down: array<u32, 9>,
-    // Of x, y and z, eight bits each.
+    // Exponents of x, y and z, eight bits each.
     exponents: u32,
     degree: u32,
     factorial: f32,
@@ -65,12 +65,12 @@ fn exponents_of(packed: u32) -> vec3u {
     return vec3u(packed & 255u, (packed >> 8u) & 255u, packed >> 16u);
 }
 
-// How many terms there are up to a degree.
+// Number of terms up to a degree.
 fn terms_to(degree: u32) -> u32 {
     return (degree + 1u) * (degree + 2u) * (degree + 3u) / 6u;
 }
 
-// Where the term with these exponents is.
+// Index of the term with these exponents.
 fn term_at(e: vec3u) -> u32 {
     let m = e.y + e.z;
     let n = e.x + m;
@@ -85,7 +85,7 @@ fn power(base: f32, exponent: u32) -> f32 {
     return out;
 }
 
-// v to these exponents, over their factorials.
+// v to the power of these exponents, over their factorials.
 fn monomial(v: vec3f, e: vec3u) -> f32 {
     var out = 1.0;
     for (var i = 1u; i <= e.x; i += 1u) {
@@ -100,7 +100,7 @@ fn monomial(v: vec3f, e: vec3u) -> f32 {
     return out;
 }
 
-// What a point sends: minus its surface over π, its radiosity and its normal.
+// A point as a source: minus its surface area over π, times its radiosity and its normal.
 fn source_of(point: FmmOperatorPoint, radiosity: vec3f) -> Spectrum {
     let q = -point.share * radiosity;
     return Spectrum(point.normal.x * q, point.normal.y * q, point.normal.z * q);

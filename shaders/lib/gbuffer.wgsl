@@ -1,5 +1,5 @@
-// Bevy's deferred G-buffer texel. Twin: crates/meshless_gi/src/frame/gbuffer.rs, which says what is
-// in which bits.
+// Bevy's deferred G-buffer texel. Twin: crates/meshless_gi/src/frame/gbuffer.rs, which documents
+// the bits.
 
 const UNLIT: u32 = 1u;
 const GAMMA: f32 = 2.2;

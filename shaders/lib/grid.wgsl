@@ -1,4 +1,4 @@
-// The hashed grid: candidates among the functions that cover a point. Twin:
+// Hashed grid: candidates among the functions that cover a point. Twin:
 // crates/meshless_gi/src/samples/grid.rs. Needs lib/pixel_position.
 
 @group(0) @binding(5) var<storage, read> grid_slots: array<GridSlot>;

@@ -1,18 +1,18 @@
-// Structs that kernels share with Rust, byte for byte; `tests/checks/shader_layout.rs` compares
+// Structs that kernels share with Rust, byte for byte. `tests/checks/shader_layout.rs` compares
 // them with the types of the same names. SI units: meters, W/m², W/sr.
 
-// A half holds no more; what is brighter must not become infinite.
+// Largest finite half. Larger values are clamped, so that they do not become infinite.
 const LARGEST_HALF: f32 = 65504.0;
 
 struct Point {
     position: vec3f,
     radius: f32,
     normal: vec3f,
-    // Clip planes: first index in the low 24 bits, how many in the high 8.
+    // Clip planes: first index in the low 24 bits, count in the high 8 bits.
     planes: u32,
 }
 
-// Where a sender is lit.
+// Sample of the direct light of a sender.
 struct LightSample {
     position: vec3f,
     // Octahedral, unpack2x16snorm.
@@ -56,7 +56,7 @@ struct Row {
     start: u32,
     count: u32,
     scale: f32,
-    // The least tier of a frame that uses the row; 0 where there is no row.
+    // Lowest tier of a frame that uses the row. 0 if there is no row.
     tier: u32,
 }
 
@@ -67,7 +67,7 @@ struct Link {
     z_sender: u32,
 }
 
-// What of a link passes one set of occluders.
+// Part of a link that crosses one set of occluders.
 struct PackedLinkTerm {
     link: u32,
     // x in the low half, y in the high half.
@@ -198,10 +198,10 @@ struct BvhNode {
 
 struct BvhTriangle {
     a: vec3f,
-    // 0 for what stays, else one more than the occluder's number.
+    // 0 for static geometry, otherwise the occluder's number plus one.
     occluder: u32,
     b: vec3f,
-    // What passes an occluder.
+    // Transmittance of an occluder.
     gain: f32,
     c: vec3f,
     pad2: u32,
@@ -218,12 +218,12 @@ fn add_scaled(sum: ptr<function, VectorIrradiance>, weight: f32, e: VectorIrradi
     (*sum).z += weight * e.z;
 }
 
-// Workgroups are numbered row by row, for one dimension holds no more than 65535 of them.
+// Workgroups are numbered row by row. One dimension has at most 65535 of them.
 fn flat_group(group: vec3u, groups: vec3u) -> u32 {
     return group.y * groups.x + group.x;
 }
 
-// A light that casts soft shadows from baked visibility.
+// Light that casts soft shadows from baked visibility.
 struct SoftLight {
     center: vec3f,
     kind: u32,

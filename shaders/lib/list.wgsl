@@ -1,5 +1,5 @@
-// Lists of cells. Twin: crates/meshless_gi/src/frame/refine.rs. A count holds the three numbers of
-// an indirect dispatch, how many items there are, and how many cells were divided for them.
+// Lists of cells. Twin: crates/meshless_gi/src/frame/refine.rs. A count stores the three numbers of
+// an indirect dispatch, the number of items, and the number of cells that were divided for them.
 
 const ITEMS: u32 = 64u;
 const MAX_GROUPS: u32 = 65535u;

@@ -1,7 +1,7 @@
 // Evaluation of the subsplats in a level's list: bindings and entry point of `splat`, `probe` and
 // `vpl`. Twins: crates/meshless_gi/src/frame/refine.rs and subsplat_view.rs. Needs lib/screen,
 // lib/list and `fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode`, which
-// returns `node` where nothing changes.
+// returns `node` if nothing changes.
 
 @group(0) @binding(10) var<uniform> screen: SubsplatParams;
 @group(0) @binding(11) var<uniform> span: Span;

@@ -1,4 +1,4 @@
-// Luminance that a node gives a surface. Twin: crates/meshless_gi/src/frame/refine.rs. Needs
+// Luminance of a surface lit by a node. Twin: crates/meshless_gi/src/frame/refine.rs. Needs
 // lib/node.
 
 const RED: f32 = 0.2126;

@@ -1,4 +1,4 @@
-// Entry points of kernels that write one texel for each pixel of a view: `first_scene` starts the
+// Entry points of kernels that write one texel for each pixel of a view. `first_scene` starts the
 // view's image, `next_scene` continues the image of earlier scenes. Needs `params.size`, `output`,
 // `earlier` and `fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f`.
 

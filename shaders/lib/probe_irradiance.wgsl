@@ -1,5 +1,4 @@
-// Light at a position in free space, as probes have it. Twin:
-// crates/meshless_gi/src/frame/probe.rs.
+// Irradiance of a probe. Twin: crates/meshless_gi/src/frame/probe.rs.
 
 const PROBE_ROWS: u32 = 3u;
 
@@ -11,7 +10,7 @@ struct ProbeIrradiance {
     reached: bool,
 }
 
-// E(n), not below zero.
+// E(n), clamped to zero.
 fn space_irradiance(light: ProbeIrradiance, n: vec3f) -> vec3f {
     let square = n * n;
     let e = light.even.x

@@ -1,6 +1,6 @@
 // Structs of reflective shadow maps, byte for byte as in
-// crates/meshless_gi/src/frame/rsm_layout.rs; `tests/checks/shader_layout.rs` compares them. All in
-// one space: the world's axes and meters, the origin near by.
+// crates/meshless_gi/src/frame/rsm_layout.rs. `tests/checks/shader_layout.rs` compares them. All
+// are in one space: the world's axes, meters, an origin near the view.
 
 struct RsmParams {
     space_from_clip: mat4x4f,

@@ -14,7 +14,7 @@ fn cell_index(k: u32, cell: vec2u) -> u32 {
     return level_start(k) + cell.y * level_grid(k).x + cell.x;
 }
 
-// Depth of a pixel, 0 where nothing is to be lit.
+// Depth of a pixel, 0 if it has no lit surface.
 fn lit_depth(pixel: vec2u) -> f32 {
     return select(textureLoad(depths, pixel, 0), 0.0, gbuffer_is_unlit(textureLoad(gbuffer, pixel, 0)));
 }
@@ -35,8 +35,8 @@ fn depth_reach(z: f32, depth: f32) -> f32 {
 
 const PLANE: f32 = 0.01;
 
-// Similarity of two surface points by the distance of each from the plane of the other: 1 up to
-// half of PLANE times `reach`, 0 from PLANE times `reach` on.
+// Similarity of two surface points by the distance of each from the plane of the other. It is 1 up
+// to half of PLANE times `reach`, and 0 from PLANE times `reach` on.
 fn plane_similarity(x: vec3f, n: vec3f, other_x: vec3f, other_n: vec3f, reach: f32) -> f32 {
     let off = max(abs(dot(other_x - x, n)), abs(dot(other_x - x, other_n)));
     return clamp(2.0 - 2.0 * off / (PLANE * reach), 0.0, 1.0);

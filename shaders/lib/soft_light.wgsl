@@ -1,7 +1,7 @@
 // Unshadowed irradiance of lights with soft shadows. Twin: `unshadowed` in
 // crates/meshless_gi/src/frame/soft_shadow/light.rs.
 
-// The smallest normal number: nothing is divided by less.
+// Smallest normal number: lower limit of divisors.
 const TINY: f32 = 1.17549435e-38;
 
 fn normal_of(light: SoftLight) -> vec3f {
@@ -25,7 +25,7 @@ fn arc_of(a: vec3f, b: vec3f, n: vec3f) -> f32 {
     return atan2(sine, dot(a, b)) * dot(n, across) / sine;
 }
 
-// Half of Lambert's sum over the edges of a quadrilateral, as far as it is above the horizon of n.
+// Half of Lambert's sum over the edges of a quadrilateral, clipped to the horizon of n.
 fn lambert(quad: array<vec3f, 4>, n: vec3f) -> f32 {
     var corners = quad;
     var sum = 0.0;
@@ -70,7 +70,7 @@ fn window_of(light: SoftLight, square: f32) -> f32 {
     return fade * fade;
 }
 
-// Irradiance without shadows from a light of color one, in a scene as large as `extent`.
+// Irradiance without shadows from a light of color one, in a scene of the size `extent`.
 fn unshadowed(light: SoftLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     let to = light.center - x;
     let square = dot(to, to);

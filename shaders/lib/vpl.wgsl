@@ -1,7 +1,7 @@
 // Irradiance from virtual point lights, [N09] Eq. (2). Twin: crates/meshless_gi/src/frame/vpl.rs,
-// which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`, `triangles`, and lib/bvh
-// and lib/shadow. Positions and normals in the space of the lights: the world's axes, the origin
-// near by.
+// which documents the differences. Needs `vpls`, `lit` (a VplParams), `nodes`, `triangles`, and
+// lib/bvh and lib/shadow. Positions and normals are in the space of the lights: the world's axes,
+// an origin near the view.
 
 const FRAC_1_PI: f32 = 0.318309886;
 const PI: f32 = 3.14159265;
@@ -18,7 +18,7 @@ fn bvh_nodes() -> u32 {
     return lit.nodes;
 }
 
-// The mean of max(0, v·N) over unit normals N whose mean is `normal`.
+// Mean of max(0, v·N) over unit normals N with mean `normal`.
 fn mean_clamped_cosine(normal: vec3f, v: vec3f) -> f32 {
     let cosine = dot(v, normal);
     let s = clamp(1.0 - dot(normal, normal), 0.0, 1.0);
@@ -33,7 +33,7 @@ fn mean_clamped_cosine(normal: vec3f, v: vec3f) -> f32 {
     return above * above / (4.0 * w);
 }
 
-// An orthonormal pair beside `n`: the first tangent, the second.
+// Orthonormal tangents of `n`: the first, the second.
 fn first_tangent(n: vec3f) -> vec3f {
     let s = select(-1.0, 1.0, n.z >= 0.0);
     let a = -1.0 / (s + n.z);
@@ -52,7 +52,7 @@ fn vpl_edge(u: vec3f, v: vec3f) -> vec3f {
     return across * (atan2(sine, dot(u, v)) / max(sine, SHORTEST));
 }
 
-// The form factor over its area of a square as large as a disk of squared radius `disk`.
+// Form factor over area of a square that has the area of a disk of squared radius `disk`.
 fn vpl_near(toward: vec3f, normal: vec3f, disk: f32, n: vec3f) -> vec3f {
     if dot(normal, toward) >= 0.0 {
         return vec3f(0.0);
@@ -87,8 +87,7 @@ fn vpl_near(toward: vec3f, normal: vec3f, disk: f32, n: vec3f) -> vec3f {
     return (to + n * (clipped - cosine)) * (fade * whole * FRAC_1_PI / disk);
 }
 
-// What light `i` gives at `x` to surfaces that face `n`, unshadowed: the vector irradiance over the
-// flux.
+// Vector irradiance over flux of light `i` at `x` on surfaces with normal `n`, unshadowed.
 fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
     let toward = vpls[i].position - x;
     let square = dot(toward, toward);
@@ -111,14 +110,14 @@ fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
     return out;
 }
 
-// Where shadow rays from a surface start (local).
+// Start of shadow rays from a surface (local).
 fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
     let at = (lit.local_from_space * vec4f(x, 1.0)).xyz;
     let turned = (lit.local_from_space * vec4f(n, 0.0)).xyz;
     return at + turned / max(length(turned), TINY) * (LIFTS * ray_offset(at, lit.extent));
 }
 
-// What of light `i` the baked scene lets through to the position that a ray leaves at `start`
+// Transmittance of the baked scene from light `i` to the surface of the ray that starts at `start`
 // (local).
 fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
@@ -131,7 +130,7 @@ fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     return passes(start, ray / distance, max_t);
 }
 
-// The vector irradiance at (x, n) of the lights above the surface's horizon.
+// Vector irradiance at (x, n) of the lights above the surface's horizon.
 fn vpl_at(x: vec3f, n: vec3f) -> VectorIrradiance {
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     let start = vpl_start(x, n);

@@ -1,5 +1,5 @@
-// The weight function of the basis, [L08] Eqs. (8)-(10). Twin:
-// crates/meshless_gi/src/basis/kernel.rs. Needs lib/grid.
+// Weight function of the basis, [L08] Eqs. (8)-(10). Twin: crates/meshless_gi/src/basis/kernel.rs.
+// Needs lib/grid.
 
 @group(0) @binding(3) var<storage, read> points: array<Point>;
 @group(0) @binding(4) var<storage, read> planes: array<vec4f>;
@@ -12,15 +12,15 @@ fn kernel(t: f32) -> f32 {
     return select(0.0, (2.0 * t - 3.0) * t * t + 1.0, t < 1.0);
 }
 
-// The length of v + F_squash ⟨v, n_j⟩ n_j.
+// Length of v + F_squash ⟨v, n_j⟩ n_j.
 fn dist(v: vec3f, n_j: vec3f) -> f32 {
     return length(v + F_SQUASH * dot(v, n_j) * n_j);
 }
 
-// The squared length of the normal of a clip plane from where on it has a lean.
+// Minimum squared length of the normal of a clip plane with a lean.
 const LEAN_FROM: f32 = 1.001;
 
-// True where x is on the function's side of clip plane `i`. The plane of an occluder moves with the
+// `true` if x is on the function's side of clip plane `i`. The plane of an occluder moves with the
 // normal.
 fn is_before(i: u32, x: vec3f, n: vec3f, radius: f32) -> bool {
     let plane = planes[i];
@@ -28,7 +28,7 @@ fn is_before(i: u32, x: vec3f, n: vec3f, radius: f32) -> bool {
     return dot(plane, vec4f(x, 1.0)) + lean * dot(plane.xyz, n) >= 0.0;
 }
 
-// True where x is on the function's side of all its clip planes.
+// `true` if x is on the function's side of all its clip planes.
 fn is_inside(point: Point, x: vec3f, n: vec3f) -> bool {
     let first = point.planes & 0x00ffffffu;
     let end = first + (point.planes >> 24u);
@@ -55,18 +55,18 @@ fn weight(point: Point, x: vec3f, n: vec3f) -> f32 {
     return kernel(r / point.radius) * cosine * cosine;
 }
 
-// A function of the flat basis at a surface point.
+// Function of the flat basis at a surface point.
 struct BasisFunction {
     // Index of its point.
     index: u32,
     normal: vec3f,
-    // [L08] Eq. (8); 0 where the function does not reach.
+    // [L08] Eq. (8). 0 outside of the function's support.
     weight: f32,
-    // The weight over the squared radius: narrow functions count more.
+    // Weight over the squared radius: narrow functions count more.
     flat_weight: f32,
 }
 
-// The function of entry `at` of the grid, at (x, n).
+// Function of entry `at` of the grid, at (x, n).
 fn basis_function(at: u32, x: vec3f, n: vec3f) -> BasisFunction {
     let j = grid_entries[at];
     let point = points[j];

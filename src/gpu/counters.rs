@@ -5,15 +5,15 @@ use super::Pass;
 /// Work that a frame has recorded since its creation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuCounters {
-    /// Dispatches of each pass, in the order of [`Pass::ALL`].
+    /// Number of dispatches of each pass, in the order of [`Pass::ALL`].
     pub dispatches: [u64; Pass::COUNT],
-    /// Light slots projected.
+    /// Number of projected light slots.
     pub projected: u64,
-    /// Solves recorded.
+    /// Number of recorded solves.
     pub solves: u64,
-    /// Triangles drawn by `composite`.
+    /// Number of triangles drawn by `composite`.
     pub composites: u64,
-    /// Triangles drawn by `fog`.
+    /// Number of triangles drawn by `fog`.
     pub fogs: u64,
 }
 
@@ -30,7 +30,7 @@ impl Default for GpuCounters {
 }
 
 impl GpuCounters {
-    /// Dispatches of `pass`.
+    /// Returns the number of dispatches of `pass`.
     #[must_use]
     pub fn dispatches_of(&self, pass: Pass) -> u64 {
         self.dispatches[pass as usize]
@@ -59,7 +59,7 @@ impl GpuCounters {
         }
     }
 
-    /// All dispatches.
+    /// Returns the number of all dispatches.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.dispatches.iter().sum()

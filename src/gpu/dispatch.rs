@@ -1,4 +1,4 @@
-//! Parts of a recording that all kernels share: bind groups and compute passes.
+//! Helpers for recording that all kernels share: bind groups and compute passes.
 
 use super::Pass;
 use super::pipelines::KernelPipelines;

@@ -1,4 +1,4 @@
-//! Draws onto a view's picture: irradiance, specular reflection and missing light. The kernel
+//! Draws onto a view's image: irradiance, specular reflection and occluded light. The kernel
 //! `composite` draws each over the whole screen.
 
 use super::dispatch::entry;
@@ -6,7 +6,7 @@ use super::kernels::{COMPOSITE, KERNELS};
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::ViewBuffers;
 
-/// Draws a texture of a view's size over its picture, in the way `how`: irradiance
+/// Draws a texture of a view's size over its image with the blending of `how`: irradiance
 /// ([`Draw::Add`], [`Draw::Replace`]), specular radiance ([`Draw::Specular`]), or radiance to
 /// subtract ([`Draw::Shadow`]). `pass` has one target, of `format`. The textures are the one to
 /// draw, the G-buffer and the lighting passes.

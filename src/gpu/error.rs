@@ -4,23 +4,23 @@
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
-    /// There is no graphics driver that can compute.
+    /// Missing graphics driver with compute support.
     #[error("no graphics adapter was found: {0}")]
     NoAdapter(String),
-    /// The driver gave no device.
+    /// Device request that the driver rejected.
     #[error("the graphics adapter gave no device: {0}")]
     NoDevice(String),
-    /// The device offers less than the kernels need.
+    /// Device limit below the requirement of the kernels.
     #[error("the device's {limit} is {have}, the kernels need {need}")]
     Limit {
-        /// The limit's name in WebGPU.
+        /// Name of the limit in WebGPU.
         limit: &'static str,
         /// Value that the device offers.
         have: u64,
         /// Value that the kernels need.
         need: u64,
     },
-    /// An array of the scene does not fit a binding.
+    /// Array of the scene that exceeds the size of a binding.
     #[error("{what} takes {bytes} bytes, but the device binds at most {limit}")]
     TooLarge {
         /// Name of the array.
@@ -30,7 +30,7 @@ pub enum GpuError {
         /// Largest size of a binding, bytes.
         limit: u64,
     },
-    /// The device did not return its results.
+    /// Failed read-back of results from the device.
     #[error("reading back from the device failed: {0}")]
     ReadBack(String),
 }

@@ -1,5 +1,5 @@
-//! The fast multipole method on a device: `fmm_up` and `fmm_down` over the buffers of one octree.
-//! Tree and lists come from the CPU, as in \[G08\] §3.
+//! Fast multipole method on the GPU: `fmm_up` and `fmm_down` over the buffers of one octree. The
+//! CPU builds tree and lists, as in \[G08\] §3.
 
 use super::Pass;
 use super::dispatch::MAX_GROUPS;
@@ -12,13 +12,13 @@ use meshless_gi::internals::frame::Span;
 use meshless_gi::internals::frame::fmm_layout::{FmmParams, fmm_terms};
 use meshless_gi::internals::transport::fmm::FmmOperator;
 
-/// Octree on the device, and its recording.
+/// Octree on the GPU, and its recording.
 #[derive(Debug)]
 pub struct GpuFmm {
     params: wgpu::Buffer,
     spans: wgpu::Buffer,
     stride: u32,
-    /// Nodes of each level, then of all.
+    /// Number of nodes of each level, then of all.
     counts: Vec<u32>,
     nodes: wgpu::Buffer,
     points: wgpu::Buffer,
@@ -29,12 +29,12 @@ pub struct GpuFmm {
 }
 
 impl GpuFmm {
-    /// Uploads an octree over points. `senders` of them have a radiosity, and the sky's coefficient
-    /// follows theirs.
+    /// Uploads an octree over points. `senders` is the number of senders with a radiosity. The
+    /// sky's coefficient follows theirs.
     ///
     /// # Errors
-    /// If it exceeds a limit of the device, see [`octree_fits`]: [`GpuError::TooLarge`], or
-    /// [`GpuError::Limit`] for the order.
+    /// [`GpuError::TooLarge`], or [`GpuError::Limit`] for the order, if it exceeds a limit of the
+    /// device. See [`octree_fits`].
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -44,7 +44,7 @@ impl GpuFmm {
         Self::with_limit(device, queue, operator, senders, binding_limit(device))
     }
 
-    /// As [`GpuFmm::new`], for a device that binds at most `limit` bytes.
+    /// Creates the buffers as [`GpuFmm::new`] does, for bindings of at most `limit` bytes.
     pub(super) fn with_limit(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -136,8 +136,8 @@ impl GpuFmm {
         }
     }
 
-    /// Records the downward pass and the evaluation, to the vector irradiance of the points that
-    /// receive.
+    /// Records the downward pass and the evaluation. They write the vector irradiance of the points
+    /// that receive.
     pub fn record_downward(
         &self,
         kernels: &KernelPipelines,
@@ -162,7 +162,7 @@ impl GpuFmm {
         [&self.expansions, &self.locals]
     }
 
-    /// Its buffers with their names.
+    /// Returns its buffers with their names.
     pub(super) fn named_buffers(&self) -> [(&'static str, &wgpu::Buffer); 8] {
         [
             ("fmm parameters", &self.params),
@@ -176,7 +176,7 @@ impl GpuFmm {
         ]
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.named_buffers()
@@ -233,7 +233,7 @@ impl GpuFmm {
     }
 }
 
-/// Workgroups in two dimensions, a node each.
+/// Returns the workgroups in two dimensions, one per node.
 fn groups(count: u32) -> [u32; 2] {
     [count.min(MAX_GROUPS), count.div_ceil(MAX_GROUPS)]
 }

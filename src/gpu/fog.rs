@@ -1,5 +1,5 @@
-//! Fog that a scene lights, on the device: parameters of a view's draws, and the recording of
-//! kernels `fog_inscatter` and `fog`. A view without such fog has no buffers.
+//! Fog lit by a scene, on the GPU: parameters of a view's draws, and the recording of the kernels
+//! `fog_inscatter` and `fog`. A view without such fog has no buffers.
 
 use super::dispatch::{compute, entry};
 use super::kernels::{FOG, KERNELS};
@@ -8,7 +8,7 @@ use super::pipelines::{Draw, KernelPipelines};
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::{FogInscatterParams, FogParams};
 
-/// Light that a scene sends to the eye through fog of one asymmetry.
+/// Light of a scene that fog of one asymmetry scatters to the eye.
 #[derive(Debug)]
 struct FogLight {
     params: wgpu::Buffer,
@@ -45,8 +45,8 @@ impl FogLight {
     }
 }
 
-/// Device data of one view: the light of each scene for fog of each asymmetry, and parameters of
-/// the draws. There is one draw for each fog volume in front of each scene.
+/// GPU data of one view: the light of each scene for fog of each asymmetry, and parameters of the
+/// draws. Each fog volume is drawn once per scene behind it.
 #[derive(Debug, Default)]
 pub struct FogBuffers {
     lights: Vec<FogLight>,
@@ -79,8 +79,8 @@ impl FogBuffers {
         }
     }
 
-    /// Records kernel `fog_inscatter` for each of the lights from the volumes of their scenes,
-    /// which kernel `volume` wrote.
+    /// Records kernel `fog_inscatter` for each of the lights. It reads the volumes of their scenes,
+    /// the output of kernel `volume`.
     #[must_use]
     pub fn record(
         &self,
@@ -114,7 +114,7 @@ impl FogBuffers {
         (self.lights.len() + self.draws.len()) as u32
     }
 
-    /// Their bytes, and those of the textures.
+    /// Returns the size of the buffers and textures in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let texture =
@@ -133,16 +133,16 @@ pub struct FogTextures<'a> {
     pub sampled: bool,
     /// Voxels that kernel `volume` wrote for the scene.
     pub voxels: &'a wgpu::TextureView,
-    /// Reads between the texels of a texture, and not across its edges.
+    /// Sampler with linear filtering that clamps to the edges.
     pub between: &'a wgpu::Sampler,
     /// Three-dimensional texture of the density, and its sampler. The texture has one texel if the
     /// fog has no density texture.
     pub density: (&'a wgpu::TextureView, &'a wgpu::Sampler),
 }
 
-/// Adds the light of the draw `which` of a view to its picture. The target has this `format` and
-/// one sample per pixel. `light` is the index of the scene's light. Both indices refer to the
-/// arguments of [`FogBuffers::write`].
+/// Adds the light of the draw `which` of a view to its image. The target has this `format` and one
+/// sample per pixel. `light` is the index of the scene's light. Both indices refer to the arguments
+/// of [`FogBuffers::write`].
 ///
 /// # Panics
 /// Panics if one of them was not written.

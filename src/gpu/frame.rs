@@ -1,5 +1,5 @@
-//! Records a frame of one baked scene. The dispatches follow the steps of [`SolveSchedule`], as the
-//! frame on the CPU does.
+//! Recording of a frame of one baked scene. The dispatches follow the steps of [`SolveSchedule`],
+//! as on the CPU.
 
 use super::dispatch::compute;
 use super::draw::draw_over;
@@ -13,11 +13,11 @@ use meshless_gi::internals::frame::splat::SEAM;
 use meshless_gi::internals::frame::{SolveSchedule, SplatParams};
 use meshless_gi::{BakedScene, FrameLight, FrameSettings, MaterialFactors};
 
-/// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of
-/// slots is bound at a multiple of 256 bytes, the largest alignment of WebGPU.
+/// Maximum number of slots in one dispatch of `project`. A dimension has 65 535 groups, and the
+/// list of slots is bound at a multiple of 256 bytes, the largest alignment of WebGPU.
 const SLOTS_PER_DISPATCH: usize = 65_535 / 64 * 64;
 
-/// The textures that `splat` reads and writes. All have the size of the view's target.
+/// Textures that `splat` reads and writes. All have the size of the view's target.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatTargets<'a> {
     /// Depth, reversed (0 is infinitely far), one sample per pixel.
@@ -26,24 +26,24 @@ pub struct SplatTargets<'a> {
     pub gbuffer: &'a wgpu::TextureView,
     /// Output of an earlier baked scene of the same view. `None` for the first scene.
     pub earlier: Option<&'a wgpu::TextureView>,
-    /// `Rgba16Float`, another texture than `earlier`.
+    /// Output texture, `Rgba16Float`. It differs from `earlier`.
     pub output: &'a wgpu::TextureView,
 }
 
-/// Baked scene on the device, and its recording.
+/// Baked scene on the GPU, and its recording.
 #[derive(Debug)]
 pub struct GpuFrame {
     buffers: SceneBuffers,
     lights: usize,
-    /// Inputs of the device's surfaces: factors of the materials, and the transmission of each set
-    /// of occluders. Empty as baked.
+    /// Inputs of the senders' surfaces on the GPU: factors of the materials, and the transmittance
+    /// of each set of occluders. Empty for the values of the bake.
     factors: Vec<MaterialFactors>,
     passing: Vec<f32>,
     counters: GpuCounters,
 }
 
 impl GpuFrame {
-    /// Uploads `scene`, with room for `slots` light slots.
+    /// Uploads `scene`, with capacity for `slots` light slots.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], see [`SceneBuffers::new`].
@@ -57,7 +57,7 @@ impl GpuFrame {
         Ok(Self::with_buffers(queue, buffers))
     }
 
-    /// Creates a frame over existing buffers.
+    /// Creates a frame from existing buffers.
     #[must_use]
     pub fn with_buffers(queue: &wgpu::Queue, buffers: SceneBuffers) -> Self {
         // The parameters that `project` reads do not change later.
@@ -72,7 +72,7 @@ impl GpuFrame {
         }
     }
 
-    /// The buffers.
+    /// Returns the buffers.
     #[must_use]
     pub fn buffers(&self) -> &SceneBuffers {
         &self.buffers
@@ -84,12 +84,12 @@ impl GpuFrame {
         self.counters
     }
 
-    /// Sets the lights, slot by slot, in the bake's local space, for the frame that is submitted
+    /// Sets the lights, one per slot, in the bake's local space, for the frame that is submitted
     /// next. Grows the buffers if needed. Existing projections stay. Call [`GpuFrame::project`]
     /// with the slots to project.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where so many slots do not fit a binding.
+    /// [`GpuError::TooLarge`] if the slots do not fit a binding.
     pub fn set_lights(
         &mut self,
         kernels: &KernelPipelines,
@@ -106,8 +106,8 @@ impl GpuFrame {
     }
 
     /// Sets the factors of the materials of `scene`, from which the frame was created, for the
-    /// frame that is submitted next. Missing factors are as baked. Uploads the senders' surfaces
-    /// and returns their size in bytes, 0 if the bake has no materials.
+    /// frame that is submitted next. Missing factors keep the baked values. Uploads the senders'
+    /// surfaces. Returns their size in bytes, 0 if the bake has no materials.
     pub fn set_materials(
         &mut self,
         queue: &wgpu::Queue,
@@ -121,14 +121,14 @@ impl GpuFrame {
         self.paint(queue, scene)
     }
 
-    /// Stores the transmission of each set of occluders, and uploads the senders' surfaces that it
+    /// Stores the transmittance of each set of occluders, and uploads the senders' surfaces that it
     /// changes.
     pub(super) fn occluded(&mut self, queue: &wgpu::Queue, scene: &BakedScene, passing: Vec<f32>) {
         self.passing = passing;
         self.paint(queue, scene);
     }
 
-    /// Uploads the current surfaces of the senders. Returns their size in bytes.
+    /// Uploads the current surfaces of the senders and returns their size in bytes.
     fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
         let (surfaces, seen) = current_surfaces(scene.data(), &self.factors, &self.passing);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
@@ -141,8 +141,8 @@ impl GpuFrame {
         bytes.len() as u64
     }
 
-    /// Projects the lights of `slots`, one dispatch for all (several for more than 65 472). At most
-    /// once a submission. Slots without a light are left out.
+    /// Projects the lights of `slots` in one dispatch (several for more than 65 472). Call it at
+    /// most once per submission. Slots without a light are left out.
     pub fn project(
         &mut self,
         kernels: &KernelPipelines,
@@ -192,7 +192,7 @@ impl GpuFrame {
 
     /// Computes the irradiance of all points from the projected lights:
     /// [`pull_push`](Self::pull_push), [`apply`](Self::apply), [`flatten`](Self::flatten),
-    /// [`apply_probes`](Self::apply_probes). At most once a submission.
+    /// [`apply_probes`](Self::apply_probes). Call it at most once per submission.
     pub fn solve(
         &mut self,
         kernels: &KernelPipelines,
@@ -240,7 +240,8 @@ impl GpuFrame {
         }
     }
 
-    /// Applies the operator to the senders, for all points. After [`pull_push`](Self::pull_push).
+    /// Applies the operator to the senders, for all points. Call it after
+    /// [`pull_push`](Self::pull_push).
     pub fn apply(
         &mut self,
         kernels: &KernelPipelines,
@@ -255,7 +256,7 @@ impl GpuFrame {
         self.counters.solves += 1;
     }
 
-    /// Computes the values of all points. After [`apply`](Self::apply).
+    /// Computes the values of all points. Call it after [`apply`](Self::apply).
     pub fn flatten(
         &mut self,
         kernels: &KernelPipelines,
@@ -267,8 +268,8 @@ impl GpuFrame {
         self.recorder(kernels).flatten(&mut pass, &steps, false);
     }
 
-    /// Applies the rows of the probes, after [`pull_push`](Self::pull_push). Does nothing for a
-    /// bake without probes.
+    /// Applies the rows of the probes. Call it after [`pull_push`](Self::pull_push). Does nothing
+    /// if the bake has no probes.
     pub fn apply_probes(
         &mut self,
         kernels: &KernelPipelines,
@@ -353,12 +354,12 @@ impl GpuFrame {
         self.counters.dispatches[which as usize] += 1;
     }
 
-    /// One more dispatch of `pass`.
+    /// Counts one more dispatch of `pass`.
     pub(super) fn count(&mut self, pass: Pass) {
         self.counters.dispatches[pass as usize] += 1;
     }
 
-    /// Draws a view's irradiance onto its picture: added to it, or instead if `replace` is
+    /// Draws a view's irradiance onto its image. It is added, or replaces the image if `replace` is
     /// set. `pass` has one target, of `format`. Call it once per view, after the `splat` of its
     /// last scene. `textures` are irradiance, G-buffer and lighting passes.
     pub fn composite(

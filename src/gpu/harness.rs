@@ -6,19 +6,19 @@ use bytemuck::{AnyBitPattern, NoUninit};
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-/// A device and its queue.
+/// Device and its queue.
 #[derive(Clone, Debug)]
 pub struct HeadlessDevice {
-    /// The device.
+    /// GPU device.
     pub device: wgpu::Device,
-    /// Its queue.
+    /// Queue of the device.
     pub queue: wgpu::Queue,
     /// Name and driver of the adapter.
     pub adapter: String,
 }
 
 impl HeadlessDevice {
-    /// The first adapter that there is, a software one too.
+    /// Opens the first available adapter. It may be a software adapter.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`], [`GpuError::NoDevice`].
@@ -39,10 +39,10 @@ impl HeadlessDevice {
         })
     }
 
-    /// Records with `record`, submits, and waits until it is done.
+    /// Records with `record`, submits, and waits for completion.
     ///
     /// # Errors
-    /// [`GpuError::ReadBack`] where the device was lost.
+    /// [`GpuError::ReadBack`] if the device was lost.
     pub fn run(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> Result<(), GpuError> {
         let mut encoder = self
             .device
@@ -52,10 +52,10 @@ impl HeadlessDevice {
         self.finish()
     }
 
-    /// Waits for everything that was submitted.
+    /// Waits for all submitted work.
     ///
     /// # Errors
-    /// [`GpuError::ReadBack`] where the device was lost.
+    /// [`GpuError::ReadBack`] if the device was lost.
     pub fn finish(&self) -> Result<(), GpuError> {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
@@ -63,7 +63,7 @@ impl HeadlessDevice {
         Ok(())
     }
 
-    /// The first `count` elements of a buffer.
+    /// Reads the first `count` elements of a buffer.
     ///
     /// # Errors
     /// [`GpuError::ReadBack`].
@@ -81,7 +81,8 @@ impl HeadlessDevice {
         self.map(&staging, |all| bytemuck::pod_collect_to_vec(all))
     }
 
-    /// All texels of a texture, layer by layer and row by row, without padding. `T` is one texel.
+    /// Reads all texels of a texture, layer by layer and row by row, without padding. `T` is one
+    /// texel.
     ///
     /// # Errors
     /// [`GpuError::ReadBack`].
@@ -114,7 +115,7 @@ impl HeadlessDevice {
         })
     }
 
-    /// A texture with these texels, row by row.
+    /// Creates a texture with these texels, row by row.
     #[must_use]
     pub fn texture<T: NoUninit>(
         &self,
@@ -166,7 +167,7 @@ impl HeadlessDevice {
         staging
             .slice(..)
             .map_async(wgpu::MapMode::Read, move |result| {
-                // The other end is gone only when the caller is.
+                // The receiver is dropped only if the caller is gone.
                 let _ = sender.send(result);
             });
         self.finish()?;
@@ -181,7 +182,7 @@ impl HeadlessDevice {
 }
 
 /// Waits for a future that needs no other thread of this crate. Futures of a native device are
-/// ready at once.
+/// ready immediately.
 fn wait<F: Future>(future: F) -> F::Output {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());

@@ -6,75 +6,75 @@ use super::Pass;
 /// Kind of resource of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A uniform buffer of this size in bytes.
+    /// Uniform buffer of this size in bytes.
     Uniform(usize),
     /// A [`Span`](meshless_gi::internals::frame::Span) at a dynamic offset of a uniform buffer.
     Span,
-    /// A storage buffer that is read: an array of elements of this size in bytes.
+    /// Storage buffer that is read: an array of elements of this size in bytes.
     Read(usize),
-    /// A storage buffer that is read and written.
+    /// Storage buffer that is read and written.
     Write(usize),
-    /// A depth texture.
+    /// Depth texture.
     Depth,
-    /// A texture of unsigned integers.
+    /// Texture of unsigned integers.
     Uint,
-    /// A texture of floats, not filtered.
+    /// Texture of floats, not filtered.
     Float,
-    /// An array of such textures.
+    /// Array of `Float` textures.
     Layers,
-    /// An `Rgba16Float` storage texture that is written.
+    /// `Rgba16Float` storage texture that is written.
     Output,
-    /// Such a texture in three dimensions.
+    /// Three-dimensional `Output` texture.
     Voxels,
-    /// A depth texture with several samples per pixel.
+    /// Depth texture with several samples per pixel.
     Samples,
-    /// A texture of floats in three dimensions, filtered.
+    /// Three-dimensional texture of floats, filtered.
     Space,
-    /// A sampler of a texture.
+    /// Sampler of a texture.
     Sampler,
 }
 
 /// Binding of a shader. All bindings are in group 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Binding {
-    /// Its number.
+    /// Number of the binding.
     pub index: u32,
-    /// Its name in the shader.
+    /// Name in the shader.
     pub name: &'static str,
     /// Kind of resource.
     pub kind: Kind,
 }
 
-/// An entry point of a compute shader.
+/// Entry point of a compute shader.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     /// Pass that runs this entry point.
     pub pass: Pass,
-    /// Its name in the shader.
+    /// Name in the shader.
     pub name: &'static str,
-    /// Threads of a workgroup.
+    /// Number of threads of a workgroup in each dimension.
     pub workgroup: [u32; 3],
-    /// Number of points, rows or pixels that a workgroup handles.
+    /// Number of points, rows or pixels per workgroup.
     pub items: u32,
-    /// The bindings that it uses.
+    /// Bindings that it uses.
     pub bindings: &'static [u32],
 }
 
-/// A kernel: a shader of this name, and a CPU twin of this name.
+/// Kernel: a shader and a CPU twin with the same name.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernel {
-    /// Its name.
+    /// Name of the kernel.
     pub name: &'static str,
-    /// Its shader with the library parts in front.
+    /// Source of the shader, preceded by its library parts.
     pub source: &'static str,
-    /// Everything that the shader binds.
+    /// All bindings of the shader.
     pub bindings: &'static [Binding],
     /// Compute entry points of the kernel. Empty if it draws.
     pub entries: &'static [Entry],
 }
 
 impl Kernel {
-    /// Its entry points where it draws: vertex, and then fragments.
+    /// Returns the entry points of a kernel that draws: vertex, then fragments.
     #[must_use]
     pub fn draws(&self) -> &'static [&'static str] {
         match self.name {
@@ -85,8 +85,8 @@ impl Kernel {
     }
 }
 
-/// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft
-/// shadows.
+/// Entry points of `composite`: vertex, then the fragments of irradiance, of specular reflection
+/// and of soft shadows.
 pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "whole_screen",
     "composite",
@@ -94,7 +94,7 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "composite_shadow",
 ];
 
-/// Entry points of `fog`: vertex, and the fragments of views with one and with several samples per
+/// Entry points of `fog`: vertex, then the fragments of views with one and with several samples per
 /// pixel.
 pub const FOG_ENTRIES: [&str; 3] = ["fog_screen", "fog", "fog_sampled"];
 
@@ -102,7 +102,7 @@ pub(super) const fn bind(index: u32, name: &'static str, kind: Kind) -> Binding 
     Binding { index, name, kind }
 }
 
-/// An entry point with 64 threads, a thread an item.
+/// Creates an entry point with workgroups of 64 threads, one thread per item.
 pub(super) const fn each(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
     Entry {
         pass,
@@ -113,7 +113,7 @@ pub(super) const fn each(pass: Pass, name: &'static str, bindings: &'static [u32
     }
 }
 
-/// An entry point of 8 × 8 pixels.
+/// Creates an entry point with workgroups of 8 × 8 pixels.
 pub(super) const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
     Entry {
         pass,
@@ -124,7 +124,7 @@ pub(super) const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32
     }
 }
 
-/// An entry point with a workgroup of 64 threads a node of an octree.
+/// Creates an entry point with a workgroup of 64 threads per node of an octree.
 pub(super) const fn node(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
     Entry {
         pass,

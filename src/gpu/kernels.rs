@@ -1,6 +1,6 @@
-//! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is
-//! `crates/meshless_gi/src/frame/<name>.rs`. `tests/checks/shader_layout.rs` compares the
-//! table with the declarations of the shaders.
+//! Table of all kernels: name, shader, entry points, bindings. The CPU twin of `name` is
+//! `crates/meshless_gi/src/frame/<name>.rs`. `tests/checks/shader_layout.rs` compares the table
+//! with the declarations of the shaders.
 
 mod solve;
 mod view;
@@ -28,7 +28,7 @@ use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
 use meshless_gi::internals::transport::pca::{Column, VisibilityCluster, VisiblePoint};
 use meshless_gi::internals::transport::{BounceLink, Link, PackedLinkTerm, Row};
 
-/// Joins a shader and the parts of the library that it needs.
+/// Concatenates a shader and the parts of the library that it needs.
 macro_rules! shader {
     ($name:literal $(, $part:literal)*) => {
         concat!(

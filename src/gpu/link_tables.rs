@@ -1,4 +1,4 @@
-//! Links of the operator on the device: chunks that fit a binding, and the spans of each tier.
+//! Links of the operator on the GPU: chunks that fit a binding, and the spans of each tier.
 
 use super::GpuError;
 use super::links::cut;
@@ -12,7 +12,7 @@ use meshless_gi::internals::transport::{Row, row_order};
 pub(super) struct LinkTables {
     /// Rows in the order of their tiers.
     pub ordered: Vec<Row>,
-    /// Receivers of `ordered`, then those of them that send.
+    /// Receivers of `ordered`, then those of them that are senders.
     pub order: Vec<u32>,
     /// Links of each chunk.
     pub links: Vec<wgpu::Buffer>,

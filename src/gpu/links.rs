@@ -1,4 +1,4 @@
-//! The operator's links in parts that a binding can hold (WebGPU: 128 MiB), each for a run of rows.
+//! Chunks of the operator's links that fit a binding (WebGPU: 128 MiB), each for a range of rows.
 
 use super::GpuError;
 use meshless_gi::internals::transport::{Link, Row};
@@ -7,17 +7,16 @@ use std::ops::Range;
 /// Rows whose links share a buffer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LinkChunk {
-    /// The rows, as positions in the order of the links.
+    /// Rows, as positions in the order of the links.
     pub rows: Range<u32>,
-    /// Their links.
+    /// Links of these rows.
     pub links: Range<u32>,
 }
 
-/// Cuts the rows, which are in the order of their links, into parts of at most `max` bytes of
-/// links.
+/// Splits the rows, sorted by their links, into chunks of at most `max` bytes of links.
 ///
 /// # Errors
-/// [`GpuError::TooLarge`] where one row alone has more.
+/// [`GpuError::TooLarge`] if the links of a single row exceed `max`.
 pub fn cut(rows: &[Row], max: u64) -> Result<Vec<LinkChunk>, GpuError> {
     let size = size_of::<Link>() as u64;
     let mut parts: Vec<LinkChunk> = Vec::new();

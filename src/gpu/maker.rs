@@ -3,7 +3,7 @@
 use super::GpuError;
 use bytemuck::Pod;
 
-/// Maker of storage buffers that fit a binding of the device.
+/// Creates storage buffers that fit a binding of the device.
 pub(super) struct Maker<'a> {
     pub device: &'a wgpu::Device,
     pub queue: &'a wgpu::Queue,
@@ -19,7 +19,7 @@ impl<'a> Maker<'a> {
         }
     }
 
-    /// A storage buffer with `data`, never empty.
+    /// Creates a storage buffer with `data`. It is never empty.
     pub fn upload<T: Pod>(&self, what: &'static str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
         let buffer = self.empty::<T>(what, data.len() as u64)?;
         if !data.is_empty() {
@@ -29,7 +29,7 @@ impl<'a> Maker<'a> {
         Ok(buffer)
     }
 
-    /// A storage buffer for `count` elements (one at least), zero.
+    /// Creates a storage buffer of zeros for `count` elements, at least one.
     pub fn empty<T>(&self, what: &'static str, count: u64) -> Result<wgpu::Buffer, GpuError> {
         let bytes = (size_of::<T>() as u64).saturating_mul(count.max(1));
         if bytes > self.limit {
@@ -50,7 +50,7 @@ impl<'a> Maker<'a> {
     }
 }
 
-/// Maximum size of a storage binding in bytes.
+/// Returns the maximum size of a storage binding in bytes.
 pub(super) fn binding_limit(device: &wgpu::Device) -> u64 {
     let limits = device.limits();
     limits

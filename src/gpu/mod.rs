@@ -1,26 +1,26 @@
-//! The frame's kernels on any wgpu device: the same steps as
-//! [`CpuFrame`](meshless_gi::CpuFrame), recorded as dispatches. No engine here: Bevy, or a
-//! [`HeadlessDevice`] without a window, brings device, queue and encoder.
+//! The frame's kernels on any wgpu device: the same steps as [`CpuFrame`](meshless_gi::CpuFrame),
+//! recorded as dispatches. The code does not depend on an engine. Bevy or a [`HeadlessDevice`]
+//! without a window provides device, queue and encoder.
 //!
-//! | type | does |
+//! | type | purpose |
 //! |---|---|
-//! | [`KERNELS`] | the table of kernels: shader, entry points, bindings |
+//! | [`KERNELS`] | table of kernels: shader, entry points, bindings |
 //! | [`KernelPipelines`] | pipelines, each created on first use |
-//! | [`SceneBuffers`] | a baked scene on the device |
-//! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
-//! | [`ViewBuffers`] | the parameters of one scene in one view |
+//! | [`SceneBuffers`] | baked scene on the GPU |
+//! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts them |
+//! | [`ViewBuffers`] | parameters of one scene in one view |
 //! | [`SubsplatBuffers`] | records a view's subsplats |
-//! | [`SpecularBuffers`] | records specular reflection of virtual lights in a view |
+//! | [`SpecularBuffers`] | records specular reflection of virtual point lights in a view |
 //! | [`RsmBuffers`] | records `rsm` and `vpl`: light that dynamic objects reflect |
-//! | [`SoftShadowBuffers`] | records `soft_shadow`: missing light of lights with soft shadows |
-//! | [`SubtractShadowBuffers`] | records `subtract_shadow`: the radiance of a view that is missing |
+//! | [`SoftShadowBuffers`] | records `soft_shadow`: occluded light of soft shadows |
+//! | [`SubtractShadowBuffers`] | records `subtract_shadow`: occluded radiance of a view |
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
-//! | [`HeadlessDevice`] | a device without a window |
+//! | [`HeadlessDevice`] | device without a window |
 //!
-//! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the
-//! slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two
-//! baked scenes in one view: the second `splat` gets the first one's output as `earlier`, and the
-//! last output is composited.
+//! A frame calls `set_materials` and `set_occluders` after changes, `set_lights`, `project` for the
+//! slots that moved, and `solve` if anything changed. Then it calls `splat` and `composite` for
+//! each view. With two baked scenes in one view, the second `splat` gets the output of the first as
+//! `earlier`. The last output is composited.
 
 mod counters;
 mod dispatch;

@@ -1,5 +1,5 @@
-//! Occluders on the device: the parts of links that pass them, and `occlude` over those. A scene
-//! without occluders makes no such buffers.
+//! Occluders on the GPU: the terms of links that cross them, and kernel `occlude` over these terms.
+//! A scene without occluders has no such buffers.
 
 use super::dispatch::{MAX_GROUPS, compute};
 use super::links::cut;
@@ -15,25 +15,26 @@ use meshless_gi::internals::frame::occlude::{
 use meshless_gi::internals::transport::{PackedLinkTerm, Row};
 use meshless_gi::{BakedScene, Bvh};
 
-/// The parts of the operator's links, or of the probes'.
+/// Terms of the operator's links or of the probes' links.
 #[derive(Debug)]
 pub(super) struct PassageBuffers {
-    /// For each part of the links its passages, whose first link is the base.
+    /// Spans of the terms of each chunk of links. The base of a span is the first link of its
+    /// chunk.
     parts: SpanList,
     passages: Vec<wgpu::Buffer>,
 }
 
-/// The occluders of a baked scene.
+/// Occluders of a baked scene.
 #[derive(Debug)]
 pub(super) struct OccluderBuffers {
     links: PassageBuffers,
     probes: PassageBuffers,
-    /// Transmission of each set of occluders.
+    /// Transmittance of each set of occluders.
     passing: wgpu::Buffer,
 }
 
 impl PassageBuffers {
-    /// For rows in the order of their links.
+    /// Creates the buffers for rows in the order of their links.
     fn new(
         make: &Maker<'_>,
         table: &mut SpanTable<'_>,
@@ -60,7 +61,7 @@ impl PassageBuffers {
 }
 
 impl OccluderBuffers {
-    /// `ordered` are the operator's rows in the order of their links.
+    /// Creates the buffers. `ordered` are the operator's rows in the order of their links.
     pub fn new(
         make: &Maker<'_>,
         table: &mut SpanTable<'_>,
@@ -76,7 +77,7 @@ impl OccluderBuffers {
         })
     }
 
-    /// Every buffer with its name.
+    /// Returns every buffer with its name.
     pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         let passages = self.links.passages.iter().chain(&self.probes.passages);
         (passages.map(|b| ("passages", b)))
@@ -85,7 +86,7 @@ impl OccluderBuffers {
 }
 
 impl GpuFrame {
-    /// Sets the transmission of the occluders of `scene`, from which the frame was created, in [0,
+    /// Sets the transmittance of the occluders of `scene`, from which the frame was created, in [0,
     /// 1]. Missing values are 1. Rewrites the occluders' links, the senders' sky terms and the
     /// occluders of shadow rays. The new values apply to the frame that is submitted next. Call it
     /// at most once per submission. Returns the number of dispatches, 0 if the bake has no

@@ -3,7 +3,7 @@
 use super::kernel::Entry;
 use super::kernels::KERNELS;
 
-/// A compute entry point.
+/// Compute entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Pass {
     /// `occlude`.
@@ -52,7 +52,7 @@ pub enum Pass {
     RsmShadow,
     /// `rsm`, the virtual point lights of one light.
     RsmSelect,
-    /// `vpl`, where a view has no light yet.
+    /// `vpl`, in a view without earlier light.
     Vpl,
     /// `vpl`, added to the output of baked scenes.
     VplOver,
@@ -62,17 +62,17 @@ pub enum Pass {
     SplatNodes,
     /// `pyramid`, pixels to level 1.
     PyramidBase,
-    /// `pyramid`, a level from the one below.
+    /// `pyramid`, a level from the next finer one.
     PyramidReduce,
     /// `refine`, the cells of the coarsest level.
     RefineStart,
-    /// `refine`, the children of one level's.
+    /// `refine`, the children of the cells of one level.
     Refine,
     /// `upsample`, a level from the next coarser one.
     Upsample,
     /// `upsample`, the pixels.
     Resolve,
-    /// `upsample`, the pixels that were evaluated by themselves.
+    /// `upsample`, the pixels that are evaluated directly.
     Fill,
     /// `vpl_specular`, the nodes of a level.
     VplSpecular,
@@ -96,7 +96,7 @@ impl Pass {
     /// Number of passes.
     pub const COUNT: usize = 42;
 
-    /// All, in the order of the table.
+    /// All passes, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Occlude,
         Self::Project,
@@ -142,7 +142,7 @@ impl Pass {
         Self::FogInscatter,
     ];
 
-    /// Its kernel, and its entry point there.
+    /// Returns the index of its kernel, and its entry point there.
     #[must_use]
     pub fn entry(self) -> (usize, &'static Entry) {
         for (at, kernel) in KERNELS.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Pipelines, created on first use. An effect that no scene needs has none (design D9).
+//! Pipelines, created on first use. An unused effect has none (design D9).
 
 use super::GpuError;
 use super::Pass;
@@ -10,46 +10,46 @@ use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// A pipeline with the layout of its bind group.
+/// Compute pipeline with the layout of its bind group.
 #[derive(Clone, Debug)]
 pub struct ComputeKernel {
-    /// The pipeline.
+    /// Compute pipeline.
     pub pipeline: wgpu::ComputePipeline,
-    /// The layout of group 0.
+    /// Layout of group 0.
     pub layout: wgpu::BindGroupLayout,
 }
 
 /// Render pipeline of a kernel that draws, see [`ComputeKernel`].
 #[derive(Clone, Debug)]
 pub struct RenderKernel {
-    /// The pipeline.
+    /// Render pipeline.
     pub pipeline: wgpu::RenderPipeline,
-    /// The layout of group 0.
+    /// Layout of group 0.
     pub layout: wgpu::BindGroupLayout,
 }
 
-/// Kind of draw onto a picture.
+/// Kind of draw onto an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Draw {
-    /// Irradiance on the surfaces, added to the picture.
+    /// Irradiance on the surfaces, added to the image.
     Add,
-    /// Irradiance that replaces the picture.
+    /// Irradiance that replaces the image.
     Replace,
-    /// Gloss, added to the picture.
+    /// Specular reflection, added to the image.
     Specular,
-    /// Light that does not get there, taken from the picture.
+    /// Occluded light, subtracted from the image.
     Shadow,
-    /// Light that fog sends to the eye, added to the picture.
+    /// Light that fog scatters to the eye, added to the image.
     Fog,
-    /// The same over a depth with several samples per pixel.
+    /// `Fog` with a depth texture of several samples per pixel.
     FogSampled,
 }
 
-/// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled
-/// expansion and the threads' sums.
+/// Workgroup memory of `fmm_down`, the largest of all kernels, in bytes: scalars, derivatives, a
+/// scaled expansion and the threads' sums.
 const FMM_MEMORY: usize = MAX_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
 
-/// All pipelines of one device.
+/// Pipelines of one device.
 #[derive(Debug)]
 pub struct KernelPipelines {
     device: wgpu::Device,
@@ -61,10 +61,10 @@ pub struct KernelPipelines {
 }
 
 impl KernelPipelines {
-    /// Kernels for a device. Makes no pipeline yet.
+    /// Creates the table of a device without any pipeline.
     ///
     /// # Errors
-    /// [`GpuError::Limit`] where the device is too small for them.
+    /// [`GpuError::Limit`] if a limit of the device is too small for the kernels.
     pub fn new(device: &wgpu::Device) -> Result<Self, GpuError> {
         let limits = device.limits();
         let storage = |bindings: &[u32], kernel: &Kernel| {
@@ -133,7 +133,7 @@ impl KernelPipelines {
         })
     }
 
-    /// The device.
+    /// Returns the device.
     #[must_use]
     pub fn device(&self) -> &wgpu::Device {
         &self.device
@@ -145,7 +145,7 @@ impl KernelPipelines {
         self.created.load(Ordering::Relaxed)
     }
 
-    /// True where `pass` has a pipeline.
+    /// Returns `true` if `pass` has a pipeline.
     #[must_use]
     pub fn has(&self, pass: Pass) -> bool {
         self.passes[pass as usize].get().is_some()
@@ -193,7 +193,7 @@ impl KernelPipelines {
     fn make_drawing(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
         let [screen, irradiance, gloss, shade] = COMPOSITE_ENTRIES;
         let [fog_screen, fog, fog_sampled] = FOG_ENTRIES;
-        // The last is a kind of binding that the entry does not have.
+        // The last value is a kind of binding that the entry point does not have.
         let (at, vertex, fragment, without) = match draw {
             Draw::Add | Draw::Replace => (COMPOSITE, screen, irradiance, None),
             Draw::Specular => (COMPOSITE, screen, gloss, None),

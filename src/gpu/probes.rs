@@ -1,4 +1,4 @@
-//! Probes of a baked scene on the device: `apply` over their rows, and `probe` over the pixels of a
+//! Probes of a baked scene on the GPU: `apply` over their rows, and `probe` over the pixels of a
 //! view. A scene without probes has no such buffers.
 
 use super::dispatch::compute;
@@ -12,11 +12,11 @@ use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::asset::Probes;
 use meshless_gi::internals::frame::{GridShape, SplatParams, VectorIrradiance};
 
-/// The probes of a baked scene.
+/// Probes of a baked scene.
 #[derive(Debug)]
 pub(super) struct ProbeBuffers {
     pub grid: GridShape,
-    /// For each part of the links its rows.
+    /// Spans of the rows of each chunk of links.
     pub parts: SpanList,
     pub links: Vec<wgpu::Buffer>,
     pub rows: wgpu::Buffer,
@@ -58,7 +58,7 @@ impl ProbeBuffers {
         })
     }
 
-    /// Every buffer with its name.
+    /// Returns every buffer with its name.
     pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         [
             ("probe rows", &self.rows),
@@ -102,16 +102,17 @@ impl GpuFrame {
         self.buffers().probes.is_some()
     }
 
-    /// Returns a view's [`SplatParams`] for the probes' grid. `None` if the scene has no probes.
+    /// Returns a view's [`SplatParams`] for the probes' grid. Returns `None` if the scene has no
+    /// probes.
     #[must_use]
     pub fn probe_params(&self, view: &SplatParams) -> Option<SplatParams> {
         let probes = self.buffers().probes.as_ref()?;
         Some(view.with_grid(probes.grid))
     }
 
-    /// Writes the irradiance of the pixels that no function on a surface covers: after the `splat`
-    /// of the view's last scene, whose output is `earlier`. Nothing for a scene without probes, or
-    /// a view whose parameters for them were not set ([`ViewBuffers::write_probes`]).
+    /// Writes the irradiance of the pixels that no surface function covers. Call it after the
+    /// `splat` of the view's last scene. Its output is `earlier`. Does nothing if the scene has no
+    /// probes, or if the view's parameters for them were not set ([`ViewBuffers::write_probes`]).
     pub fn probe(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,6 +1,6 @@
-//! Records the light that dynamic objects reflect. The maps of a light become virtual point lights
-//! (`rsm`), and these light a view (`vpl`). All lights with maps share one set of buffers. There is
-//! none without such a light.
+//! Recording of the light that dynamic objects reflect. The maps of a light become virtual point
+//! lights (`rsm`). These light a view (`vpl`). All lights with maps share one set of buffers. It
+//! does not exist without such a light.
 
 use super::Pass;
 use super::dispatch::{MAX_GROUPS, compute};
@@ -17,7 +17,7 @@ use meshless_gi::internals::frame::{
 };
 use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
 
-/// Bytes of a uniform buffer: the largest of the parameters fits.
+/// Size of a uniform buffer in bytes. The largest of the parameters fits.
 const UNIFORM: u64 = 256;
 const _: () = assert!(
     size_of::<RsmParams>() <= UNIFORM as usize && size_of::<RsmShadowParams>() <= UNIFORM as usize
@@ -35,45 +35,45 @@ pub struct RsmCapture<'a> {
     pub params: RsmParams,
 }
 
-/// The baked scene that shadows the virtual point lights.
+/// Baked scene that shadows the virtual point lights.
 #[derive(Clone, Copy, Debug)]
 pub struct VplShadows<'a> {
-    /// From the space of the lights to the scene's
+    /// Transform from the space of the lights to that of the scene
     /// ([`local_from_space`](meshless_gi::internals::frame::rsm_layout::local_from_space)).
     pub local_from_space: Mat4,
-    /// The scene.
+    /// Buffers of the scene.
     pub scene: &'a SceneBuffers,
-    /// Threshold of irradiance, W/m². Virtual point lights that give less are evaluated without a
-    /// shadow ray.
+    /// Threshold of irradiance, W/m². Virtual point lights below it are evaluated without a shadow
+    /// ray.
     pub dim: f32,
 }
 
 /// Buffers of all reflective shadow maps, and their recording.
 #[derive(Debug)]
 pub struct RsmBuffers {
-    /// Texels of the light that is being recorded. Lights use this buffer in turn.
+    /// Texels of the current light. All lights use this buffer in turn.
     texels: wgpu::Buffer,
     room: u32,
     /// Virtual point lights of all lights, one light after the other.
     vpls: wgpu::Buffer,
     capacity: u32,
     used: u32,
-    /// Texels of the light that is being recorded.
+    /// Number of texels of the current light.
     filled: u32,
-    /// A node and a triangle that are bound where there is no baked scene.
+    /// Buffers of one node and one triangle, bound if there is no baked scene.
     nothing: [wgpu::Buffer; 2],
-    /// Uniform buffers of a frame, followed by the number in use.
+    /// Uniform buffers of a frame. The number in use follows.
     uniforms: Vec<wgpu::Buffer>,
     taken: usize,
     counters: GpuCounters,
 }
 
 impl RsmBuffers {
-    /// Buffers for `vpls` virtual point lights in all, and for lights of `texels` texels at most,
-    /// over all maps of the light. `begin` makes more room.
+    /// Creates buffers for `vpls` virtual point lights in total, and for lights with at most
+    /// `texels` texels in all their maps. `begin` grows them.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the device binds no such buffer.
+    /// [`GpuError::TooLarge`] if a buffer does not fit a binding of the device.
     pub fn new(device: &wgpu::Device, texels: u32, vpls: u32) -> Result<Self, GpuError> {
         Ok(Self {
             texels: storage::<RsmTexel>(device, "lit texels", texels)?,
@@ -97,7 +97,7 @@ impl RsmBuffers {
     /// recording a frame and its submission.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the device binds no such buffer.
+    /// [`GpuError::TooLarge`] if a buffer does not fit a binding of the device.
     pub fn begin(&mut self, device: &wgpu::Device, texels: u32, vpls: u32) -> Result<(), GpuError> {
         if texels > self.room {
             self.texels = storage::<RsmTexel>(device, "lit texels", texels)?;
@@ -150,13 +150,13 @@ impl RsmBuffers {
         self.filled += count;
     }
 
-    /// Begins another light, whether or not the one before came to its choice.
+    /// Begins the next light. The previous light need not be complete.
     pub fn next_light(&mut self) {
         self.filled = 0;
     }
 
-    /// Records the shadows of the baked scenes on the maps of a light, and the choice of its `vpls`
-    /// virtual point lights.
+    /// Records the shadows of the baked scenes on the maps of a light, and the selection of its
+    /// `vpls` virtual point lights.
     pub fn choose(
         &mut self,
         kernels: &KernelPipelines,
@@ -284,14 +284,14 @@ impl RsmBuffers {
         }
     }
 
-    /// Returns the buffer that such a kernel binds as its `vpls`. It holds [`RsmBuffers::used`]
+    /// Returns the buffer that such a kernel binds as its `vpls`. It has [`RsmBuffers::used`]
     /// elements of type [`Vpl`].
     #[must_use]
     pub fn vpls(&self) -> &wgpu::Buffer {
         &self.vpls
     }
 
-    /// The texels of the light that was recorded last, for tests and tools.
+    /// Returns the texels of the last recorded light, for tests and tools.
     #[must_use]
     pub fn texels(&self) -> &wgpu::Buffer {
         &self.texels
@@ -315,7 +315,7 @@ impl RsmBuffers {
         4 + self.uniforms.len() as u32
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let own = [&self.texels, &self.vpls, &self.nothing[0], &self.nothing[1]];
@@ -323,7 +323,7 @@ impl RsmBuffers {
         all.map(wgpu::Buffer::size).sum()
     }
 
-    /// Puts parameters into a uniform buffer that this frame has not used yet.
+    /// Writes parameters into a uniform buffer that this frame has not used yet.
     fn uniform<T: Pod>(
         &mut self,
         kernels: &KernelPipelines,
@@ -360,7 +360,7 @@ impl RsmBuffers {
     }
 }
 
-/// A storage buffer for `count` elements, one at least, zero.
+/// Creates a storage buffer of zeros for `count` elements, at least one.
 fn storage<T>(
     device: &wgpu::Device,
     what: &'static str,

@@ -1,4 +1,4 @@
-//! A baked scene on the device: its arrays uploaded once, and the arrays that a solve fills.
+//! Baked scene on the GPU: its arrays, uploaded once, and the arrays that a solve fills.
 
 use super::GpuError;
 use super::Pass;
@@ -15,7 +15,7 @@ use meshless_gi::internals::transport::pca::Compression;
 use meshless_gi::internals::transport::{BounceOperator, SenderForm};
 use meshless_gi::{BakedScene, FrameLight};
 
-/// The baked bounces on the device.
+/// Baked bounces on the GPU.
 #[derive(Debug)]
 pub(super) struct BounceBuffers {
     pub starts: wgpu::Buffer,
@@ -23,7 +23,7 @@ pub(super) struct BounceBuffers {
     pub further: wgpu::Buffer,
 }
 
-/// Matrix of an operator of components on the device, and its product with the senders.
+/// Matrix of an operator of components on the GPU, and its product with the senders.
 #[derive(Debug)]
 pub(super) struct ComponentBuffers {
     pub columns: wgpu::Buffer,
@@ -32,7 +32,7 @@ pub(super) struct ComponentBuffers {
     pub components: wgpu::Buffer,
 }
 
-/// The buffers of a baked scene.
+/// Buffers of a baked scene.
 #[derive(Debug)]
 pub struct SceneBuffers {
     pub(super) shape: SceneDimensions,
@@ -43,10 +43,10 @@ pub struct SceneBuffers {
     pub(super) levels: SpanList,
     /// Span of all points, then the span of the senders.
     pub(super) whole: SpanList,
-    /// For each tier, for each part of the links: the rows that it uses, as a range of `order` (a
-    /// count of 0 where there are none).
+    /// Rows of each tier and chunk of links, as a range of `order`. The count is 0 if the tier uses
+    /// no row of the chunk.
     pub(super) tier_parts: Vec<SpanList>,
-    /// The same of the senders' rows alone.
+    /// The same ranges of the senders' rows alone.
     pub(super) sender_parts: Vec<SpanList>,
     pub(super) links: Vec<wgpu::Buffer>,
     pub(super) points: wgpu::Buffer,
@@ -115,12 +115,12 @@ impl ComponentBuffers {
 }
 
 impl SceneBuffers {
-    /// Uploads `scene`, with room for `slots` light slots.
+    /// Uploads `scene`, with capacity for `slots` light slots.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone
-    /// are cut into parts. An octree that the device does not hold is left out where there are
-    /// links instead, and an error (of its order, [`GpuError::Limit`]) where there are none.
+    /// [`GpuError::TooLarge`] if an array does not fit a binding of the device. Only the links are
+    /// split into chunks. An octree that exceeds the limits is left out if the scene has links.
+    /// Without links it is an error (for its order, [`GpuError::Limit`]).
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -130,11 +130,11 @@ impl SceneBuffers {
         Self::with_limit(device, queue, scene, slots, binding_limit(device))
     }
 
-    /// As [`SceneBuffers::new`], for a device that binds at most `limit` bytes. For tests of the
-    /// cuts.
+    /// Uploads `scene` as [`SceneBuffers::new`] does, for bindings of at most `limit` bytes. For
+    /// tests of the chunks.
     ///
     /// # Errors
-    /// As [`SceneBuffers::new`].
+    /// See [`SceneBuffers::new`].
     pub fn with_limit(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -234,8 +234,8 @@ impl SceneBuffers {
         })
     }
 
-    /// Returns the buffer that kernels bind as the sky's terms. If the bake has none, this is the
-    /// buffer of surfaces, as a valid stand-in.
+    /// Returns the buffer that kernels bind as the sky's terms. If the bake has none, it returns
+    /// the buffer of surfaces as a valid stand-in.
     pub(super) fn sky_visibility(&self) -> &wgpu::Buffer {
         self.sky.as_ref().unwrap_or(&self.surfaces)
     }
@@ -246,7 +246,7 @@ impl SceneBuffers {
         self.slots
     }
 
-    /// The scene's sizes.
+    /// Returns the sizes of the scene.
     #[must_use]
     pub fn shape(&self) -> &SceneDimensions {
         &self.shape
@@ -256,7 +256,7 @@ impl SceneBuffers {
     /// recording a frame and its submission.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the projections of so many lights do not fit a binding.
+    /// [`GpuError::TooLarge`] if the projections of the lights do not fit a binding.
     pub fn grow(
         &mut self,
         device: &wgpu::Device,
@@ -267,8 +267,8 @@ impl SceneBuffers {
             return Ok(());
         }
         let make = Maker::new(device, queue);
-        // Reserves half as much again, so that lights that are added one by one do not copy the
-        // buffer each time. Reserves only the required size if that is too much.
+        // Reserves 50 % more, so that lights that are added one by one do not copy the buffer each
+        // time. Reserves only the required size if more would exceed the limit.
         let senders = self.shape.senders() as u64;
         let roomy = slots.max(self.slots + self.slots / 2);
         let projected = |slots: u32| {
@@ -287,7 +287,7 @@ impl SceneBuffers {
         Ok(())
     }
 
-    /// The buffer of direct coefficients, made if it is not there.
+    /// Returns the buffer of direct coefficients. The first call creates it.
     pub(super) fn ensure_direct(&mut self, device: &wgpu::Device) -> wgpu::Buffer {
         self.direct
             .get_or_insert_with(|| {
@@ -307,19 +307,19 @@ impl SceneBuffers {
         self.named_buffers().count()
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.named_buffers().map(|(_, b)| b.size()).sum()
     }
 
-    /// A buffer that a pass fills, for tests and tools.
+    /// Returns a buffer that a pass fills, for tests and tools.
     #[must_use]
     pub fn output(&self, pass: Pass) -> Option<&wgpu::Buffer> {
         match pass {
             Pass::Project => Some(&self.projected),
             Pass::Radiosity | Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
-            // The first part, if there are several.
+            // The first chunk, if there are several.
             Pass::Occlude => self.links.first(),
             Pass::Compress => self.components.as_ref().map(|c| &c.components),
             Pass::Push => self.differences.as_ref().map(|d| &d[0]),
@@ -339,7 +339,7 @@ impl SceneBuffers {
         }
     }
 
-    /// Every buffer with its name.
+    /// Returns every buffer with its name.
     pub(super) fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         let own = [
             ("params", &self.params),
@@ -400,18 +400,18 @@ impl SceneBuffers {
     }
 }
 
-/// The buffers of one baked scene in one view: parameters of `splat` and `composite`.
+/// Buffers of one baked scene in one view: parameters of `splat` and `composite`.
 #[derive(Debug)]
 pub struct ViewBuffers {
     pub(super) splat: wgpu::Buffer,
     pub(super) composite: wgpu::Buffer,
-    /// The parameters of `probe`, where the scene has probes.
+    /// Parameters of `probe`. `None` if the scene has no probes.
     pub(super) probes: Option<wgpu::Buffer>,
     pub(super) size: [u32; 2],
 }
 
 impl ViewBuffers {
-    /// Room for the parameters of a view.
+    /// Creates the buffers for the parameters of a view.
     #[must_use]
     pub fn new(device: &wgpu::Device) -> Self {
         Self {
@@ -430,7 +430,7 @@ impl ViewBuffers {
     }
 
     /// Sets the parameters of `probe` ([`GpuFrame::probe_params`](super::GpuFrame::probe_params))
-    /// for the frame that is submitted next. `None` for a scene without probes.
+    /// for the frame that is submitted next. `None` if the scene has no probes.
     pub fn write_probes(
         &mut self,
         device: &wgpu::Device,
@@ -446,7 +446,7 @@ impl ViewBuffers {
         queue.write_buffer(buffer, 0, bytemuck::bytes_of(params));
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let all = [&self.splat, &self.composite].into_iter();

@@ -1,6 +1,6 @@
-//! Soft shadows on the device: the buffers that kernel `soft_shadow` reads, and the recording of
-//! this kernel and of `flatten`. A scene without visibility has no such buffers. The same holds if
-//! no light of the scene casts soft shadows.
+//! Soft shadows on the GPU: the buffers that kernel `soft_shadow` reads, and the recording of this
+//! kernel and of `flatten`. A scene without visibility, or without lights that cast soft shadows,
+//! has no such buffers.
 
 use super::dispatch::{MAX_GROUPS, compute};
 use super::error::GpuError;
@@ -14,7 +14,7 @@ use meshless_gi::internals::frame::{
 };
 use meshless_gi::internals::transport::pca::Visibility;
 
-/// Visibility of a baked scene on the device, its soft lights, and their missing light.
+/// Visibility of a baked scene on the GPU, its soft lights, and their occluded irradiance.
 #[derive(Debug)]
 pub struct SoftShadowBuffers {
     params: wgpu::Buffer,
@@ -61,10 +61,10 @@ fn upload<T: Pod>(
 }
 
 impl SoftShadowBuffers {
-    /// Uploads the visibility of the scene that `scene` holds, with room for `lights` soft lights.
+    /// Uploads the visibility of the scene in `scene`, with capacity for `lights` soft lights.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the device binds no such buffer.
+    /// [`GpuError::TooLarge`] if a buffer does not fit a binding of the device.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -93,7 +93,7 @@ impl SoftShadowBuffers {
         bytes.resize(bytes.len().max(stride), 0);
         let spans = uniform(device, "soft_shadow spans", bytes.len() as u64);
         queue.write_buffer(&spans, 0, &bytes);
-        // No row is of tier 0: every point takes the mean of its parents.
+        // Rows of tier 0 do not exist: every point takes the mean of its parents.
         let solve = uniform(device, "soft_shadow solve", size_of::<SolveParams>() as u64);
         queue.write_buffer(&solve, 0, bytemuck::bytes_of(&SolveParams::default()));
         Ok(Self {
@@ -154,11 +154,11 @@ impl SoftShadowBuffers {
         })
     }
 
-    /// Records the missing light of `lights` at all points of `scene`, for which the buffers were
-    /// created. Call it only after a light changed.
+    /// Records the occluded irradiance of `lights` at all points of `scene`, for which the buffers
+    /// were created. Call it only after a light changed.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] for more lights than the device binds.
+    /// [`GpuError::TooLarge`] if the lights do not fit a binding of the device.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,
@@ -249,14 +249,14 @@ impl SoftShadowBuffers {
         self.counters.dispatches[kernel as usize] += 1;
     }
 
-    /// Returns the buffer of missing and unoccluded irradiance of every point, W/m². Kernel
+    /// Returns the buffer of occluded and unoccluded irradiance of every point, W/m². Kernel
     /// `subtract_shadow` reads it.
     #[must_use]
     pub fn occluded_irradiances(&self) -> &wgpu::Buffer {
         &self.occluded_irradiances
     }
 
-    /// Its buffers.
+    /// Returns its buffers.
     fn buffers(&self) -> [&wgpu::Buffer; 10] {
         [
             &self.params,
@@ -278,13 +278,13 @@ impl SoftShadowBuffers {
         self.buffers().len() as u32
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.buffers().into_iter().map(wgpu::Buffer::size).sum()
     }
 
-    /// Dispatches so far.
+    /// Returns the dispatches recorded so far.
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters

@@ -1,4 +1,4 @@
-//! Steps of a solve as dispatches.
+//! Recording of the steps of a solve as dispatches.
 
 use super::dispatch::MAX_GROUPS;
 use super::pipelines::KernelPipelines;
@@ -7,7 +7,7 @@ use super::spans::SpanList;
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::SolveSchedule;
 
-/// Buffers of the operator's input and output in the form of its senders.
+/// Returns the buffers of the operator's input and output in the form of its senders.
 fn operands(b: &SceneBuffers) -> [&wgpu::Buffer; 2] {
     match (&b.differences, &b.components) {
         (Some([senders, receivers]), _) => [senders, receivers],
@@ -39,12 +39,12 @@ impl Recorder<'_> {
                 (7, b.sky_visibility().as_entire_binding()),
             ],
         );
-        // The sky's coefficient is written even where there are no points.
+        // The sky's coefficient is written even without points.
         let senders = b.shape.senders().max(1) as u32;
         self.dispatch(pass, Pass::Radiosity, &bind, &[], senders);
     }
 
-    /// Pulls the levels, the finest of them first.
+    /// Pulls the levels, finest first.
     pub fn pull(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
         if levels.is_empty() {
             return;
@@ -64,8 +64,8 @@ impl Recorder<'_> {
         }
     }
 
-    /// Pushes or compresses the senders and applies the operator, or goes up and down the octree.
-    /// `sweep`: for the senders' rows only.
+    /// Pushes or compresses the senders and applies the operator, or runs both passes of the
+    /// octree. `sweep` restricts it to the senders' rows.
     pub fn apply_operator(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -97,8 +97,8 @@ impl Recorder<'_> {
         }
     }
 
-    /// Computes the points' values after [`apply_operator`](Self::apply_operator). `sweep`: of the
-    /// senders only.
+    /// Computes the points' values after [`apply_operator`](Self::apply_operator). `sweep`
+    /// restricts it to the senders.
     pub fn flatten(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -108,7 +108,7 @@ impl Recorder<'_> {
         let b = self.b;
         let (senders, all) = (steps.senders.len(), steps.levels.len());
         if steps.octree && b.fmm.is_some() {
-            // Only points finer than senders take their parents' mean.
+            // Only points finer than senders take the mean of their parents.
             let finer = if sweep { 0..0 } else { senders..all };
             self.averages(pass, finer);
         } else if steps.differences {
@@ -130,7 +130,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// The senders' light at the probes.
+    /// Applies the probes' rows to the senders.
     pub fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &SolveSchedule) {
         let b = self.b;
         let Some(probes) = &b.probes else { return };
@@ -144,8 +144,9 @@ impl Recorder<'_> {
         );
     }
 
-    /// The operator in all channels or in `one`: `rows` and their order, links part by part with
-    /// the span of each, from the first to the second of `values`.
+    /// Applies the operator in all channels or in `one`. Reads `rows` and their order, and the
+    /// links chunk by chunk with the span of each. The first of `values` is the input, the second
+    /// the output.
     pub fn apply(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -176,7 +177,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// Sets points without a used row to their parents' mean, level after level.
+    /// Sets points without a used row to the mean of their parents, level by level.
     pub fn averages(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
         if levels.is_empty() {
             return;
@@ -297,7 +298,7 @@ impl Recorder<'_> {
         self.dispatch(pass, Pass::Add, &bind, &[], b.shape.senders() as u32);
     }
 
-    /// One dispatch for each of the spans `which` of a list.
+    /// Records one dispatch for each of the spans `which` of a list.
     pub fn spans(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,

@@ -8,7 +8,7 @@ use std::ops::Range;
 /// Spans of one kind with their offsets in the uniform buffer of spans.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SpanList {
-    /// Offset in bytes, and the span there.
+    /// Offset in bytes, and the span at this offset.
     pub at: Vec<(u32, Span)>,
 }
 
@@ -20,7 +20,7 @@ pub(super) fn span(range: Range<usize>) -> Span {
     }
 }
 
-/// Rows of a chunk that are among the first `max` rows.
+/// Returns the rows of a chunk that are among the first `max` rows.
 pub(super) fn part_span(part: &LinkChunk, max: u32) -> Span {
     Span {
         first: part.rows.start,

@@ -1,5 +1,5 @@
-//! Records a view's subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and
-//! `upsample`. Their order is that of [`meshless_gi::internals::frame::subsplats`]. The device
+//! Recording of a view's subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes)
+//! and `upsample`. Their order is that of [`meshless_gi::internals::frame::subsplats`]. The GPU
 //! selects the cells to evaluate, by lists that grow by atomics and by indirect dispatches. Nothing
 //! is read back.
 
@@ -14,29 +14,29 @@ use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::subsplat::LEVELS;
 use meshless_gi::internals::frame::{Span, SubsplatLevels, SubsplatNode, SubsplatParams};
 
-/// Words of a count: an indirect dispatch, the number of items, the number of cells divided for
-/// them, and unused words.
+/// Number of words of a count: an indirect dispatch, the number of items, the number of cells
+/// divided for them, and unused words.
 const COUNT: u64 = 8;
 
-/// The textures that a view's subsplats read and write. All have the size of the view's target.
+/// Textures that a view's subsplats read and write. All have the size of the view's target.
 #[derive(Clone, Copy, Debug)]
 pub struct SubsplatTargets<'a> {
     /// Depth, reversed (0 is infinitely far), one sample per pixel.
     pub depth: &'a wgpu::TextureView,
     /// Bevy's deferred G-buffer, `Rgba32Uint`.
     pub gbuffer: &'a wgpu::TextureView,
-    /// `Rgba16Float`.
+    /// Output texture, `Rgba16Float`.
     pub output: &'a wgpu::TextureView,
 }
 
-/// Virtual point lights that shine on a view's subsplats.
+/// Virtual point lights that light a view's subsplats.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeLights<'a> {
-    /// The lights.
+    /// Buffers of the lights.
     pub maps: &'a RsmBuffers,
-    /// A uniform buffer with [`VplViewParams`](meshless_gi::internals::frame::VplViewParams).
+    /// Uniform buffer with [`VplViewParams`](meshless_gi::internals::frame::VplViewParams).
     pub view: &'a wgpu::Buffer,
-    /// A uniform buffer with [`VplParams`](meshless_gi::internals::frame::VplParams).
+    /// Uniform buffer with [`VplParams`](meshless_gi::internals::frame::VplParams).
     pub lit: &'a wgpu::Buffer,
     /// Baked scene that shadows the virtual point lights, if there is one.
     pub shadows: Option<VplShadows<'a>>,
@@ -48,25 +48,26 @@ pub struct SubsplatBuffers {
     levels: SubsplatLevels,
     finest: u32,
     params: wgpu::Buffer,
-    /// Spans of the levels: the level, and the capacity of its list in items.
+    /// Spans of the levels: index of the level, and the capacity of its list in items.
     spans: wgpu::Buffer,
     stride: u32,
     cells: wgpu::Buffer,
     nodes: wgpu::Buffer,
     lists: wgpu::Buffer,
-    /// Counts, one buffer per level. A dispatch can't write the buffer that it is dispatched from.
+    /// Counts, one buffer per level. A dispatch cannot write the buffer of its own indirect
+    /// arguments.
     counts: Vec<wgpu::Buffer>,
-    /// A count of nothing.
+    /// Count of zero items.
     none: wgpu::Buffer,
     counters: GpuCounters,
 }
 
 impl SubsplatBuffers {
-    /// Buffers for views of these levels.
+    /// Creates buffers for views of these levels.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the device binds no such buffer: show the view at full
-    /// resolution then.
+    /// [`GpuError::TooLarge`] if a buffer does not fit a binding of the device. Evaluate every
+    /// pixel of the view in this case.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -128,7 +129,7 @@ impl SubsplatBuffers {
         })
     }
 
-    /// The levels that there is room for.
+    /// Returns the levels that fit the buffers.
     #[must_use]
     pub fn levels(&self) -> SubsplatLevels {
         self.levels
@@ -140,7 +141,7 @@ impl SubsplatBuffers {
         6 + self.counts.len() as u32
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let own = [
@@ -161,7 +162,7 @@ impl SubsplatBuffers {
         self.counters
     }
 
-    /// The nodes of all levels, for tests and tools.
+    /// Returns the nodes of all levels, for tests and tools.
     #[must_use]
     pub fn nodes(&self) -> &wgpu::Buffer {
         &self.nodes
@@ -173,7 +174,7 @@ impl SubsplatBuffers {
         &self.cells
     }
 
-    /// The lists of all levels, for tests and tools.
+    /// Returns the lists of all levels, for tests and tools.
     #[must_use]
     pub fn lists(&self) -> &wgpu::Buffer {
         &self.lists
@@ -212,7 +213,7 @@ impl SubsplatBuffers {
         for count in &self.counts {
             encoder.copy_buffer_to_buffer(&self.none, 0, count, 0, 4 * COUNT);
         }
-        // Nothing is evaluated yet.
+        // No node has been evaluated yet.
         let node = size_of::<SubsplatNode>() as u64;
         let start = u64::from(self.levels.starts[coarsest as usize]) * node;
         encoder.clear_buffer(
@@ -258,7 +259,7 @@ struct Recorder<'a> {
     counters: GpuCounters,
 }
 
-/// Workgroups of a dispatch.
+/// Number of workgroups of a dispatch.
 enum Groups<'a> {
     Direct([u32; 2]),
     From(&'a wgpu::Buffer),
@@ -488,7 +489,7 @@ fn texture(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::TextureView(view)
 }
 
-/// Groups of 8 × 8.
+/// Returns groups of 8 × 8 pixels.
 fn tiles([width, height]: [u32; 2]) -> Groups<'static> {
     Groups::Direct([width.div_ceil(8), height.div_ceil(8)])
 }

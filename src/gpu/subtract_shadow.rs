@@ -1,5 +1,5 @@
-//! Records the light that soft shadows subtract from a view: the kernel `subtract_shadow`, for one
-//! baked scene in one view. A view without soft shadows has no such buffers.
+//! Recording of the light that soft shadows subtract from a view: the kernel `subtract_shadow`, for
+//! one baked scene in one view. A view without soft shadows has no such buffers.
 
 use super::dispatch::compute;
 use super::error::GpuError;
@@ -11,18 +11,18 @@ use super::soft_shadow::SoftShadowBuffers;
 use super::{GpuCounters, Pass};
 use meshless_gi::internals::frame::{SoftLight, SubtractShadowParams};
 
-/// The lights that one view shows of one scene.
+/// Lights of one scene in one view.
 #[derive(Debug)]
 pub struct SubtractShadowBuffers {
     params: wgpu::Buffer,
     lights: wgpu::Buffer,
     room: usize,
-    /// Bound where there are no tables.
+    /// Texture that is bound without tables.
     blank: wgpu::TextureView,
     counters: GpuCounters,
 }
 
-/// A storage buffer for `count` lights.
+/// Creates a storage buffer for `count` lights.
 fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuError> {
     let bytes = (size_of::<SoftLight>() as u64).saturating_mul(count.max(1) as u64);
     let limit = binding_limit(device);
@@ -41,7 +41,7 @@ fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuErro
     }))
 }
 
-/// Two layers of one texel.
+/// Creates a texture of two layers of one texel.
 fn blank(device: &wgpu::Device) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("no tables"),
@@ -64,10 +64,10 @@ fn blank(device: &wgpu::Device) -> wgpu::TextureView {
 }
 
 impl SubtractShadowBuffers {
-    /// Room for `lights` lights.
+    /// Creates buffers for `lights` lights.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] for more than the device binds.
+    /// [`GpuError::TooLarge`] if the lights do not fit a binding of the device.
     pub fn new(device: &wgpu::Device, lights: usize) -> Result<Self, GpuError> {
         Ok(Self {
             params: uniform(
@@ -82,13 +82,13 @@ impl SubtractShadowBuffers {
         })
     }
 
-    /// Sets the lights that the view was drawn with, in the scene's local space, for the frame that
-    /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`].
-    /// `vpl_specular` where rectangles were drawn with it: [`SubtractShadowBuffers::record`] gets
-    /// the tables then.
+    /// Sets the lights that the view was rendered with, in the scene's local space, for the frame
+    /// that is submitted next. [`SoftShadowBuffers::record`] computes their occluded irradiance.
+    /// Set `gloss` if rectangles were rendered with specular reflection.
+    /// [`SubtractShadowBuffers::record`] then needs the tables.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] for more than the device binds.
+    /// [`GpuError::TooLarge`] if the lights do not fit a binding of the device.
     pub fn write(
         &mut self,
         kernels: &KernelPipelines,
@@ -114,8 +114,9 @@ impl SubtractShadowBuffers {
         Ok(())
     }
 
-    /// Writes the missing radiance of each pixel, for [`draw_over`](super::draw_over). `tables` are
-    /// two layers, see [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
+    /// Writes the occluded radiance of each pixel, for [`draw_over`](super::draw_over). `tables`
+    /// are two layers, see
+    /// [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,
@@ -165,7 +166,7 @@ impl SubtractShadowBuffers {
         2
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.params.size() + self.lights.size()

@@ -1,6 +1,5 @@
-//! Probe light for forward rendering, on the device: the recording of kernel `volume` over a
-//! texture that an engine reads. A scene whose volume no camera shows has no parameters, weights or
-//! texture.
+//! Probe light for forward rendering, on the GPU: the recording of kernel `volume` over a texture
+//! that an engine reads. A scene without a visible volume has no parameters, weights or texture.
 
 use super::dispatch::compute;
 use super::maker::{Maker, uniform};
@@ -9,8 +8,8 @@ use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};
 use meshless_gi::internals::frame::{VolumeParams, WallSample};
 
-/// Device data of a scene's volume without its texture. Each voxel has weights of its probes,
-/// weights of its walls, and distances to the nearest walls.
+/// GPU data of a scene's volume without its texture. Each voxel has weights of its probes, weights
+/// of its walls, and distances to the nearest walls.
 #[derive(Debug)]
 pub struct VolumeBuffers {
     shape: VoxelGrid,
@@ -27,8 +26,8 @@ impl VolumeBuffers {
     /// Creates the buffers of one volume with complete weights.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the shares do not fit a binding; within WebGPU's default limits
-    /// they always do.
+    /// [`GpuError::TooLarge`] if the weights do not fit a binding. Within WebGPU's default limits
+    /// they always fit.
     ///
     /// # Panics
     /// Panics if the weights of the voxels are incomplete.
@@ -44,7 +43,7 @@ impl VolumeBuffers {
         let make = Maker::new(device, queue);
         let found = weights.wall_samples();
         let wall_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
-        // Shares of the last one end where those of this one start.
+        // An additional element marks the end of the last wall sample's weights.
         let mut wall_samples = found.wall_samples.clone();
         wall_samples.push(WallSample {
             start: found.weights.len() as u32,
@@ -62,7 +61,7 @@ impl VolumeBuffers {
         })
     }
 
-    /// The volume.
+    /// Returns the grid of the volume.
     #[must_use]
     pub fn shape(&self) -> &VoxelGrid {
         &self.shape
@@ -74,7 +73,7 @@ impl VolumeBuffers {
         self.buffers().len() as u32
     }
 
-    /// Bytes on the device, without the texture.
+    /// Returns the size of its buffers in bytes, without the texture.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.buffers().iter().map(|b| b.size()).sum()

@@ -1,7 +1,7 @@
-//! Records specular reflection of virtual point lights in a view: the kernel `vpl_specular`, level
-//! by level, and its pixels. The order is that of
-//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). The
-//! device selects the lights of each node. Nothing is read back.
+//! Recording of specular reflection of virtual point lights in a view: the kernel `vpl_specular`,
+//! level by level, and its pixels. The order is that of
+//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). The GPU
+//! selects the lights of each node. Nothing is read back.
 
 use super::Pass;
 use super::dispatch::compute;
@@ -14,7 +14,7 @@ use meshless_gi::internals::frame::{
     Span, SpecularNode, SpecularParams, SubsplatLevels, SubsplatParams,
 };
 
-/// Buffers of a view, and its recording. They take 16 bytes per node of the levels from 1, and the
+/// Buffers of a view, and its recording. They have 16 bytes per node of the levels from 1, and the
 /// same for those from 2: about 6.6 bytes per pixel.
 #[derive(Debug)]
 pub struct SpecularBuffers {
@@ -34,7 +34,8 @@ impl SpecularBuffers {
     /// [`SpecularSettings::params`](meshless_gi::SpecularSettings::params).
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.
+    /// [`GpuError::TooLarge`] if a buffer does not fit a binding of the device. The view then has
+    /// no specular reflection.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -91,7 +92,7 @@ impl SpecularBuffers {
         })
     }
 
-    /// The levels that there is room for.
+    /// Returns the levels that fit the buffers.
     #[must_use]
     pub fn levels(&self) -> SubsplatLevels {
         self.levels
@@ -103,7 +104,7 @@ impl SpecularBuffers {
         5
     }
 
-    /// Bytes on the device.
+    /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let own = [
@@ -122,13 +123,13 @@ impl SpecularBuffers {
         self.counters
     }
 
-    /// The nodes of the levels from 1, for tests and tools.
+    /// Returns the nodes of the levels from 1, for tests and tools.
     #[must_use]
     pub fn nodes(&self) -> &wgpu::Buffer {
         &self.shines
     }
 
-    /// The lights that surprised nodes of the levels from 2, for tests and tools.
+    /// Returns the refine masks of the nodes of the levels from 2, for tests and tools.
     #[must_use]
     pub fn refine_masks(&self) -> &wgpu::Buffer {
         &self.refine_masks
@@ -151,9 +152,9 @@ impl SpecularBuffers {
         );
     }
 
-    /// Records everything between the G-buffer and the radiance of every pixel, for
-    /// [`draw_over`](super::draw_over): `targets.output` is written whole. The lights are those
-    /// that [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
+    /// Records all passes between the G-buffer and the radiance of every pixel, for
+    /// [`draw_over`](super::draw_over). Writes all of `targets.output`. The lights are those that
+    /// [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Bindings of kernels that look functions up for the pixels or subsplats of a view.
+/// Bindings of kernels that look up functions for the pixels or subsplats of a view.
 const LOOK_UP: [Binding; 15] = [
     bind(0, "params", Uniform(size_of::<SplatParams>())),
     bind(1, "depths", Depth),

@@ -1,14 +1,14 @@
-//! Anderson's acceleration of a fixed-point iteration x ← G(x): the next x is where a combination
-//! of the last few steps leaves the least residual. For a linear G, as the sweeps of a frame are,
-//! it does what GMRES does ([WN11] §2): a room that reflects 99 % of the light needs a dozen steps
-//! and no five hundred. Serves [`CpuFrame::converge`](super::CpuFrame::converge).
+//! Anderson acceleration of a fixed-point iteration x ← G(x). The next x minimizes the residual
+//! over combinations of the last steps. For a linear G, such as the sweeps of a frame, it does the
+//! same as GMRES (\[WN11\] §2). A scene that reflects 99 % of the light then takes a dozen steps
+//! instead of five hundred. Used by [`CpuFrame::converge`](super::CpuFrame::converge).
 
-/// Steps that are remembered.
+/// Number of stored steps.
 const DEPTH: usize = 6;
-/// Share of the largest diagonal below which a direction says nothing new.
+/// Share of the largest diagonal element below which a direction counts as linearly dependent.
 const DEPENDENT: f64 = 1e-12;
 
-/// The memory of one iteration.
+/// History of one iteration.
 #[derive(Debug, Default)]
 pub(super) struct Anderson {
     /// The last residual G(x) − x and the last G(x).
@@ -20,14 +20,14 @@ pub(super) struct Anderson {
 }
 
 impl Anderson {
-    /// Takes `x` and G(`x`), both of the same length every time, and replaces `x` by the next
-    /// iterate. Returns ‖G(x) − x‖ / ‖G(x)‖; 0 where G(x) is 0.
+    /// Replaces `x` by the next iterate. `g` is G(`x`). Both have the same length in all calls.
+    /// Returns ‖G(x) − x‖ / ‖G(x)‖, or 0 if G(x) is 0.
     pub fn step(&mut self, x: &mut [f32], g: &[f32]) -> f64 {
         let residual: Vec<f32> = g.iter().zip(&*x).map(|(g, x)| g - x).collect();
         let (norm, size) = (dot(&residual, &residual).sqrt(), dot(g, g).sqrt());
         if let Some((r, before)) = self.last.take() {
             if norm > 2.0 * self.min {
-                // What was remembered leads astray.
+                // The residual is more than twice the smallest one: discard the stored steps.
                 self.steps.clear();
                 self.min = norm;
             } else {
@@ -51,8 +51,8 @@ impl Anderson {
         if size > 0.0 { norm / size } else { 0.0 }
     }
 
-    /// The γ that makes ‖r − ΔR γ‖ least, by Cholesky's decomposition; directions that depend on
-    /// others get none.
+    /// Returns the γ that minimizes ‖r − ΔR γ‖, by Cholesky decomposition. Linearly dependent
+    /// directions get 0.
     fn shares(&self, r: &[f32]) -> Vec<f64> {
         let n = self.steps.len();
         let mut gamma: Vec<f64> = self.steps.iter().map(|s| dot(&s.0, r)).collect();
@@ -98,7 +98,8 @@ mod tests {
     use super::*;
     use crate::samples::Random;
 
-    /// x = b + A x with the eigenvalues given, turned so that no axis is special.
+    /// Solves x = b + A x for a matrix A with these eigenvalues, rotated so that no axis is
+    /// special. Returns the number of steps and the relative error.
     fn steps_to(eigenvalues: &[f64], tolerance: f64) -> (usize, f64) {
         let n = eigenvalues.len();
         let mut random = Random::new(1, 2, 3);
@@ -159,7 +160,7 @@ mod tests {
             assert_eq!(anderson.step(&mut x, &[0.0; 3]), 0.0);
             assert_eq!(x, [0.0; 3]);
         }
-        // Already there.
+        // The start value is the fixed point.
         let mut x = vec![2.0, 3.0];
         assert_eq!(anderson_of().step(&mut x, &[2.0, 3.0]), 0.0);
         assert_eq!(x, [2.0, 3.0]);

@@ -1,7 +1,7 @@
-//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j (\[L08\]
-//! Eq. (14) with D1's links). The shader runs over the rows of the frame's tier in the order of
-//! their links ([`row_order`](crate::transport::row_order)) and gives a row to [`LANES`] threads,
-//! each of which sums every [`LANES`]-th link; the sums differ by rounding only.
+//! Kernel `apply`: product of the operator and the coefficients of the senders, E⃗_i = s_i Σ_j F_ij
+//! f_j (\[L08\] Eq. (14) with the links of design D1). The shader processes the rows of the frame's
+//! tier in the order of their links ([`row_order`](crate::transport::row_order)). [`LANES`] threads
+//! share a row, and each thread sums every [`LANES`]-th link. The sums differ by rounding only.
 
 use super::layout::{SolveParams, VectorIrradiance};
 use crate::transport::{Link, Row};
@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Threads that share a row on the GPU.
 pub const LANES: u32 = 16;
 
-/// E⃗ of one row, W/m². A row without links is black.
+/// Returns E⃗ of one row, W/m². A row without links is black.
 #[must_use]
 #[inline]
 pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> VectorIrradiance {
@@ -32,8 +32,8 @@ pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> Vector
     }
 }
 
-/// Fills `out[points]` by `of`; rows that a frame of this tier does not use count as rows without
-/// links.
+/// Fills `out[points]` by `value_of`. Rows that a frame of this tier does not use count as rows
+/// without links.
 pub(super) fn over_rows(
     params: &SolveParams,
     rows: &[Row],
@@ -55,7 +55,7 @@ pub(super) fn over_rows(
         });
 }
 
-/// Fills `out[points]`; rows that a frame of this tier does not use count as rows without links.
+/// Fills `out[points]`. Rows that a frame of this tier does not use count as rows without links.
 pub fn apply(
     params: &SolveParams,
     rows: &[Row],

@@ -1,8 +1,8 @@
-//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel, for scenes whose surfaces
-//! are gray and whose light has one chromaticity ([`Channels::One`](super::Channels::One)): E⃗_i =
-//! h s_i Σ_j F_ij f_j (\[L08\] Eq. (14)) with f_j the channel of the coefficients that is largest
-//! in the chromaticity h. A third of the products and of the loads of coefficients; what is written
-//! has three channels, so that no kernel after it differs.
+//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel. It requires gray surfaces
+//! and light of one chromaticity ([`Channels::One`](super::Channels::One)): E⃗_i = h s_i Σ_j F_ij
+//! f_j (\[L08\] Eq. (14)). f_j is the channel of the coefficients that is largest in the
+//! chromaticity h. The kernel computes a third of the products and loads a third of the
+//! coefficients. The output has three channels, so that later kernels do not differ.
 
 use super::apply::over_rows;
 use super::layout::{SolveParams, VectorIrradiance};
@@ -10,8 +10,8 @@ use crate::transport::{Link, Row};
 use glam::Vec3;
 use std::ops::Range;
 
-/// E⃗ of one row, W/m², from channel `channel` of the coefficients; `hue` is what the three
-/// channels are beside it. A row without links is black.
+/// Returns E⃗ of one row, W/m², from channel `channel` of the coefficients. `hue` has the ratio of
+/// each channel to that channel. A row without links is black.
 #[must_use]
 #[inline]
 pub fn apply_one_row(
@@ -34,7 +34,7 @@ pub fn apply_one_row(
     VectorIrradiance { x, y, z }
 }
 
-/// Fills `out[points]`; rows that a frame of this tier does not use count as rows without links.
+/// Fills `out[points]`. Rows that a frame of this tier does not use count as rows without links.
 pub fn apply_one(
     params: &SolveParams,
     rows: &[Row],

@@ -1,6 +1,6 @@
-//! Kernel `bounce`: the senders' radiosity after further reflections. Live: one Jacobi step of f =
-//! f⁰ + ρ G f on the finest sender level (design D2 (b)). Baked: f = f⁰ + P D f⁰, with D on the
-//! coarsest points only (\[L08\] §3.2; design D2 (a)).
+//! Kernel `bounce`: radiosity of the senders after further reflections. Live bounces: one Jacobi
+//! step of f = f⁰ + ρ G f on the finest sender level (design D2 (b)). Baked bounces: f = f⁰ + P D
+//! f⁰, with D on the coarsest points only (\[L08\] §3.2, design D2 (a)).
 
 use super::layout::{SolveParams, VectorIrradiance};
 use super::radiosity::{SenderInputs, sky_at};
@@ -10,9 +10,10 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for
-/// those of coarser ones that `pull` leaves alone. What E⃗_j has straight from the sky is left out:
-/// f⁰_j reflects it already. (Rows of differences have no link to the sky.)
+/// Computes one live bounce, f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j). Updates the senders of the finest
+/// sender level and coarser senders without a row in `pull`. The direct sky irradiance is
+/// subtracted from E⃗_j, because f⁰_j already reflects it. Rows of differences have no link to the
+/// sky.
 pub fn sweep(
     params: &SolveParams,
     inputs: &SenderInputs<'_>,
@@ -35,7 +36,8 @@ pub fn sweep(
     }
 }
 
-/// Baked, first step: the further radiosity d_k = Σ_j D_kj f⁰_j of the coarsest points, W/m².
+/// Computes the first step of baked bounces: the further radiosity d_k = Σ_j D_kj f⁰_j of the
+/// coarsest points, W/m².
 pub fn gather(starts: &[u32], links: &[BounceLink], direct: &[[f32; 4]], further: &mut [[f32; 4]]) {
     let count = starts.len() - 1;
     further[..count]
@@ -52,8 +54,9 @@ pub fn gather(starts: &[u32], links: &[BounceLink], direct: &[[f32; 4]], further
         });
 }
 
-/// Baked, second step: interpolates d to the senders of `level`, coarse levels first. Where parents
-/// are those of all coarser levels, only the coarsest count: d has no differences on the others.
+/// Computes the second step of baked bounces: interpolates d to the senders of `level`, coarse
+/// levels first. If the parents are those of all coarser levels, only the coarsest ones count,
+/// because d has no differences on the others.
 pub fn spread(
     params: &SolveParams,
     parents: &Weights,
@@ -71,7 +74,7 @@ pub fn spread(
     }
 }
 
-/// Baked, last step: f_j = f⁰_j + d_j.
+/// Computes the last step of baked bounces: f_j = f⁰_j + d_j.
 pub fn add(
     params: &SolveParams,
     direct: &[[f32; 4]],

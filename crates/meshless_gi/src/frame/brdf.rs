@@ -14,35 +14,35 @@
 //! **Deviation from Bevy.** A light is a disk within an angle σ of its center. Half vectors turn by
 //! half of that, so its lobe is a GGX with α'² = α² + sin²σ / 4. Energy is preserved. The highlight
 //! is wider and never brighter than the disk. Bevy moves a light to the point of a sphere nearest
-//! to the mirrored ray and scales by (α / α')² (\[K13\]), which has a sharp edge and loses energy
-//! at short distances.
+//! to the mirrored ray and scales by (α / α')² (\[K13\]). That highlight has a sharp edge and loses
+//! energy at short distances.
 
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// Least perceptual roughness: Bevy's, that of lights.
+/// Smallest perceptual roughness, as Bevy uses for lights.
 pub const MIN_ROUGHNESS: f32 = 0.089;
-/// Least cosine between the normal and the direction to the eye.
+/// Smallest cosine between the normal and the direction to the eye.
 pub const MIN_NDOTV: f32 = 1e-4;
 
-/// Loss of a white surface at the first reflection over the fourth power of its roughness, for
-/// small roughness.
+/// Loss of a white surface at the first reflection, divided by the fourth power of its roughness,
+/// for small roughness.
 pub const MULTISCATTER_LOSS: f32 = 1.25;
 /// Roll-off of this loss at large roughness.
 pub const MULTISCATTER_ROLLOFF: f32 = 1.1;
 
-/// A surface as a light's reflection in it is seen.
+/// Surface properties for the reflection of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShadingPoint {
     /// Unit normal.
     pub n: Vec3,
-    /// Unit, toward the eye.
+    /// Unit vector toward the eye.
     pub v: Vec3,
     /// Perceptual roughness, 0 to 1.
     pub roughness: f32,
 }
 
-/// Radiance to the eye for an irradiance of one, over f₀ and over f₉₀, 1/sr.
+/// Radiance toward the eye for an irradiance of 1, divided by f₀ and by f₉₀, 1/sr.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpecularTerms {
     /// D V (1 − p).
@@ -51,7 +51,7 @@ pub struct SpecularTerms {
     pub f90: f32,
 }
 
-/// α² of a perceptual roughness.
+/// Returns α² of a perceptual roughness.
 #[must_use]
 #[inline]
 pub fn alpha_square(roughness: f32) -> f32 {
@@ -59,20 +59,20 @@ pub fn alpha_square(roughness: f32) -> f32 {
     r * r * r * r
 }
 
-/// f₉₀.
+/// Returns f₉₀.
 #[must_use]
 pub fn f90(f0: Vec3) -> f32 {
     (50.0 * 0.33 * f0.element_sum()).min(1.0)
 }
 
-/// BRDF toward the eye for light from `l` (unit, above the surface) that is spread over a disk with
-/// the sine of half its angle squared `spread`.
+/// Returns the BRDF toward the eye for light from the direction `l` (unit, above the surface). The
+/// light is a disk, and `spread` is the squared sine of half its angle.
 #[must_use]
 #[inline]
 pub fn specular_terms(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
     let sum = l + facet.v;
     let length = sum.length();
-    // The light comes from where the eye looks to.
+    // The directions to the light and to the eye are opposite.
     if length <= 1e-6 {
         return SpecularTerms::default();
     }
@@ -96,9 +96,9 @@ pub fn specular_terms(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTer
     }
 }
 
-/// Multiple-scattering compensation between facets, a factor (\[RG18\] §4.7.2): 1 + f₀ (1 / E − 1).
-/// E is the albedo of a white surface after one reflection, a table in Bevy. Here it is 1 − 1.25 r⁴
-/// / (1 + 1.1 r⁸), a fit to the albedos that a test below measures.
+/// Returns the factor that compensates for multiple scattering between facets, 1 + f₀ (1 / E − 1)
+/// (\[RG18\] §4.7.2). E is the albedo of a white surface after one reflection. Bevy reads it from a
+/// table. Here it is 1 − 1.25 r⁴ / (1 + 1.1 r⁸), a fit to the albedos that a test below measures.
 #[must_use]
 pub fn multiscatter_compensation(roughness: f32, f0: Vec3) -> Vec3 {
     let r2 = roughness * roughness;
@@ -120,8 +120,8 @@ mod tests {
         }
     }
 
-    /// Albedo of a white mirror of this roughness, by directions spread over the half vectors' own
-    /// distribution.
+    /// Returns the albedo of a white mirror of this roughness. Directions are sampled from the
+    /// distribution of the half vectors.
     fn albedo(facet: &ShadingPoint, spread: f32) -> f64 {
         let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
         let mut random = Random::new(5, 0, 0);
@@ -143,8 +143,8 @@ mod tests {
         sum / f64::from(count)
     }
 
-    /// No surface sends more than it gets, smooth ones send nearly all, and the factor for what is
-    /// reflected again brings the rest back.
+    /// The albedo is at most 1, and close to 1 for smooth surfaces. The multiple-scattering factor
+    /// restores the lost energy.
     #[test]
     fn specular_albedo_conserves_energy() {
         for slant in [0.2, 0.8, 1.2] {
@@ -165,8 +165,8 @@ mod tests {
         }
     }
 
-    /// The wider lobe against the mean of the narrow one over the disk: the same energy, and the
-    /// same maximum within a tolerance that shows the error of the formula.
+    /// Compares the wider lobe with the mean of the narrow lobe over the disk. The energies are
+    /// equal. The maxima are equal within a tolerance that shows the error of the formula.
     #[test]
     fn widened_lobe_matches_disk_average() {
         for (roughness, sine) in [(0.15, 0.1f32), (0.3, 0.1), (0.3, 0.3), (0.5, 0.3)] {
@@ -174,7 +174,7 @@ mod tests {
             let mirrored = Vec3::new(-eye.sin(), eye.cos(), 0.0);
             let facet = facet(roughness, eye);
             let (u, v) = mirrored.any_orthonormal_pair();
-            // Offsets of the disk's middle from the mirrored ray.
+            // Offsets of the disk's center from the mirrored ray.
             let [mut energies, mut peaks] = [[0.0f32; 2]; 2];
             for i in -20..=20 {
                 for j in -20..=20 {
@@ -221,7 +221,7 @@ mod tests {
             };
             let g = specular_terms(&facet, l, (i % 4) as f32 / 3.0);
             assert!(g.f0.is_finite() && g.f0 >= 0.0 && g.f90 >= 0.0);
-            // What [`alpha_square`] bounds.
+            // Upper bound that follows from [`alpha_square`].
             let max = 1.0 / (PI * alpha_square(0.0)) * 0.5 / alpha_square(0.0).sqrt();
             assert!((g.f0 + g.f90) * n.dot(l).max(0.0) <= 1.01 * max);
             assert!(multiscatter_compensation(facet.roughness, Vec3::ONE).is_finite());

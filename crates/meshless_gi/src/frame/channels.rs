@@ -1,12 +1,12 @@
-//! In how many channels a frame applies the operator: a choice of
-//! [`FrameSettings`](super::FrameSettings), which the plan makes
+//! Number of channels in which a frame applies the operator.
+//! [`FrameSettings`](super::FrameSettings) stores it, and the plan selects it
 //! ([`crate::plan::ColorModeSelector`]).
 
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
 use glam::Vec3;
 
-/// In how many channels the operator is applied.
+/// Channels in which the operator is applied.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -17,15 +17,16 @@ pub enum Channels {
     /// Red, green and blue.
     #[default]
     Three,
-    /// One, and the others follow from it: right where all surfaces are gray and all that shines
-    /// has this chromaticity (linear RGB). How bright it is does not count; what is none (black, or
-    /// not finite) is white. Of light of other colors the channel that is largest here decides
-    /// alone, green where several are.
+    /// One channel, from which the others follow. Exact if all surfaces are gray and all light has
+    /// this chromaticity (linear RGB). The brightness of the color has no effect. An invalid color
+    /// (black or not finite) counts as white. For light of other colors, only the channel that is
+    /// largest here counts. If several are largest, green is used.
     One(Vec3),
 }
 
 impl Channels {
-    /// The channel that is applied, and the others beside it (1 for itself); none for three.
+    /// Returns the applied channel and the ratio of each channel to it (1 for itself). Returns
+    /// `None` for three channels.
     #[must_use]
     pub fn one(self) -> Option<(usize, Vec3)> {
         let Self::One(hue) = self else { return None };

@@ -1,14 +1,15 @@
-//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π ·
-//! occlusion, what its gloss adds, and what soft shadows take. Blended additively (the last by
-//! subtraction) over the lit picture, before transparency and tonemapping.
+//! Kernel `composite`: radiance that a pixel's indirect irradiance adds to the picture, exposure ·
+//! ρ E/π · occlusion. Further entry points add specular radiance and subtract soft shadows. All
+//! results are blended additively (shadows by subtraction) over the lit picture, before
+//! transparency and tonemapping.
 
 use super::gbuffer;
 use super::layout::CompositeParams;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// Radiance that the shader adds at a pixel. `irradiance` is the texel of `splat`. `pass` is Bevy's
-/// deferred lighting pass, 0 for sky and pixels that are not deferred.
+/// Returns the radiance that the shader adds at a pixel. `irradiance` is the texel of `splat`.
+/// `pass` is Bevy's deferred lighting pass, 0 for sky and pixels that are not deferred.
 #[must_use]
 pub fn composite_pixel(
     params: &CompositeParams,
@@ -24,8 +25,8 @@ pub fn composite_pixel(
     (params.scale * FRAC_1_PI * color * e).to_array()
 }
 
-/// Radiance that the entry point `composite_specular` adds at a pixel. `radiance` is the texel of
-/// `vpl_specular_pixels`.
+/// Returns the radiance that the entry point `composite_specular` adds at a pixel. `radiance` is
+/// the texel of `vpl_specular_pixels`.
 #[must_use]
 pub fn composite_specular_pixel(
     params: &CompositeParams,
@@ -40,8 +41,8 @@ pub fn composite_specular_pixel(
     (params.scale * gbuffer::occlusion(texel) * l).to_array()
 }
 
-/// Radiance that the entry point `composite_shadow` subtracts from a pixel. `radiance` is the texel
-/// of `subtract_shadow`.
+/// Returns the radiance that the entry point `composite_shadow` subtracts from a pixel. `radiance`
+/// is the texel of `subtract_shadow`.
 #[must_use]
 pub fn composite_shadow_pixel(radiance: [f32; 4], pass: u32) -> [f32; 3] {
     let [r, g, b, _] = radiance;

@@ -1,6 +1,6 @@
-//! Kernel `compress`: the senders' radiosity in the bases of an operator of components, c = D b
-//! (\[P14\] Eq. (10), without its mean vector). The last column is the sky's. The shader gives a
-//! column to a workgroup; the sums differ by rounding only.
+//! Kernel `compress`: radiosity of the senders in the bases of an operator of components, c = D b
+//! (\[P14\] Eq. (10), without its mean vector). The last column is the sky's. The shader has one
+//! workgroup per column. The sums differ by rounding only.
 
 use crate::transport::pca::Compression;
 use glam::Vec4;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// Threads that share a column on the GPU.
 pub const LANES: u32 = 64;
 
-/// Coefficient of column `c`, W/m² times the vector's unit (dimensionless).
+/// Returns the coefficient of column `c`, W/m² times the vector's unit (dimensionless).
 #[must_use]
 #[inline]
 pub fn compress_column(compression: &Compression, c: usize, senders: &[[f32; 4]]) -> [f32; 4] {

@@ -1,5 +1,5 @@
-//! A whole frame on the CPU: owns every intermediate array, runs what changed. The same answer for
-//! any number of threads, for no sum is shared between threads.
+//! A whole frame on the CPU. It owns all intermediate arrays and recomputes only changed data. The
+//! result does not depend on the number of threads, because threads share no sums.
 
 use super::materials::{current_surfaces, sanitize_factors};
 use super::occlude::{occlude, occluder_set_transmittances, sanitize_transmittances};
@@ -24,20 +24,20 @@ pub struct CpuFrameStats {
     pub projected: u64,
     /// Solves that ran.
     pub solves: u64,
-    /// Solves that had nothing to do.
+    /// Solves that were skipped because nothing changed.
     pub skipped_solves: u64,
     /// Jacobi sweeps within the solves.
     pub sweeps: u64,
 }
 
-/// The state of a frame on the CPU. Every call takes the scene that it was made for; a scene of
-/// another size starts it anew.
+/// State of a frame on the CPU. All calls require the scene for which the frame was created. A
+/// scene of another size resets the frame.
 #[derive(Clone, Debug, Default)]
 pub struct CpuFrame {
     lights: Vec<FrameLight>,
-    /// Lights that the slots were projected for.
+    /// Lights for which the slots were projected.
     projected_for: Vec<FrameLight>,
-    /// Slot after slot, one value a sender.
+    /// Projected irradiance, slot after slot, one value per sender.
     projected: Vec<f32>,
     senders: Vec<[f32; 4]>,
     direct: Vec<[f32; 4]>,
@@ -46,41 +46,41 @@ pub struct CpuFrame {
     components: Vec<[f32; 4]>,
     applied: Vec<VectorIrradiance>,
     values: Vec<VectorIrradiance>,
-    /// Three a probe.
+    /// Values of the probes, three per probe.
     probes: Vec<VectorIrradiance>,
     solved: Option<FrameSettings>,
-    /// The factors that the surfaces are of; none for those of the bake.
+    /// Material factors of the surfaces. Empty if they are those of the bake.
     factors: Vec<MaterialFactors>,
-    /// The senders' surfaces, where they are not those of the bake.
+    /// Surfaces of the senders. Empty if they are those of the bake.
     surfaces: Vec<PointSurface>,
-    /// Scene with the links of the occluders' present state. `None` if all are open or the bake has
+    /// Scene data for the current state of the occluders. `None` if all are open or the bake has
     /// none.
     occluded: Option<Occluded>,
-    /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays
-    /// were made for.
+    /// Numbers of points, senders, columns, probe rows and sky terms of the scene for which the
+    /// arrays were allocated.
     made_for: [usize; 5],
     counters: CpuFrameStats,
 }
 
-/// Data of a scene that occluders change.
+/// Scene data that depends on the occluders.
 #[derive(Clone, Debug)]
 struct Occluded {
     gains: Vec<f32>,
     links: Vec<Link>,
     probe_links: Vec<Link>,
     bvh: Bvh,
-    /// Visibility of the sky's terms at the senders.
+    /// Visibility of the sky's terms from the senders.
     seen: Vec<[f32; 8]>,
 }
 
 impl CpuFrame {
-    /// A frame without lights: everything is black.
+    /// Creates a frame without lights: everything is black.
     #[must_use]
     pub fn new(scene: &BakedScene) -> Self {
         Self::from_data(scene.data())
     }
 
-    /// As [`new`](Self::new), for a bake before its end.
+    /// Creates a frame of an unfinished bake. See [`new`](Self::new).
     pub(crate) fn from_data(scene: &SceneData) -> Self {
         let (points, senders) = (
             scene.points.len(),
@@ -100,8 +100,8 @@ impl CpuFrame {
         }
     }
 
-    /// Sets the lights, slot by slot, in the bake's local space, and projects the slots whose
-    /// geometry is not what they were last projected for. Returns how many those were.
+    /// Sets the lights, slot by slot, in the bake's local space. Projects the slots with another
+    /// geometry than at their last projection. Returns the number of projected slots.
     pub fn set_lights(&mut self, scene: &BakedScene, lights: &[FrameLight]) -> usize {
         let scene = scene.data();
         self.check(scene);
@@ -138,9 +138,9 @@ impl CpuFrame {
         count
     }
 
-    /// Sets the factors of the materials, one each; those that are missing are as baked. Only a
-    /// bake of dynamic materials has any. Returns whether the senders' surfaces changed: the next
-    /// [`solve`](Self::solve) then runs with them.
+    /// Sets the factors of the materials, one per material. Missing factors are as baked. Bakes
+    /// without dynamic materials ignore it. Returns `true` if the senders' surfaces changed. The
+    /// next [`solve`](Self::solve) then runs with them.
     pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
         let scene = scene.data();
         self.check(scene);
@@ -161,7 +161,7 @@ impl CpuFrame {
     }
 
     /// Sets the transmittance of each occluder, in [0, 1]. Missing ones are open. Bakes without
-    /// occluders ignore it. Returns `true` if a value changed: the lights are projected again then,
+    /// occluders ignore it. Returns `true` if a value changed. The lights are then projected again,
     /// and the next [`solve`](Self::solve) runs.
     pub fn set_occluders(&mut self, scene: &BakedScene, gains: &[f32]) -> bool {
         let data = scene.data();
@@ -197,7 +197,7 @@ impl CpuFrame {
         true
     }
 
-    /// The senders' surfaces anew, for the materials and the occluders as they are.
+    /// Recomputes the senders' surfaces for the current materials and occluders.
     fn paint(&mut self, scene: &SceneData) {
         let passing = match (&self.occluded, &scene.occluders) {
             (Some(now), Some(known)) => occluder_set_transmittances(known, &now.gains),
@@ -211,13 +211,13 @@ impl CpuFrame {
         self.solved = None;
     }
 
-    /// Carries the light on to all points, unless lights and settings are those of the last solve.
-    /// Returns whether anything ran.
+    /// Transports the light to all points, unless lights and settings are those of the last solve.
+    /// Returns `true` if it ran.
     pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
         self.solve_data(scene.data(), settings)
     }
 
-    /// As [`solve`](Self::solve), for a bake before its end.
+    /// Solves a frame of an unfinished bake. See [`solve`](Self::solve).
     pub(crate) fn solve_data(&mut self, scene: &SceneData, settings: &FrameSettings) -> bool {
         self.check(scene);
         if self.solved == Some(*settings) {
@@ -265,7 +265,7 @@ impl CpuFrame {
         true
     }
 
-    /// Starts anew where the scene has another size.
+    /// Resets the frame if the scene has another size.
     fn check(&mut self, scene: &SceneData) {
         if self.made_for != size(scene) {
             *self = Self::from_data(scene);
@@ -273,7 +273,7 @@ impl CpuFrame {
     }
 }
 
-/// Sizes that determine the lengths of the arrays.
+/// Returns the sizes that determine the lengths of the arrays.
 fn size(scene: &SceneData) -> [usize; 5] {
     [
         scene.points.len(),
@@ -288,7 +288,7 @@ fn probe_rows(scene: &SceneData) -> usize {
     scene.probes.as_ref().map_or(0, |p| p.rows.len())
 }
 
-/// The senders' surfaces: those of the frame, where it has any.
+/// Returns the senders' surfaces: those of the frame if it has any, otherwise those of the scene.
 fn surfaces<'a>(own: &'a [PointSurface], scene: &'a SceneData) -> &'a [PointSurface] {
     match own.is_empty() {
         true => &scene.surfaces,
@@ -296,7 +296,7 @@ fn surfaces<'a>(own: &'a [PointSurface], scene: &'a SceneData) -> &'a [PointSurf
     }
 }
 
-/// The senders as the frame's materials and occluders leave them.
+/// Returns the inputs of the senders for the frame's materials and occluders.
 fn sender_inputs<'a>(
     own: &'a [PointSurface],
     occluded: &'a Option<Occluded>,
@@ -312,12 +312,12 @@ fn sender_inputs<'a>(
     }
 }
 
-/// The BVH: that of the frame, where it has one.
+/// Returns the BVH of the frame if it has one, otherwise that of the scene.
 fn bvh<'a>(occluded: &'a Option<Occluded>, scene: &'a SceneData) -> &'a Bvh {
     occluded.as_ref().map_or(&scene.bvh, |o| &o.bvh)
 }
 
-/// Columns of an operator of components, the sky's among them.
+/// Returns the number of columns of an operator of components, including that of the sky.
 fn columns(scene: &SceneData) -> usize {
     (scene.operator.compression.as_ref()).map_or(0, |c| c.columns.len())
 }

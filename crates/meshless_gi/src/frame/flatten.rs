@@ -1,6 +1,7 @@
-//! Kernel `flatten`: brings all points to one level (\[L08\] §4.1 "Flattening"), so that the screen
-//! needs one basis only. A point without a row of its own, or with one that the frame's tier leaves
-//! out (design D11), takes what the coarser functions say there.
+//! Kernel `flatten`: converts all points to one level (\[L08\] §4.1 "Flattening"), so that the
+//! screen needs one basis only. A point without its own row takes the value of the coarser basis
+//! functions there. The same applies to a point with a row that the frame's tier omits (design
+//! D11).
 
 use super::layout::{SolveParams, VectorIrradiance};
 use crate::basis::Weights;
@@ -8,8 +9,9 @@ use crate::transport::Row;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Averages: the points of `level` whose rows a frame of this tier does not use take the weighted
-/// mean of their parents. Coarse levels first; the others keep what `apply` wrote.
+/// Computes the values of averages. Points of `level` get the weighted mean of their parents if a
+/// frame of this tier does not use their rows. The other points keep the values that `apply` wrote.
+/// Coarse levels come first.
 pub fn averages(
     params: &SolveParams,
     rows: &[Row],
@@ -36,9 +38,9 @@ pub fn averages(
         });
 }
 
-/// Differences: the value of a point is its own difference and those of all coarser functions there
-/// (\[L08\] Eq. (17)). All levels at once, for the differences are not changed. `applied` is zero
-/// for points without rows; differences have one tier.
+/// Computes the values of differences. The value of a point is the sum of its own difference and
+/// those of all coarser functions there (\[L08\] Eq. (17)). One call covers all levels, because the
+/// differences do not change. `applied` is zero for points without rows. Differences have one tier.
 pub fn differences(
     parents: &Weights,
     points: Range<usize>,

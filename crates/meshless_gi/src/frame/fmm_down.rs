@@ -1,20 +1,23 @@
-//! Kernel `fmm_down`: the downward pass of the fast multipole method (\[G08\] §3.1), to the vector
-//! irradiance of the points that receive, the sky's share with it. The twin is the bake's own code
-//! in single precision; the sums differ by rounding only.
+//! Kernel `fmm_down`: downward pass of the fast multipole method (\[G08\] §3.1). It computes the
+//! vector irradiance of the receiving points, including that of the sky. The twin is the bake's own
+//! code in single precision. The sums differ by rounding only.
 //!
-//! | entry | does | of \[G08\] |
+//! | entry point | evaluates | \[G08\] |
 //! |---|---|---|
-//! | `receive` | a level a dispatch from the root down, a node a workgroup, a term a thread: far list, local list, parent | §3.1.1 to §3.1.3 |
-//! | `evaluate` | a leaf a workgroup, a point a thread: its R-expansion, near list, multipole list | §3.1.4 to §3.1.6 |
+//! | `receive` | far list, local list, parent | §3.1.1 to §3.1.3 |
+//! | `evaluate` | R-expansion of a leaf, near list, multipole list | §3.1.4 to §3.1.6 |
+//!
+//! `receive` runs one dispatch per level from the root down, with one workgroup per node and one
+//! thread per term. `evaluate` runs one workgroup per leaf and one thread per point.
 
 use super::layout::VectorIrradiance;
 use crate::transport::fmm::{FmmOperator, Passes};
 use glam::{Vec3, Vec4};
 
-/// Fills `passes.locals` and `passes.values` from what [`fmm_up`](super::fmm_up::fmm_up()) left,
-/// and writes the values of the positions of `operator` that receive to their points in `out`,
-/// W/m². `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its
-/// radiance.
+/// Computes `passes.locals` and `passes.values` from the output of
+/// [`fmm_up`](super::fmm_up::fmm_up()). Writes the values of the receiving positions of `operator`
+/// to their points in `out`, W/m². `radiosity` has the radiosity of every point, W/m². Its entry
+/// `sky` is the sky's coefficient, π times the sky's radiance.
 pub fn fmm_down(
     passes: &mut Passes<'_, f32>,
     operator: &FmmOperator,

@@ -1,5 +1,5 @@
-//! Terms of the order and parameters that the kernels `fmm_up` and `fmm_down` read in addition to
-//! the arrays of an [`FmmOperator`]. Lengths are in units of the scene's side.
+//! Expansion terms and parameters that the kernels `fmm_up` and `fmm_down` read in addition to the
+//! arrays of an [`FmmOperator`]. Lengths are in units of the scene's side.
 
 use crate::transport::fmm::FmmOperator;
 use crate::transport::fmm::tensor::NONE;
@@ -9,17 +9,17 @@ use bytemuck::{Pod, Zeroable};
 pub use crate::transport::fmm::lists::Entry as FmmEntry;
 pub use crate::transport::fmm::{FmmNode, FmmOperatorPoint};
 
-/// Highest order that the kernels take: what a workgroup's memory holds.
+/// Highest order that the kernels support, limited by the memory of a workgroup.
 pub const MAX_FMM_ORDER: usize = 6;
-/// Terms of that order.
+/// Number of terms of that order.
 pub const MAX_FMM_TERMS: usize = 84;
 
-/// A term of the expansions. 48 bytes.
+/// Term of the expansions. 48 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmTerm {
-    /// Positions of the terms that are less by one x, y, z, by two x, y, z, by xy, xz, yz;
-    /// [`NO_TERM`] where there is none.
+    /// Indices of the terms that result from division by x, y, z, x², y², z², xy, xz and yz.
+    /// [`NO_TERM`] if a term does not exist.
     pub down: [u32; 9],
     /// Exponents of x, y and z, eight bits each.
     pub exponents: u32,
@@ -29,7 +29,7 @@ pub struct FmmTerm {
     pub factorial: f32,
 }
 
-/// No such term.
+/// Index of a term that does not exist.
 pub const NO_TERM: u32 = u32::MAX;
 
 /// Parameters that are equal for all nodes. 32 bytes.
@@ -38,15 +38,15 @@ pub const NO_TERM: u32 = u32::MAX;
 pub struct FmmParams {
     /// Order of the expansions.
     pub order: u32,
-    /// Terms of the expansions.
+    /// Number of terms of the expansions.
     pub terms: u32,
-    /// 1 where sources near by are disks.
+    /// 1 if near sources are disks.
     pub disks: u32,
-    /// Squared distance up to which points are one position.
+    /// Squared distance up to which points coincide.
     pub nearest: f32,
     /// Index of the sky's coefficient among the radiosities.
     pub sky: u32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: [u32; 3],
 }
 
@@ -65,7 +65,7 @@ impl FmmParams {
     }
 }
 
-/// The terms of an octree's order.
+/// Returns the terms of an octree's order.
 #[must_use]
 pub fn fmm_terms(operator: &FmmOperator) -> Vec<FmmTerm> {
     let e = operator.expansions();

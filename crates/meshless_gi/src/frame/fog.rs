@@ -1,121 +1,123 @@
-//! Kernel `fog`: what a fog volume sends to the eye of a scene's indirect light, pixel by pixel,
-//! beside what an engine's own fog shows of its lights. Drawn behind that, and added to the
-//! picture. It reads the volume that kernel [`volume`](super::volume) wrote, with its walls in mind
-//! ([`read_voxels`]).
+//! Kernel `fog`: radiance that a fog volume scatters to the eye from a scene's indirect light,
+//! pixel by pixel. The engine's own fog displays the direct light of its lights. The result is
+//! drawn after that fog and added to the picture. The kernel samples the volume that kernel
+//! [`volume`](super::volume) wrote, and takes its walls into account ([`read_voxels`]).
 //!
-//! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the
-//! scene. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is
-//! left of light on the way to the eye (Beer and Lambert), h the part's length. Light changes as
-//! slowly as the voxels are wide, so parts are two of them long, and there is no noise.
+//! A ray leads from the eye to the surface that the pixel shows. The part of the ray inside both
+//! the fog and the scene is divided into steps. Each step has single scattering in closed form: T J
+//! σₛ (1 − e^(−σₜ h)) / σₜ. T is the transmittance to the eye (Beer-Lambert law), h the length of
+//! the step. Light varies at the scale of the voxels, so steps are two voxels long, and the result
+//! has no noise.
 //!
-//! J is what fog at a position sends there of the scene's light:
-//! [`fog_inscatter`](super::fog_inscatter) has it for the middle of each voxel. Between eight of
-//! them as everything reads that volume, those behind a wall left out.
+//! J is the scene's light that fog at a position scatters to the eye.
+//! [`fog_inscatter`](super::fog_inscatter) computes it at the center of each voxel. It is
+//! interpolated between eight centers like other lookups of that volume, without those behind a
+//! wall.
 //!
-//! Loss on the way to the fog follows Bevy's rule for lights, e^(−σₜ r) with r the
-//! radius of the fog volume: so indirect light stands to direct light as it does in clear air.
+//! Attenuation on the way to the fog follows Bevy's formula for lights, e^(−σₜ r) with r the radius
+//! of the fog volume. The ratio of indirect to direct light is therefore the same as in clear air.
 
 use super::volume_sample::read_voxels;
 use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
-/// Most other scenes that may lie in the same position and come first.
+/// Maximum number of other scenes that may overlap this one and come first.
 pub const MAX_EARLIER: usize = 4;
 /// Transmittance below which the rest of the ray is skipped.
 pub const MIN_TRANSMITTANCE: f32 = 1e-3;
-/// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one
+/// Length of a ray step, in voxels. The loss is 0.7 % of the light, and 0.3 % at one voxel
 /// (`cargo test -p meshless_gi_lab --test lab fog -- --nocapture`).
 pub const STEP_VOXELS: f32 = 2.0;
-/// No direction is closer to a side of a box than this.
+/// Smallest magnitude of a ray direction's component along an axis of a box.
 pub const PARALLEL: f32 = 1e-9;
 /// Length of a ray without a surface behind it, meters.
 pub const MAX_RAY_LENGTH: f32 = 3.4e38;
 
-/// One fog volume before one scene in one view, for `fog`. 560 bytes.
+/// Parameters of one fog volume and one scene in one view, for `fog`. 560 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogParams {
-    /// The view's projection, undone. Depth is 1 at the near plane.
+    /// Inverse of the view's projection. Depth is 1 at the near plane.
     pub view_from_clip: [[f32; 4]; 4],
-    /// From the view's space to the fog volume, a cube with edges of 1 around the origin. Lengths
-    /// in the view's space are the world's.
+    /// Transform from view space to the fog volume, a cube with edges of 1 around the origin.
+    /// Lengths in view space are the world's.
     pub fog_from_view: [[f32; 4]; 4],
-    /// From the view's space to voxels from the corner of the scene's volume.
+    /// Transform from view space to voxels, measured from the corner of the scene's volume.
     pub voxels_from_view: [[f32; 4]; 4],
-    /// The same as for the fog, for scenes that come first: fog that lies in them is not lit by
-    /// this one.
+    /// Transforms from view space to the bounds of scenes that come first, as cubes like the fog.
+    /// Fog inside them is not lit by this scene.
     pub earlier: [[[f32; 4]; 4]; MAX_EARLIER],
-    /// The view's corner and size on its target, pixels.
+    /// Corner and size of the view on its target, pixels.
     pub viewport: [f32; 4],
-    /// Factor of the scattered light, with σₛ and exposure.
+    /// Factor of the scattered light. It contains σₛ and the exposure.
     pub color: [f32; 3],
-    /// σₜ, absorption and out-scattering, 1/m.
+    /// σₜ, absorption plus out-scattering, 1/m.
     pub extinction: f32,
-    /// Added to positions in the density's texture.
+    /// Offset of positions in the density texture.
     pub offset: [f32; 3],
-    /// Multiplies `extinction`, `color` and the density's texture.
+    /// Factor of `extinction`, `color` and the density texture.
     pub density: f32,
     /// Voxels along each edge.
     pub size: [u32; 3],
-    /// Most parts that a ray is divided into.
+    /// Maximum number of steps of a ray.
     pub steps: u32,
-    /// Low corner of the scene, in voxels from the corner of its volume. Voxels beyond it hold the
+    /// Low corner of the scene, in voxels from the corner of its volume. Voxels beyond it store the
     /// light of the outermost walls.
     pub low: [f32; 3],
     /// Number of entries of `earlier` in use.
     pub earlier_count: u32,
     /// High corner of the scene, in the same unit.
     pub high: [f32; 3],
-    /// 1 where a texture says the density.
+    /// 1 if a texture stores the density.
     pub textured: u32,
-    /// The radius of the fog volume, meters.
+    /// Radius of the fog volume, meters.
     pub radius: f32,
-    /// Length of a ray step, meters of the world: [`STEP_VOXELS`] of the shortest edges of voxels.
+    /// Length of a ray step, world meters: [`STEP_VOXELS`] times the shortest edge of a voxel.
     pub part: f32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: [u32; 2],
 }
 
-/// A view that looks through fog.
+/// View through fog.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FogView {
-    /// From clip space, with the depth of 1 at the near plane and 0 farthest away, to the view's.
+    /// Transform from clip space to view space. Depth is 1 at the near plane and 0 at the far end.
     pub view_from_clip: Mat4,
-    /// From the view's space to the world, meters.
+    /// Transform from view space to the world, meters.
     pub world_from_view: Mat4,
-    /// Corner and size on its target, pixels.
+    /// Corner and size of the view on its target, pixels.
     pub viewport: [f32; 4],
-    /// Multiplies the light.
+    /// Factor of the light.
     pub exposure: f32,
-    /// Most parts that a ray is divided into.
+    /// Maximum number of steps of a ray.
     pub steps: u32,
 }
 
-/// A fog volume: a cube with edges of 1 around its origin, placed in the world. Fields as Bevy's
-/// `FogVolume` has them.
+/// Fog volume: a cube with edges of 1 around its origin, transformed to the world. The fields are
+/// those of Bevy's `FogVolume`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fog {
     /// Transform of the cube.
     pub world_from_local: Mat4,
-    /// Its color, times whatever the light is multiplied with.
+    /// Color of the fog, times all factors of the light.
     pub color: Vec3,
-    /// Multiplies the coefficients.
+    /// Factor of the coefficients.
     pub density: f32,
-    /// 1/m.
+    /// Absorption coefficient, 1/m.
     pub absorption: f32,
-    /// 1/m.
+    /// Scattering coefficient, 1/m.
     pub scattering: f32,
-    /// g, from -1 to 1.
+    /// Asymmetry g of the phase function, -1 to 1.
     pub asymmetry: f32,
-    /// Offset of the density texture, if there is one.
+    /// Offset of the density texture. `None` if there is no texture.
     pub texture: Option<Vec3>,
 }
 
 impl FogParams {
-    /// For a scene with these bounds whose volume is of `shape`, both in its local space, with
-    /// scenes that come first: where their bounds are, as cubes with edges of 1 around their
-    /// origins.
+    /// Creates the parameters of a scene. `bounds` are those of the scene and `shape` is the grid
+    /// of its volume, both in its local space. `earlier` has the bounds of scenes that come first,
+    /// as transforms of cubes with edges of 1 around their origins.
     #[must_use]
     pub fn new(
         view: &FogView,
@@ -125,7 +127,7 @@ impl FogParams {
         world_from_local: &Mat4,
         earlier: &[Mat4],
     ) -> Self {
-        // Worlds are large: what is near the eye is to be exact.
+        // Worlds are large: positions near the eye need double precision.
         let world_from_view = view.world_from_view.as_dmat4();
         let seen = |transform: &Mat4| transform.as_dmat4().inverse() * world_from_view;
         let fog_from_view = seen(&fog.world_from_local).as_mat4();
@@ -160,9 +162,9 @@ impl FogParams {
     }
 }
 
-/// Radiance that the shader adds at a pixel, from the position of its center on the target and its
-/// depth. `texels` is the output of [`volume`](super::volume::volume), `light` that of
-/// [`fog_inscatter`](super::fog_inscatter::fog_inscatter). `texture` returns the density at a
+/// Returns the radiance that the shader adds at a pixel, from the position of its center on the
+/// target and its depth. `texels` is the output of [`volume`](super::volume::volume), `light` that
+/// of [`fog_inscatter`](super::fog_inscatter::fog_inscatter). `texture` returns the density at a
 /// position in its texture, each coordinate from 0 to 1.
 #[must_use]
 pub fn fog(
@@ -215,7 +217,7 @@ pub fn fog(
     sum * Vec3::from(params.color)
 }
 
-/// Transmittance from the ray's entry into the scene back through the fog.
+/// Returns the transmittance of the fog from the eye to the ray's entry into the scene.
 fn transmittance_to(
     params: &FogParams,
     density: &dyn Fn(f32) -> f32,
@@ -234,13 +236,13 @@ fn transmittance_to(
     (-through * params.extinction * part).exp()
 }
 
-/// Number of a view's steps per ray that belong to a share of the ray.
+/// Returns the number of a view's steps per ray that belong to a share of the ray.
 fn share(params: &FogParams, share: f32) -> u32 {
     ((params.steps as f32 * share).ceil() as u32).clamp(1, params.steps)
 }
 
-/// Number of steps of the ray inside the scene: [`STEP_VOXELS`] voxels long, shorter if a density
-/// texture requires it.
+/// Returns the number of steps of the ray inside the scene. A step has a length of [`STEP_VOXELS`]
+/// voxels, and is shorter if a density texture requires it.
 fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     let length = lit[1] - lit[0];
     let by_light = (length / params.part).ceil().min(params.steps as f32) as u32;
@@ -250,7 +252,7 @@ fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     }
 }
 
-/// (1 − e^(−x)) / x: how much of light is left on the way out, in the mean over a part.
+/// Returns (1 − e^(−x)) / x, the mean transmittance on the way out of a step.
 fn mean_left(x: f32) -> f32 {
     match x < 1e-2 {
         true => 1.0 - x * (0.5 - x / 6.0),
@@ -266,7 +268,7 @@ fn is_earlier(params: &FogParams, x: Vec3) -> bool {
     })
 }
 
-/// From the near plane to what a pixel shows, in the view's space.
+/// Ray from the near plane to the surface that a pixel shows, in view space.
 struct Ray {
     origin: Vec3,
     direction: Vec3,
@@ -283,7 +285,7 @@ impl Ray {
         };
         let near = unproject(1.0);
         let near = near.truncate() / near.w;
-        // The farthest position is a direction where there is no far plane.
+        // Without a far plane, the farthest position is a direction.
         let far = unproject(0.0);
         let direction = (far.truncate() - far.w * near).normalize();
         let seen = unproject(depth);
@@ -302,8 +304,8 @@ impl Ray {
         self.origin + t * self.direction
     }
 
-    /// From where to where it is inside of a box of another space; the second is the smaller one
-    /// where it is not.
+    /// Returns the start and end of the ray inside a box of another space. The end is the smaller
+    /// one if the ray misses the box.
     fn within(&self, space: &Mat4, low: Vec3, high: Vec3) -> [f32; 2] {
         let (o, d) = (
             space.transform_point3(self.origin),
@@ -331,8 +333,8 @@ mod tests {
         Mat4::look_at_rh(at, at + Vec3::X, Vec3::Y).inverse()
     }
 
-    /// A room of 4 × 3 × 5 voxels of a meter, with light that is the same everywhere, seen from x =
-    /// −2 along x by an eye whose view is the world's.
+    /// Returns a room of 4 × 3 × 5 voxels of one meter. The eye is at x = −2 and the view direction
+    /// is +x. View space has the scale of the world.
     fn scene(fog: Fog, steps: u32) -> FogParams {
         let shape = VoxelGrid::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
         let view = FogView {
@@ -375,7 +377,8 @@ mod tests {
         )
     }
 
-    /// ∫ e^(−σₜ (t − a)) dt from where the ray enters the scene to where it leaves it.
+    /// Returns the closed form of ∫ e^(−σₜ (t − a)) dt from the ray's entry into the scene to its
+    /// exit.
     fn closed(fog: &Fog, from: f32, to: f32) -> Vec3 {
         let lost = fog.density * (fog.absorption + fog.scattering);
         let radius = 10.0 * 3f32.sqrt();
@@ -398,9 +401,9 @@ mod tests {
                 );
             }
         }
-        // What is before the scene is not lit by it.
+        // Fog in front of the scene is not lit by it.
         assert_eq!(middle(&scene(fog, 64), 0.1 / 1.5), Vec3::ZERO);
-        // Thin as air.
+        // Very thin fog.
         let thin = Fog {
             density: 1e-7,
             ..fog
@@ -413,7 +416,7 @@ mod tests {
             (found / right - 1.0).abs().max_element() < 1e-3,
             "{found} {right}"
         );
-        // A texture that says as much everywhere, and one that has nothing before the scene.
+        // A texture of uniform density, and one without density in front of the scene.
         let textured = Fog {
             texture: Some(Vec3::ZERO),
             ..fog
@@ -447,7 +450,8 @@ mod tests {
         assert_eq!(with(all * Mat4::from_scale(Vec3::splat(9.0))), Vec3::ZERO);
         let aside = with(Mat4::from_translation(Vec3::splat(50.0)));
         assert_eq!(aside, middle(&params, 0.0));
-        // The nearer half belongs to the other one, and dims this one as before.
+        // The nearer half belongs to the other scene. It attenuates the light of this one as
+        // before.
         let half = with(
             Mat4::from_translation(Vec3::new(-3.0, 1.5, 2.5)) * Mat4::from_scale(Vec3::splat(10.0)),
         );

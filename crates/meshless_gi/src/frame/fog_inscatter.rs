@@ -1,21 +1,27 @@
-//! Kernel `fog_inscatter`: what fog at the middle of each voxel would send to the eye of a level's
-//! probe irradiance. From the volume that kernel [`volume`](super::volume) wrote to one texel a
-//! voxel, once a view, for kernel [`fog`](super::fog), whose rays read it many times.
+//! Kernel `fog_inscatter`: radiance that fog at the center of each voxel scatters to the eye from
+//! the probe irradiance of a scene. The kernel reads the volume that kernel
+//! [`volume`](super::volume) wrote. It writes one texel per voxel, once per view. The rays of
+//! kernel [`fog`](super::fog) read the texels many times.
 //!
 //! J is the integral of incident radiance times the phase function of Henyey and Greenstein
-//! \[HG41\], whose terms in Legendre polynomials are powers of its asymmetry g. The first two are
-//! taken, and of the third the part that six irradiances determine: J = φ / 4π + 3 g F · d / 4π +
-//! g² Σ Qᵢᵢ dᵢ². Here d is the direction of the ray from the eye, F = ∫ L ω, ω the direction to the
-//! light, φ = ∫ L the fluence and Q the light's part of order two as a matrix without trace. F
-//! along an axis is the difference of the irradiances that face along it and away from it. Their
-//! sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product
-//! with ω · Qω is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of
-//! all six. What lies between the axes, and all later terms, are left out: of light from all around
-//! they are little. Where the sum is below zero there is no light.
+//! \[HG41\]. The Legendre terms of that function are powers of its asymmetry g. The kernel uses the
+//! first two terms, and the part of the third that six irradiances determine: J = φ / 4π + 3 g F ·
+//! d / 4π + g² Σ Qᵢᵢ dᵢ². In this formula:
 //!
-//! A volume's sides have the light of the voxel one further along them. So a voxel's own is in the
-//! voxels behind it, where the way to them is free, and beside a wall in its own sides, which have
-//! the wall's.
+//! - d is the direction of the ray from the eye.
+//! - F = ∫ L ω, with ω the direction to the light.
+//! - φ = ∫ L is the fluence.
+//! - Q is the light's part of order two, as a matrix without trace.
+//!
+//! F along an axis is the difference of the irradiances that face along it and away from it. Their
+//! sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2. The reason is that the integral of |ω · i| is 2π and that of its
+//! product with ω · Qω is π Qᵢᵢ / 2. The sum contains no term of order one or three. Therefore φ is
+//! ⅔ of the sum of all six. The part between the axes and all later terms are omitted. They are
+//! small for light from all directions. A negative sum is clamped to zero.
+//!
+//! The sides of a volume's voxel store the light of the next voxel along them. The light of a voxel
+//! is therefore stored in the voxels behind it, if no wall is between. Next to a wall, a voxel's
+//! own sides are read, which store the light of the wall.
 
 use super::fog::FogView;
 use super::splat::LARGEST_HALF;
@@ -24,23 +30,23 @@ use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 
-/// No two positions are closer than this: where the eye is there is no direction.
+/// Smallest distance between two positions. The direction to the eye is undefined at the eye.
 pub const NEAREST: f32 = 1e-12;
 
-/// Ways that are free as far as the next voxel have less
+/// Upper limit of the encoded distance of a direction that is free up to the next voxel
 /// ([`WallDistances::encode`](super::WallDistances::encode)).
 pub const FREE_WAY: f32 = -1.252;
 
-/// A level's volume as one view sees it through fog, for `fog_inscatter`. 192 bytes.
+/// Volume of a scene in one view through fog, for `fog_inscatter`. 192 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogInscatterParams {
-    /// From voxels from the corner of the scene's volume to the world.
+    /// Transform from voxels, measured from the corner of the scene's volume, to the world.
     pub world_from_voxels: [[f32; 4]; 4],
-    /// The eye in the world, a position where the fourth number is above zero; where it is zero,
-    /// against where all rays go.
+    /// Eye in the world: a position if the fourth number is above zero. If it is zero, the
+    /// direction opposite to all rays.
     pub eye: [f32; 4],
-    /// For each side how many voxels along each edge it is to the one that its light is of
+    /// Step of each side, in voxels along each edge, to the voxel that provides its light
     /// ([`VolumeParams::steps`]). The fourth numbers are not used.
     pub steps: [[i32; 4]; 6],
     /// Voxels along each edge.
@@ -50,14 +56,14 @@ pub struct FogInscatterParams {
 }
 
 impl FogInscatterParams {
-    /// For a scene whose volume is of `shape`.
+    /// Creates the parameters of a scene with a volume of `shape`.
     #[must_use]
     pub fn new(view: &FogView, asymmetry: f32, shape: &VoxelGrid, world_from_local: &Mat4) -> Self {
         let volume = VolumeParams::new(shape, &world_from_local.inverse());
         let world_from_voxels = *world_from_local
             * Mat4::from_translation(shape.origin())
             * Mat4::from_scale(shape.voxel());
-        // All rays of a projection meet where depth alone is left of clip space.
+        // All rays of a projection meet at the point with only a depth coordinate in clip space.
         let eye = view.world_from_view * (view.view_from_clip * Vec4::Z);
         Self {
             world_from_voxels: world_from_voxels.to_cols_array_2d(),
@@ -69,9 +75,10 @@ impl FogInscatterParams {
     }
 }
 
-/// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lights are in
-/// lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_sample::OPEN)
-/// where no wall is near. `texels` are those of [`volume`](super::volume::volume).
+/// Returns one texel. RGB is in the unit that [`Fog::color`](super::Fog::color) multiplies, cd/m²
+/// if lights are in lumens. The fourth number is that of the voxel's own texels. It is below
+/// [`OPEN`](super::volume_sample::OPEN) if no wall is near. `texels` is the output of
+/// [`volume`](super::volume::volume).
 #[must_use]
 pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
     let size = UVec3::from(params.size);
@@ -91,7 +98,7 @@ pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UV
     let own = |side: usize| {
         let [x, y, z, _] = params.steps[side];
         let behind = voxel.as_ivec3() - IVec3::new(x, y, z);
-        // Below zero it is large as well.
+        // Negative coordinates become large numbers.
         let inside = behind.as_uvec3().cmplt(size).all();
         match inside && free(-IVec3::new(x, y, z)) {
             true => texel(behind.as_uvec3(), side).truncate(),
@@ -105,13 +112,13 @@ pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UV
         .to_array()
 }
 
-/// Weights of the irradiances of a voxel's six sides in the light that is scattered to an eye whose
-/// ray goes along `d`. They are the first terms of the phase function. Light that comes from the
-/// ray's direction keeps its direction.
+/// Returns the weights of the irradiances of a voxel's six sides in the light that is scattered to
+/// the eye. `d` is the direction of the ray from the eye. The weights are the first terms of the
+/// phase function. Light from the direction of the ray keeps its direction.
 #[must_use]
 pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
-    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is
-    // twice by how much its sum is more than their mean.
+    // Texels are E / π, so φ / 4π = ⅔ π Σ / 4π and 3 F / 4π = ¾ of the difference. Q along an axis
+    // is twice the excess of its sum over the mean of the sums.
     std::array::from_fn(|side| {
         let along = 0.75 * asymmetry * d[side / 2];
         let second = 2.0 * asymmetry * asymmetry * (d[side / 2] * d[side / 2] - 1.0 / 3.0);
@@ -126,8 +133,8 @@ mod tests {
     use glam::Vec2;
     use std::f32::consts::{FRAC_1_PI, PI};
 
-    /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes,
-    /// whatever light has of the terms up to the fourth.
+    /// Six irradiances determine the first two terms exactly, and the part of the third along the
+    /// axes. This holds for light with any terms up to the fourth.
     #[test]
     fn scattered_light_matches_first_phase_function_terms() {
         let all = 20_000;
@@ -207,7 +214,7 @@ mod tests {
                 assert_eq!(found[3], -2.0);
             }
         }
-        // The eye is in the middle of the voxel: any direction will do.
+        // The eye is at the center of the voxel, so any direction is valid.
         assert!(light(endless, position, Vec3::ZERO)[0].is_finite());
     }
 }

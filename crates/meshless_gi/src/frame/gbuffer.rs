@@ -1,5 +1,5 @@
-//! Bevy's deferred G-buffer, one `Rgba32Uint` texel a pixel: what kernels of the screen read of it.
-//! Format of Bevy 0.19, code our own.
+//! Bevy's deferred G-buffer, one `Rgba32Uint` texel per pixel: the fields that screen-space kernels
+//! read. The format is that of Bevy 0.19 (own implementation).
 //!
 //! | channel | bits |
 //! |---|---|
@@ -10,12 +10,12 @@
 
 use glam::Vec3;
 
-/// Flag: the color is what it is, no light applies.
+/// Flag of unlit pixels: the base color is displayed without lighting.
 pub const UNLIT: u32 = 1;
 /// Gamma of the base color.
 pub const GAMMA: f32 = 2.2;
 
-/// The unit world-space normal.
+/// Returns the unit normal in world space.
 #[must_use]
 pub fn normal(texel: [u32; 4]) -> Vec3 {
     let unorm12 = |bits: u32| (bits & 0xfff) as f32 / 4095.0;
@@ -34,53 +34,53 @@ pub fn normal(texel: [u32; 4]) -> Vec3 {
     .normalize()
 }
 
-/// True where no light applies.
+/// Returns `true` if the pixel is unlit.
 #[must_use]
 pub fn is_unlit(texel: [u32; 4]) -> bool {
     (texel[3] >> 24) & UNLIT != 0
 }
 
-/// Base color, linear RGB.
+/// Returns the base color, linear RGB.
 #[must_use]
 pub fn base(texel: [u32; 4]) -> Vec3 {
     let base = [0, 8, 16].map(|shift| libm::powf(unorm8(texel[0] >> shift), GAMMA));
     Vec3::from_array(base)
 }
 
-/// Diffuse reflectance, linear RGB: base color × (1 − metallic).
+/// Returns the diffuse reflectance, linear RGB: base color × (1 − metallic).
 #[must_use]
 pub fn diffuse(texel: [u32; 4]) -> Vec3 {
     base(texel) * (1.0 - metallic(texel))
 }
 
-/// Metallic, 0 to 1.
+/// Returns the metallic value, 0 to 1.
 #[must_use]
 pub fn metallic(texel: [u32; 4]) -> f32 {
     unorm8(texel[2] >> 8)
 }
 
-/// Perceptual roughness, 0 to 1.
+/// Returns the perceptual roughness, 0 to 1.
 #[must_use]
 pub fn roughness(texel: [u32; 4]) -> f32 {
     unorm8(texel[0] >> 24)
 }
 
-/// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for
-/// what is no metal, the base color for what is.
+/// Returns the specular reflectance at normal incidence, linear RGB: 0.16 reflectance² for
+/// dielectrics, the base color for metals.
 #[must_use]
 pub fn f0(texel: [u32; 4]) -> Vec3 {
     let reflectance = unorm8(texel[2]);
     Vec3::splat(0.16 * reflectance * reflectance).lerp(base(texel), metallic(texel))
 }
 
-/// The material's ambient occlusion, 1 for none.
+/// Returns the material's ambient occlusion. 1 means no occlusion.
 #[must_use]
 pub fn occlusion(texel: [u32; 4]) -> f32 {
     unorm8(texel[2] >> 16)
 }
 
-/// A texel of a material: what Bevy would write for a base color, metalness, occlusion and normal.
-/// For tests and CPU pictures.
+/// Packs a texel as Bevy does for a base color, metalness, occlusion and normal. For tests and CPU
+/// pictures.
 #[must_use]
 pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32) -> [u32; 4] {
     let unorm = |v: f32, max: f32| (v.clamp(0.0, 1.0) * max + 0.5) as u32;
@@ -102,8 +102,8 @@ pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32)
     ]
 }
 
-/// The same texel with another perceptual roughness and reflectance, where [`pack`] has 128/255 and
-/// 0.5.
+/// Returns the same texel with another perceptual roughness and reflectance. [`pack`] sets 128/255
+/// and 0.5.
 #[must_use]
 pub fn with_roughness(texel: [u32; 4], roughness: f32, reflectance: f32) -> [u32; 4] {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;

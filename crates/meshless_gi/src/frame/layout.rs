@@ -1,17 +1,17 @@
 //! Structs that the frame's kernels and their CPU twins share, byte for byte: lights, a vector
-//! irradiance, the parameters of a frame and of a view. `shaders/lib/layout.wgsl` declares the
-//! same; `tests/checks/shader_layout.rs` compares the two.
+//! irradiance, the parameters of a frame and of a view. `shaders/lib/layout.wgsl` declares the same
+//! structs. `tests/checks/shader_layout.rs` compares the two.
 
 use crate::samples::HashedGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 
-/// The vector irradiance E⃗ of the three color channels, W/m². 48 bytes.
+/// Vector irradiance E⃗ of the three color channels, W/m². 48 bytes.
 ///
-/// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the
-/// fourth float of each is not used (but by [`soft_shadow`](super::soft_shadow), for what three
-/// more numbers say). The irradiance for a normal n is then x·n.x + y·n.y + z·n.z, all channels at
-/// once.
+/// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue. The
+/// fourth float of each axis is not used, except by [`soft_shadow`](super::soft_shadow), which
+/// stores three more numbers there. The irradiance for a normal n is x·n.x + y·n.y + z·n.z, for all
+/// channels.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VectorIrradiance {
@@ -24,7 +24,7 @@ pub struct VectorIrradiance {
 }
 
 impl VectorIrradiance {
-    /// E⃗·n per channel, W/m²; negative where light comes from behind.
+    /// Returns E⃗·n per channel, W/m². The result is negative if the light comes from behind.
     #[must_use]
     #[inline]
     pub fn dot(&self, n: Vec3) -> Vec3 {
@@ -47,9 +47,9 @@ impl VectorIrradiance {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SolveParams {
-    /// π times the sky's radiance, the mean over all directions, W/m².
+    /// π times the mean of the sky's radiance over all directions, W/m².
     pub sky: [f32; 3],
-    /// Multiplies the surfaces' emission.
+    /// Factor of the surfaces' emission.
     pub emission: f32,
     /// Number of points.
     pub points: u32,
@@ -62,36 +62,37 @@ pub struct SolveParams {
     pub finest_sender: u32,
     /// Number of light slots in use.
     pub slots: u32,
-    /// Nodes of the BVH; 0 means that nothing casts shadows.
+    /// Number of nodes of the BVH. 0 means that nothing casts shadows.
     pub nodes: u32,
-    /// Largest edge of the box around the geometry, meters: what
-    /// [`ray_offset`](super::project::ray_offset) is relative to.
+    /// Largest edge of the box around the geometry, meters.
+    /// [`ray_offset`](super::project::ray_offset) is relative to it.
     pub extent: f32,
-    /// Rows of higher tiers are not used, and none where it is 0
+    /// Highest tier of the rows that are used. At 0 all rows are unused
     /// ([`Row::tier`](crate::transport::Row::tier)).
     pub tier: u32,
     /// Index of the sky's coefficient, one after the last sender.
     pub sky_sender: u32,
     /// Number of coarsest points with baked bounces.
     pub coarsest_points: u32,
-    /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
+    /// 1 if the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
     /// Spacing of a sender's samples, meters ([`sample_spacing`](super::project::sample_spacing)).
-    /// Point lights nearer to their plane are moved to this distance.
+    /// Point lights closer to the samples' plane are moved to this distance.
     pub sample_spacing: f32,
-    /// Number of terms of the sky after its mean: none or all eight.
+    /// Number of sky terms after the mean: 0 or 8.
     pub sky_terms: u32,
-    /// The channel that is applied where one is ([`Channels`](super::Channels)).
+    /// Channel that is applied if only one is ([`Channels`](super::Channels)).
     pub channel: u32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: [u32; 2],
-    /// The three channels beside it; the fourth number is not used.
+    /// Ratios of the three channels to `channel`. The fourth number is not used.
     pub hue: [f32; 4],
-    /// π times those terms ([`SkyRadiance`](crate::scene::SkyRadiance)), RGB, W/m².
+    /// π times the sky's terms after the mean ([`SkyRadiance`](crate::scene::SkyRadiance)), RGB,
+    /// W/m².
     pub sky_more: [[f32; 4]; 8],
 }
 
-/// The points (or rows, or list entries) that one dispatch works on. 16 bytes.
+/// Range of points (or rows, or list entries) that one dispatch processes. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Span {
@@ -102,14 +103,14 @@ pub struct Span {
     /// Index of the first link in the bound buffer, subtracted from a row's first link
     /// (`apply` only).
     pub base: u32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: u32,
 }
 
 /// Parameters of a lookup in a hashed grid, without its arrays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridShape {
-    /// Slots of the hash table, less one.
+    /// Number of slots of the hash table, minus 1.
     pub slot_mask: u32,
     /// Edge of a cell, meters.
     pub cell_size: f32,
@@ -124,35 +125,36 @@ impl From<&HashedGrid> for GridShape {
     }
 }
 
-/// A view of a baked scene, for `splat`. 160 bytes.
+/// View of a baked scene, for `splat`. 160 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SplatParams {
-    /// From clip space (Bevy's: reversed depth, y up) to the bake's local space, column by column.
+    /// Transform from clip space (Bevy's: reversed depth, y up) to the bake's local space, column
+    /// by column.
     pub local_from_clip: [[f32; 4]; 4],
-    /// Turns a world-space normal into the bake's local space: three columns, the fourth floats not
-    /// used.
+    /// Rotation of a world-space normal into the bake's local space: three columns. The fourth
+    /// floats are not used.
     pub local_from_world: [[f32; 4]; 3],
     /// The viewport in texels: x, y, width, height.
     pub viewport: [f32; 4],
     /// Size of the output in texels.
     pub size: [u32; 2],
-    /// Slots of the display grid's hash table, less one.
+    /// Number of slots of the display grid's hash table, minus 1.
     pub slot_mask: u32,
     /// Edge of a grid cell, meters of the local space.
     pub cell_size: f32,
-    /// Multiplies the irradiance before it is stored as halves (the exposure, so that daylight
-    /// fits).
+    /// Factor of the irradiance before it is stored as half floats. It contains the exposure, so
+    /// that daylight fits.
     pub scale: f32,
-    /// Cover, the sum of weights (dimensionless), from which functions on surfaces count alone;
-    /// with less, probe irradiance has the rest. 0 where there is none.
+    /// Cover (sum of weights, dimensionless) from which only basis functions on surfaces count.
+    /// Below it, probe irradiance fills the rest. 0 if there are no probes.
     pub seam: f32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: [u32; 2],
 }
 
 impl SplatParams {
-    /// The same view, of functions in another grid.
+    /// Returns the same view for basis functions in another grid.
     #[must_use]
     pub fn with_grid(&self, grid: GridShape) -> Self {
         Self {
@@ -162,10 +164,10 @@ impl SplatParams {
         }
     }
 
-    /// Parameters for a view.
+    /// Creates the parameters of a view.
     ///
-    /// `world_from_clip` and `local_from_world` are the camera's and the baked scene's (inverse)
-    /// transforms, `viewport` and `size` in texels.
+    /// `world_from_clip` is the transform of the camera, `local_from_world` the inverse transform
+    /// of the baked scene. `viewport` and `size` are in texels.
     #[must_use]
     pub fn new(
         world_from_clip: Mat4,
@@ -175,7 +177,7 @@ impl SplatParams {
         scale: f32,
         grid: GridShape,
     ) -> Self {
-        // A normal is turned, never scaled: the transform's scale is uniform.
+        // Normals are only rotated, because the transform's scale is uniform.
         let column = |c: Vec4| c.truncate().normalize_or_zero().extend(0.0).to_array();
         Self {
             local_from_clip: (local_from_world * world_from_clip).to_cols_array_2d(),
@@ -200,10 +202,10 @@ impl SplatParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CompositeParams {
-    /// Exposure (and taste) still to multiply with, over the scale that `splat` already applied.
+    /// Remaining exposure (and artistic) factor, on top of the scale that `splat` already applied.
     pub scale: f32,
-    /// 1 shows the irradiance as a white surface would, 0 the surfaces' own colors.
+    /// Blend factor from the surfaces' own colors (0) to white surfaces (1).
     pub white: f32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: [f32; 2],
 }

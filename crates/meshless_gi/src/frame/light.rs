@@ -5,18 +5,18 @@ use crate::scene::Light;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3};
 
-/// A light in the bake's local space. 64 bytes.
+/// Light in the bake's local space. 64 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FrameLight {
-    /// Meters. Not used by directional lights.
+    /// Position, meters. Not used by directional lights.
     pub position: [f32; 3],
     /// One of [`FrameLight::NONE`], [`POINT`](Self::POINT), [`SPOT`](Self::SPOT),
     /// [`DIRECTIONAL`](Self::DIRECTIONAL), [`PATCH`](Self::PATCH).
     pub kind: u32,
-    /// Unit: where a spot or directional light goes, or the normal of a patch.
+    /// Unit vector: direction of emission of a spot or directional light, or normal of a patch.
     pub direction: [f32; 3],
-    /// 1 / range², 1/m²; 0 for no range (point and spot).
+    /// 1 / range² of point and spot lights, 1/m². 0 means an unlimited range.
     pub inverse_square_range: f32,
     /// Point and spot: intensity, W/sr. Directional: irradiance, W/m². Patch: radiance times area,
     /// W/sr.
@@ -25,12 +25,12 @@ pub struct FrameLight {
     pub spot_scale: f32,
     /// −cos outer / (cos inner − cos outer) of a spot.
     pub spot_offset: f32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: [f32; 3],
 }
 
-/// No light, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers
-/// in single precision.
+/// Upper limit of lights, sky and surface emission, in W/sr or W/m². Sums of many lights at any
+/// distance stay finite in single precision.
 pub const BRIGHTEST: f32 = 1e18;
 
 impl FrameLight {
@@ -45,7 +45,8 @@ impl FrameLight {
     /// `kind` of one sample of a rectangle.
     pub const PATCH: u32 = 4;
 
-    /// A point light: meters, W/sr; `range` in meters or infinite.
+    /// Creates a point light. `position` is in meters, `intensity` in W/sr, `range` in meters or
+    /// infinite.
     #[must_use]
     pub fn point(position: Vec3, intensity: Vec3, range: f32) -> Self {
         Self {
@@ -58,8 +59,9 @@ impl FrameLight {
         .or_none()
     }
 
-    /// A spot light that goes along `direction`: meters, W/sr on the axis, half angles in radians;
-    /// `range` in meters or infinite.
+    /// Creates a spot light that emits along `direction`. `position` is in meters, `intensity` is
+    /// that on the axis in W/sr. The half angles `inner` and `outer` are in radians. `range` is in
+    /// meters or infinite.
     #[must_use]
     pub fn spot(
         position: Vec3,
@@ -84,7 +86,8 @@ impl FrameLight {
         .or_none()
     }
 
-    /// A light from infinitely far that goes along `direction`: W/m² on a surface that faces it.
+    /// Creates a light at infinity that emits along `direction`. `irradiance` is that of a surface
+    /// that faces the light, W/m².
     #[must_use]
     pub fn directional(direction: Vec3, irradiance: Vec3) -> Self {
         Self {
@@ -96,8 +99,8 @@ impl FrameLight {
         .or_none()
     }
 
-    /// One sample of a surface that emits to the side of `normal`: meters, radiance times area in
-    /// W/sr.
+    /// Creates one sample of a surface that emits to the side of `normal`. `position` is in meters.
+    /// `intensity` is radiance times area, W/sr.
     #[must_use]
     pub fn patch(position: Vec3, normal: Vec3, intensity: Vec3) -> Self {
         Self {
@@ -110,9 +113,10 @@ impl FrameLight {
         .or_none()
     }
 
-    /// The slots of `light`: none for the sky (its radiance belongs to
-    /// [`FrameSettings`](super::FrameSettings)), `patches` or a few more for a rectangle, one for
-    /// the others. A light that is not finite takes its slots but is [`NONE`](Self::NONE).
+    /// Returns the slots of `light`: `patches` or a few more for a rectangle, one for other lights.
+    /// The sky has no slot, because its radiance belongs to
+    /// [`FrameSettings`](super::FrameSettings). A light that is not finite keeps its slots, but
+    /// they are [`NONE`](Self::NONE).
     #[must_use]
     pub fn expand(light: &Light, patches: u32) -> Vec<Self> {
         match *light {
@@ -145,12 +149,12 @@ impl FrameLight {
         }
     }
 
-    /// The light in a bake's local space, where `local_from_world` turns, moves and scales
-    /// uniformly. A length shrinks by the scale s, and so do the intensities (by s²): irradiance is
-    /// the same in both spaces.
+    /// Converts the light to a bake's local space. `local_from_world` rotates, translates and
+    /// scales uniformly. Lengths are multiplied by the scale s and intensities by s², so irradiance
+    /// is the same in both spaces.
     #[must_use]
     pub fn to_local(&self, local_from_world: &Mat4) -> Self {
-        // Local meters a world meter.
+        // Local meters per world meter.
         let length = local_from_world.determinant().abs().cbrt();
         let area = length * length;
         let direction = local_from_world.transform_vector3(self.direction.into());
@@ -166,7 +170,8 @@ impl FrameLight {
         out.or_none()
     }
 
-    /// True when a projection of `other` serves this light too: equal but for the color.
+    /// Returns `true` if a projection of `other` is valid for this light too: all except the color
+    /// is equal.
     #[must_use]
     pub fn same_geometry(&self, other: &Self) -> bool {
         Self {
@@ -175,7 +180,8 @@ impl FrameLight {
         } == *other
     }
 
-    /// The light, no brighter than [`BRIGHTEST`]; or no light where a number of it is not finite.
+    /// Returns the light with its color clamped to [`BRIGHTEST`]. Returns an empty slot if a number
+    /// of the light is not finite.
     fn or_none(self) -> Self {
         if self.is_finite() {
             let color = Vec3::from_array(self.color);
@@ -200,8 +206,7 @@ impl FrameLight {
     }
 }
 
-/// 1 / range²; 0 for an infinite range, and a range of zero reaches nothing that is farther than
-/// 1e-15 m.
+/// Returns 1 / range², or 0 for an infinite range. A range of zero limits the light to 1e-15 m.
 fn inverse_square(range: f32) -> f32 {
     if range.is_finite() {
         1.0 / (range * range).max(1e-30)
@@ -210,8 +215,8 @@ fn inverse_square(range: f32) -> f32 {
     }
 }
 
-/// A rectangle as a grid of about `count` equal patches, as square as they can be, each sampled at
-/// its center.
+/// Divides a rectangle into a grid of about `count` equal patches, as square as possible. Each
+/// patch is sampled at its center.
 fn patches_of(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, count: u32) -> Vec<FrameLight> {
     let normal = u.cross(v).normalize_or_zero();
     let area = 4.0 * u.cross(v).length();
@@ -304,7 +309,8 @@ mod tests {
 
     #[test]
     fn scaled_light_keeps_irradiance() {
-        // A root scaled by two: the local light is half as far, and a quarter as strong.
+        // A root scaled by two: the local light has half the distance and a quarter of the
+        // intensity.
         let root = Mat4::from_scale_rotation_translation(
             Vec3::splat(2.0),
             Quat::from_rotation_y(1.0),

@@ -1,5 +1,5 @@
 //! Dynamic materials: surfaces of the senders for the current factors of their materials (design
-//! D1: reflectance and emission are no part of a link).
+//! D1: reflectance and emission are not part of a link).
 //!
 //! This is not a kernel. It runs in frames in which a factor changed, over a few thousand senders,
 //! and the result is uploaded.
@@ -40,7 +40,8 @@ pub fn sanitize_factors(
         .collect()
 }
 
-/// The surface of sender `j`, baked as `baked`. `factors` are [`sanitize_factors`].
+/// Returns the current surface of sender `j`. `baked` is its baked surface, `factors` the output of
+/// [`sanitize_factors`].
 #[must_use]
 pub fn dynamic_surface(
     live: &DynamicMaterials,
@@ -66,8 +67,8 @@ pub fn dynamic_surface(
     }
 }
 
-/// Surfaces of all senders of `scene` for these factors, one per material. Returns `None` if the
-/// bake has no dynamic materials.
+/// Returns the surfaces of all senders of `scene` for these factors, one per material. Returns
+/// `None` if the bake has no dynamic materials.
 #[must_use]
 pub fn dynamic_surfaces(
     scene: &SceneData,
@@ -83,9 +84,9 @@ pub fn dynamic_surfaces(
     )
 }
 
-/// Current surfaces of the senders and their visibility of the sky's terms, for these material
-/// factors and transmittances of occluder sets. Empty results mean the baked values. The visibility
-/// is empty if the bake supports a uniform sky only.
+/// Returns the current surfaces of the senders and their visibility of the sky's terms, for these
+/// material factors and transmittances of occluder sets. Empty inputs mean the baked values. The
+/// visibility is empty if the bake supports a uniform sky only.
 #[must_use]
 pub fn current_surfaces(
     scene: &SceneData,

@@ -11,7 +11,7 @@
 //! | [`compress`] | → coefficients in bases of direct light, if the operator uses them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
 //! | [`apply_one`] | the same in one channel, if surfaces are gray and all light has one color |
-//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree → vector irradiance, in place of `apply` |
+//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions → vector irradiance, instead of `apply` |
 //! | [`bounce`] | → coefficients of the senders after further bounces |
 //! | [`flatten`] | → vector irradiance at all points |
 //! | [`rsm`] | dynamic objects in view of a light → virtual point lights |

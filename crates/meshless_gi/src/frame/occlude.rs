@@ -11,8 +11,8 @@ use crate::scene::SkyRadiance;
 use crate::transport::{Link, Operator, PackedLinkTerm, link_of_parts};
 use glam::Vec3;
 
-/// `gains` as light can have them: one an occluder, in [0, 1]; shut for what is no number, open for
-/// those that are missing.
+/// Clamps `gains` to [0, 1], NaN to 0. The result has one entry per occluder. Missing entries are
+/// open (1).
 #[must_use]
 pub fn sanitize_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
     let count = occluders.names.len();
@@ -22,8 +22,8 @@ pub fn sanitize_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32>
         .collect()
 }
 
-/// Transmittance of each set of occluders: the product of the occluders' transmittances, see
-/// [`sanitize_transmittances`].
+/// Returns the transmittance of each set of occluders: the product of the occluders'
+/// transmittances. `gains` is the output of [`sanitize_transmittances`].
 #[must_use]
 pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
     let product = |set: &u64| {
@@ -33,7 +33,7 @@ pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<
     occluders.sets.iter().map(product).collect()
 }
 
-/// The link whose parts are `parts`, where so much passes each set.
+/// Returns the link with the terms `parts` for the transmittance `passing` of each set.
 #[must_use]
 #[inline]
 pub fn combine_link_terms(parts: &[PackedLinkTerm], passing: &[f32], link: Link) -> Link {
@@ -41,7 +41,7 @@ pub fn combine_link_terms(parts: &[PackedLinkTerm], passing: &[f32], link: Link)
     link_of_parts(parts.iter().map(passes), link.sender())
 }
 
-/// Rewrites the links that have parts.
+/// Rewrites the links that have terms.
 pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link]) {
     for parts in passages.chunk_by(|a, b| a.link == b.link) {
         let link = &mut links[parts[0].link as usize];
@@ -66,7 +66,7 @@ pub fn occlude_sky(
     for (j, surface) in surfaces.iter_mut().enumerate() {
         let row = &rows[j];
         let range = row.start as usize..(row.start + row.count) as usize;
-        // The sky and its terms are the last of a row.
+        // The links to the sky and to its terms are the last ones of a row.
         for at in range.rev() {
             let link = links[at];
             let Some(term) = (link.sender() as usize).checked_sub(sky) else {

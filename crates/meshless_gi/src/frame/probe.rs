@@ -1,6 +1,6 @@
-//! Kernel `probe`: irradiance at a position in free space for any normal, from the probes around it
-//! (\[L08\] Eq. (3) in space), for dynamic objects. `apply` fills the probes' values: three RGB
-//! vectors each, which are the nine numbers of `transport::probe_rows`.
+//! Kernel `probe`: irradiance for any normal at a position between surfaces, from the probes around
+//! it (\[L08\] Eq. (3) in space). Used for dynamic objects. `apply` computes the probes' values:
+//! three RGB vectors each, which are the nine numbers of `transport::probe_rows`.
 //!
 //! Weights are squared as in `splat`: a near probe counts more than several distant ones.
 
@@ -12,15 +12,16 @@ use crate::basis::{NO_COVER, weight_in_space};
 use crate::transport::PROBE_ROWS;
 use glam::{Vec3, Vec4};
 
-/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m², at a position in free space.
+/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m², at a position between surfaces.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeIrradiance {
-    /// d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
+    /// Coefficients d, (c, Q_xx, Q_yy) and (Q_xy, Q_xz, Q_yz).
     pub parts: [VectorIrradiance; PROBE_ROWS],
 }
 
 impl ProbeIrradiance {
-    /// E(n), W/m². The second degree rings a little: what would be below zero is zero.
+    /// Returns E(n), W/m². The second degree rings slightly, so negative values are clamped to
+    /// zero.
     #[must_use]
     pub fn irradiance(&self, n: Vec3) -> Vec3 {
         let [linear, even, mixed] = &self.parts;
@@ -35,7 +36,8 @@ impl ProbeIrradiance {
         (e.truncate() + linear.dot(n)).max(Vec3::ZERO)
     }
 
-    /// Vector irradiance that gives E(n) at n and has its gradient there. Subsplats store it.
+    /// Returns the vector irradiance with the value E(n) at n and the gradient of E there.
+    /// Subsplats store it.
     #[must_use]
     pub fn mean_around(&self, n: Vec3) -> VectorIrradiance {
         let [linear, a, m] = &self.parts;
@@ -61,13 +63,14 @@ impl ProbeIrradiance {
 }
 
 /// Distance in front of a surface at which probes are read if none reaches the surface, in cells of
-/// the probes' grid. A cell is as large as a function's radius.
+/// the probes' grid. A cell is as large as a probe's support radius.
 pub const RETRY_OFFSET: f32 = 0.1;
 
-/// Irradiance at `x` for surfaces that face `n`. `n` selects the side inside an occluder, and is
-/// zero without a surface. Objects inside the thickness of a thin wall, as a door, are behind the
-/// clip planes of probes on both sides. If no probe reaches a surface, the irradiance a little in
-/// front of it is used. Returns `None` if no probe reaches that either.
+/// Returns the irradiance at `x` for surfaces that face `n`. `n` selects the side inside an
+/// occluder, and is zero without a surface. Objects inside the thickness of a thin wall, such as a
+/// door, are behind the clip planes of probes on both sides. If no probe reaches a surface, the
+/// irradiance [`RETRY_OFFSET`] in front of it is used. Returns `None` if no probe reaches that
+/// position either.
 #[must_use]
 pub fn probe(
     probes: &Probes,
@@ -82,7 +85,7 @@ pub fn probe(
     probe_at(probes, values, x, n).or_else(|| probe_at(probes, values, x + ahead * n, n))
 }
 
-/// The light at `x` for what faces `n`.
+/// Returns the irradiance at exactly `x` for surfaces that face `n`.
 fn probe_at(
     probes: &Probes,
     values: &[VectorIrradiance],
@@ -107,8 +110,8 @@ fn probe_at(
     Some(out)
 }
 
-/// Entry point `next_scene`, for one pixel: `earlier` is what the functions on surfaces left there,
-/// which keeps the share that its alpha says. `params` has the probes' grid.
+/// Computes one pixel of the entry point `next_scene`. `earlier` is the result of the basis
+/// functions on surfaces. Its alpha is its share in the output. `params` has the probes' grid.
 #[must_use]
 pub fn probe_pixel(
     params: &SplatParams,
@@ -135,8 +138,8 @@ pub fn probe_pixel(
     }
 }
 
-/// Entry point `evaluate_list`, for one node of a list: what is missing of its light, where
-/// something is there that functions on surfaces do not wholly cover, in the axes of the world.
+/// Computes one node of the entry point `evaluate_list`: adds the light that basis functions on
+/// surfaces do not provide, in the axes of the world. Nodes without a surface do not change.
 pub fn probe_node(
     params: &SplatParams,
     probes: &Probes,
@@ -182,7 +185,7 @@ mod tests {
         let mut light = ProbeIrradiance {
             parts: [vector(), vector(), vector()],
         };
-        // Bright enough that nothing is cut at zero.
+        // Bright enough that no value is clamped to zero.
         light.parts[1].x = [4.0, 5.0, 6.0, 0.0];
         for k in 0..30u32 {
             let n =

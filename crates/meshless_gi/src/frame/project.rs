@@ -1,7 +1,8 @@
-//! Kernel `project`: the scalar irradiance of each sender from one light of color one, shadows
-//! included: the mean over the sender's positions, so that a shadow's edge moves over it smoothly
-//! (\[L08\] takes the light at its center). Visibility is a ray through the baked BVH (design D8).
-//! The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
+//! Kernel `project`: scalar irradiance of each sender from one light of color one, shadows
+//! included. It is the mean over the sender's samples, so that a shadow edge moves smoothly over
+//! the sender (\[L08\] evaluates the light at its center). Visibility is a ray through the baked
+//! BVH (design D8). The units are Bevy's: E = I cos θ / d², with Bevy's window at the range and
+//! Bevy's cone.
 
 use super::light::FrameLight;
 use crate::asset::SceneData;
@@ -13,7 +14,7 @@ use rayon::prelude::*;
 /// Length of a directional light's shadow rays, meters.
 pub const FAR: f32 = 1e30;
 
-/// Largest edge of the box around the geometry, meters; 0 where there is none.
+/// Returns the largest edge of the box around the geometry, meters, or 0 without geometry.
 #[must_use]
 pub fn extent(scene: &SceneData) -> f32 {
     let [min, max] = scene.info.bounds.map(Vec3::from_array);
@@ -21,27 +22,28 @@ pub fn extent(scene: &SceneData) -> f32 {
     if size.is_finite() { size.max(0.0) } else { 0.0 }
 }
 
-/// Offset of a shadow ray's start from the surface at `x`, meters. The same rule as
-/// [`Geometry::ray_offset`](crate::scene::Geometry::ray_offset).
+/// Returns the offset of a shadow ray's origin from the surface at `x`, meters. The formula is that
+/// of [`Geometry::ray_offset`](crate::scene::Geometry::ray_offset).
 #[must_use]
 #[inline]
 pub fn ray_offset(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
-/// Square of the distance below which a light grows no brighter, m²: Bevy's square centimeter, and
-/// in scenes below two meters as much less.
+/// Returns the squared distance below which a light becomes no brighter, m². This is Bevy's square
+/// centimeter, scaled down with scenes below two meters.
 #[must_use]
 #[inline]
 pub fn min_distance_squared(extent: f32) -> f32 {
     (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
 }
 
-/// Spacing of the samples of a sender, meters. 0 if senders are lit at their own points only.
+/// Returns the spacing of the samples of a sender, meters. Returns 0 if senders are lit at their
+/// own points only.
 ///
-/// Positions are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the
-/// disks of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of
-/// that: a position stands for a square of edge 2σ / √positions.
+/// Samples are distributed like the kernel weight, with a variance of 0.24 of its squared radius.
+/// The disks of that level's points have 0.8 of the radius, and there are 0.7 of them per square of
+/// that edge. A sample therefore represents a square of edge 2σ / √samples.
 #[must_use]
 pub fn sample_spacing(scene: &SceneData) -> f32 {
     const ASKED: usize = 256;
@@ -69,20 +71,21 @@ pub fn sample_spacing(scene: &SceneData) -> f32 {
     }
 }
 
-/// [`unshadowed_within`] in a level of two meters or more, at a single position.
+/// Computes [`unshadowed_within`] for a scene of two meters or more, at a single position.
 #[must_use]
 #[inline]
 pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
     unshadowed_within(light, x, n, f32::MAX, 0.0)
 }
 
-/// Irradiance at (x, n) from `light` with color one and without shadows, in a scene as large as
-/// `extent` (meters): 1/m² (point, spot, patch) or dimensionless (directional). Finite for every
-/// input that is.
+/// Returns the irradiance at (x, n) from `light` with color one and without shadows. `extent` is
+/// the size of the scene, meters. The result is in 1/m² (point, spot, patch) or dimensionless
+/// (directional). It is finite for every finite input.
 ///
-/// A point or spot light nearer to the position's plane than `sample_spacing` (meters) shines from
-/// that height: I cos θ / d² is far narrower there than the positions are apart, which would miss
-/// it or take it for all of their surface. What a plane receives does not depend on the height.
+/// A point or spot light closer to the position's plane than `sample_spacing` (meters) is moved to
+/// that height. I cos θ / d² is much narrower there than the distance between samples. The samples
+/// would miss the peak or apply it to all of their surface. The total power on a plane does not
+/// depend on the height.
 #[must_use]
 #[inline]
 pub fn unshadowed_within(
@@ -124,8 +127,8 @@ pub fn unshadowed_within(
     e
 }
 
-/// The shadow ray from (x, n) to `light`: it starts and ends one [`ray_offset`] off the surfaces.
-/// None where nothing fits between.
+/// Returns the shadow ray from (x, n) to `light`. It starts and ends one [`ray_offset`] off the
+/// surfaces. Returns `None` if the light is closer than these offsets.
 #[must_use]
 #[inline]
 pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<Ray> {
@@ -144,7 +147,7 @@ pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<R
     (max_t > 0.0).then(|| Ray::segment(origin, to / distance, max_t))
 }
 
-/// Irradiance at (x, n) from `light` with color one.
+/// Returns the irradiance at (x, n) from `light` with color one, shadows included.
 #[must_use]
 #[inline]
 pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
@@ -158,7 +161,7 @@ pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) 
     )
 }
 
-/// Part of `e` that reaches (x, n) from `light`, through occluders.
+/// Returns the part of `e` that reaches (x, n) from `light` through occluders.
 #[inline]
 fn apply_shadow(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32) -> f32 {
     if e <= 0.0 {
@@ -170,12 +173,12 @@ fn apply_shadow(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e:
     }
 }
 
-/// Most samples of a sender for one patch of a rectangle light. The patches are many, and their
-/// shadow edges blend.
+/// Maximum number of samples of a sender for one patch of a rectangle light. The shadow edges of
+/// the many patches blend.
 pub const PATCH_SAMPLES: usize = 4;
 
-/// Samples among a sender's `own` that `light` is projected onto: all of them, or [`PATCH_SAMPLES`]
-/// evenly from them.
+/// Returns the samples of a sender's `own` onto which `light` is projected. These are all of them,
+/// or at most [`PATCH_SAMPLES`] at regular steps for a patch.
 pub fn samples_for_light<'a>(
     light: &FrameLight,
     own: &'a [LightSample],
@@ -187,8 +190,8 @@ pub fn samples_for_light<'a>(
     own.iter().skip(stride / 2).step_by(stride)
 }
 
-/// Irradiance of sender `j` from `light` with color one. `bvh` is the scene's, with the gains that
-/// its occluders have now.
+/// Returns the irradiance of sender `j` from `light` with color one. `bvh` is the scene's BVH with
+/// the current transmittances of its occluders.
 #[must_use]
 #[inline]
 pub fn project_sender(
@@ -216,7 +219,7 @@ pub fn project_sender(
     samples.map(|p| near(p.x(), p.n())).sum::<f32>() / used
 }
 
-/// Fills `out`, one value a sender.
+/// Fills `out` with one value per sender.
 pub fn project(
     scene: &SceneData,
     bvh: &Bvh,

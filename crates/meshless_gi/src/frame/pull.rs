@@ -1,12 +1,12 @@
-//! Kernel `pull`: a sender's coefficient is the mean of the next finer level over its support
-//! (\[L08\] §2.1, the "pull" half of pull-push). One dispatch a level, fine to coarse.
+//! Kernel `pull`: sets a sender's coefficient to the mean of the next finer level over its support
+//! (\[L08\] §2.1, the "pull" half of pull-push). One dispatch per level, fine to coarse.
 
 use crate::basis::Weights;
 use glam::Vec4;
 use std::ops::Range;
 
-/// Replaces the coefficients of the senders `level` by means over the next level. A sender with an
-/// empty row keeps its own.
+/// Replaces the coefficients of the senders `level` by means over the next finer level. A sender
+/// with an empty row keeps its coefficient.
 pub fn pull(weights: &Weights, level: Range<usize>, senders: &mut [[f32; 4]]) {
     for k in level {
         let row = weights.row(k);

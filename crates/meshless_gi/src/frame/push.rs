@@ -1,12 +1,12 @@
-//! Kernel `push`: from averages to differences, α_j = f_j − Σ_k w_jk α_k over the coarser levels
-//! (\[L08\] Eq. (7)). One dispatch a level, coarse to fine. Only operators in the form of
+//! Kernel `push`: converts averages to differences, α_j = f_j − Σ_k w_jk α_k over the coarser
+//! levels (\[L08\] Eq. (7)). One dispatch per level, coarse to fine. Only operators in the form of
 //! differences need it.
 
 use crate::basis::Weights;
 use glam::Vec4;
 use std::ops::Range;
 
-/// Fills the differences of the senders `level`.
+/// Computes the differences of the senders `level`.
 pub fn push(
     parents: &Weights,
     level: Range<usize>,

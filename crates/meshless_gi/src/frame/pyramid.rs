@@ -1,52 +1,52 @@
-//! Kernel `pyramid`: discontinuities of a view, per cell and level (\[N09\] §3.2). A cell has
-//! minima and maxima of linear depth and of the normal's components, or the largest measure of a
-//! pixel if the test has one. Entry points: `base` (pixels to level 1) and `reduce` (a level to the
-//! next).
+//! Kernel `pyramid`: discontinuities of a view, per cell and level (\[N09\] §3.2). A cell stores
+//! minima and maxima of linear depth and of the normal's components. If a test measures pixels, the
+//! cell stores the largest measure of a pixel instead. Entry points: `base` (pixels to level 1) and
+//! `reduce` (a level to the next).
 //!
-//! Thresholds are relative to depth, where those of \[N09\] are lengths: the same settings serve a
-//! room and a landscape.
+//! Thresholds are relative to depth, those of \[N09\] are lengths. The same settings therefore fit
+//! a room and a landscape.
 
 use super::gbuffer;
 use super::subsplat::{SubsplatLevels, SubsplatParams};
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
-/// Depth where nothing was drawn, meters.
+/// Depth of a pixel without geometry, meters.
 pub const NOTHING: f32 = 1e30;
 
-/// Steepest slope that is distinguished.
+/// Upper limit of a depth slope.
 pub const STEEPEST: f32 = 1e9;
 
 /// Ranges of depth and normal of a cell's pixels. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CellRange {
-    /// Smallest depth, meters; 0 where the test measures pixels.
+    /// Smallest depth, meters. 0 if the test measures pixels.
     pub near: f32,
     /// Largest depth, meters, or the largest measure of a pixel.
     pub far: f32,
-    /// Smallest components of the normal (WGSL's `pack4x8snorm`); 0 for curvature.
+    /// Smallest components of the normal (WGSL's `pack4x8snorm`). 0 for curvature.
     pub low: u32,
     /// Largest components of the normal, or the largest curvature (the bits of a float).
     pub high: u32,
 }
 
-/// The drawn picture.
+/// Depth and G-buffer of a rendered view.
 #[derive(Clone, Copy, Debug)]
 pub struct GbufferView<'a> {
-    /// Reversed depth, row by row from the top; 0 where nothing was drawn.
+    /// Reversed depth, row by row from the top. 0 if nothing was drawn.
     pub depth: &'a [f32],
-    /// Texels of the G-buffer, see [`gbuffer`].
+    /// Texels of the G-buffer. See [`gbuffer`].
     pub gbuffer: &'a [[u32; 4]],
 }
 
 impl GbufferView<'_> {
-    /// Depth of a pixel that is in the picture; 0 where no light applies.
+    /// Returns the index of a pixel in the arrays.
     fn at(&self, size: [u32; 2], pixel: [u32; 2]) -> usize {
         (pixel[1] * size[0] + pixel[0]) as usize
     }
 
-    /// Reversed depth of a pixel; 0 where nothing is to be lit.
+    /// Returns the reversed depth of a pixel, or 0 if the pixel is unlit.
     #[must_use]
     pub fn depth(&self, size: [u32; 2], pixel: [u32; 2]) -> f32 {
         let i = self.at(size, pixel);
@@ -57,31 +57,31 @@ impl GbufferView<'_> {
         }
     }
 
-    /// Its texel.
+    /// Returns the G-buffer texel of a pixel.
     #[must_use]
     pub fn texel(&self, size: [u32; 2], pixel: [u32; 2]) -> [u32; 4] {
         self.gbuffer[self.at(size, pixel)]
     }
 }
 
-/// A surface in a pixel, in the view's space.
+/// Surface in a pixel, in view space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisibleSurface {
     /// Position in view space, meters. −z is the linear depth.
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
-    /// Reference length of depth tolerances, meters: see [`reach`].
+    /// Reference length of depth tolerances, meters. See [`reach`].
     pub reach: f32,
 }
 
-/// Widths of a pixel that a tolerance's measure is at most: as many as fill the distance of a
-/// picture 2000 pixels high with a vertical angle of 64°.
+/// Maximum reference length of depth tolerances, in pixel widths. Equals the distance of a picture
+/// 2000 pixels high with a vertical angle of 64°, in pixel widths.
 pub const REACH: f32 = 1600.0;
 
-/// Reference length of depth tolerances, meters: a pixel's linear depth `z`, as in \[N09\], but at
-/// most [`REACH`] of its widths there. Through a long lens or with parallel rays, objects one pixel
-/// wide are a small part of their distance but have edges.
+/// Returns the reference length of depth tolerances, meters. It is a pixel's linear depth `z`, as
+/// in \[N09\], limited to [`REACH`] of its widths there. Through a long lens or with parallel rays,
+/// objects one pixel wide are a small part of their distance but have edges.
 #[must_use]
 pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     let m = &params.view_from_clip;
@@ -90,7 +90,7 @@ pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     z.abs().min(REACH * width)
 }
 
-/// Position in the view's space of a pixel with this reversed depth.
+/// Returns the view-space position of a pixel with this reversed depth.
 #[must_use]
 pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
@@ -101,7 +101,7 @@ pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 
     h.truncate() / h.w
 }
 
-/// Surface that a pixel shows. Returns `None` if it has no lit surface.
+/// Returns the surface that a pixel shows. Returns `None` if it has no lit surface.
 #[must_use]
 pub fn visible_surface(
     params: &SubsplatParams,
@@ -116,7 +116,7 @@ pub fn visible_surface(
     })
 }
 
-/// Linear depth, meters.
+/// Returns the linear depth, meters, or [`NOTHING`] if `depth` is 0.
 fn linear(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> f32 {
     if depth > 0.0 {
         -view_place(params, pixel, depth).z
@@ -125,13 +125,13 @@ fn linear(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> f32 {
     }
 }
 
-/// The pixel (dx, dy) further, or the last before the picture ends.
+/// Returns the pixel (dx, dy) further, clamped to the picture.
 fn neighbors_of(size: [u32; 2], pixel: [u32; 2], dx: i32, dy: i32) -> [u32; 2] {
     let step = |at: u32, by: i32, edge: u32| at.saturating_add_signed(by).min(edge - 1);
     [step(pixel[0], dx, size[0]), step(pixel[1], dy, size[1])]
 }
 
-/// Contribution of a pixel to its cell.
+/// Computes the contribution of a pixel to its cell.
 fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) -> CellRange {
     let size = params.size;
     let depth = |p: [u32; 2]| picture.depth(size, p);
@@ -147,7 +147,7 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
                 );
                 // At the picture's edge there is one neighbor only.
                 if d > 0.0 && a != pixel && b != pixel {
-                    // Depth is linear on the screen over a plane, in both kinds of projection.
+                    // Depth is linear in screen space over a plane, in both kinds of projection.
                     let on_plane = linear(params, pixel, 0.5 * (depth(a) + depth(b)));
                     max = max.max((on_plane - z).abs() / reach(params, z, d));
                 }
@@ -159,14 +159,14 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
             let change = |dx, dy| {
                 let p = neighbors_of(size, pixel, dx, dy);
                 let other = linear(params, p, depth(p));
-                // From something to nothing it is as steep as can be.
+                // The slope from geometry to background has the largest value.
                 ((other - z).abs() / other.min(z)).min(STEEPEST)
             };
             (0.0, Vec2::new(change(1, 0), change(0, 1)).length())
         }
     };
     let normal = |p: [u32; 2]| gbuffer::normal(picture.texel(size, p));
-    // Of what is not lit only its depth counts.
+    // Unlit pixels contribute their depth only.
     let (low, high) = if d <= 0.0 {
         EMPTY
     } else if params.normal_test == 0 {
@@ -191,14 +191,14 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
     }
 }
 
-/// Low and high of no normal: what `min` and `max` leave as it is.
+/// Minimum and maximum of a cell without normals, the neutral values of `min` and `max`.
 pub const EMPTY: (u32, u32) = (0x007f_7f7f, 0x0081_8181);
 
 fn join(params: &SubsplatParams, a: &CellRange, b: &CellRange) -> CellRange {
     let (low, high) = if params.normal_test == 0 {
         (min_bytes(a.low, b.low), max_bytes(a.high, b.high))
     } else {
-        // Bits of positive floats are in the order of the floats; what is empty measures nothing.
+        // Bits of positive floats have the order of the floats. Empty cells measure 0.
         let of = |cell: &CellRange| if cell.low == EMPTY.0 { 0 } else { cell.high };
         (0, of(a).max(of(b)))
     };
@@ -227,13 +227,13 @@ fn max_bytes(a: u32, b: u32) -> u32 {
     each(a, b, i8::max)
 }
 
-/// WGSL's `pack4x8snorm` of (v, 0).
+/// Computes WGSL's `pack4x8snorm` of (v, 0).
 fn pack_snorm(v: Vec3) -> u32 {
     let byte = |c: f32| (0.5 + 127.0 * c.clamp(-1.0, 1.0)).floor() as i32 as u8;
     u32::from_le_bytes([byte(v.x), byte(v.y), byte(v.z), 0])
 }
 
-/// Entry point `base`: level 1, cell by cell.
+/// Computes level 1, cell by cell (entry point `base`).
 pub fn base(params: &SubsplatParams, picture: &GbufferView<'_>, cells: &mut [CellRange]) {
     let levels = params.levels();
     let [w, h] = levels.grid(1);
@@ -246,7 +246,7 @@ pub fn base(params: &SubsplatParams, picture: &GbufferView<'_>, cells: &mut [Cel
     }
 }
 
-/// Entry point `reduce`: level `k` from level `k` − 1.
+/// Computes level `k` from level `k` − 1 (entry point `reduce`).
 pub fn reduce(params: &SubsplatParams, k: u32, cells: &mut [CellRange]) {
     let levels = params.levels();
     let [w, h] = levels.grid(k);
@@ -259,7 +259,7 @@ pub fn reduce(params: &SubsplatParams, k: u32, cells: &mut [CellRange]) {
     }
 }
 
-/// All levels.
+/// Computes all levels.
 #[must_use]
 pub fn pyramid(params: &SubsplatParams, picture: &GbufferView<'_>) -> Vec<CellRange> {
     let mut cells = vec![CellRange::default(); params.levels().starts[0] as usize];
@@ -288,7 +288,7 @@ fn four(
     out
 }
 
-/// True where cell (x, y) of level `k` is not continuous.
+/// Returns `true` if cell (x, y) of level `k` is not continuous.
 #[must_use]
 pub fn breaks(
     params: &SubsplatParams,

@@ -1,6 +1,6 @@
 //! Kernel `radiosity`: b = ρE + M of every sender, from the projected lights and the sky (design
-//! D1): its coefficient until `pull` replaces those of coarser senders by the mean over their
-//! support.
+//! D1). This is the sender's coefficient. `pull` later replaces the coefficients of coarser senders
+//! by the mean over their support.
 
 use super::layout::SolveParams;
 use super::light::FrameLight;
@@ -21,7 +21,7 @@ pub struct SenderInputs<'a> {
     pub sky: &'a [[f32; 8]],
 }
 
-/// Irradiance of sender `j` directly from the sky, W/m².
+/// Returns the direct irradiance of sender `j` from the sky, W/m².
 #[must_use]
 #[inline]
 pub fn sky_at(params: &SolveParams, inputs: &SenderInputs<'_>, j: usize) -> Vec3 {
@@ -33,12 +33,12 @@ pub fn sky_at(params: &SolveParams, inputs: &SenderInputs<'_>, j: usize) -> Vec3
     for (term, visible) in params.sky_more.iter().zip(&inputs.sky[j]) {
         e += Vec4::from_array(*term).truncate() * *visible;
     }
-    // The series may fall below zero.
+    // The truncated series can be negative.
     e.max(Vec3::ZERO)
 }
 
-/// Radiosity of sender `j`, W/m². `projected` holds the irradiances of light color one, slot after
-/// slot, `params.senders` each.
+/// Returns the radiosity of sender `j`, W/m². `projected` holds the irradiances for light color
+/// one: `params.senders` values per slot, slot after slot.
 #[must_use]
 #[inline]
 pub fn radiosity_at(
@@ -57,7 +57,7 @@ pub fn radiosity_at(
     Vec3::from_array(surface.albedo) * e + Vec3::from_array(surface.emission) * params.emission
 }
 
-/// Fills the senders' first coefficients and behind them those of the sky, W/m².
+/// Fills the first coefficients of the senders, followed by those of the sky, W/m².
 pub fn radiosity(
     params: &SolveParams,
     lights: &[FrameLight],

@@ -1,20 +1,23 @@
 //! Kernel `refine`: selection of the cells that are divided (\[N09\] §3.3). Entry points: `start`
 //! lists the cells of the coarsest level. `refine` lists the children of divided cells of level k.
-//! Divided are all cells of the coarsest level, discontinuous ones ([`pyramid::breaks`]), those
-//! with a discontinuous diagonal neighbor (\[N09\] §5.2), and those whose light differs from its
-//! prediction.
+//! A cell is divided if one of these holds:
+//!
+//! - It is on the coarsest level.
+//! - It is discontinuous ([`pyramid::breaks`]).
+//! - It has a discontinuous diagonal neighbor (\[N09\] §5.2).
+//! - Its light differs from its prediction.
 
 use super::gbuffer;
 use super::pyramid::{self, CellRange, GbufferView};
 use super::subsplat::{LUMINANCE, SubsplatLevels, SubsplatNode, SubsplatParams, state};
 use glam::Vec3;
 
-/// Light, in parts of what a well-exposed white surface sends, below which differences stop to
-/// count.
+/// Luminance below which differences lose weight, as a fraction of the luminance of a well-exposed
+/// white surface.
 pub const FLOOR: f32 = 0.1;
 
-/// A cell as a list holds it: x in the low half, y in the high one. Pictures are smaller than 65
-/// 536 pixels.
+/// Packs a cell into a list entry: x in the low half, y in the high half. Pictures are smaller than
+/// 65536 pixels.
 #[must_use]
 pub fn pack_cell(x: u32, y: u32) -> u32 {
     x | y << 16
@@ -26,13 +29,13 @@ pub fn unpack_cell(word: u32) -> [u32; 2] {
     [word & 0xffff, word >> 16]
 }
 
-/// Luminance that a node gives its own pixel.
+/// Returns the luminance of a node at its own pixel.
 #[must_use]
 pub fn luminance(node: &SubsplatNode, normal: Vec3) -> f32 {
     LUMINANCE.dot(node.light().dot(normal).max(Vec3::ZERO))
 }
 
-/// True where the node at `pixel` was evaluated, and is not as predicted.
+/// Returns `true` if the node at `pixel` was evaluated and differs from its prediction.
 fn exceeds_prediction(
     params: &SubsplatParams,
     picture: &GbufferView<'_>,
@@ -48,7 +51,7 @@ fn exceeds_prediction(
         > params.radiance_threshold * (0.5 * (found + predicted_luminance) + FLOOR)
 }
 
-/// True where cell (x, y) of level `k` is to be divided.
+/// Returns `true` if cell (x, y) of level `k` is divided.
 #[must_use]
 pub fn divides(
     params: &SubsplatParams,
@@ -75,7 +78,7 @@ pub fn divides(
     {
         return true;
     }
-    // The nodes at its corners.
+    // The nodes at the corners of the cell.
     [(0, 0), (1, 0), (0, 1), (1, 1)].iter().any(|&(dx, dy)| {
         let (cx, cy) = (x + dx, y + dy);
         cx < w && cy < h && {
@@ -85,7 +88,7 @@ pub fn divides(
     })
 }
 
-/// Entry point `start`: all cells of the coarsest level.
+/// Entry point `start`: lists all cells of the coarsest level.
 #[must_use]
 pub fn start(levels: &SubsplatLevels) -> Vec<u32> {
     let [w, h] = levels.grid(levels.coarsest_level);
@@ -94,7 +97,7 @@ pub fn start(levels: &SubsplatLevels) -> Vec<u32> {
         .collect()
 }
 
-/// Entry point `refine`: the children of those cells of `list` (level `k`) that are divided.
+/// Entry point `refine`: lists the children of the cells of `list` (level `k`) that are divided.
 #[must_use]
 pub fn refine(
     params: &SubsplatParams,

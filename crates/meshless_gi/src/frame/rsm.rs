@@ -1,6 +1,6 @@
-//! Kernel `rsm`: a reflective shadow map (\[N09\] §3.1) becomes virtual point lights. The map is a
-//! small deferred view from the light that holds dynamic objects and nothing else: what static
-//! surfaces reflect is in the bake.
+//! Kernel `rsm`: converts a reflective shadow map (\[N09\] §3.1) to virtual point lights (VPLs).
+//! The map is a small deferred view from the light. It contains only dynamic objects, because the
+//! bake has the reflection of static surfaces.
 //!
 //! | entry | function |
 //! |---|---|
@@ -8,11 +8,14 @@
 //! | [`shadow`] | sets the flux of texels in the shadow of a baked scene to zero |
 //! | [`select_vpls`] | texels → virtual point lights |
 //!
-//! Deviations from \[N09\]. Its texels all subtend the same solid angle, which §5 names as a
-//! visible error (Fig. 13); ours have the exact one. Its VPLs are a fixed grid of texels, which
-//! flickers as surfaces move past them (§5.1) and loses what lies between; ours are strata of equal
-//! flux along a Hilbert curve through the map, with boundaries inside of texels: a stratum's light
-//! is the mean of its texels, so that all flux is kept and nothing jumps.
+//! Deviations from \[N09\]:
+//!
+//! - **Solid angle.** In \[N09\] all texels subtend the same solid angle, which its §5 names as a
+//!   visible error (Fig. 13). Here each texel has its exact solid angle.
+//! - **Selection.** In \[N09\] the VPLs are a fixed grid of texels. It flickers as surfaces move
+//!   past them (§5.1) and loses everything between them. Here they are strata of equal flux along a
+//!   Hilbert curve through the map, with boundaries inside texels. The light of a stratum is the
+//!   mean of its texels, so all flux is kept and VPLs move continuously.
 
 use super::gbuffer;
 use super::project::shadow_ray;
@@ -27,12 +30,12 @@ pub const CHUNKS: usize = 256;
 pub const FARTHEST: f32 = 1e8;
 /// Lower bound of the cosine in a texel's area.
 pub const MIN_COSINE: f32 = 0.1;
-/// Squared distance below which a light grows no brighter (a square centimeter, as for Bevy's
-/// lights), m².
+/// Squared distance below which the irradiance of a light does not increase, m². One square
+/// centimeter, as for Bevy's lights.
 pub const NEAREST_SQUARE: f32 = 1e-4;
 
-/// Index of texel (x, y) along Hilbert's curve through a map of `side` texels. Neighbors on the
-/// curve are neighbors in the map, unlike on Morton's curve.
+/// Returns the index of texel (x, y) along the Hilbert curve through a map of `side` texels.
+/// Neighbors on the curve are neighbors in the map, unlike on a Morton curve.
 #[must_use]
 pub fn hilbert_index(side: u32, x: u32, y: u32) -> u32 {
     let (mut x, mut y, mut at) = (x, y, 0);
@@ -41,7 +44,7 @@ pub fn hilbert_index(side: u32, x: u32, y: u32) -> u32 {
         let rx = u32::from(x & s != 0);
         let ry = u32::from(y & s != 0);
         at += s * s * ((3 * rx) ^ ry);
-        // Turns the quarter, so that its curve begins where the last one ended.
+        // Rotates the quadrant, so that its curve begins at the end of the previous one.
         if ry == 0 {
             if rx == 1 {
                 (x, y) = ((side - 1) - x, (side - 1) - y);
@@ -53,9 +56,9 @@ pub fn hilbert_index(side: u32, x: u32, y: u32) -> u32 {
     at
 }
 
-/// Solid angle of the parallelogram with corner `a` and edges `e`, `f`, seen from the origin, sr:
-/// two triangles by Van Oosterom & Strackee's formula. The volume a·(e×f) is the same for both, and
-/// no difference of nearly equal numbers.
+/// Returns the solid angle, from the origin, of the parallelogram with corner `a` and edges `e`,
+/// `f`, sr. Sums two triangles by Van Oosterom & Strackee's formula. The volume a·(e×f) is the same
+/// for both and involves no cancellation.
 fn solid_angle(a: Vec3, e: Vec3, f: Vec3) -> f32 {
     let volume = a.dot(e.cross(f)).abs();
     let corners = [a, a + e, a + e + f, a + f];
@@ -67,7 +70,7 @@ fn solid_angle(a: Vec3, e: Vec3, f: Vec3) -> f32 {
     2.0 * (half(corners[1], corners[2]) + half(corners[2], corners[3]))
 }
 
-/// Solid angle of the texel at (`column`, `row`) from the upper left, sr.
+/// Returns the solid angle of the texel at (`column`, `row`) from the upper left, sr.
 fn texel_angle(params: &RsmParams, pixel: [u32; 2]) -> f32 {
     let [forward, right, up] = [params.forward, params.right, params.up].map(Vec3::from_array);
     let step = 2.0 / params.side as f32;
@@ -76,12 +79,13 @@ fn texel_angle(params: &RsmParams, pixel: [u32; 2]) -> f32 {
     solid_angle(corner, right * step, up * -step)
 }
 
-/// One texel: what the shader writes at [`hilbert_index`] for the texel (column, row) with this
-/// depth and G-buffer.
+/// Returns the texel that the shader writes at [`hilbert_index`] for the texel (column, row) with
+/// this depth and G-buffer.
 ///
-/// Reflected flux Φρ: of a light, I(ω) dω with Bevy's cone and window at the range; of a
-/// directional light, irradiance times the texel's cross-section. Nothing where nothing was drawn,
-/// where no light applies, and on the side that looks away.
+/// The texel stores the reflected flux Φρ. Φ of a directional light is the irradiance times the
+/// texel's cross-section. Φ of other lights is I(ω) dω with Bevy's cone and its window at the
+/// range. The texel is zero for the background, for unlit materials, for positions that the light
+/// does not reach, and for surfaces that face away.
 #[must_use]
 pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4]) -> RsmTexel {
     let light = &params.light;
@@ -93,7 +97,7 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
     let ndc = Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
     let h = Mat4::from_cols_array_2d(&params.space_from_clip) * ndc;
     let x = h.truncate() / h.w;
-    // A NaN is not below either.
+    // The negated comparison rejects NaN too.
     if !x.abs().cmplt(Vec3::splat(FARTHEST)).all() {
         return dark;
     }
@@ -131,7 +135,7 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
     }
     RsmTexel {
         position: x.to_array(),
-        // A square of area A: A / 6.
+        // Mean squared distance of a square of area A from its center: A / 6.
         spread: area / (6.0 * cosine.max(MIN_COSINE)),
         normal: n.to_array(),
         flux: flux.to_array(),
@@ -139,7 +143,8 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
     }
 }
 
-/// All texels of a map, in the order of the curve. `depth` and `gbuffer` row by row.
+/// Returns all texels of a map, in the order of the curve. `depth` and `gbuffer` are stored row by
+/// row.
 ///
 /// # Panics
 /// Panics if there are fewer than `params.side`² of them.
@@ -157,18 +162,18 @@ pub fn texels(params: &RsmParams, depth: &[f32], gbuffer: &[[u32; 4]]) -> Vec<Rs
     out
 }
 
-/// Transmittance of a baked scene from the light to a texel.
+/// Returns the transmittance of a baked scene from the light to a texel.
 #[must_use]
 pub fn light_transmittance(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel) -> f32 {
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let x = local.transform_point3(texel.position.into());
     let n = local.transform_vector3(texel.normal.into());
     let n = n / n.length().max(f32::MIN_POSITIVE);
-    // Dynamic objects are not in the tree: the offset is for rounding only.
+    // Dynamic objects are not in the BVH, so the offset only covers rounding.
     shadow_ray(&params.light, x, n, params.extent).map_or(1.0, |ray| bvh.transmittance(&ray))
 }
 
-/// Takes the flux from the texels that a baked scene keeps the light from. Once for each scene.
+/// Multiplies the flux of each texel by the transmittance of a baked scene. Runs once per scene.
 pub fn shadow(params: &RsmShadowParams, bvh: &Bvh, texels: &mut [RsmTexel]) {
     if params.nodes == 0 {
         return;
@@ -181,20 +186,22 @@ pub fn shadow(params: &RsmShadowParams, bvh: &Bvh, texels: &mut [RsmTexel]) {
     }
 }
 
-/// Importance of a texel when strata are cut: the sum of its channels, so that none is neglected.
+/// Returns the importance of a texel for the strata: the sum of its channels, so that every channel
+/// counts.
 fn importance(texel: &RsmTexel) -> f32 {
     texel.flux[0] + texel.flux[1] + texel.flux[2]
 }
 
-/// The virtual point lights of a light: `params.vpls` strata of equal flux along the curve. A texel
-/// on a boundary belongs to both sides, in parts.
+/// Returns the virtual point lights of a light: `params.vpls` strata of equal flux along the curve.
+/// A texel on a boundary contributes a part to each of the two strata.
 ///
-/// Each is the flux-weighted mean of its stratum. Sums are grouped as the shader's threads do it.
+/// Each virtual point light is the flux-weighted mean of its stratum. Sums are grouped like the
+/// threads of the shader.
 #[must_use]
 pub fn select_vpls(params: &RsmSelectParams, texels: &[RsmTexel]) -> Vec<Vpl> {
     let texels = &texels[..params.texels as usize];
     let run = texels.len().div_ceil(CHUNKS).max(1);
-    // Flux before each run.
+    // Flux before each run of texels.
     let mut before = [0.0f32; CHUNKS + 1];
     for c in 0..CHUNKS {
         let first = (c * run).min(texels.len());
@@ -211,7 +218,7 @@ pub fn select_vpls(params: &RsmSelectParams, texels: &[RsmTexel]) -> Vec<Vpl> {
         .collect()
 }
 
-/// The light of the flux from `low` to `high`.
+/// Returns the virtual point light of the flux from `low` to `high`.
 fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32) -> Vpl {
     if high <= low {
         return Vpl::default();
@@ -220,8 +227,8 @@ fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32)
     let mut chunk = before[..CHUNKS].partition_point(|b| *b < low).max(1) - 1;
     let (mut flux, mut weight) = (Vec3::ZERO, 0.0);
     let (mut position, mut normal, mut square) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-    // Positions are summed relative to the first, so that their spread is no difference of large
-    // squares.
+    // Positions are summed relative to the first one. This avoids cancellation of large squares in
+    // their spread.
     let mut anchor = None;
     while chunk < CHUNKS && before[chunk] < high {
         let first = (chunk * run).min(texels.len());
@@ -300,7 +307,8 @@ mod tests {
             let right = 4.0 * std::f64::consts::PI / 6.0;
             assert!((all / right - 1.0).abs() < 1e-4, "{side}: {all}");
             if side == 64 {
-                // The corner is seen at cos = 1/√3: cos³ of the middle's solid angle, nearly.
+                // The corner lies at cos = 1/√3, so its solid angle is about cos³ of that in the
+                // middle.
                 let ratio = texel_angle(&params, [0, 0]) / texel_angle(&params, [32, 32]);
                 assert!((ratio - 3f32.powf(-1.5)).abs() < 0.01, "{ratio}");
             }

@@ -1,10 +1,10 @@
 //! Structs that the kernels of reflective shadow maps share with their CPU twins, byte for byte: a
-//! map and its texels, virtual point lights, a view. `shaders/lib/rsm.wgsl` declares the
-//! same; `tests/checks/shader_layout.rs` compares the two.
+//! map and its texels, virtual point lights, a view. `shaders/lib/rsm.wgsl` declares the same
+//! structs. `tests/checks/shader_layout.rs` compares the two.
 //!
-//! All of them speak of one *space*: the world's axes and meters, with the origin moved to a
-//! position near by ([`space_from_clip`]), so that single precision serves a scene far from the
-//! world's origin too. Whoever has several lights or views takes one origin for all of them.
+//! All of them use one *space*: the world's axes and meters, with the origin moved to a nearby
+//! position ([`space_from_clip`]). Single precision is therefore sufficient for a scene far from
+//! the world's origin. All lights and views of a frame must use the same origin.
 
 use super::FrameLight;
 use bytemuck::{Pod, Zeroable};
@@ -14,32 +14,33 @@ use glam::{DMat4, Mat4, Vec3};
 /// requires.
 pub const SIDES: [u32; 2] = [1, 256];
 
-/// Most virtual point lights of a light.
+/// Maximum number of virtual point lights of a light.
 pub const MAX_VPLS: u32 = 1024;
 
-/// The side of a map for an asked resolution: the nearest power of two from below within [`SIDES`].
+/// Returns the side of a map for a requested resolution: the largest power of two that is not
+/// larger, within [`SIDES`].
 #[must_use]
 pub fn side(resolution: u32) -> u32 {
     let resolution = resolution.clamp(SIDES[0], SIDES[1]);
     1 << resolution.ilog2()
 }
 
-/// From a camera's clip space (reversed depth, y up) to the space whose origin is at `origin` of
-/// the world, meters; computed in double precision.
+/// Returns the transform from a camera's clip space (reversed depth, y up) to the space whose
+/// origin is at `origin` of the world, meters. It is computed in double precision.
 #[must_use]
 pub fn space_from_clip(world_from_view: &Mat4, clip_from_view: &Mat4, origin: Vec3) -> Mat4 {
     let shift = DMat4::from_translation(-origin.as_dvec3());
     (shift * world_from_view.as_dmat4() * clip_from_view.as_dmat4().inverse()).as_mat4()
 }
 
-/// From that space to a bake's local space, `local_from_world` being the inverse of the baked
-/// scene's transform.
+/// Returns the transform from that space to a bake's local space. `local_from_world` is the inverse
+/// of the baked scene's transform.
 #[must_use]
 pub fn local_from_space(local_from_world: &Mat4, origin: Vec3) -> Mat4 {
     (local_from_world.as_dmat4() * DMat4::from_translation(origin.as_dvec3())).as_mat4()
 }
 
-/// A light in that space.
+/// Returns a light in that space.
 #[must_use]
 pub fn light_in_space(world: &FrameLight, origin: Vec3) -> FrameLight {
     let at = Vec3::from_array(world.position).as_dvec3() - origin.as_dvec3();
@@ -53,34 +54,36 @@ pub fn light_in_space(world: &FrameLight, origin: Vec3) -> FrameLight {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RsmParams {
-    /// From the map's clip space (reversed depth, y up), column by column.
+    /// Transform from the map's clip space (reversed depth, y up), column by column.
     pub space_from_clip: [[f32; 4]; 4],
-    /// The light. Point, spot and patch: where the map is drawn from.
+    /// The light. A point light, spot light or patch is at the position that the map is rendered
+    /// from.
     pub light: FrameLight,
-    /// From the light to the middle of the map, and what a step of one in clip space's x and y
-    /// adds: any common length.
+    /// Vector from the light to the middle of the map. `right` and `up` are the vectors of a step
+    /// of one in x and y of clip space. All three share one arbitrary scale.
     pub forward: [f32; 3],
     /// Texels along each edge, a power of two ([`side`]).
     pub side: u32,
-    /// A step in x.
+    /// Vector of a step in x.
     pub right: [f32; 3],
     /// Index of the map's first texel among those of the light.
     pub first: u32,
-    /// A step in y.
+    /// Vector of a step in y.
     pub up: [f32; 3],
-    /// Directional: cross-section of a texel, m².
+    /// Cross-section of a texel of a directional light, m².
     pub area: f32,
 }
 
 impl RsmParams {
-    /// Parameters of the map that was drawn with this matrix ([`space_from_clip`]); `light` in that
-    /// space ([`light_in_space`]), `side` as [`side`] gives it, `first` the texels of the light's
-    /// maps before this one.
+    /// Creates the parameters of the map that was rendered with this matrix ([`space_from_clip`]).
+    /// `light` is in the matrix's space ([`light_in_space`]), and `side` is a result of [`side`].
+    /// `first` is the number of texels in the light's maps before this one.
     #[must_use]
     pub fn new(space_from_clip: Mat4, light: &FrameLight, side: u32, first: u32) -> Self {
         let m = space_from_clip.as_dmat4();
         let eye = Vec3::from_array(light.position).as_dvec3();
-        // The near plane. A step on it is a column, exactly: no difference of positions far apart.
+        // The near plane. A step on it is exactly a column of the matrix, which avoids
+        // cancellation.
         let near = m * glam::DVec4::new(0.0, 0.0, 1.0, 1.0);
         let w = if near.w == 0.0 { 1.0 } else { near.w };
         let [right, up] = [m.x_axis.truncate() / w, m.y_axis.truncate() / w];
@@ -105,21 +108,21 @@ impl RsmParams {
     }
 }
 
-/// A lit texel of a map. 48 bytes. All zero where there is none.
+/// A lit texel of a map. 48 bytes. All zero for a texel without light.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RsmTexel {
-    /// Meters.
+    /// Position, meters.
     pub position: [f32; 3],
-    /// Mean squared distance of its surface from its position, m².
+    /// Mean squared distance of the texel's surface from its position, m².
     pub spread: f32,
-    /// Unit.
+    /// Unit normal.
     pub normal: [f32; 3],
-    /// Not used.
+    /// Padding.
     pub pad0: f32,
-    /// Flux that it reflects, W.
+    /// Reflected flux, W.
     pub flux: [f32; 3],
-    /// Not used.
+    /// Padding.
     pub pad1: f32,
 }
 
@@ -127,23 +130,23 @@ pub struct RsmTexel {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RsmShadowParams {
-    /// To the bake's local space, column by column ([`local_from_space`]).
+    /// Transform to the bake's local space, column by column ([`local_from_space`]).
     pub local_from_space: [[f32; 4]; 4],
     /// The light in the bake's local space ([`FrameLight::to_local`]).
     pub light: FrameLight,
     /// Number of texels.
     pub texels: u32,
-    /// Nodes of the scene's BVH; 0 means that nothing casts shadows.
+    /// Number of nodes of the scene's BVH. 0 means that nothing casts shadows.
     pub nodes: u32,
     /// Largest edge of the box around the bake's geometry, meters.
     pub extent: f32,
-    /// Not used.
+    /// Padding.
     pub pad: u32,
 }
 
 impl RsmShadowParams {
-    /// Parameters for `texels` texels of `light` (in the space), shadowed by a scene of `nodes`
-    /// nodes and this extent.
+    /// Creates the parameters for `texels` texels of `light` (in the space). The texels are in the
+    /// shadow of a scene of `nodes` BVH nodes and this extent.
     #[must_use]
     pub fn new(
         local_from_space: Mat4,
@@ -174,25 +177,25 @@ pub struct RsmSelectParams {
     pub first: u32,
     /// Number of its virtual point lights.
     pub vpls: u32,
-    /// Not used.
+    /// Padding.
     pub pad: u32,
 }
 
-/// A virtual point light: what a part of a map reflects, diffusely. 48 bytes.
+/// A virtual point light: the diffuse reflection of a part of a map. 48 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Vpl {
     /// Mean position of the part, meters.
     pub position: [f32; 3],
-    /// Square of the radius of a disk that is spread as widely as the part, m².
+    /// Squared radius of a disk with the same spread as the part, m².
     pub square: f32,
-    /// Mean of the part's unit normals; the shorter, the more they differ.
+    /// Mean of the part's unit normals. Its length decreases with their spread.
     pub normal: [f32; 3],
-    /// Not used.
+    /// Padding.
     pub pad0: f32,
     /// Reflected flux, W.
     pub flux: [f32; 3],
-    /// Not used.
+    /// Padding.
     pub pad1: f32,
 }
 
@@ -201,20 +204,20 @@ pub struct Vpl {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VplParams {
-    /// To the local space of the bake that shadows them ([`local_from_space`]).
+    /// Transform to the local space of the bake that casts their shadows ([`local_from_space`]).
     pub local_from_space: [[f32; 4]; 4],
     /// Number of virtual point lights.
     pub vpls: u32,
-    /// Nodes of the scene's BVH; 0 means that nothing shadows them.
+    /// Number of nodes of the scene's BVH. 0 means that nothing casts shadows.
     pub nodes: u32,
     /// Largest edge of the box around the bake's geometry, meters.
     pub extent: f32,
-    /// Irradiance below which a light arrives without a shadow ray, W/m². 0 traces every ray.
+    /// Irradiance below which a light gets no shadow ray, W/m². 0 traces every ray.
     pub dim: f32,
 }
 
 impl VplParams {
-    /// `vpls` lights that nothing shadows.
+    /// Creates the parameters of `vpls` lights without shadows.
     #[must_use]
     pub fn unshadowed(vpls: u32) -> Self {
         Self {
@@ -223,7 +226,8 @@ impl VplParams {
         }
     }
 
-    /// `vpls` lights in the shadow of a baked scene of `nodes` nodes and this extent.
+    /// Creates the parameters of `vpls` lights in the shadow of a baked scene of `nodes` BVH nodes
+    /// and this extent.
     #[must_use]
     pub fn shadowed(vpls: u32, local_from_space: Mat4, nodes: u32, extent: f32, dim: f32) -> Self {
         Self {
@@ -236,19 +240,19 @@ impl VplParams {
     }
 }
 
-/// A view, for `vpl`. 96 bytes.
+/// Parameters of a view, for kernel `vpl`. 96 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VplViewParams {
-    /// From the view's clip space, column by column ([`space_from_clip`]).
+    /// Transform from the view's clip space, column by column ([`space_from_clip`]).
     pub space_from_clip: [[f32; 4]; 4],
     /// The viewport in texels: x, y, width, height.
     pub viewport: [f32; 4],
     /// Size of the output in texels.
     pub size: [u32; 2],
-    /// Multiplies the irradiance before it is stored as halves.
+    /// Factor on the irradiance before it is stored as half floats.
     pub scale: f32,
-    /// Not used.
+    /// Padding.
     pub pad: u32,
 }
 
@@ -268,7 +272,7 @@ mod tests {
         let world_from_view = Mat4::from_translation(eye);
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(1.0, 1.0, 0.1);
         let m = space_from_clip(&world_from_view, &clip_from_view, eye);
-        // A pixel two meters ahead in the middle.
+        // A pixel in the middle, at a distance of two meters.
         let x = m.project_point3(Vec3::new(0.0, 0.0, 0.05));
         assert!((x - Vec3::new(0.0, 0.0, -2.0)).length() < 1e-6, "{x}");
         let light = FrameLight::point(eye, Vec3::ONE, f32::INFINITY);

@@ -15,20 +15,20 @@ use std::ops::Range;
 /// Settings of a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
-    /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MAX_SWEEPS`] of them
-    /// run. Not used where the bake holds its bounces and `baked_bounces` is on.
+    /// Jacobi sweeps: reflections beyond the first. At most [`FrameSettings::MAX_SWEEPS`] run. Not
+    /// used if the bake holds its bounces and `baked_bounces` is on.
     pub sweeps: u32,
-    /// Use the bake's further bounces, if it has them.
+    /// `true` to use the bake's further bounces, if it has them.
     pub baked_bounces: bool,
-    /// Radiance of the sky, W/(m² sr). A bake that was not asked for more than a uniform sky takes
-    /// its mean over all directions.
+    /// Radiance of the sky, W/(m² sr). A bake that supports a uniform sky only uses the mean over
+    /// all directions.
     pub sky: SkyRadiance,
-    /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
+    /// Factor on the emission of the surfaces: 1 as baked, 0 off.
     pub emission: f32,
-    /// Tier, from 1 (the fewest links) on; what is beyond the bake's tiers means the highest of
-    /// them: all links (design D11), or the octree of rule `fmm`.
+    /// Tier, starting at 1 (the fewest links). Values beyond the bake's tiers mean its highest
+    /// tier: all links (design D11), or the octree of method `fmm`.
     pub tier: u32,
-    /// In how many channels links are applied; an octree takes all three.
+    /// Channels in which links are applied. An octree always uses all three.
     pub channels: Channels,
 }
 
@@ -46,15 +46,15 @@ impl Default for FrameSettings {
 }
 
 impl FrameSettings {
-    /// Most sweeps of a solve. Each is recorded separately, and a frame must end. Walls that
-    /// reflect 95 % of the light leave 2e-6 of it after this number.
+    /// Maximum number of sweeps of a solve. Each is recorded separately, so a frame needs a limit.
+    /// Walls that reflect 95 % of the light leave 2e-6 of it after this number.
     pub const MAX_SWEEPS: u32 = 255;
 
-    /// The highest tier, whatever the bake.
+    /// Highest tier of any bake.
     pub const ALL_TIERS: u32 = u32::MAX;
 
-    /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake
-    /// holds none.
+    /// Creates settings for `bounces` diffuse reflections in total (at least one). Sweeps compute
+    /// them if the bake holds none.
     #[must_use]
     pub fn bounces(bounces: u32) -> Self {
         Self {
@@ -67,35 +67,35 @@ impl FrameSettings {
 /// Sizes of a baked scene on which the steps of a solve depend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneDimensions {
-    /// Start of each level's points, and end of the last.
+    /// Start of each level's points, followed by the end of the last level.
     pub level_starts: Vec<u32>,
-    /// Number of levels that send.
+    /// Number of levels with senders.
     pub sender_levels: usize,
-    /// Positions that each sender of the finest sender level is lit at.
+    /// Number of light samples of each sender of the finest sender level.
     pub samples_per_sender: u32,
-    /// Tiers that use links: those of the operator, or none.
+    /// Number of tiers that use links: those of the operator, or 0.
     pub link_tiers: u32,
-    /// An octree may carry the light in place of links: the tier above those.
+    /// `true` if an octree can replace the links, as the tier above theirs.
     pub octree: bool,
     /// Form of the coefficients that the links multiply.
     pub form: SenderForm,
-    /// Columns of an operator of components, the sky's among them; 0 in the other forms.
+    /// Columns of an operator of components, including those of the sky. 0 in the other forms.
     pub columns: usize,
-    /// True if the bake has the light of parts of the sky: [`SkyRadiance::TERMS`] further
-    /// coefficients after the sky's.
+    /// `true` if the bake supports non-uniform skies. [`SkyRadiance::TERMS`] further coefficients
+    /// then follow the sky's coefficient.
     pub sky_terms: bool,
-    /// The bake holds further bounces.
+    /// `true` if the bake holds further bounces.
     pub bounces: bool,
-    /// Nodes of the BVH.
+    /// Number of nodes of the BVH.
     pub nodes: usize,
-    /// Largest edge of the geometry's box, meters.
+    /// Largest edge of the geometry's bounding box, meters.
     pub extent: f32,
     /// Spacing of a sender's samples, meters.
     pub sample_spacing: f32,
 }
 
 impl SceneDimensions {
-    /// The shape of `scene`.
+    /// Returns the dimensions of `scene`.
     #[must_use]
     pub fn new(scene: &SceneData) -> Self {
         Self {
@@ -114,26 +114,27 @@ impl SceneDimensions {
         }
     }
 
-    /// The tier that a frame with these settings uses.
+    /// Returns the tier that a frame with these settings uses.
     #[must_use]
     pub fn tier(&self, settings: &FrameSettings) -> u32 {
         let tiers = self.link_tiers + u32::from(self.octree);
         settings.tier.clamp(1, tiers.max(1))
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     #[must_use]
     pub fn points(&self) -> usize {
         self.level_starts.last().map_or(0, |&n| n as usize)
     }
 
-    /// Number of senders, without the sky.
+    /// Returns the number of senders, without the sky.
     #[must_use]
     pub fn senders(&self) -> usize {
         self.level_starts[self.sender_levels] as usize
     }
 
-    /// Coefficients that links may name: the senders', the sky's, and those of its terms.
+    /// Returns the number of coefficients that links can refer to: those of the senders, of the sky
+    /// and of its terms.
     #[must_use]
     pub fn coefficients(&self) -> usize {
         self.senders()
@@ -145,19 +146,19 @@ impl SceneDimensions {
             }
     }
 
-    /// Number of levels.
+    /// Returns the number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1
     }
 
-    /// The points of level `l`.
+    /// Returns the points of level `l`.
     #[must_use]
     pub fn level(&self, l: usize) -> Range<usize> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// Parameters of all kernels of a solve.
+    /// Returns the parameters of all kernels of a solve.
     #[must_use]
     pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
         let finite = |v: f32| match v.is_finite() {
@@ -167,7 +168,8 @@ impl SceneDimensions {
         let (channel, hue) = settings.channels.one().unwrap_or((0, Vec3::ONE));
         SolveParams {
             sky: (settings.sky.mean * PI).to_array().map(finite),
-            // Surfaces are as bright as lights already.
+            // Baked emission can already be as bright as a light, so its factor has a smaller
+            // bound.
             emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
             samples_per_sender: self.samples_per_sender,
@@ -177,7 +179,7 @@ impl SceneDimensions {
             nodes: self.nodes as u32,
             extent: self.extent,
             sample_spacing: self.sample_spacing,
-            // The octree stands above all rows, and uses none.
+            // The octree is the tier above all rows and uses none of them.
             tier: match self.tier(settings) {
                 tier if tier > self.link_tiers => 0,
                 tier => tier,
@@ -200,34 +202,34 @@ impl SceneDimensions {
     }
 }
 
-/// Levels that each kernel of a solve runs on, for the CPU's and the GPU's frame.
+/// Levels that each kernel of a solve runs on, for the frames of the CPU and the GPU.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SolveSchedule {
-    /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender
-    /// levels but the finest. Empty where nothing reads what it fills: bases of direct light are of
-    /// senders with light of their own, and so is the octree.
+    /// Levels that `pull` fills from the next finer level, in order (fine to coarse): all sender
+    /// levels except the finest. Empty if no kernel reads the result: components and the octree use
+    /// direct light of the senders themselves.
     pub pull: Vec<Range<usize>>,
-    /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.
+    /// Sender levels, coarse to fine, for `push`, and for `flatten` in a sweep.
     pub senders: Vec<Range<usize>>,
-    /// All levels, coarse to fine: the last `flatten`.
+    /// All levels, coarse to fine, for the last `flatten`.
     pub levels: Vec<Range<usize>>,
-    /// Jacobi sweeps.
+    /// Number of Jacobi sweeps.
     pub sweeps: u32,
-    /// The bake's further bounces are used.
+    /// `true` if the bake's further bounces are used.
     pub baked: bool,
-    /// Coefficients are differences.
+    /// `true` if coefficients are differences.
     pub differences: bool,
-    /// Coefficients are components: `compress` runs before every `apply`.
+    /// `true` if coefficients are components: `compress` runs before every `apply`.
     pub components: bool,
-    /// True if links are applied in one channel: `apply_one` in place of `apply`.
+    /// `true` if links are applied in one channel: `apply_one` replaces `apply`.
     pub one: bool,
-    /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten`
-    /// for points of finer levels than send.
+    /// `true` if the octree replaces the links. `fmm_up` and `fmm_down` then replace `apply`, and
+    /// `flatten` runs only on levels finer than the senders.
     pub octree: bool,
 }
 
 impl SolveSchedule {
-    /// The steps of a solve.
+    /// Creates the steps of a solve.
     #[must_use]
     pub fn new(shape: &SceneDimensions, settings: &FrameSettings) -> Self {
         let level = |l: usize| shape.level(l);

@@ -38,17 +38,17 @@ mod light;
 
 pub use light::{SoftLight, corners, lambert, unshadowed, window};
 
-/// The golden section.
+/// Golden ratio minus one, 1/φ.
 pub const GOLDEN: f32 = 0.618_034;
 
-/// Sample `k` of `light` as visible from x: its position, meters.
+/// Returns the position of sample `k` of `light`, as visible from x, meters.
 #[must_use]
 #[inline]
 pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     let center = Vec3::from_array(light.center);
     if light.kind == SoftLight::RECTANGLE {
-        // A Fibonacci lattice: no two samples share a row or a column, so that the shadow of an
-        // edge along the rectangle's has as many steps as there are samples.
+        // A Fibonacci lattice: no two samples share a row or a column. The shadow of an edge
+        // parallel to the rectangle's edge then has as many steps as there are samples.
         let at = k as f32 + 0.5;
         let turn = at * GOLDEN;
         let a = 2.0 * at / (light.columns * light.rows) as f32 - 1.0;
@@ -58,7 +58,7 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     if light.radius <= 0.0 {
         return center;
     }
-    // The disk that x sees of it, by a Fibonacci spiral: even rings, turned by the golden angle.
+    // A Fibonacci spiral on the sphere's visible disk: even rings, rotated by the golden angle.
     let away = x - center;
     let distance = away.dot(away).sqrt();
     let count = (light.columns * light.rows) as f32;
@@ -69,8 +69,8 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
 }
 
-/// Weight of a sample at `position` for (x, n), cos θ cos θ' / d² up to a factor, with its
-/// direction and distance. Returns `None` if it does not light the point.
+/// Computes the weight of a sample at `position` for (x, n), cos θ cos θ' / d² up to a factor, with
+/// its direction and distance. Returns `None` if the sample does not light the point.
 #[inline]
 fn weigh(light: &SoftLight, position: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
     let to = position - x;
@@ -91,39 +91,40 @@ fn weigh(light: &SoftLight, position: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Ve
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SoftShadowParams {
-    /// Points with visibility.
+    /// Number of points with visibility.
     pub points: u32,
-    /// Lights.
+    /// Number of lights.
     pub lights: u32,
-    /// Directions in a row of the map.
+    /// Number of directions in a row of the map.
     pub columns: u32,
-    /// Rows of the map.
+    /// Number of rows of the map.
     pub rows: u32,
-    /// Largest edge of the scene's box, meters.
+    /// Largest edge of the scene's bounding box, meters.
     pub extent: f32,
-    /// Depth bias where depths are exact, as a fraction of the light's distance. Geometry in front
-    /// of the light by this fraction hides half of it, by half of it nothing, by twice of it all.
+    /// Depth bias for exact depths, as a fraction of the light's distance. An occluder at this
+    /// fraction in front of the light hides half of it. Half this fraction hides nothing, and twice
+    /// this fraction hides all of it.
     pub bias: f32,
     /// Distance of the threshold in front of the light, in root mean square errors of the depth.
     pub before: f32,
     /// Depth range over which visibility goes from 0 to 1, in the same unit.
     pub ramp: f32,
-    /// Not used.
+    /// Padding.
     pub pad: [u32; 4],
 }
 
-/// The usual [`SoftShadowParams::bias`].
+/// Default of [`SoftShadowParams::bias`].
 pub const BIAS: f32 = 0.1;
-/// The usual [`SoftShadowParams::before`].
+/// Default of [`SoftShadowParams::before`].
 pub const DEPTH_BIAS_SIGMAS: f32 = 3.0;
-/// The usual [`SoftShadowParams::ramp`].
+/// Default of [`SoftShadowParams::ramp`].
 pub const DEPTH_RAMP_SIGMAS: f32 = 3.0;
-/// Depths that differ by no more count as equal: sixteen bits of a mean and of coefficients
-/// leave less than that, and what components are rounded by is in their error.
+/// Depth difference up to which depths count as equal. The 16-bit rounding of means and
+/// coefficients is below this value. The rounding of components is part of their error.
 pub const ROUNDING: f32 = 1e-3;
 
 impl SoftShadowParams {
-    /// The parameters for a scene as large as `extent` meters.
+    /// Creates the parameters for a scene of size `extent`, meters.
     #[must_use]
     pub fn new(visibility: &Visibility, extent: f32, lights: usize) -> Self {
         Self {
@@ -140,10 +141,10 @@ impl SoftShadowParams {
     }
 }
 
-/// Visibility of a light sample in a direction (unit) at a distance (meters). The light lies on a
-/// plane with a normal, zero for none.
+/// Visibility of a light sample in a direction (unit) at a distance (meters). The light lies in a
+/// plane with a normal. A zero normal means no plane.
 pub trait VisibilityQuery {
-    /// 0 to 1.
+    /// Returns the visibility, 0 to 1.
     fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
 }
 
@@ -158,7 +159,7 @@ pub struct DecodedVisibility<'a> {
 }
 
 impl<'a> DecodedVisibility<'a> {
-    /// Point `i`, which has the unit normal `n`.
+    /// Decodes point `i`, which has the unit normal `n`.
     #[must_use]
     pub fn new(params: &SoftShadowParams, visibility: &'a Visibility, i: usize, n: Vec3) -> Self {
         let mut decoded = [0.0; Visibility::MAX_COMPONENTS as usize + 2];
@@ -179,7 +180,7 @@ impl<'a> DecodedVisibility<'a> {
         Vec3::from_array(self.axes.map(|axis| axis.dot(v)))
     }
 
-    /// e and its root mean square error.
+    /// Returns e and its root mean square error.
     fn depth(&self, texel: u32) -> (f32, f32) {
         self.visibility
             .reconstruct(&self.cluster, &self.decoded[..self.numbers], texel)
@@ -210,7 +211,7 @@ impl VisibilityQuery for DecodedVisibility<'_> {
     }
 }
 
-/// Visibility by rays, the reference of baked visibility.
+/// Visibility by shadow rays, the reference for baked visibility.
 pub struct RayVisibility<'a> {
     /// Geometry that the rays intersect.
     pub geometry: &'a dyn Geometry,
@@ -230,8 +231,8 @@ impl VisibilityQuery for RayVisibility<'_> {
     }
 }
 
-/// Visible fraction of `light` at (x, n), and the mean direction, times its weight, of what is
-/// hidden of it.
+/// Returns the visible fraction of `light` at (x, n), and the mean direction of its hidden part
+/// times the weight of that part.
 #[must_use]
 pub fn visible_fraction(
     light: &SoftLight,
@@ -257,11 +258,12 @@ pub fn visible_fraction(
     }
 }
 
-/// Vectors lean so far at most that their length is ten times their part along the normal.
+/// Minimum ratio of a vector's component along the normal to its tangential component. It limits
+/// the length to ten times the normal component.
 pub const MIN_ALONG: f32 = 0.1;
 
-/// Irradiance from `light` with color one that is occluded at (x, n). The dot product of the vector
-/// with `n` is (1 − f) E, in 1/m² or, for a rectangle, dimensionless.
+/// Returns the irradiance from `light` with color one that is occluded at (x, n). The dot product
+/// of the vector with `n` is (1 − f) E, in 1/m². It is dimensionless for a rectangle.
 #[must_use]
 pub fn occluded_irradiance(
     params: &SoftShadowParams,
@@ -284,8 +286,8 @@ pub fn occluded_irradiance(
     (n + lean) * ((1.0 - f) * e)
 }
 
-/// Occluded irradiance of all `lights` at one point that has visibility, W/m². The fourth floats of
-/// the three axes are red, green and blue of the unshadowed irradiance of all lights.
+/// Returns the occluded irradiance of all `lights` at one point with visibility, W/m². The fourth
+/// floats of the three axes are red, green and blue of the unshadowed irradiance of all lights.
 #[must_use]
 pub fn soft_shadow_at(
     params: &SoftShadowParams,
@@ -313,7 +315,7 @@ pub fn soft_shadow_at(
     sum
 }
 
-/// Fills the first `visibility.points` of `out`, one value a point.
+/// Fills the first `visibility.points` elements of `out`, one value per point.
 pub fn soft_shadow(
     params: &SoftShadowParams,
     visibility: &Visibility,
@@ -331,7 +333,7 @@ pub fn soft_shadow(
         });
 }
 
-/// Occluded irradiance at all points of `scene`, W/m², by its own visibility
+/// Returns the occluded irradiance at all points of `scene`, W/m², from its own visibility
 /// ([`occluded_irradiances_from`]). Zero for a bake without visibility.
 #[must_use]
 pub fn occluded_irradiances(scene: &SceneData, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
@@ -341,8 +343,8 @@ pub fn occluded_irradiances(scene: &SceneData, lights: &[SoftLight]) -> Vec<Vect
     }
 }
 
-/// Occluded irradiance at all points of `scene` by a visibility of its first levels, W/m²:
-/// [`soft_shadow`], and the parents' mean at finer points.
+/// Returns the occluded irradiance at all points of `scene` from a visibility of its first levels,
+/// W/m². Runs [`soft_shadow`], then takes the mean of the parents at finer points.
 #[must_use]
 pub fn occluded_irradiances_from(
     scene: &SceneData,
@@ -356,8 +358,8 @@ pub fn occluded_irradiances_from(
     out
 }
 
-/// Fills points of the levels after the first `known` with the mean of their parents, coarse levels
-/// first. This is `flatten` with no row in use.
+/// Fills points of the levels after the first `known` points with the mean of their parents, coarse
+/// levels first. This is `flatten` with no row in use.
 pub fn fill_finer_levels(scene: &SceneData, known: usize, values: &mut [VectorIrradiance]) {
     let none = SolveParams::default();
     for l in (0..scene.levels()).filter(|&l| scene.level(l).start >= known) {

@@ -3,9 +3,9 @@
 //! (8)-(10). In a view it has one surface point per pixel, from depth and G-buffer.
 //!
 //! \[L08\] has one radius for all functions. Here radii differ (see `basis/flat.rs`), so each
-//! function counts with (w / r)². r² is the area of its support: a wide function counts little
-//! where narrow ones overlap it. The square favors the nearest function where light changes within
-//! a radius, as next to a lit ledge.
+//! function is weighted by (w / r)². r² is the area of its support: a wide function has a small
+//! weight where narrow ones overlap it. The square favors the nearest function where light changes
+//! within a radius, such as next to a lit ledge.
 //!
 //! If a scene has probes, surfaces and probes blend without a seam: the share of surface functions
 //! goes to zero with their cover ([`share`]), and kernel `probe` adds the rest. \[L08\] has no such
@@ -23,26 +23,29 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 pub const LARGEST_HALF: f32 = 65_504.0;
 
 /// Default [`SplatParams::seam`] of a scene with probes. Almost no points on baked surfaces have
-/// less cover (`--test lab probes` prints their number), so they look as without probes.
+/// less cover (`--test lab probes` prints their number). Their irradiance is thus the same as
+/// without probes.
 pub const SEAM: f32 = 0.5;
 
-/// Smallest cosine between the normals of a function and of a surface that it covers: 46 degrees. A
-/// function has the light of its own side. A surface that tilts farther is another surface, as a
-/// half-open door next to its jamb.
+/// Minimum cosine between the normals of a function and of a surface that it covers: 46 degrees. A
+/// function has the light of its own side. A surface with a larger tilt counts as another surface,
+/// such as a half-open door next to its jamb.
 pub const MIN_COVER_COSINE: f32 = 0.7;
-/// Cosine from which on a function covers a surface with all of its weight: 26 degrees.
+/// Cosine above which a function covers a surface with its full weight: 26 degrees.
 pub const FULL_COVER_COSINE: f32 = 0.9;
 
-/// Smallest share of a pixel that functions reach. A share of zero marks a pixel without functions.
+/// Minimum share of a pixel within the support of functions. A share of zero marks a pixel without
+/// functions.
 pub const MIN_SHARE: f32 = 1.0 / 1024.0;
 
-/// Part of a function's weight that covers a surface, by the cosine between their normals.
+/// Returns the fraction of a function's weight that covers a surface, by the cosine between their
+/// normals.
 fn cover_of(cosine: f32) -> f32 {
     ((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE)).clamp(0.0, 1.0)
 }
 
-/// Share of the light that functions on surfaces have at this cover, 0 to 1. All of it from `seam`
-/// on.
+/// Returns the share of the light that functions on surfaces have at this cover, 0 to 1. It is 1
+/// from `seam` on.
 #[must_use]
 pub fn share(cover: f32, seam: f32) -> f32 {
     if cover >= seam {
@@ -52,8 +55,8 @@ pub fn share(cover: f32, seam: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Vector irradiance of the flat basis at `x`, for surfaces that face `n`. Returns `None` where no
-/// function covers the point.
+/// Returns the vector irradiance of the flat basis at `x`, for surfaces that face `n`. Returns
+/// `None` if no function covers the point.
 #[must_use]
 pub fn splat_vector(
     points: &[Point],
@@ -65,8 +68,8 @@ pub fn splat_vector(
     splat_covered(points, display, values, x, n).map(|(e, _)| e)
 }
 
-/// The same, with the cover: the sum of the weights there, of functions that face about as `n`
-/// does.
+/// Computes the same with the cover: the sum of the weights of functions with a normal similar to
+/// `n`.
 #[must_use]
 pub fn splat_covered(
     points: &[Point],
@@ -100,7 +103,7 @@ pub fn splat_covered(
     Some((out, cover))
 }
 
-/// Irradiance at (x, n), W/m².
+/// Returns the irradiance at (x, n), W/m².
 #[must_use]
 pub fn splat(
     points: &[Point],
@@ -112,9 +115,9 @@ pub fn splat(
     splat_vector(points, display, values, x, n).map(|e| e.dot(n).max(Vec3::ZERO))
 }
 
-/// Texel that the shader writes for a pixel with this depth and G-buffer. RGB is irradiance ×
-/// `scale`. Alpha is the [`share`] of functions on surfaces, 1 for all of the light. All zero where
-/// no function covers the pixel.
+/// Returns the texel that the shader writes for a pixel with this depth and G-buffer. RGB is
+/// irradiance × `scale`. Alpha is the [`share`] of functions on surfaces, 1 for all of the light.
+/// All zero if no function covers the pixel.
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,
@@ -136,8 +139,8 @@ pub fn splat_pixel(
     }
 }
 
-/// Entry point `evaluate_list`, for one node of a list: its light, where no scene before covered
-/// it, in the axes of the world.
+/// Entry point `evaluate_list`, for one node of a list. Writes its light in world axes if no
+/// earlier scene covered it.
 pub fn splat_node(
     params: &SplatParams,
     scene: &SceneData,
@@ -176,7 +179,7 @@ pub fn splat_node(
     };
 }
 
-/// Vector irradiance of the bake's local space in the axes of the world, times the view's scale.
+/// Converts vector irradiance from the bake's local space to world axes, times the view's scale.
 pub(super) fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrradiance {
     let axis = |column: [f32; 4]| {
         let mut out = Vec4::ZERO;
@@ -189,22 +192,22 @@ pub(super) fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrra
     VectorIrradiance { x, y, z }
 }
 
-/// Position and normal of a pixel's lit surface in the bake's local space. Returns `None` for the
-/// background and for unlit materials.
+/// Returns position and normal of a pixel's lit surface in the bake's local space. Returns `None`
+/// for the background and for unlit materials.
 pub(super) fn lit_pixel(
     params: &SplatParams,
     pixel: [u32; 2],
     depth: f32,
     texel: [u32; 4],
 ) -> Option<(Vec3, Vec3)> {
-    // Reversed depth: 0 is infinitely far, where nothing was drawn.
+    // Reversed depth: 0 is infinitely far, the background.
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
         return None;
     }
     Some(pixel_position(params, pixel, depth, texel))
 }
 
-/// Position and normal of a pixel's surface in the bake's local space.
+/// Returns position and normal of a pixel's surface in the bake's local space.
 #[must_use]
 pub fn pixel_position(
     params: &SplatParams,

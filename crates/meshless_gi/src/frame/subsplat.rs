@@ -1,15 +1,15 @@
-//! Subsplats (\[N09\] §3.3): where on the screen indirect light is evaluated. What the kernels
-//! `pyramid`, `refine`, `splat` (nodes) and `upsample` share: settings, parameters, levels, and the
-//! node that a subsplat's light is kept in.
+//! Subsplats (\[N09\] §3.3): the positions on the screen at which indirect light is evaluated. This
+//! module has the parts that the kernels `pyramid`, `refine`, `splat` (nodes) and `upsample` share:
+//! settings, parameters, levels, and the node that stores a subsplat's light.
 //!
-//! Level k divides the screen into cells of 2^k pixels; every cell has one node, its upper left
-//! pixel. Nodes are nested: that of a cell is also that of one of its children, so that refining a
-//! cell costs three evaluations, and interpolating between nodes gives back what was evaluated.
-//! \[N09\] evaluates at the middles of cells, which are neither.
+//! Level k divides the screen into cells of 2^k pixels. Every cell has one node, its upper left
+//! pixel. Nodes are nested: the node of a cell is also that of one of its children. Refining a cell
+//! therefore costs three evaluations, and interpolation between nodes reproduces the evaluated
+//! values. \[N09\] evaluates at the middles of cells, which have neither property.
 //!
-//! A node holds *vector* irradiance (in the axes of the view's world): a pixel takes the cosine
-//! with its own normal. So detail of normals needs no subsplats and none of the modulation by which
-//! \[N09\] Eq. (3) stands in for it (which is there too, see [`SubsplatSettings::detail`]).
+//! A node stores *vector* irradiance (in the axes of the view's world), and a pixel uses the cosine
+//! with its own normal. Normal detail therefore needs no subsplats and no modulation as in \[N09\]
+//! Eq. (3). That modulation is still available, see [`SubsplatSettings::detail`].
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
@@ -19,12 +19,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Mat4, Vec3, Vec4};
 use half::f16;
 
-/// Coarsest level that there may be: cells of 64 pixels, \[N09\]'s 16² at 1024².
+/// Maximum coarsest level: cells of 64 pixels, \[N09\]'s 16² at 1024².
 pub const COARSEST: u32 = 6;
-/// Most levels, the pixels among them.
+/// Maximum number of levels, including that of the pixels.
 pub const LEVELS: usize = COARSEST as usize + 1;
-/// Number of pixels of which one may be evaluated directly. If more need it, the others are
-/// interpolated from the most similar nodes.
+/// Number of pixels per direct evaluation. If more pixels need one, the others are interpolated
+/// from the most similar nodes.
 pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
 
 /// Test for discontinuities of depth.
@@ -35,12 +35,12 @@ pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
     reflect(Clone, Debug, PartialEq)
 )]
 pub enum DepthTest {
-    /// Distance of a pixel from the plane through its neighbors, in parts of its depth, times the
-    /// cell's edge in pixels. Slanted planes are continuous. Not in \[N09\].
+    /// Distance of a pixel from the plane through its neighbors, as a fraction of its depth times
+    /// the cell's edge in pixels. Slanted planes are continuous. Not in \[N09\].
     Plane(f32),
-    /// Farthest less nearest depth over the nearest (\[N09\] §3.2.1, there in units of length).
+    /// Maximum minus minimum depth, over the minimum (\[N09\] §3.2.1, there in units of length).
     MinMax(f32),
-    /// Length of the depth's gradient a pixel, in parts of the depth (\[N09\] §3.2.1).
+    /// Length of the depth's gradient per pixel, as a fraction of the depth (\[N09\] §3.2.1).
     Derivative(f32),
 }
 
@@ -52,9 +52,9 @@ pub enum DepthTest {
     reflect(Clone, Debug, PartialEq)
 )]
 pub enum NormalTest {
-    /// Largest less smallest of any component (\[N09\] §3.2.2), 0 to 2.
+    /// Maximum minus minimum of any component (\[N09\] §3.2.2), 0 to 2.
     MinMax(f32),
-    /// Largest curvature between neighbors, κ = 2 sin(arccos(n₁·n₂) / 2) (\[N09\] Eq. (1)), 0 to 2.
+    /// Maximum curvature between neighbors, κ = 2 sin(arccos(n₁·n₂) / 2) (\[N09\] Eq. (1)), 0 to 2.
     Curvature(f32),
 }
 
@@ -66,28 +66,28 @@ pub enum NormalTest {
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SubsplatSettings {
-    /// Level at which every node is evaluated, and every cell is refined once: cells of
-    /// 2^coarsest_level pixels; 2 to [`COARSEST`].
+    /// Level at which every node is evaluated and every cell is refined once, 2 to [`COARSEST`].
+    /// Its cells have 2^coarsest_level pixels.
     pub coarsest_level: u32,
-    /// Level below which no cell is refined: 1 at least, and below `coarsest_level`. Single pixels
-    /// are evaluated where fewer neighbors than [`min_similarity`](Self::min_similarity) are
+    /// Level below which no cell is refined: at least 1, and less than `coarsest_level`. Single
+    /// pixels are evaluated if fewer neighbors than [`min_similarity`](Self::min_similarity) are
     /// similar.
     pub finest_level: u32,
     /// Test of depth.
     pub depth: DepthTest,
     /// Test of normals.
     pub normal: NormalTest,
-    /// Test the four diagonal neighbors too (\[N09\] §5.2).
+    /// `true` to test the four diagonal neighbors too (\[N09\] §5.2).
     pub diagonal: bool,
-    /// A cell is refined where a node's light is this far from what its surroundings predicted, in
-    /// parts of the light (\[N09\] §3.3.1 compares neighbors, which refines where light merely
-    /// slopes). Infinite for never.
+    /// Difference between a node's light and its prediction from which a cell is refined, as a
+    /// fraction of the light. \[N09\] §3.3.1 compares neighbors, which also refines constant
+    /// gradients of light. Infinity means never.
     pub radiance_threshold: f32,
-    /// A pixel is evaluated directly where no more than this share of its surroundings is of its
-    /// own surface.
+    /// Share of a pixel's surroundings on its own surface up to which the pixel is evaluated
+    /// directly.
     pub min_similarity: f32,
-    /// α of \[N09\] Eq. (3): darkens what is seen at a slant, in place of detail that was not
-    /// refined; 0 for none, as vectors need none.
+    /// α of \[N09\] Eq. (3). It darkens surfaces at grazing angles, as a substitute for detail that
+    /// was not refined. 0 turns it off, because vector irradiance does not need it.
     pub detail: f32,
 }
 
@@ -107,7 +107,7 @@ impl Default for SubsplatSettings {
 }
 
 impl SubsplatSettings {
-    /// The same with every number in its range.
+    /// Returns the settings with every number clamped to its range.
     #[must_use]
     pub fn clamped(self) -> Self {
         let coarsest = self.coarsest_level.clamp(2, COARSEST);
@@ -132,13 +132,14 @@ impl SubsplatSettings {
     }
 }
 
-/// A view whose light is shown by subsplats. 240 bytes.
+/// Parameters of a view with subsplats. 240 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SubsplatParams {
-    /// From clip space (reversed depth, y up) to the view's (looking along −Z), column by column.
+    /// Transform from clip space (reversed depth, y up) to view space (view direction −Z), column
+    /// by column.
     pub view_from_clip: [[f32; 4]; 4],
-    /// Turns world-space normals into the view's space: three columns.
+    /// Rotation of world-space normals to view space: three columns.
     pub view_from_world: [[f32; 4]; 3],
     /// The viewport in texels: x, y, width, height.
     pub viewport: [f32; 4],
@@ -146,7 +147,7 @@ pub struct SubsplatParams {
     pub size: [u32; 2],
     /// Coarsest level.
     pub coarsest_level: u32,
-    /// Finest level that cells are refined to.
+    /// Finest level of refined cells.
     pub finest_level: u32,
     /// 0 [`DepthTest::Plane`], 1 [`DepthTest::MinMax`], 2 [`DepthTest::Derivative`].
     pub depth_test: u32,
@@ -164,24 +165,24 @@ pub struct SubsplatParams {
     pub detail: f32,
     /// 1 to test diagonal neighbors.
     pub diagonal: u32,
-    /// First cell of each level. Level 0 has the pixels that are evaluated directly and is last.
-    /// Two vectors of four, the last not used.
+    /// First cell of each level. Level 0 contains the pixels that are evaluated directly and is
+    /// last. Two vectors of four, the last element not used.
     pub starts: [[u32; 4]; 2],
 }
 
 /// Bits of [`SubsplatNode::state`].
 pub mod state {
-    /// Something is known: light, or that there is none.
+    /// The result is known: light, or no light.
     pub const KNOWN: u32 = 1;
-    /// Light is there: a basis function covers the node, or a virtual light shines.
+    /// Light is present: a basis function covers the node, or a virtual point light lights it.
     pub const COVERED: u32 = 2;
     /// Evaluated here, not interpolated.
     pub const EVALUATED: u32 = 4;
-    /// Bits that hold what is missing: the part of the light that functions on surfaces leave to
-    /// probe irradiance, in 255ths.
+    /// Bits of the missing fraction: the part of the light that surface functions leave to probe
+    /// irradiance, in 255ths.
     pub const PROBE_FRACTION: u32 = 0xff00;
 
-    /// These bits, for a share of the light that is there.
+    /// Returns these bits for a given share of the light that is present.
     #[must_use]
     pub fn probe_fraction(share: f32) -> u32 {
         ((255.0 * (1.0 - share) + 0.5) as u32) << 8
@@ -192,9 +193,9 @@ pub mod state {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct SubsplatNode {
-    /// Halves, two a word, the first in the low bits: vector irradiance times the view's scale (x,
-    /// y, z of red, green, blue each, so x.r x.g, x.b y.r, …), then the luminance that was
-    /// predicted; the last word holds the state.
+    /// Half floats, two per word, the first in the low bits. First the vector irradiance times the
+    /// view's scale (x, y, z of red, green, blue each, so x.r x.g, x.b y.r, …). Then the predicted
+    /// luminance. The last word holds the state.
     pub words: [u32; 6],
 }
 
@@ -202,7 +203,7 @@ impl SubsplatNode {
     /// A node without a value.
     pub const UNKNOWN: Self = Self { words: [0; 6] };
 
-    /// A node with light (already scaled), the luminance predicted, and state bits.
+    /// Creates a node from scaled light, the predicted luminance, and state bits.
     #[must_use]
     pub fn new(e: &VectorIrradiance, predicted_luminance: f32, state: u32) -> Self {
         let [x, y, z] = [e.x, e.y, e.z];
@@ -218,7 +219,7 @@ impl SubsplatNode {
         }
     }
 
-    /// Its light.
+    /// Returns the light of the node.
     #[must_use]
     pub fn light(&self) -> VectorIrradiance {
         let h: [[f32; 2]; 5] = core::array::from_fn(|i| unpack(self.words[i]));
@@ -229,20 +230,20 @@ impl SubsplatNode {
         }
     }
 
-    /// The luminance predicted.
+    /// Returns the predicted luminance.
     #[must_use]
     pub fn predicted_luminance(&self) -> f32 {
         unpack(self.words[4])[1]
     }
 
-    /// Bits of [`state`].
+    /// Returns the bits of [`state`].
     #[must_use]
     pub fn state(&self) -> u32 {
         self.words[5]
     }
 
-    /// Part of its light that is missing, 0 to 1: all of a node that no function on a surface
-    /// covers.
+    /// Returns the missing fraction of the node's light, 0 to 1. It is 1 if no surface function
+    /// covers the node.
     #[must_use]
     pub fn probe_fraction(&self) -> f32 {
         if self.has_bits(state::COVERED) {
@@ -252,7 +253,7 @@ impl SubsplatNode {
         }
     }
 
-    /// True where all of `bits` are set.
+    /// Returns `true` if all of `bits` are set.
     #[must_use]
     pub fn has_bits(&self, bits: u32) -> bool {
         self.words[5] & bits == bits
@@ -268,10 +269,10 @@ fn unpack(word: u32) -> [f32; 2] {
     [word as u16, (word >> 16) as u16].map(|bits| f16::from_bits(bits).to_f32())
 }
 
-/// Weight of the channels in what counts as a difference of light (Rec. 709).
+/// Weights of the channels in differences of light (Rec. 709).
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-/// The levels of a view: how many cells, and where they are in the arrays.
+/// Levels of a view: their numbers of cells and their positions in the arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SubsplatLevels {
     /// Width and height, pixels.
@@ -283,7 +284,7 @@ pub struct SubsplatLevels {
 }
 
 impl SubsplatLevels {
-    /// Levels 1 to `coarsest_level` of a picture, and the pixels evaluated directly.
+    /// Creates levels 1 to `coarsest_level` of a picture, and the pixels evaluated directly.
     #[must_use]
     pub fn new(size: [u32; 2], coarsest: u32) -> Self {
         let mut levels = Self {
@@ -300,13 +301,14 @@ impl SubsplatLevels {
         levels
     }
 
-    /// Columns and rows of level `k`.
+    /// Returns the columns and rows of level `k`.
     #[must_use]
     pub fn grid(&self, k: u32) -> [u32; 2] {
         self.size.map(|edge| edge.div_ceil(1 << k))
     }
 
-    /// Cells of level `k`; for level 0 how many pixels may be evaluated directly.
+    /// Returns the number of cells of level `k`. For level 0, returns the maximum number of pixels
+    /// that are evaluated directly.
     #[must_use]
     pub fn cells(&self, k: u32) -> u32 {
         let [w, h] = self.grid(k);
@@ -316,13 +318,13 @@ impl SubsplatLevels {
         }
     }
 
-    /// Length of an array with an element for each cell of all levels.
+    /// Returns the length of an array with an element for each cell of all levels.
     #[must_use]
     pub fn total(&self) -> u32 {
         self.starts[0] + self.cells(0)
     }
 
-    /// Index of cell (x, y) of level `k`, 1 or more.
+    /// Returns the index of cell (x, y) of level `k`, 1 or more.
     #[must_use]
     pub fn index(&self, k: u32, x: u32, y: u32) -> usize {
         (self.starts[k as usize] + y * self.grid(k)[0] + x) as usize
@@ -330,7 +332,8 @@ impl SubsplatLevels {
 }
 
 impl SubsplatParams {
-    /// Parameters of a view: its matrices, the viewport in texels and the size of its targets.
+    /// Creates the parameters of a view from its matrices, the viewport in texels and the size of
+    /// its targets.
     #[must_use]
     pub fn new(
         settings: &SubsplatSettings,
@@ -377,13 +380,13 @@ impl SubsplatParams {
         }
     }
 
-    /// The levels.
+    /// Returns the levels.
     #[must_use]
     pub fn levels(&self) -> SubsplatLevels {
         SubsplatLevels::new(self.size, self.coarsest_level)
     }
 
-    /// Turns world-space normals into the view's space.
+    /// Rotates world-space normals to view space.
     #[must_use]
     pub fn turn(&self) -> Mat3 {
         let [x, y, z] = self.view_from_world.map(|c| Vec4::from_array(c).truncate());

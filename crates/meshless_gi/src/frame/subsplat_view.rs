@@ -7,37 +7,37 @@ use super::subsplat::{LEVELS, SubsplatNode, SubsplatParams};
 use super::upsample::{PixelResolve, fill, resolve, upsample};
 use rayon::prelude::*;
 
-/// Numbers of subsplats.
+/// Counts of subsplat evaluations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubsplatCounts {
-    /// Evaluations for each level; level 0 are the pixels evaluated directly.
+    /// Evaluations per level. Level 0 counts the pixels evaluated directly.
     pub evaluated: [u32; LEVELS],
     /// Pixels of the view.
     pub pixels: u32,
 }
 
 impl SubsplatCounts {
-    /// All evaluations.
+    /// Returns the number of all evaluations.
     #[must_use]
     pub fn total(&self) -> u32 {
         self.evaluated.iter().sum()
     }
 }
 
-/// A view's light, and what it took.
+/// Light of a view, and the number of evaluations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subsplats {
-    /// For each pixel irradiance times the view's scale, and 1 where light is there; else zeros.
+    /// Irradiance times the view's scale of each pixel, and 1 in alpha. All zero without light.
     pub texels: Vec<[f32; 4]>,
-    /// All levels' nodes, see [`SubsplatLevels`](super::SubsplatLevels).
+    /// Nodes of all levels. See [`SubsplatLevels`](super::SubsplatLevels).
     pub nodes: Vec<SubsplatNode>,
-    /// The cells that each level lists.
+    /// Cell list of each level.
     pub lists: Vec<Vec<u32>>,
     /// Number of evaluations.
     pub counts: SubsplatCounts,
 }
 
-/// Runs the kernels of the screen. `evaluate` computes the light at a pixel and puts it into the
+/// Runs the kernels of the screen. `evaluate` computes the light at a pixel and stores it in the
 /// node.
 #[must_use]
 pub fn subsplats(
@@ -59,7 +59,7 @@ pub fn subsplats(
         if k < params.coarsest_level {
             upsample(params, picture, k, &mut nodes);
         }
-        // Nodes of even cells are those of the level above.
+        // Nodes of even cells are those of the next coarser level.
         let requested: Vec<[u32; 2]> = list
             .iter()
             .map(|&cell| unpack_cell(cell))

@@ -1,14 +1,13 @@
 //! Kernel `subtract_shadow`: radiance that a renderer without shadows drew at each pixel for light
-//! that is occluded (\[P14\] §5). The composite subtracts it from the picture, so that the light is
-//! not drawn twice.
+//! that is occluded (\[P14\] §5). The composite subtracts it, so that the picture contains no
+//! occluded light.
 //!
 //! Points have the occluded irradiance D·n of all lights and their unshadowed irradiance E
 //! ([`soft_shadow`](super::soft_shadow) writes both). Both are interpolated as in
 //! [`splat`](super::splat). Their quotient is the occluded fraction, and its product with the drawn
-//! radiance is subtracted. Shadow edges have the resolution of the flat basis. Everything else is
-//! the pixel's own: nothing is left in full shadow, nothing is subtracted in full light, and
-//! colors, normals and falloff are those of the picture. Several lights have one fraction, that of
-//! their sum.
+//! radiance is subtracted. Shadow edges have the resolution of the flat basis. All other detail is
+//! per pixel: colors, normals and falloff are those of the picture. Full shadow leaves no light,
+//! and full light is not reduced. Several lights have one common fraction, that of their sum.
 //!
 //! The drawn radiance is that of Bevy 0.19. Rectangles: Lambert, and specular by linearly
 //! transformed cosines (\[HDHN16\]) with Bevy's tables. Point lights: Burley's diffuse BRDF
@@ -30,22 +29,23 @@ use std::f32::consts::FRAC_1_PI;
 /// not become negative.
 pub const TAKEN: f32 = 0.998;
 
-/// The lights of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
+/// Lights of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SubtractShadowParams {
     /// Number of lights that the view was drawn with.
     pub lights: u32,
-    /// Largest edge of the scene's box, meters.
+    /// Largest edge of the scene's bounding box, meters.
     pub extent: f32,
-    /// 1 where rectangles were drawn with gloss too, by [`LtcTables`]; 0 for diffuse light alone.
+    /// 1 if the renderer drew the specular light of rectangles too, by [`LtcTables`]. 0 for diffuse
+    /// light only.
     pub gloss: u32,
-    /// Not used.
+    /// Padding.
     pub pad: u32,
 }
 
 impl SubtractShadowParams {
-    /// For so many lights in `scene`.
+    /// Creates the parameters for the given number of lights in `scene`.
     #[must_use]
     pub fn new(scene: &SceneData, lights: usize) -> Self {
         Self {
@@ -56,9 +56,9 @@ impl SubtractShadowParams {
     }
 }
 
-/// The share of the lights' light that is missing at (x, n), per channel, 0 to 1. Returns `None`
-/// where no function covers the position. `occluded_irradiances` is what
-/// [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances) gives.
+/// Returns the occluded fraction of the lights' irradiance at (x, n), per channel, 0 to 1. Returns
+/// `None` if no function covers the position. `occluded_irradiances` is the result of
+/// [`soft_shadow::occluded_irradiances`](super::soft_shadow::occluded_irradiances).
 #[must_use]
 pub fn occluded_radiance(
     scene: &SceneData,
@@ -84,8 +84,8 @@ pub fn occluded_radiance(
     (cover > NO_COVER).then(|| (hidden / whole.max(Vec3::splat(f32::MIN_POSITIVE))).min(Vec3::ONE))
 }
 
-/// The diffuse BRDF of a white surface for light from `l`, seen from `v` (both unit), times π: 1
-/// for Lambert's. \[RG18\] §4.5.
+/// Returns the diffuse BRDF of a white surface for light from `l` and view direction `v` (both
+/// unit), times π. It is 1 for a Lambert surface. \[RG18\] §4.5.
 #[must_use]
 pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     let sum = l + v;
@@ -98,19 +98,19 @@ pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv))
 }
 
-/// The tables of linearly transformed cosines (\[HDHN16\]): over perceptual roughness and √(1 − cos
-/// θ) of the eye's slant, both from 0 to 1 between the middles of the first and the last texel.
+/// Tables of linearly transformed cosines (\[HDHN16\]), over perceptual roughness and √(1 − cos θ)
+/// of the view angle. Both go from 0 to 1 between the middles of the first and the last texel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LtcTables {
     /// Texels along an edge.
     pub size: u32,
-    /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns), then in two
-    /// channels what a lobe mirrors, over f₀ and over 1 − f₀. Row by row.
+    /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns). Then, in two
+    /// channels, the reflectance of the lobe over f₀ and over 1 − f₀. Row by row.
     pub layers: [Vec<[f32; 4]>; 2],
 }
 
 impl LtcTables {
-    /// Layer `layer` at a position between its texels, both coordinates from 0 to 1.
+    /// Interpolates layer `layer` between its texels, both coordinates from 0 to 1.
     fn sample_layer(&self, layer: usize, u: f32, v: f32) -> Vec4 {
         let last = self.size - 1;
         let texel_weight = |v: f32| {
@@ -131,23 +131,23 @@ impl LtcTables {
     }
 }
 
-/// A pixel's surface, as lights light it.
+/// Surface of a pixel for lighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LitSurface {
     /// Unit normal.
     pub n: Vec3,
-    /// Unit, toward the eye.
+    /// Unit direction toward the eye.
     pub v: Vec3,
     /// Diffuse reflectance.
     pub diffuse: Vec3,
-    /// Specular reflectance where one looks straight at it.
+    /// Specular reflectance at normal incidence.
     pub f0: Vec3,
     /// Perceptual roughness.
     pub roughness: f32,
 }
 
 impl LitSurface {
-    /// The surface of a G-buffer's texel, with a normal in the space that `v` is in.
+    /// Creates the surface of a G-buffer's texel, with a normal in the space of `v`.
     #[must_use]
     pub fn from_texel(texel: [u32; 4], n: Vec3, v: Vec3) -> Self {
         Self {
@@ -182,7 +182,7 @@ impl Lobe {
         }
     }
 
-    /// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
+    /// Returns the part of a rectangle's radiance that the surface reflects to the eye.
     fn mirror_radiance(&self, light: &SoftLight, to: Vec3) -> f32 {
         let turned = |p: Vec3| Vec3::from_array(self.rows.map(|row| row.dot(p)));
         let quad = corners(light, to).map(turned);
@@ -190,8 +190,8 @@ impl Lobe {
     }
 }
 
-/// Radiance that `lights` were drawn with at x on `surface`, W/(m² sr); without tables, diffuse
-/// light alone.
+/// Returns the radiance that `lights` were drawn with at x on `surface`, W/(m² sr). Without tables
+/// it contains diffuse light only.
 #[must_use]
 pub fn drawn(
     params: &SubtractShadowParams,
@@ -228,8 +228,8 @@ pub fn drawn(
     sum
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB:
-/// radiance × the view's `scale`; alpha: 1 where covered, else all is 0.
+/// Returns the texel that the shader writes for (px, py) with this depth and G-buffer. RGB is
+/// radiance × the view's `scale`. Alpha is 1 if a function covers the pixel, else all is 0.
 #[must_use]
 pub fn subtract_shadow_pixel(
     (params, view): (&SubtractShadowParams, &SplatParams),
@@ -258,7 +258,7 @@ pub fn subtract_shadow_pixel(
         .to_array()
 }
 
-/// Unit, from x toward the eye: to where the pixel's ray begins.
+/// Returns the unit direction from x toward the eye: to the start of the pixel's ray.
 fn eye_from(view: &SplatParams, pixel: [u32; 2], x: Vec3) -> Vec3 {
     let [left, top, width, height] = view.viewport;
     let (u, v) = (
@@ -274,7 +274,7 @@ fn eye_from(view: &SplatParams, pixel: [u32; 2], x: Vec3) -> Vec3 {
 mod tests {
     use super::*;
 
-    /// With a table that turns nothing, a white mirror is a white Lambert surface.
+    /// With an identity table, a white mirror equals a white Lambert surface.
     #[test]
     fn cosine_lobe_matches_lambert_reflection() {
         let tables = LtcTables {
@@ -315,7 +315,7 @@ mod tests {
             (matte - mirrored).abs().max_element() < 1e-5 * matte.x,
             "{matte} {mirrored}"
         );
-        // From behind, neither.
+        // Behind the panel there is neither diffuse nor specular light.
         let behind = Vec3::new(0.3, 4.0, -0.2);
         assert_eq!(
             drawn(&params, Some(&tables), &[panel], behind, &mirror),
@@ -323,8 +323,7 @@ mod tests {
         );
     }
 
-    /// Burley's albedo is that of Lambert within a few per cent, and it is the same from both
-    /// sides.
+    /// Burley's albedo is that of Lambert within a few percent, and it is the same from both sides.
     #[test]
     fn burley_albedo_is_near_lambert_and_reciprocal() {
         for roughness in [0.0, 0.3, 0.6, 1.0] {

@@ -5,8 +5,8 @@
 //!
 //! \[N09\] interpolates among texels with data and assumes that discontinuities were refined to
 //! single pixels. Here each node is weighted by its similarity to the pixel's surface
-//! ([`surface_similarity`]), so that an edge costs few pixels and not all pixels along it. Where
-//! all nodes around are similar, the interpolation is cubic, else linear.
+//! ([`surface_similarity`]). An edge therefore needs a direct evaluation of few of its pixels. The
+//! interpolation is cubic if all nodes around are similar, else linear.
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
@@ -16,17 +16,18 @@ use super::splat::LARGEST_HALF;
 use super::subsplat::{SubsplatLevels, SubsplatNode, SubsplatParams, state};
 use glam::Vec3;
 
-/// Nodes whose distance from the other's plane is up to half of this part of the depth
-/// ([`VisibleSurface::reach`]) are on one surface, up to all of it partly.
+/// Distance of a node from the other node's plane at which similarity ends, as a fraction of the
+/// depth ([`VisibleSurface::reach`]). Up to half of it both nodes count as one surface, and beyond
+/// that the similarity decreases to 0.
 pub const PLANE: f32 = 0.01;
-/// Cosine between normals up to which nodes say nothing of one another.
+/// Cosine between normals up to which nodes have no similarity.
 pub const MIN_NORMAL_COSINE: f32 = 0.5;
-/// Cosine from which they are of one surface.
+/// Cosine between normals above which nodes have full similarity.
 pub const FULL_NORMAL_COSINE: f32 = 0.9;
-/// Least likeness of all nodes for a cubic.
+/// Minimum similarity of all nodes for cubic interpolation.
 pub const CUBIC_MIN_SIMILARITY: f32 = 0.9;
 
-/// Similarity of two surface points, from 0 (different surfaces) to 1 (one surface).
+/// Returns the similarity of two surface points, from 0 (different surfaces) to 1 (one surface).
 #[must_use]
 pub fn surface_similarity(a: &VisibleSurface, b: &VisibleSurface) -> f32 {
     let off = (b.x - a.x).dot(a.n).abs().max((b.x - a.x).dot(b.n).abs());
@@ -36,10 +37,10 @@ pub fn surface_similarity(a: &VisibleSurface, b: &VisibleSurface) -> f32 {
     plane * normal
 }
 
-/// The nodes of a midpoint, as steps and weights: a cubic's first, then those of a linear
-/// interpolation. Along an edge the four-point scheme (−1, 9, 9, −1)/16; in the middle of a cell
-/// 5/16 of each corner and −1/32 of the eight next to them, which gives quadratics back exactly
-/// too.
+/// Nodes of a midpoint, as steps and weights: those of the cubic interpolation first, then those of
+/// the linear one. The cubic on an edge is the four-point scheme (−1, 9, 9, −1)/16. In the middle
+/// of a cell its weights are 5/16 for each corner and −1/32 for the eight nodes next to them. This
+/// reproduces quadratics exactly too.
 const EDGE: [(i32, f32); 4] = [(-1, -0.0625), (0, 0.5625), (1, 0.5625), (2, -0.0625)];
 const MIDDLE: [(i32, i32, f32); 12] = [
     (0, 0, 0.3125),
@@ -63,12 +64,12 @@ struct Between {
     covered: f32,
     /// Sum of the linear weights of nodes on the same surface, 1 for a cubic interpolation.
     weight: f32,
-    /// No node of a surface around is unknown.
+    /// `true` if all nodes around on a visible surface are known.
     whole: bool,
 }
 
-/// Light at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd, from
-/// the nodes of level `k` + 1.
+/// Interpolates light at cell (x, y) of level `k` (0 for pixels) from the nodes of level `k` + 1.
+/// At least one coordinate is odd.
 fn between(
     params: &SubsplatParams,
     levels: &SubsplatLevels,
@@ -163,9 +164,9 @@ fn between(
 }
 
 impl Between {
-    /// State bits: known where enough of the weight is of one surface, and all of that has light.
-    /// That there is none takes all nodes around: single positions that no function covers must not
-    /// spread over surroundings that are not known.
+    /// Returns the state bits. The result is known if nodes on the same surface have enough weight
+    /// and all have light. The result "no light" additionally requires that all nodes around are
+    /// known. Otherwise single positions without a function would spread over unknown surroundings.
     fn state(&self, params: &SubsplatParams) -> u32 {
         if self.weight <= params.min_similarity {
             0
@@ -179,7 +180,7 @@ impl Between {
     }
 }
 
-/// Entry point `upsample`: level `k` from level `k` + 1.
+/// Entry point `upsample`: computes level `k` from level `k` + 1.
 pub fn upsample(
     params: &SubsplatParams,
     picture: &GbufferView<'_>,
@@ -210,7 +211,7 @@ fn node_of(
     let normal = gbuffer::normal(picture.texel(params.size, pixel));
     let (light, bits) = if x % 2 == 0 && y % 2 == 0 {
         let same = nodes[levels.index(k + 1, x / 2, y / 2)];
-        // What was evaluated stays so, and has surprised already.
+        // Evaluated nodes keep their value, and their difference is already tested.
         (same.light(), same.state())
     } else {
         let found = between(params, levels, picture, nodes, k, [x, y], &here);
@@ -227,9 +228,9 @@ fn node_of(
 /// Result of [`resolve`] for a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PixelResolve {
-    /// Irradiance times the view's scale, and 1 where light is there.
+    /// Irradiance times the view's scale, and 1 in alpha if light is present.
     Texel([f32; 4]),
-    /// It is to be evaluated directly; what it shows if there is no room for that.
+    /// A pixel that needs a direct evaluation, with its fallback value if the list is full.
     Hole([f32; 4]),
 }
 
@@ -283,8 +284,8 @@ pub fn fill(
     }
 }
 
-/// A pixel of this light: E⃗·n with its own normal, darkened at a slant as \[N09\] Eq. (3) says
-/// where that is asked for.
+/// Returns the texel of a pixel with this light: E⃗·n with its own normal. \[N09\] Eq. (3) darkens
+/// it at grazing angles if `detail` is above 0.
 fn texel(
     params: &SubsplatParams,
     picture: &GbufferView<'_>,
@@ -301,7 +302,7 @@ fn texel(
         .to_array()
 }
 
-/// A pixel in the list of those evaluated directly.
+/// Packs a pixel for the list of those evaluated directly.
 #[must_use]
 pub fn listed(pixel: [u32; 2]) -> u32 {
     pack_cell(pixel[0], pixel[1])

@@ -4,17 +4,18 @@
 //!
 //! An engine samples such a volume by the normal of a surface and between eight voxels, some of
 //! which lie inside the wall. The light for a normal is therefore that of the next voxel along the
-//! normal, where the space in front of the surface is. A voxel inside a wall has, for each side,
-//! the light in front of that side. Next to a baked wall, on both sides of its surface, a voxel has
-//! the wall's own light (`volume_walls`). A voxel with a wall in front of the next one keeps its
-//! own light. Its distances to walls (`volume_distance`) prevent light from beyond them
+//! normal, in the space in front of the surface. A voxel inside a wall has, for each side, the
+//! light in front of that side. Next to a baked wall, on both sides of its surface, a voxel has the
+//! wall's own light (`volume_walls`). A voxel with a wall in front of the next one keeps its own
+//! light. Its distances to walls (`volume_distance`) prevent light from beyond them
 //! (`volume_sample`).
 //!
 //! The light of each voxel center is summed once, with weights that depend on no light
-//! (`volume_weights`), and the sides of neighboring voxels read it. If the axes of the engine are
-//! not those of the voxels (a rotated scene), a side reads the voxel whose center is nearest to the
-//! position in front of it. The steps to these voxels are the same everywhere. The kernel has one
-//! thread per voxel and scatters its light to the sides that read it. The twin gathers per side.
+//! (`volume_weights`), and the sides of neighboring voxels read it. The engine's axes can differ
+//! from those of the voxels (a rotated scene). A side then reads the voxel with the center nearest
+//! to the position in front of it. The steps to these voxels are the same for all voxels. The
+//! kernel has one thread per voxel and scatters its light to the sides that read it. The twin
+//! gathers per side.
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
@@ -33,24 +34,24 @@ pub const AHEAD: usize = 4;
 pub struct VolumeParams {
     /// Voxels along each edge.
     pub size: [u32; 3],
-    /// Multiplies the irradiance: 1/π, for the radiance of a white surface.
+    /// Factor on the irradiance: 1/π, for the radiance of a white surface.
     pub scale: f32,
-    /// The world's axes as unit vectors of the local space, the fourth floats not used.
+    /// World axes as unit vectors of the local space, the fourth floats not used.
     pub axes: [[f32; 4]; 3],
-    /// For each side how many voxels along each edge it is to the one ahead, [`AHEAD`], and to the
-    /// eight beside that one. Sides: along each axis, and then away from it. The fourth numbers are
-    /// not used.
+    /// Steps of each side in voxels along each edge: to the voxel ahead, [`AHEAD`], and to its
+    /// eight neighbors. Sides: along each axis, and then against it. The fourth numbers are not
+    /// used.
     pub steps: [[[i32; 4]; 9]; 6],
 }
 
 impl VolumeParams {
-    /// Creates the parameters for `shape` and an engine whose axes are those of the world.
+    /// Creates the parameters for `shape` and an engine that uses the world's axes.
     #[must_use]
     pub fn new(shape: &VoxelGrid, local_from_world: &Mat4) -> Self {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z]
             .map(|v| local_from_world.transform_vector3(v).normalize_or_zero());
-        // A voxel further is one along its longest edge. To the nearest voxel, from the middle of
-        // one.
+        // The length of a step is the longest edge of a voxel. It ends at the nearest voxel,
+        // measured from a voxel center.
         let reach = shape.voxel().max_element();
         let nearest = |step: Vec3| (step * reach / shape.voxel() + 0.5).floor().as_ivec3();
         let mut steps = [[[0; 4]; 9]; 6];
@@ -71,12 +72,12 @@ impl VolumeParams {
         }
     }
 
-    /// The voxel that is a step of a side away; none outside of the volume.
+    /// Returns the voxel at a step of a side. Returns `None` outside of the volume.
     fn step(&self, voxel: UVec3, side: usize, step: usize) -> Option<u32> {
         let [x, y, z, _] = self.steps[side][step];
         let size = UVec3::from(self.size);
         let to = voxel.as_ivec3() + IVec3::new(x, y, z);
-        // Below zero is far above.
+        // Negative values become large, outside of the volume.
         let to = to.as_uvec3();
         to.cmplt(size).all().then(|| index(size, to))
     }
@@ -86,7 +87,7 @@ fn index(size: UVec3, voxel: UVec3) -> u32 {
     voxel.x + size.x * (voxel.y + size.y * voxel.z)
 }
 
-/// The light that a volume is made of.
+/// Light that a volume is computed from.
 #[derive(Clone, Copy, Debug)]
 pub struct VolumeValues<'a> {
     /// Values of the scene's points.
@@ -95,8 +96,8 @@ pub struct VolumeValues<'a> {
     pub probes: &'a [VectorIrradiance],
 }
 
-/// All texels, row by row and layer by layer, as [`read_volume`](super::volume_sample::read_volume)
-/// and [`fog`](super::fog::fog) take them.
+/// Returns all texels, row by row and layer by layer, in the layout of
+/// [`read_volume`](super::volume_sample::read_volume) and [`fog`](super::fog::fog).
 #[must_use]
 pub fn volume_texels(
     params: &VolumeParams,
@@ -110,12 +111,16 @@ pub fn volume_texels(
         .collect()
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lights are in
-/// lumens; the fourth is how far a way is free
-/// ([`WallDistances::encode`](super::WallDistances::encode)). The light of the voxel's face that
-/// the side faces as most; without one that of the voxel ahead, unless a wall stands before it;
-/// else the voxel's own, else the mean of those around the one ahead; black where no probe reaches
-/// any of them.
+/// Returns one texel. RGB is the factor on a surface's color in the engine, cd/m² if lights are in
+/// lumens. The fourth number is the distance to a wall
+/// ([`WallDistances::encode`](super::WallDistances::encode)). RGB is the first of these that
+/// exists:
+///
+/// - The light of the voxel's wall sample with the normal most similar to the side's.
+/// - The light of the voxel ahead, unless a wall is in front of it and the voxel has its own light.
+/// - The voxel's own light.
+/// - The mean of the voxels around the one ahead.
+/// - Black, if no probe reaches any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
@@ -124,8 +129,8 @@ pub fn volume(
     texel: UVec3,
 ) -> [f32; 4] {
     let size = UVec3::from(params.size);
-    // Surfaces that face an axis have the lower half, those that face away from it the upper one;
-    // axes lie behind one another.
+    // The lower half holds surfaces that face along an axis, the upper half those that face against
+    // it. The axes follow each other in z.
     let axis = (texel.z / size.z) as usize;
     let away = texel.y >= size.y;
     let voxel = texel % size;
@@ -156,10 +161,10 @@ pub fn volume(
         .to_array()
 }
 
-/// The light of the wall whose face `n` faces most, the first of those: the wall's for its own
-/// normal, so that sides at an angle to it together show it as it is. Returns `None` where no face
-/// faces as `n` does: within 60 degrees in the air; a voxel in the ground has no light but that of
-/// the walls that it has a face of.
+/// Returns the light of the wall sample with the normal most similar to `n`, or the first of
+/// several. It is the irradiance for the wall's own normal, so that oblique sides together
+/// reproduce it. A voxel in the air uses samples within 60 degrees. A voxel in the ground uses any
+/// of its samples, because it has no other light. Returns `None` if no sample qualifies.
 fn on_a_wall(
     weights: &VoxelWeights,
     values: &[VectorIrradiance],

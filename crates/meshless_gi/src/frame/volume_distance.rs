@@ -1,10 +1,11 @@
 //! Distance from each voxel center to the nearest wall along +x, -x, +y, -y, +z and -z, up to one
-//! voxel. Found with the weights of a volume (`volume_weights`), stored by kernel `volume` and read
-//! in lookups (`volume_sample`): a voxel behind a wall lights nothing in front of it.
+//! voxel. Computed with the weights of a volume (`volume_weights`), stored by kernel `volume` and
+//! read in lookups (`volume_sample`). A voxel behind a wall therefore lights nothing in front of
+//! it.
 //!
 //! No wall of the room above extends down to the center of a voxel in the ground. A voxel behind a
-//! surface therefore also traces along that surface, from just in front of it. Walls on the ground
-//! then limit the distances below it too.
+//! surface therefore also traces rays along that surface, from just in front of it. Walls on the
+//! ground then limit the distances below it too.
 
 use super::volume_walls::FACING;
 use super::volume_weights::VoxelGrid;
@@ -12,25 +13,24 @@ use crate::scene::{Bvh, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A direction without a wall up to the next voxel's center.
+/// Distance of a direction without a wall up to the next voxel's center.
 pub const UNOBSTRUCTED: u8 = 255;
-/// Steps of a distance: the value of a wall at the next voxel's center.
+/// Number of steps of a distance: the value of a wall at the next voxel's center.
 pub const DISTANCE_STEPS: f32 = 254.0;
-/// Distance in front of a surface at which rays along it run, and distance behind a voxel center at
-/// which the center's own rays start, voxels.
+/// Distance of rays along a surface in front of it, voxels.
 const LIFT: f32 = 0.05;
-/// Distance behind a voxel center at which rays start, voxels: a wall through the center bounds
-/// both sides.
+/// Distance behind a voxel center at which rays start, voxels. A wall through the center thus
+/// limits both sides.
 const BEHIND: f32 = 1e-3;
 
 /// Distances from one voxel center to walls. 8 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct WallDistances {
-    /// Distance to a wall in 254ths of a voxel, or [`UNOBSTRUCTED`]. Along each edge, and then
+    /// Distance to a wall in 254ths of a voxel, or [`UNOBSTRUCTED`]. Along each axis, and then
     /// against it.
     pub sides: [u8; 6],
-    /// 0 for a middle between the two sides of a wall, which lights nothing; else [`UNOBSTRUCTED`].
+    /// 0 for a center between the two sides of a wall, which lights nothing. Else [`UNOBSTRUCTED`].
     lights: u8,
     /// [`UNOBSTRUCTED`].
     rest: u8,
@@ -68,7 +68,7 @@ impl WallDistances {
         wall_distances
     }
 
-    /// Ends the ways from `x` where those from `from` end.
+    /// Limits the distances from `x` to the ends of the rays from `from`.
     fn bound(
         &mut self,
         bvh: &Bvh,
@@ -84,7 +84,7 @@ impl WallDistances {
             }
             let direction = Vec3::AXES[axis] * [1.0, -1.0][side % 2];
             let edge = voxel[axis];
-            // `from` may lie aside of `x` along the way.
+            // `from` can be displaced from `x` along the ray.
             let start = (from - x).dot(direction) - BEHIND * edge;
             let ray = Ray::segment(from - direction * (BEHIND * edge), direction, edge - start);
             let free = bvh.distance(&ray);
@@ -95,8 +95,8 @@ impl WallDistances {
         }
     }
 
-    /// True if a wall lies between this voxel and the one that is `step` voxels along each
-    /// edge away.
+    /// Returns `true` if a wall lies between this voxel and the one that is `step` voxels along
+    /// each edge away.
     #[must_use]
     pub fn is_blocked(&self, step: [i32; 3]) -> bool {
         let ends = |axis: usize| match step[axis] {
@@ -106,10 +106,10 @@ impl WallDistances {
         (0..3).any(ends)
     }
 
-    /// Value that kernel `volume` stores for a side: -2 if all distances of the voxel are
-    /// unobstructed. Else minus a quarter minus the distance of that side, voxels. The sign
-    /// distinguishes it from an engine's own volumes. An unobstructed side has a little more than
-    /// 1.25. A center that lights nothing has -0.125.
+    /// Returns the value that kernel `volume` stores for a side. It is -2 if all distances of the
+    /// voxel are unobstructed. Else it is minus a quarter minus the distance of that side, voxels.
+    /// The sign distinguishes it from an engine's own volumes. The distance of an unobstructed side
+    /// counts as a little more than 1. A center that lights nothing has -0.125.
     #[must_use]
     pub fn encode(&self, side: usize) -> f32 {
         match self.lights {
@@ -125,7 +125,7 @@ mod tests {
     use super::*;
     use glam::UVec3;
 
-    /// A wall of no thickness at x = 0.3 from the ground at y = 0 up.
+    /// Returns an infinitely thin wall at x = 0.3 that stands on the ground at y = 0.
     fn level() -> Bvh {
         let quad = |a: Vec3, b: Vec3, c: Vec3| [[a, b, c], [a + c - b, a, c]];
         let wall = quad(
@@ -171,12 +171,12 @@ mod tests {
                 UNOBSTRUCTED
             ]
         );
-        // In the wall both sides end.
+        // Inside the wall both sides have distance 0.
         assert_eq!(
             at(0.3, 2.0),
             [0, 0, UNOBSTRUCTED, UNOBSTRUCTED, UNOBSTRUCTED, UNOBSTRUCTED]
         );
-        // Below the ground it is the wall above that counts.
+        // Below the ground, the wall above limits the distance.
         let below = Vec3::new(-0.2, -0.5, 0.1);
         assert_eq!(
             find(below).sides,

@@ -2,26 +2,27 @@
 //! (`shaders/engine/irradiance_volume.wgsl`). It runs at each pixel that is drawn forward. Kernel
 //! [`fog`](super::fog) uses it too.
 //!
-//! Between eight voxels as a sampler reads them, but those that have a wall nearer than the
-//! position (`volume_distance`) are left out. So neither a thin wall nor a floor between two
-//! storeys lets light through, and no position is dark because the next room is.
+//! The lookup interpolates eight voxels like a sampler. It leaves out voxels with a wall nearer
+//! than the position (`volume_distance`). So neither a thin wall nor a floor between two storeys
+//! leaks light, and a dark neighboring room does not darken a position.
 
 use glam::{UVec3, Vec3};
 
-/// Voxels without walls near them: all their texels have less.
+/// Threshold below which a voxel has no walls near it.
 pub const OPEN: f32 = -1.999;
 /// Offset that [`WallDistances::encode`](super::WallDistances::encode) adds to a distance.
 pub const QUARTER: f32 = 0.25;
 /// Distance beyond a wall, voxels, up to which a point is lit as if it were in front of it.
 pub const BEFORE: f32 = 0.01;
-/// Distance beyond a wall from which a point gets no light from in front of it.
+/// Distance beyond a wall, voxels, from which a point gets no light from in front of it.
 pub const BEYOND: f32 = 0.03;
-/// Sum of the weights of the eight voxels below which all of them count.
+/// Sum of the weights of the eight voxels below which the wall test is ignored.
 pub const MIN: f32 = 1e-3;
 
-/// Irradiance at a point for a surface that faces `n`, a unit vector of the world, in the texels'
-/// unit. `size` counts the voxels along each edge. `position` is in voxels from the volume's
-/// corner. `texels` are those of [`volume`](super::volume::volume), x first and z last.
+/// Returns the irradiance at a point for a surface that faces `n`, a unit vector of the world, in
+/// the texels' unit. `size` is the number of voxels along each edge. `position` is in voxels from
+/// the volume's corner. `texels` are those of [`volume`](super::volume::volume), x first and z
+/// last.
 #[must_use]
 pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], position: Vec3, n: Vec3) -> Vec3 {
     let voxels = UVec3::from(size);
@@ -36,13 +37,14 @@ pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], position: Vec3, n: Vec3)
     })
 }
 
-/// Index of the texel of a voxel's side.
+/// Returns the index of the texel of a voxel's side.
 fn index(size: UVec3, voxel: UVec3, side: usize) -> usize {
     let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
     (t.x + size.x * (t.y + 2 * size.y * t.z)) as usize
 }
 
-/// The same for a value `light` of each voxel. `texels` hold the distances to walls.
+/// Interpolates a value `light` of each voxel in the same way. `texels` hold the distances to
+/// walls.
 #[must_use]
 pub fn read_voxels(
     size: [u32; 3],
@@ -67,7 +69,7 @@ pub fn read_voxels(
                 let side = 2 * axis + usize::from(from[axis] < 0.0);
                 let way = texels[index(size, voxel, side)][3];
                 let beyond = from[axis].abs() + way + QUARTER;
-                // Volumes that are not ours have nothing below zero.
+                // Volumes of the engine have no negative values.
                 match way > OPEN && way < 0.0 {
                     true => 1.0 - smooth_step((beyond - BEFORE) / (BEYOND - BEFORE)),
                     false => 1.0,

@@ -1,12 +1,13 @@
-//! Walls next to the voxels of a volume: weights of surface functions for sides that face as a wall
-//! does. Found with the weights of a volume (`volume_weights`), for kernel `volume`.
+//! Walls next to the voxels of a volume: weights of surface functions for sides that face in the
+//! direction of a wall. Computed with the weights of a volume (`volume_weights`), for kernel
+//! `volume`.
 //!
 //! An engine lights a wall between the eight voxels around each point, in front of the wall and
 //! inside. Probe irradiance there comes from distant probes, and the wall's own functions are more
-//! accurate. A voxel whose center lies within one voxel of a wall therefore has a wall sample: the
-//! nearest point on the wall, with the weights that kernel `splat` would use there (\[L08\] Eq.
-//! (3), squared weights over radii). Both layers of voxels have the same sample, so that the wall
-//! has its own irradiance between them.
+//! accurate. A voxel with its center within one voxel of a wall therefore has a wall sample. This
+//! is the nearest point on the wall, with the weights of kernel `splat` there (\[L08\] Eq. (3),
+//! squared weights over radii). Both layers of voxels have the same sample, so the wall has its own
+//! irradiance between them.
 //!
 //! A wall sample has its wall's normal and no side. The sides of the voxel that read it depend on
 //! the scene's rotation in the world.
@@ -19,32 +20,32 @@ use crate::samples::Point;
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec3, Vec3, Vec4};
 
-/// Minimum cosine between a side and a wall sample that it reads: 60 degrees, so that all three
-/// sides by which an engine may sample a wall have its light.
+/// Minimum cosine between a side and a wall sample that it reads: 60 degrees. All three sides by
+/// which an engine may sample a wall then have its light.
 pub const FACING: f32 = 0.5;
-/// Cosines that differ by less count as equal, and the first wall sample is used: rounding decides
-/// nothing.
+/// Cosine difference below which two samples count as equal. The first one is then used, so the
+/// result does not depend on rounding.
 pub const SAME: f32 = 1e-4;
-/// Cosine between wall normals from which walls share one sample of a voxel: 30 degrees.
+/// Cosine between wall normals above which walls share one sample of a voxel: 30 degrees.
 const ALIKE: f32 = 0.866_025_4;
-/// Most wall samples of a voxel.
+/// Maximum number of wall samples of a voxel.
 pub const MAX_FACES: usize = 6;
-/// Most weights of all wall samples of a volume, by the largest binding of WebGPU, 128 MiB. Voxels
-/// beyond this limit have no wall samples.
+/// Maximum number of weights of all wall samples of a volume, by the largest binding of WebGPU, 128
+/// MiB. Voxels beyond this limit have no wall samples.
 const MAX_TOTAL: usize = 1 << 24;
-/// No function.
+/// Index that marks an empty entry.
 const NONE: u32 = u32::MAX;
-/// Fraction of its radius within which a function represents the wall. A single function has enough
-/// cover up to there.
+/// Fraction of its radius within which a function represents the wall. Within this radius a single
+/// function has enough cover.
 const CORE: f32 = 0.5;
 
 /// A point on a wall next to a voxel. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WallSample {
-    /// The wall's normal there, a unit vector of the bake's local space.
+    /// Normal of the wall, a unit vector of the bake's local space.
     pub normal: [f32; 3],
-    /// Index of its first weight. They end where those of the next one start.
+    /// Index of the first weight. The weights end at the start of the next sample.
     pub start: u32,
 }
 
@@ -52,9 +53,9 @@ pub struct WallSample {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WallWeight {
-    /// The function's point.
+    /// Index of the function's point.
     pub point: u32,
-    /// Its part; those of a face sum to one.
+    /// Normalized weight. The weights of a sample sum to one.
     pub part: f32,
 }
 
@@ -87,21 +88,21 @@ impl WallSamples {
         self.weights.extend(other.weights);
     }
 
-    /// Indices of the wall samples of a voxel.
+    /// Returns the indices of the wall samples of a voxel.
     #[must_use]
     pub fn samples_of(&self, voxel: u32) -> std::ops::Range<usize> {
         let end = |i: u32| self.ends[i as usize] as usize;
         voxel.checked_sub(1).map_or(0, end)..end(voxel)
     }
 
-    /// Weights of a wall sample.
+    /// Returns the weights of a wall sample.
     #[must_use]
     pub fn weights_of(&self, sample: usize) -> &[WallWeight] {
         let end = self.wall_samples.get(sample + 1).map(|f| f.start as usize);
         &self.weights[self.wall_samples[sample].start as usize..end.unwrap_or(self.weights.len())]
     }
 
-    /// Adds the wall samples of the next voxel, whose center is `x`, from the points `beside` it.
+    /// Adds the wall samples of the next voxel, with center `x`, from the wall points `beside`.
     /// Returns the number of functions processed.
     pub(super) fn find(
         &mut self,
@@ -112,8 +113,8 @@ impl WallSamples {
     ) -> u64 {
         let mut looks = 0;
         for wall in beside.iter().filter(|b| !b.is_beyond(beside, x)) {
-            // Where it is nothing but functions that end there, the middle of the one that was
-            // found.
+            // If only functions end at the wall point, the center of the function found is used
+            // instead.
             for at in [wall.at, points[wall.point as usize].x()] {
                 looks += display.grid.near(at).len() as u64;
                 if self.add(points, display, at, wall.n) {
@@ -125,7 +126,8 @@ impl WallSamples {
         looks
     }
 
-    /// Adds a face at `x`, a position on a wall with this normal, if functions cover it well.
+    /// Adds a wall sample at `x`, a position on a wall with this normal, if functions cover it
+    /// well.
     fn add(&mut self, points: &[Point], display: &FlatBasis, x: Vec3, n: Vec3) -> bool {
         let mut cover = 0.0;
         let mut weights: Vec<WallWeight> = Vec::new();
@@ -165,22 +167,21 @@ impl WallSamples {
 /// Point on a wall that is nearest to a voxel center.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beside {
-    /// Function that represents it.
+    /// Index of the function that represents it.
     point: u32,
     at: Vec3,
-    /// The wall's normal.
+    /// Normal of the wall.
     pub n: Vec3,
 }
 
 impl Beside {
-    /// Height of `x` above the wall, meters. Negative behind it.
+    /// Returns the height of `x` above the wall, meters. Negative behind it.
     pub fn height(&self, x: Vec3) -> f32 {
         (x - self.at).dot(self.n)
     }
 
-    /// True if the wall belongs to the next room: the center `x` lies behind it and in front of
-    /// another
-    /// one that faces away from it.
+    /// Returns `true` if the wall belongs to the next room. The center `x` then lies behind it and
+    /// in front of another wall that faces the opposite way.
     pub fn is_beyond(&self, all: &[Self], x: Vec3) -> bool {
         let depth = -self.height(x);
         let between = |other: &Self| {
@@ -191,11 +192,11 @@ impl Beside {
     }
 }
 
-/// Functions that represent the walls next to each voxel of a volume: the nearest one of those with
-/// similar normals.
+/// Functions that represent the walls next to each voxel of a volume: the nearest function of each
+/// group with similar normals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct WallIndex {
-    /// The functions of each voxel; the last ones may be none.
+    /// Function indices of each voxel. Unused entries at the end are `NONE`.
     nearest: Vec<[u32; MAX_FACES]>,
     /// Number of the scene's functions processed.
     seen: usize,
@@ -221,7 +222,7 @@ impl WallIndex {
         looks
     }
 
-    /// Wall points next to a voxel with center `x`.
+    /// Returns the wall points next to a voxel with center `x`.
     pub fn points_next_to(
         &self,
         voxel: u32,
@@ -243,8 +244,8 @@ impl WallIndex {
     fn enter(&mut self, shape: &VoxelGrid, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {
         let point = &points[j as usize];
         let n = point.n();
-        // An interpolation on the wall reads the middles of voxels that are less than one away
-        // along each edge.
+        // Interpolation on the wall reads voxels whose centers are less than one voxel away along
+        // each edge.
         let reach = n.abs().dot(shape.voxel());
         let aside = CORE * point.radius * (1.0 - n * n).max(Vec3::ZERO).map(f32::sqrt);
         let around = shape.voxel() + aside;
@@ -279,8 +280,8 @@ impl WallIndex {
     }
 }
 
-/// Point nearest to `x` that a function represents: on its plane, within [`CORE`] of its radius,
-/// and in front of its clip planes.
+/// Returns the point nearest to `x` that a function represents: on its plane, within [`CORE`] of
+/// its radius, and in front of its clip planes.
 fn on_wall(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
     let (center, n, radius) = (point.x(), point.n(), CORE * point.radius);
     let from = x - center;
@@ -291,7 +292,7 @@ fn on_wall(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
         let behind = -plane.dot(at.extend(1.0));
         let inwards = plane.truncate().reject_from_normalized(n);
         if behind > 0.0 {
-            // A little farther than onto it; a plane that is the wall's own moves nothing.
+            // Moves slightly beyond the plane. A clip plane parallel to the wall moves nothing.
             at += inwards * ((behind + 1e-3 * radius) / inwards.length_squared().max(1e-3));
         }
     }

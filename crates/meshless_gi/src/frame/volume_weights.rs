@@ -1,6 +1,6 @@
 //! Voxels of a volume, and the weights of the probes at each voxel. Weights depend on no light and
-//! are found once per volume (`find`, in several calls for large volumes). Kernel `volume` is then
-//! a short sum per voxel without lookups.
+//! are computed once per volume (`find`, in several calls for large volumes). Kernel `volume` is
+//! then a short sum per voxel without lookups.
 //!
 //! A weight is a probe's squared weight of kernel `probe` (\[L08\] Eq. (3) in space), relative to
 //! the voxel's largest one: the probe's index in the high 20 bits, the weight in the low 12.
@@ -17,12 +17,12 @@ use crate::transport::PROBE_ROWS;
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
 
-/// Most voxels along an edge: the texture is twice as high and three times as deep.
+/// Maximum number of voxels along an edge. The texture is twice as high and three times as deep.
 pub const MAX_VOXELS: u32 = 512;
-/// Most voxels of a volume. With [`MAX_WEIGHTS`] each they fill the largest binding of WebGPU, 128
-/// MiB.
+/// Maximum number of voxels of a volume. With [`MAX_WEIGHTS`] each they fill the largest binding of
+/// WebGPU, 128 MiB.
 pub const MAX_VOLUME_VOXELS: u32 = 1 << 20;
-/// Most weights of a voxel. If more probes reach it, the largest weights are kept.
+/// Maximum number of weights of a voxel. If more probes reach it, the largest weights are kept.
 pub const MAX_WEIGHTS: usize = 32;
 /// Bits of a quantized weight.
 pub const WEIGHT_BITS: u32 = 12;
@@ -30,9 +30,9 @@ pub const WEIGHT_BITS: u32 = 12;
 const FULL_WEIGHT: u32 = (1 << WEIGHT_BITS) - 1;
 /// Voxels per task.
 const RUN: u32 = 256;
-/// Cost of a ray in functions processed, approximate.
+/// Approximate cost of a ray, in functions processed.
 const RAY: u64 = 8;
-/// Tasks between two checks of the budget.
+/// Number of tasks between two checks of the budget.
 const RUNS: u32 = 8;
 
 const _: () = assert!(Probes::MAX <= 1 << (32 - WEIGHT_BITS));
@@ -46,8 +46,9 @@ pub struct VoxelGrid {
 }
 
 impl VoxelGrid {
-    /// `size` voxels from `low` to `high`, meters. Returns `None` where that is no box or there are
-    /// no voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_VOLUME_VOXELS`].
+    /// Creates a grid of `size` voxels from `low` to `high`, meters. Returns `None` if that is no
+    /// box, or if the number of voxels is zero or too large. The limits are [`MAX_VOXELS`] along an
+    /// edge and [`MAX_VOLUME_VOXELS`] in total.
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
         let edges = high - low;
@@ -55,7 +56,7 @@ impl VoxelGrid {
         if !fits || !edges.is_finite() || !edges.cmpgt(Vec3::ZERO).all() {
             return None;
         }
-        // No more than 2^27: 512 along each edge.
+        // At most 2^27: 512 along each edge.
         let few = size.element_product() <= MAX_VOLUME_VOXELS;
         few.then(|| Self {
             low,
@@ -64,9 +65,9 @@ impl VoxelGrid {
         })
     }
 
-    /// Returns the box around a bake, divided into voxels of `voxel` meters, of half the distance
-    /// between its probes for `None` or what is no length, and into at most `max_voxels`. `None`
-    /// for a bake without probe irradiance.
+    /// Returns the box around a bake, divided into at most `max_voxels` voxels of `voxel` meters.
+    /// If `voxel` is `None` or not a valid length, it is half the distance between the bake's
+    /// probes. Returns `None` for a bake without probe irradiance.
     #[must_use]
     pub fn from_scene(scene: &SceneData, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
         let probes = scene.probes.as_ref()?;
@@ -74,55 +75,55 @@ impl VoxelGrid {
         let edge = voxel.filter(|e| e.is_finite() && *e > 0.0);
         let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
         let [low, high] = scene.info.bounds.map(Vec3::from_array);
-        // Walls at the very edge of the scene lie inside.
+        // Walls at the edge of the scene lie inside.
         let (low, high) = (low - edge, high + edge);
         Self::new([low, high], voxels_of(high - low, edge, max_voxels))
     }
 
-    /// Voxels along each edge.
+    /// Returns the number of voxels along each edge.
     #[must_use]
     pub fn size(&self) -> UVec3 {
         self.size
     }
 
-    /// Edges of a voxel, meters.
+    /// Returns the edges of a voxel, meters.
     #[must_use]
     pub fn voxel(&self) -> Vec3 {
         self.voxel
     }
 
-    /// The corner where the first voxel is, meters.
+    /// Returns the corner at the first voxel, meters.
     #[must_use]
     pub fn origin(&self) -> Vec3 {
         self.low
     }
 
-    /// Edges of the box, meters.
+    /// Returns the edges of the box, meters.
     #[must_use]
     pub fn edges(&self) -> Vec3 {
         self.voxel * self.size.as_vec3()
     }
 
-    /// Center of the box, meters.
+    /// Returns the center of the box, meters.
     #[must_use]
     pub fn center(&self) -> Vec3 {
         self.low + 0.5 * self.edges()
     }
 
-    /// Voxels in all.
+    /// Returns the total number of voxels.
     #[must_use]
     pub fn voxels(&self) -> u32 {
         self.size.element_product()
     }
 
-    /// Texels of the texture along each edge: six a voxel.
+    /// Returns the number of texels of the texture along each edge: six per voxel.
     #[must_use]
     pub fn texels(&self) -> UVec3 {
         self.size * UVec3::new(1, 2, 3)
     }
 
-    /// The first and the last voxel whose middle lies in the box from `low` to `high`, along each
-    /// edge; `None` where there are none.
+    /// Returns the first and the last voxel with the center in the box from `low` to `high`, along
+    /// each edge. Returns `None` if there are none.
     #[must_use]
     pub fn voxel_range(&self, low: Vec3, high: Vec3) -> Option<[UVec3; 2]> {
         let at = |x: Vec3| (x - self.low) / self.voxel - 0.5;
@@ -135,7 +136,7 @@ impl VoxelGrid {
             .then(|| [from.as_uvec3(), to.as_uvec3()])
     }
 
-    /// The middle of a voxel, meters; x runs fastest.
+    /// Returns the center of a voxel, meters. x varies fastest.
     #[must_use]
     pub fn voxel_center(&self, index: u32) -> Vec3 {
         let [x, y, _] = self.size.to_array();
@@ -144,9 +145,9 @@ impl VoxelGrid {
     }
 }
 
-/// Number of voxels along each edge of a box, meters: cubes of about `edge` meters,
-/// and larger ones where they would be more than `max` or [`MAX_VOLUME_VOXELS`], or more than
-/// [`MAX_VOXELS`] along an edge.
+/// Returns the number of voxels along each edge of a box, meters. Voxels are cubes of about `edge`
+/// meters. They are larger if the limit `max`, [`MAX_VOLUME_VOXELS`] in total or [`MAX_VOXELS`]
+/// along an edge requires it.
 #[must_use]
 pub fn voxels_of(edges: Vec3, edge: f32, max: u32) -> UVec3 {
     let edges = edges.max(Vec3::splat(f32::MIN_POSITIVE));
@@ -156,23 +157,24 @@ pub fn voxels_of(edges: Vec3, edge: f32, max: u32) -> UVec3 {
         along.as_uvec3().min(UVec3::splat(MAX_VOXELS))
     };
     let max = max.clamp(1, MAX_VOLUME_VOXELS);
-    // Rounding up adds a voxel along each edge at most: a few steps suffice.
+    // Rounding up adds at most one voxel along each edge, so a few steps suffice.
     while count(edge).element_product() > max && count(edge) != UVec3::ONE {
         edge *= 1.1;
     }
     count(edge)
 }
 
-/// Weights of the probes at each voxel of a volume, and of the functions of the walls next to it.
+/// Weights of the probes at each voxel of a volume, and of the surface functions of the walls next
+/// to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelWeights {
     shape: VoxelGrid,
-    /// Start of each voxel's weights, and last their end.
+    /// Start of each voxel's weights, followed by the end of the last.
     starts: Vec<u32>,
     weights: Vec<u32>,
     wall_samples: WallSamples,
     wall_distances: Vec<WallDistances>,
-    /// Walls near voxels, until all are found.
+    /// Walls near voxels, until the table is complete.
     walls: WallIndex,
 }
 
@@ -198,8 +200,8 @@ impl VoxelWeights {
         voxels
     }
 
-    /// Processes up to about `max` functions of probes and surfaces, and returns `true` when the
-    /// table is complete. All calls take the same `scene`. Deterministic for any number of threads.
+    /// Processes up to about `max` functions of probes and surfaces. Returns `true` if the table is
+    /// complete. All calls take the same `scene`. The result is the same for any number of threads.
     pub fn find(&mut self, scene: &SceneData, max: u64) -> bool {
         let all = self.shape.voxels();
         let (points, display) = (&scene.points, &scene.display);
@@ -224,7 +226,7 @@ impl VoxelWeights {
                 self.weights.extend(run.weights);
                 self.wall_samples.append(run.wall_samples);
                 self.wall_distances.extend(run.wall_distances);
-                // A position that is looked up costs something too.
+                // A lookup without functions has a cost too.
                 looks += run.looks + run.ends.len() as u64;
             }
         }
@@ -234,44 +236,44 @@ impl VoxelWeights {
         self.is_whole()
     }
 
-    /// True if the table is complete.
+    /// Returns `true` if the table is complete.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         self.starts.len() as u32 > self.shape.voxels()
     }
 
-    /// The volume.
+    /// Returns the grid of the volume.
     #[must_use]
     pub fn shape(&self) -> &VoxelGrid {
         &self.shape
     }
 
-    /// Start of each voxel's weights, and last their end.
+    /// Returns the start of each voxel's weights, followed by the end of the last.
     #[must_use]
     pub fn starts(&self) -> &[u32] {
         &self.starts
     }
 
-    /// Weights: a probe's index times 2^[`WEIGHT_BITS`], plus the quantized weight.
+    /// Returns the weights: a probe's index times 2^[`WEIGHT_BITS`], plus the quantized weight.
     #[must_use]
     pub fn weights(&self) -> &[u32] {
         &self.weights
     }
 
-    /// Wall samples.
+    /// Returns the wall samples.
     #[must_use]
     pub fn wall_samples(&self) -> &WallSamples {
         &self.wall_samples
     }
 
-    /// Distances of each voxel to walls.
+    /// Returns the distances of each voxel to walls.
     #[must_use]
     pub fn wall_distances(&self) -> &[WallDistances] {
         &self.wall_distances
     }
 
-    /// Irradiance at a voxel that is found. `values` are those of the probes, [`PROBE_ROWS`] each.
-    /// Returns `None` if no probe reaches it.
+    /// Returns the irradiance at a voxel that is already processed. `values` are those of the
+    /// probes, [`PROBE_ROWS`] each. Returns `None` if no probe reaches it.
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], voxel: u32) -> Option<ProbeIrradiance> {
         let at = voxel as usize;
@@ -347,7 +349,7 @@ impl Run {
         run
     }
 
-    /// Adds the shares of one position, of the probes that reach it and their weights.
+    /// Adds the weights of one position from the probes that reach it and their weights.
     fn weights_of(&mut self, reaching: &mut Vec<(u32, f32)>) {
         if reaching.iter().map(|r| r.1).sum::<f32>() <= NO_COVER {
             return;
@@ -384,7 +386,7 @@ mod tests {
             assert!(size.element_product() <= max, "{size}");
             assert!(max < 100 || size.element_product() * 3 > max, "{size}");
         }
-        // A thread, a plane and a point are boxes of one voxel across.
+        // A line, a plane and a point are boxes with a width of one voxel.
         let thin = voxels_of(Vec3::new(100.0, 0.0, 1e-30), 0.01, u32::MAX);
         assert_eq!(thin, UVec3::new(MAX_VOXELS, 1, 1));
         assert_eq!(voxels_of(Vec3::ZERO, 1.0, 8), UVec3::ONE);
@@ -411,8 +413,8 @@ mod tests {
             wall_distances: Vec::new(),
             looks: 0,
         };
-        // Every third is strong, and there are more of them than a position takes; the weak ones
-        // would round to nothing.
+        // Every third probe is strong, and there are more of them than a position keeps. The weak
+        // ones would round to zero.
         let mut reaching: Vec<(u32, f32)> = (0..120)
             .map(|j| {
                 (
@@ -433,7 +435,7 @@ mod tests {
             run.weights[1] & FULL_WEIGHT,
             (0.985f32.powi(2) * 4095.0).round() as u32
         );
-        // What says next to nothing is left out, and so is a position that is hardly covered.
+        // Negligible weights are dropped, and so is a position with little cover.
         run.weights.clear();
         run.weights_of(&mut vec![(7, 0.5), (9, 0.004)]);
         assert_eq!(run.weights, [7 << WEIGHT_BITS | FULL_WEIGHT]);

@@ -1,17 +1,18 @@
 //! Kernel `vpl`: irradiance from virtual point lights, \[N09\] Eq. (2) with diffuse reflection at
-//! both ends: E = Σ Φ ⟨V̂, N_l⟩ ⟨−V̂, N_s⟩ / (π r²), with or without a shadow ray through a baked
-//! scene, which \[N09\] lacks (§5, Fig. 13). On the screen, one position a pixel: the reference
-//! display.
+//! both ends: E = Σ Φ ⟨V̂, N_l⟩ ⟨−V̂, N_s⟩ / (π r²). It optionally traces a shadow ray through a
+//! baked scene, which \[N09\] lacks (§5, Fig. 13). On the screen it evaluates one position per
+//! pixel, as the reference display.
 //!
-//! A light here stands for a piece of surface, not for a point, and two terms say so:
-//! - r² + R² for r², where R is the radius of a disk as widely spread as the piece. On the axis of
-//!   an even, flat disk this is exact at every distance; \[N09\] bounds r² from below by a
-//!   constant, which "all RSM approaches" share and Fig. 13 shows.
-//! - The mean of ⟨V̂, N⟩ over normals spread evenly about N_l, in place of the one value at a mean
-//!   normal: a piece of a ball shines round its edge, and its light adds up to its flux within 2 %.
+//! A light here represents a piece of surface instead of a point. Two terms differ from Eq. (2):
+//! - r² + R² replaces r², where R is the radius of a disk with the same spread as the piece. On the
+//!   axis of a uniform, flat disk this is exact at every distance. \[N09\] bounds r² from below by
+//!   a constant, which "all RSM approaches" share and Fig. 13 shows.
+//! - The mean of ⟨V̂, N⟩ over normals with a uniform distribution around N_l replaces the value at
+//!   the mean normal. A piece of a sphere therefore also emits at more than 90° from its mean
+//!   normal. Its light adds up to its flux within 2 %.
 //!
-//! Nearer than four radii, neither will do where light and surface stand at an angle, as beside an
-//! object on the floor: there a flat light is a square.
+//! Nearer than four radii, both terms are inaccurate if light and surface are at an angle, such as
+//! next to an object on the floor. There a flat light is a square.
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
@@ -24,28 +25,30 @@ use crate::scene::{Bvh, Ray};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// Squared radius of an even disk over its mean squared distance from the center.
+/// Squared radius of a uniform disk over its mean squared distance from the center.
 pub const DISK: f32 = 2.0;
-/// Start of shadow rays in multiples of [`ray_offset`]: positions come from a depth buffer.
+/// Offset of the start of shadow rays in multiples of [`ray_offset`], because positions come from a
+/// depth buffer.
 pub const LIFTS: f32 = 4.0;
 
 /// Squared distances over the squared radius of a light between which `near` blends to the formula
-/// of a point.
+/// of a point light.
 pub const NEAR_SQUARES: [f32; 2] = [9.0, 16.0];
 /// Squared lengths of the mean normal between which a light becomes flat enough for `near`.
 pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
-/// A square that rises above the horizon by less than this, over half its edge and times the cosine
-/// between the two normals, fades.
+/// Height above the horizon below which a square fades, over half its edge and times the cosine
+/// between the two normals.
 pub const FADE: f32 = 0.1;
-/// No edge of a square and no form factor is shorter, in single precision.
+/// Lower bound of the length of an edge and of a form factor, in single precision.
 pub const SHORTEST: f32 = 1e-7;
 
-/// The mean of max(0, V̂·N) over unit normals N whose mean is `normal`: for normals spread evenly
-/// over a disk about it.
+/// Returns the mean of max(0, V̂·N) over unit normals N with the mean `normal`. The normals have a
+/// uniform distribution over a disk around it.
 ///
-/// If all of them face V̂ it is linear, V̂·`normal`, and exact; where none does, 0; between, the
-/// mean over cosines spread evenly ±w. The width is √(3σ²) of the cosine's variance at the horizon,
-/// (1 − m²)/2 for a length m near 1, and 1 for m = 0, where all directions are alike.
+/// If all of them face V̂, the mean is linear, V̂·`normal`, and exact. If none does, it is 0.
+/// Between these cases it is the mean over cosines with a uniform distribution within ±w. The width
+/// is √(3σ²) of the cosine's variance σ² at the horizon. This variance is (1 − m²)/2 for a length m
+/// near 1. The width is 1 for m = 0, where all directions are equally likely.
 #[must_use]
 #[inline]
 pub fn mean_clamped_cosine(normal: Vec3, v: Vec3) -> f32 {
@@ -62,13 +65,13 @@ pub fn mean_clamped_cosine(normal: Vec3, v: Vec3) -> f32 {
     above * above / (4.0 * w)
 }
 
-/// Unshadowed contribution of one light at `x` to surfaces that face `n`, as a vector g in 1/m²:
-/// the vector irradiance is flux · g, and g·n is not negative. Zero if the light does not reach the
-/// surface.
+/// Returns the unshadowed contribution of one light at `x` to surfaces that face `n`, as a vector g
+/// in 1/m². The vector irradiance is flux · g, and g·n is not negative. Zero if the light does not
+/// reach the surface.
 ///
-/// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a
-/// light whose normals hardly differ, it is the form factor of a square of that size (`near`);
-/// between three and four radii, a mixture.
+/// Far from the light this is \[N09\] Eq. (2) with the two terms above. Nearer than three radii of
+/// a light with almost equal normals, it is the form factor of a square of that size (`near`).
+/// Between three and four radii the two are blended.
 #[must_use]
 #[inline]
 pub fn vpl_contribution(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
@@ -95,18 +98,20 @@ pub fn vpl_contribution(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
     out
 }
 
-/// 0 below `low`, 1 above `high`, smooth between.
+/// Returns 0 below `low`, 1 above `high`, and a smooth transition between.
 fn step(low: f32, high: f32, v: f32) -> f32 {
     let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The form factor of a square of even radiosity over its area, 1/m²: the square lies at `toward`
-/// from the point, has the normal `normal` and the area of a disk of squared radius `disk`.
-/// Lambert's sum over the edges; what the surface's horizon cuts off is estimated as for a ball of
-/// equal form factor, whose cosines are spread as those of [`mean_clamped_cosine`]. What hardly
-/// rises above the horizon of a surface that looks the same way fades, so that rounding lights no
-/// flat surface by itself.
+/// Returns the form factor of a square of uniform radiosity over its area, 1/m². The square lies at
+/// `toward` from the point, has the normal `normal` and the area of a disk of squared radius
+/// `disk`.
+///
+/// Computes Lambert's sum over the edges. The part below the surface's horizon is estimated as for
+/// a sphere of equal form factor. Its cosines have the distribution of [`mean_clamped_cosine`]. A
+/// square that hardly rises above the horizon of a surface with a similar normal fades. Rounding
+/// then does not make a flat surface light itself.
 fn near_field_direction(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
     if normal.dot(toward) >= 0.0 {
         return Vec3::ZERO;
@@ -126,7 +131,7 @@ fn near_field_direction(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 
         let sine = across.length();
         sum += across * (libm::atan2f(sine, u.dot(v)) / sine.max(SHORTEST));
     }
-    // The sign follows from which way round the corners go.
+    // The sign depends on the orientation of the corners.
     let factor = sum * (0.5 * FRAC_1_PI * if sum.dot(toward) < 0.0 { -1.0 } else { 1.0 });
     let length = factor.length();
     if length <= SHORTEST {
@@ -143,11 +148,11 @@ fn near_field_direction(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 
         (cosine + wide) * (cosine + wide) / (4.0 * wide)
     };
     let fade = (top / (FADE * half * n.dot(normal)).max(SHORTEST * half)).min(1.0);
-    // The vector whose dot product with `n` is that.
+    // The vector whose dot product with `n` is the clipped form factor over the area.
     (to + n * (clipped - cosine)) * (fade * length * FRAC_1_PI / disk)
 }
 
-/// Start of shadow rays from a surface, in the bake's space.
+/// Returns the start of shadow rays from a surface, in the bake's space.
 #[must_use]
 #[inline]
 pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
@@ -157,8 +162,8 @@ pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
     at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * ray_offset(at, params.extent))
 }
 
-/// Transmittance of the baked scene from a light to the surface point with this [`start`].
-/// `arrives` is the point's share of the light's flux.
+/// Returns the transmittance of the baked scene from a light to the surface point with this
+/// [`start`]. `arrives` is the point's share of the light's flux.
 #[must_use]
 #[inline]
 pub fn vpl_transmittance(
@@ -182,9 +187,9 @@ pub fn vpl_transmittance(
     }
 }
 
-/// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the
-/// surface's horizon: its dot product with `n` is the sum of \[N09\] Eq. (2), W/m². `bvh` shadows
-/// them unless `params.nodes` is 0.
+/// Returns the vector irradiance of the lights above the surface's horizon at (`x`, `n`) of their
+/// space. Its dot product with `n` is the sum of \[N09\] Eq. (2), W/m². `bvh` casts their shadows
+/// unless `params.nodes` is 0.
 #[must_use]
 pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -> VectorIrradiance {
     let mut sum = VectorIrradiance::default();
@@ -213,9 +218,8 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
     sum
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer over what
-/// is there already. RGB: irradiance × `scale`; alpha: 1 where something is known of it, as before
-/// or because light arrived.
+/// Returns the texel that the shader writes for (px, py) with this depth and G-buffer, added to the
+/// `earlier` texel. RGB is irradiance × `scale`. Alpha is 1 if it was 1 before or if light arrived.
 #[must_use]
 pub fn vpl_pixel(
     params: &VplViewParams,
@@ -240,7 +244,7 @@ pub fn vpl_pixel(
         .to_array()
 }
 
-/// Position of a pixel in the space of the lights.
+/// Returns the position of a pixel in the space of the lights.
 #[must_use]
 pub fn pixel_position(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
@@ -287,8 +291,8 @@ pub fn vpl_node(
 mod tests {
     use super::*;
 
-    /// The light that leaves a patch in all directions adds up to its flux, however its normals are
-    /// spread.
+    /// The light that leaves a patch in all directions adds up to its flux, for any spread of its
+    /// normals.
     #[test]
     fn vpl_patch_radiates_its_flux() {
         for m in [1.0, 0.99, 0.9, 0.7, 0.5, 0.2, 0.0] {
@@ -306,7 +310,7 @@ mod tests {
             let whole = sum * 4.0 / f64::from(steps);
             assert!((whole - 1.0).abs() < 0.02, "{m}: {whole}");
         }
-        // Exact where all normals face the position.
+        // Exact if all normals face the position.
         assert_eq!(mean_clamped_cosine(Vec3::Y * 0.9, Vec3::Y), 0.9);
         assert_eq!(mean_clamped_cosine(Vec3::Y, -Vec3::Y), 0.0);
     }
@@ -337,7 +341,7 @@ mod tests {
         ] {
             assert_eq!(at(light, x, n), VectorIrradiance::default(), "{x} {n}");
         }
-        // No direction of its own: it shines all round.
+        // A mean normal of zero: the light emits in all directions.
         let round = Vpl {
             normal: [0.0; 3],
             ..light

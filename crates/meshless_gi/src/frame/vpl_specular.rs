@@ -3,7 +3,7 @@
 //! Entry points: `vpl_specular` fills the nodes of a level, from the coarsest to the finest.
 //! `vpl_specular_pixels` evaluates every pixel.
 //!
-//! A highlight of one light bends where that of another is flat or dark, so one list of subsplats
+//! A highlight of one light changes where that of another is flat or dark, so one list of subsplats
 //! for all lights is inefficient. \[N09\] refines one list per light, at the cost of its Table 1.
 //! Here every node has a *refine mask*, one bit per light (or group of lights). The bit is set if
 //! evaluating the light changed the value that coarser nodes predict. A node between coarser ones
@@ -13,13 +13,13 @@
 //! value = Σ_j w_j value_j + Σ_{i in masks} (light_i − Σ_j w_j light_i,j)
 //! ```
 //!
-//! with j the nodes around it. The last sum evaluates light i at these nodes again: only the bit of
-//! a light is stored, for any number of lights. A node without similar neighbors (another surface,
-//! normal or roughness) evaluates all lights, as does such a pixel.
+//! with j the nodes around it. The last sum evaluates light i at these nodes again, because only
+//! the bit of a light is stored, for any number of lights. A node without similar neighbors
+//! (another surface, normal or roughness) evaluates all lights, as does such a pixel.
 //!
 //! Nodes have two colors, the radiance over f₀ and over f₉₀ ([`brdf`]), so color textures need no
-//! subsplats. Size and shadows of lights are those of [`vpl`](super::vpl):
-//! [`vpl_contribution`](super::vpl::vpl_contribution) is the part of a light that arrives, and its
+//! subsplats. Size and shadows of lights are those of [`vpl`](super::vpl).
+//! [`vpl_contribution`](super::vpl::vpl_contribution) returns the arriving part of a light, and its
 //! direction.
 
 use super::brdf;
@@ -41,33 +41,32 @@ mod settings;
 pub use receiver::{MIN, Receiver, VplSet, receiver, specular_at, specular_of_light};
 pub use settings::{SpecularNode, SpecularParams, SpecularRadiance, SpecularSettings};
 
-/// Bits of a surprise: more lights than that share them in groups of neighbors.
+/// Number of bits of a refine mask. If there are more lights, groups of neighbors share a bit.
 pub const LIGHT_GROUPS: u32 = 128;
-/// Perceptual roughness over which what is no metal loses its gloss.
+/// Range of perceptual roughness over which the specular light of non-metals fades out.
 pub const ROUGHNESS_FADE: f32 = 0.1;
-/// Cosine between normals up to which nodes say nothing of one another, and from which they say
-/// all: highlights turn twice as fast as the surface.
+/// Cosines between normals at which the similarity of nodes is 0 and 1. Highlights rotate twice as
+/// fast as the surface.
 pub const NORMAL_COSINES: [f32; 2] = [0.85, 0.97];
-/// Difference of the cosines to the eye, over their sum, from which they say nothing of one
-/// another.
+/// Difference of the cosines to the eye, over their sum, at which the similarity of nodes is 0.
 pub const VIEW_COSINE_TOLERANCE: f32 = 0.15;
-/// Difference of perceptual roughness from which they say nothing of one another.
+/// Difference of perceptual roughness at which the similarity of nodes is 0.
 pub const ROUGHNESS_TOLERANCE: f32 = 0.1;
 
-/// Fraction of the specular radiance that a texel shows, 0 to 1. Metals show all, other materials
-/// less with roughness.
+/// Returns the fraction of the specular radiance that a texel shows, 0 to 1. Metals show all of it.
+/// The fraction of other materials decreases with roughness.
 #[must_use]
 pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
     let smooth = (params.max_roughness - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
     gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
 }
 
-/// Everything that a view's gloss is made of.
+/// Inputs of the specular light of a view.
 #[derive(Clone, Copy)]
 pub struct SpecularView<'a> {
-    /// Levels and thresholds.
+    /// Levels and thresholds of the subsplats.
     pub screen: &'a SubsplatParams,
-    /// The rest of the settings.
+    /// Other settings.
     pub params: &'a SpecularParams,
     /// Transform to the space of the lights, and the scale.
     pub view: &'a VplViewParams,
@@ -77,7 +76,7 @@ pub struct SpecularView<'a> {
     pub picture: GbufferView<'a>,
 }
 
-/// A glossy pixel.
+/// A pixel with specular light.
 #[derive(Clone, Copy)]
 struct Glossy {
     seen: VisibleSurface,
@@ -86,7 +85,7 @@ struct Glossy {
     shown: f32,
 }
 
-/// A node around a position: its light, how much it weighs, and its surface.
+/// A node around a position: its light, weight and surface.
 #[derive(Clone, Copy)]
 struct Around {
     weight: f32,
@@ -94,7 +93,7 @@ struct Around {
     at: Receiver,
 }
 
-/// All nodes that say something of a position. Weights add up to one, or there is none.
+/// All nodes with similarity to a position. The weights sum to one, or there is no node.
 #[derive(Default)]
 struct Prediction {
     light: SpecularRadiance,
@@ -103,7 +102,7 @@ struct Prediction {
 }
 
 impl SpecularView<'_> {
-    /// Returns `None` where no glossy surface is visible.
+    /// Returns `None` if no specular surface is visible.
     fn glossy(&self, pixel: [u32; 2]) -> Option<Glossy> {
         let seen = visible_surface(self.screen, &self.picture, pixel)?;
         let texel = self.picture.texel(self.screen.size, pixel);
@@ -120,8 +119,8 @@ impl SpecularView<'_> {
         receiver(self.view, &self.lights, pixel, of.depth, of.texel)
     }
 
-    /// Prediction of the nodes of level `k` + 1 at cell (x, y) of level `k` (0 for pixels). At
-    /// least one coordinate is odd.
+    /// Computes the prediction of the nodes of level `k` + 1 at cell (x, y) of level `k` (0 for
+    /// pixels). At least one coordinate is odd.
     fn predict(
         &self,
         levels: &SubsplatLevels,
@@ -163,8 +162,8 @@ impl SpecularView<'_> {
         out
     }
 
-    /// The lights that surprised a node of level `k` + 1 around cell (x, y) of level `k`; all at
-    /// the level below the coarsest.
+    /// Returns the union of the refine masks of level `k` + 1 around cell (x, y) of level `k`. All
+    /// bits are set if level `k` + 1 is the coarsest.
     fn asked(
         &self,
         levels: &SubsplatLevels,
@@ -178,7 +177,7 @@ impl SpecularView<'_> {
         let [w, h] = levels.grid(k + 1).map(|edge| edge as i32);
         let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
         let mut out = [0; 4];
-        // Of an edge the cells on both of its sides.
+        // On an edge, the cells on both sides of it.
         for cy in by - (1 - (y % 2) as i32)..=by + 1 {
             for cx in bx - (1 - (x % 2) as i32)..=bx + 1 {
                 if (0..w).contains(&cx) && (0..h).contains(&cy) {
@@ -190,7 +189,7 @@ impl SpecularView<'_> {
         out
     }
 
-    /// A node of level `k`, its surprises, and how many lights were evaluated how often.
+    /// Computes a node of level `k`, its refine mask, and the number of light evaluations.
     fn node(
         &self,
         levels: &SubsplatLevels,
@@ -261,7 +260,7 @@ impl SpecularView<'_> {
         (SpecularNode::new(&light), bits, count)
     }
 
-    /// All lights at a pixel.
+    /// Evaluates all lights at a pixel.
     fn whole(&self, pixel: [u32; 2], of: &Glossy) -> SpecularNode {
         let mut light = SpecularRadiance::default();
         let found = specular_at(&self.lights, &self.receiver(pixel, of));
@@ -269,8 +268,8 @@ impl SpecularView<'_> {
         SpecularNode::new(&light)
     }
 
-    /// Entry point `vpl_specular_pixels`, for one pixel: radiance times the scale, and 1 where
-    /// there is any; and how many lights were evaluated for it alone.
+    /// Entry point `vpl_specular_pixels`, for one pixel. Returns radiance times the scale, with 1
+    /// in alpha on specular surfaces, and the number of lights evaluated directly for it.
     #[must_use]
     pub fn pixel(
         &self,
@@ -294,7 +293,7 @@ impl SpecularView<'_> {
         (texel(&here, &light), u64::from(self.lights.lit.vpls))
     }
 
-    /// A pixel evaluated directly: what full resolution shows.
+    /// Evaluates a pixel directly, as at full resolution.
     #[must_use]
     pub fn full(&self, pixel: [u32; 2]) -> [f32; 4] {
         self.glossy(pixel).map_or([0.0; 4], |here| {
@@ -303,7 +302,7 @@ impl SpecularView<'_> {
         })
     }
 
-    /// All levels, in the order in which the device runs them; no pixel yet.
+    /// Computes all levels without the pixels, in the order in which the device runs them.
     #[must_use]
     pub fn levels(&self) -> SpecularImage {
         let levels = self.screen.levels();
@@ -333,7 +332,7 @@ impl SpecularView<'_> {
         }
     }
 
-    /// All levels and pixels.
+    /// Computes all levels and pixels.
     #[must_use]
     pub fn run(&self) -> SpecularImage {
         let mut out = self.levels();
@@ -353,30 +352,31 @@ impl SpecularView<'_> {
     }
 }
 
-/// A view's gloss, and what it took.
+/// Specular light of a view, and the number of evaluations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpecularImage {
-    /// For each pixel radiance times the view's scale, and 1 where there is gloss; else zeros.
+    /// Radiance times the view's scale of each pixel, and 1 in alpha. All zero without specular
+    /// light.
     pub texels: Vec<[f32; 4]>,
     /// Nodes of the levels from 1.
     pub nodes: Vec<SpecularNode>,
-    /// Lights that surprised, of the levels from 2.
+    /// Refine masks of the levels from 2.
     pub refine_masks: Vec<[u32; 4]>,
     /// Number of light evaluations of each level. Entry 0 counts pixels that are evaluated
     /// directly.
     pub evaluated: Vec<u64>,
 }
 
-/// The nodes around, as steps.
+/// Steps to the nodes around.
 const CORNERS: [(u32, u32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
 
-/// Index of the refine mask of a cell of level 2 or more.
+/// Returns the index of the refine mask of a cell of level 2 or more.
 #[must_use]
 pub fn refine_mask_index(levels: &SubsplatLevels, k: u32, x: u32, y: u32) -> usize {
     levels.index(k, x, y) - levels.starts[2] as usize
 }
 
-/// Similarity of two glossy surface points, 0 to 1.
+/// Returns the similarity of two specular surface points, 0 to 1.
 fn surface_similarity(a: &Glossy, b: &Glossy) -> f32 {
     let (p, q) = (&a.seen, &b.seen);
     let off = (q.x - p.x).dot(p.n).abs().max((q.x - p.x).dot(q.n).abs());
@@ -385,7 +385,8 @@ fn surface_similarity(a: &Glossy, b: &Glossy) -> f32 {
         .clamp(0.0, 1.0);
     let apart = (gbuffer::roughness(a.texel) - gbuffer::roughness(b.texel)).abs();
     let rough = (2.0 - 2.0 * apart / ROUGHNESS_TOLERANCE).clamp(0.0, 1.0);
-    // Of cosines to the eye the ratio counts: where it is small, all that shines changes with it.
+    // The test uses the ratio of the cosines to the eye. Small cosines change the reflection of all
+    // lights.
     let [u, v] = [p, q].map(|s| s.n.dot(-s.x.normalize()).abs());
     let slant = (2.0
         - 2.0 * (u - v).abs() / (VIEW_COSINE_TOLERANCE * (u + v)).max(f32::MIN_POSITIVE))

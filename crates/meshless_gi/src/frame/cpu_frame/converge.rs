@@ -1,4 +1,4 @@
-//! Solves with as many bounces as change the result.
+//! Solve with bounces until convergence.
 
 use super::CpuFrame;
 use super::transport::{Whom, octree};
@@ -7,11 +7,12 @@ use crate::frame::anderson::Anderson;
 use crate::frame::{FrameSettings, SceneDimensions, SolveSchedule, pull};
 
 impl CpuFrame {
-    /// As [`solve`](Self::solve) with as many sweeps as change anything, whatever `settings` says
-    /// of them: until what further ones would add, by the bake's own bound on the gain of a
-    /// reflection, is below `tolerance` times the light, or single precision says no more. The
-    /// sweeps are accelerated: they are no single reflections, but end where all of those would.
-    /// Returns how many ran, at most [`MAX_ACCELERATED`](Self::MAX_ACCELERATED).
+    /// Solves as [`solve`](Self::solve) does, but with sweeps until convergence. The bounces of
+    /// `settings` are ignored. The iteration stops when the contribution of further sweeps is below
+    /// `tolerance` times the light. That contribution follows from the bake's bound on the gain of
+    /// a reflection. The limit of single precision also stops the iteration. The sweeps are
+    /// accelerated: they are not single reflections, but converge to the same result. Returns the
+    /// number of sweeps, at most [`MAX_ACCELERATED`](Self::MAX_ACCELERATED).
     pub fn converge(
         &mut self,
         scene: &BakedScene,
@@ -33,13 +34,13 @@ impl CpuFrame {
         let gain = scene.info.energy.spectral_radius_bound;
         let gain = if gain.is_finite() { gain } else { 1.0 };
         let enough = f64::from(tolerance) * f64::from(1.0 - gain.clamp(0.0, 0.9995));
-        // Sums of a few hundred links round by so much.
+        // Rounding error of sums of a few hundred links.
         let enough = enough.max(3e-7);
         let finest = params.finest_sender as usize;
         let own: Vec<usize> = (0..scene.senders())
             .filter(|&j| j >= finest || scene.pull.row(j).is_empty())
             .collect();
-        // Colors have nothing to do with one another.
+        // The color channels are independent.
         let mut memory: [Anderson; 3] = Default::default();
         let values = |senders: &[[f32; 4]], c: usize| -> Vec<f32> {
             own.iter().map(|&j| senders[j][c]).collect()
@@ -54,7 +55,7 @@ impl CpuFrame {
             for ((memory, x), g) in memory.iter_mut().zip(&mut x).zip(&g) {
                 change = change.max(memory.step(x, g));
             }
-            // The sweep's own result is light that arrived; what lies beyond it is a guess.
+            // The result of the sweep is transported light. The next iterate is only extrapolated.
             if change <= enough || sweeps >= Self::MAX_ACCELERATED {
                 break;
             }
@@ -70,12 +71,12 @@ impl CpuFrame {
         }
         self.transport(scene, &params, &steps, &mut octree, Whom::All);
         self.light_space(scene, &params, &steps);
-        // No plain solve is like this one.
+        // The result differs from that of any plain solve.
         self.solved = None;
         self.counters.sweeps += u64::from(sweeps - 1);
         sweeps
     }
 
-    /// Most sweeps of [`converge`](Self::converge).
+    /// Maximum number of sweeps of [`converge`](Self::converge).
     pub const MAX_ACCELERATED: u32 = 200;
 }

@@ -11,13 +11,13 @@ use crate::transport::Link;
 use glam::Vec3;
 
 impl CpuFrame {
-    /// The scene's BVH with the gains that its occluders have now.
+    /// Returns the scene's BVH with the current transmittances of its occluders.
     #[must_use]
     pub fn bvh<'a>(&'a self, scene: &'a BakedScene) -> &'a Bvh {
         bvh(&self.occluded, scene.data())
     }
 
-    /// The operator's links and the probes' as the occluders let them be.
+    /// Returns the links of the operator and of the probes for the current occluders.
     #[must_use]
     pub fn links<'a>(&'a self, scene: &'a BakedScene) -> [&'a [Link]; 2] {
         let scene = scene.data();
@@ -28,14 +28,15 @@ impl CpuFrame {
         }
     }
 
-    /// The senders' surfaces as they are now.
+    /// Returns the current surfaces of the senders.
     #[must_use]
     pub fn surfaces<'a>(&'a self, scene: &'a BakedScene) -> &'a [PointSurface] {
         surfaces(&self.surfaces, scene.data())
     }
 
-    /// Probe irradiance at `x`, inside an occluder on the side that `n` faces (zero for the nearer
-    /// one). Returns `None` if no probe reaches `x` or the scene has no probes.
+    /// Returns the probe irradiance at `x`. Inside an occluder, it is that of the side that `n`
+    /// faces (zero selects the nearer side). Returns `None` if no probe reaches `x` or the scene
+    /// has no probes.
     #[must_use]
     pub fn probe_irradiance(
         &self,
@@ -46,22 +47,22 @@ impl CpuFrame {
         probe::probe(scene.data().probes.as_ref()?, &self.probes, x, n)
     }
 
-    /// The probes' values, three each, W/m².
+    /// Returns the values of the probes, three per probe, W/m².
     #[must_use]
     pub fn probes(&self) -> &[VectorIrradiance] {
         &self.probes
     }
 
-    /// Indirect irradiance at (x, n), W/m². Includes the light of the sky and of emissive surfaces.
-    /// Returns `None` where no basis function covers the point.
+    /// Returns the indirect irradiance at (x, n), W/m². Includes the light of the sky and of
+    /// emissive surfaces. Returns `None` if no basis function covers the point.
     #[must_use]
     pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
         let scene = scene.data();
         splat::splat(&scene.points, &scene.display, &self.values, x, n)
     }
 
-    /// Direct irradiance at (x, n) from the lights set, W/m²: shadows included, the sky and
-    /// emissive surfaces not.
+    /// Returns the direct irradiance at (x, n) from the lights, W/m². Includes shadows, but not the
+    /// sky and emissive surfaces.
     #[must_use]
     pub fn direct(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
         let extent = project::extent(scene.data());
@@ -73,69 +74,71 @@ impl CpuFrame {
         e
     }
 
-    /// The lights, slot by slot.
+    /// Returns the lights, slot by slot.
     #[must_use]
     pub fn lights(&self) -> &[FrameLight] {
         &self.lights
     }
 
-    /// Irradiance of the senders from the light of `slot` with color one.
+    /// Returns the irradiance of the senders from the light of `slot` with color one.
     #[must_use]
     pub fn projected(&self, slot: usize) -> &[f32] {
         let senders = self.made_for[1];
         &self.projected[slot * senders..(slot + 1) * senders]
     }
 
-    /// The senders' coefficients after all bounces, the sky's behind them, W/m².
+    /// Returns the senders' coefficients after all bounces, followed by those of the sky, W/m².
     #[must_use]
     pub fn senders(&self) -> &[[f32; 4]] {
         &self.senders
     }
 
-    /// The senders' coefficients of direct light, W/m²; only where there was more than one bounce.
+    /// Returns the senders' coefficients of direct light, W/m². They are valid only after a solve
+    /// with more than one bounce.
     #[must_use]
     pub fn direct_senders(&self) -> &[[f32; 4]] {
         &self.direct
     }
 
-    /// The baked bounces' further radiosity at the senders, W/m².
+    /// Returns the senders' further radiosity from baked bounces, W/m².
     #[must_use]
     pub fn multibounce_radiosity(&self) -> &[[f32; 4]] {
         &self.further
     }
 
-    /// The senders' differences, where the operator is in that form, W/m².
+    /// Returns the senders' differences if the operator is in that form, W/m².
     #[must_use]
     pub fn differences(&self) -> &[[f32; 4]] {
         &self.differences
     }
 
-    /// The senders' light in bases of direct light, the sky's behind them, where the operator is in
-    /// that form, W/m² (times a dimensionless vector's unit).
+    /// Returns the senders' light in bases of direct light, followed by that of the sky. The unit
+    /// is W/m² (times that of a dimensionless vector). Empty if the operator is not in that form.
     #[must_use]
     pub fn components(&self) -> &[[f32; 4]] {
         &self.components
     }
 
-    /// Vector irradiance of the operator alone at each point, for the form of differences, W/m².
+    /// Returns the vector irradiance of the operator alone at each point, for the form of
+    /// differences, W/m².
     #[must_use]
     pub fn applied_irradiance(&self) -> &[VectorIrradiance] {
         &self.applied
     }
 
-    /// Vector irradiance at every point, W/m².
+    /// Returns the vector irradiance at every point, W/m².
     #[must_use]
     pub fn vector_irradiance(&self) -> &[VectorIrradiance] {
         &self.values
     }
 
-    /// Counters so far.
+    /// Returns the counters so far.
     #[must_use]
     pub fn counters(&self) -> CpuFrameStats {
         self.counters
     }
 
-    /// The parameters of a solve with these settings and the lights set.
+    /// Returns the parameters of a solve with these settings and the current lights.
     #[must_use]
     pub fn params(&self, scene: &BakedScene, settings: &FrameSettings) -> SolveParams {
         SceneDimensions::new(scene.data()).params(settings, self.lights.len())

@@ -12,7 +12,8 @@ use crate::transport::{Link, Row};
 use std::ops::Range;
 
 impl CpuFrame {
-    /// One reflection: the senders' light carried to them again, and added to their direct light.
+    /// Computes one reflection: transports the senders' light to the senders and adds the reflected
+    /// light to their direct light.
     pub(super) fn sweep(
         &mut self,
         scene: &SceneData,
@@ -34,7 +35,7 @@ impl CpuFrame {
         }
     }
 
-    /// Push or compress, apply and flatten; or up and down the octree.
+    /// Runs push or compress, then apply and flatten. With an octree, runs its two passes instead.
     pub(super) fn transport(
         &mut self,
         scene: &SceneData,
@@ -52,7 +53,7 @@ impl CpuFrame {
             fmm_up::fmm_up(passes, &self.senders);
             let sky = scene.senders();
             fmm_down::fmm_down(passes, operator, &self.senders, sky, &mut self.values);
-            // Finer points than senders take their parents' mean: no row is used.
+            // Points finer than senders take their parents' mean, because no row is used.
             for level in levels.iter().skip(steps.senders.len()) {
                 let rows = &scene.operator.rows;
                 flatten::averages(
@@ -72,7 +73,7 @@ impl CpuFrame {
                     &mut self.differences,
                 );
             }
-            // The sky is no function of any level.
+            // The sky is not a basis function of any level.
             let sky = scene.senders();
             self.differences[sky] = self.senders[sky];
             operate(
@@ -118,7 +119,7 @@ impl CpuFrame {
         }
     }
 
-    /// The senders' light at the probes.
+    /// Transports the senders' light to the probes.
     pub(super) fn light_space(
         &mut self,
         scene: &SceneData,
@@ -147,7 +148,7 @@ pub(super) enum Whom {
     Senders,
 }
 
-/// The operator, in as many channels as the frame takes.
+/// Applies the operator, in one channel or in three.
 fn operate(
     steps: &SolveSchedule,
     params: &SolveParams,
@@ -164,7 +165,7 @@ fn operate(
     apply(params, rows, links, points, coefficients, out);
 }
 
-/// Room for the passes, where the octree carries the light.
+/// Returns the buffers of the passes. Returns `None` if the octree does not transport the light.
 pub(super) fn octree<'a>(scene: &'a SceneData, steps: &SolveSchedule) -> Option<Passes<'a, f32>> {
     let operator = scene.fmm.as_ref().filter(|_| steps.octree)?;
     Some(Passes::new(Field::from_operator(operator)))

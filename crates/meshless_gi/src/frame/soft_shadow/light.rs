@@ -10,40 +10,42 @@ use glam::{Mat4, Vec3};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SoftLight {
-    /// Meters.
+    /// Position of the center, meters.
     pub center: [f32; 3],
     /// One of [`SoftLight::NONE`], [`SPHERE`](Self::SPHERE), [`RECTANGLE`](Self::RECTANGLE).
     pub kind: u32,
-    /// Half edge of a rectangle, meters; it emits to the side of u × v.
+    /// Half edge of a rectangle, meters. The rectangle emits to the side of u × v.
     pub u: [f32; 3],
-    /// Radius of a sphere, meters; 0 for a point.
+    /// Radius of a sphere, meters. 0 for a point.
     pub radius: f32,
     /// The other half edge of a rectangle, meters.
     pub v: [f32; 3],
-    /// 1 / range², 1/m², from the middle; 0 for no range.
+    /// Inverse squared range from the center, 1/m². 0 means no range.
     pub inverse_square_range: f32,
     /// Sphere: intensity, W/sr. Rectangle: radiance, W/(m² sr).
     pub color: [f32; 3],
-    /// Samples along u.
+    /// Number of samples along u.
     pub columns: u32,
-    /// Samples along v; a sphere has columns × rows of them on the disk that a point sees.
+    /// Number of samples along v. A sphere has columns × rows samples on its disk visible from a
+    /// point.
     pub rows: u32,
-    /// Not used.
+    /// Padding.
     pub pad: [u32; 3],
 }
 
 impl SoftLight {
     /// `kind` of a slot without a light.
     pub const NONE: u32 = 0;
-    /// `kind` of a sphere, or of a point, which is one without radius.
+    /// `kind` of a sphere, or of a point light, which is a sphere of radius 0.
     pub const SPHERE: u32 = 1;
     /// `kind` of a rectangle.
     pub const RECTANGLE: u32 = 2;
-    /// Most samples along an edge.
+    /// Maximum number of samples along an edge.
     pub const MAX_SAMPLES: u32 = 16;
 
-    /// A sphere: meters, W/sr; `range` in meters or infinite; about `samples` samples. One that is
-    /// not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
+    /// Creates a sphere with about `samples` samples: meters, W/sr, `range` in meters or infinite.
+    /// A sphere with values that are not finite, or above 10¹⁵ in these units, is
+    /// [`NONE`](Self::NONE).
     #[must_use]
     pub fn sphere(center: Vec3, radius: f32, intensity: Vec3, range: f32, samples: u32) -> Self {
         let side = side(samples);
@@ -60,9 +62,9 @@ impl SoftLight {
         .with_range(range)
     }
 
-    /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about
-    /// `samples` samples. One that is not finite, is beyond 10¹⁵ m, or has no area, is
-    /// [`NONE`](Self::NONE).
+    /// Creates a rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v,
+    /// with about `samples` samples. A rectangle that is not finite, is beyond 10¹⁵ m, or has no
+    /// area, is [`NONE`](Self::NONE).
     #[must_use]
     pub fn rectangle(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, samples: u32) -> Self {
         let (long, wide) = (u.length(), v.length());
@@ -85,7 +87,7 @@ impl SoftLight {
         .or_none()
     }
 
-    /// Soft light of a point or rectangle light. Returns `None` for other kinds.
+    /// Creates the soft light of a point or rectangle light. Returns `None` for other kinds.
     #[must_use]
     pub fn from_light(light: &Light, samples: u32) -> Option<Self> {
         match *light {
@@ -104,7 +106,8 @@ impl SoftLight {
         }
     }
 
-    /// The light with a range, meters: Bevy lets lights fade out there. Infinite for none.
+    /// Returns the light with a range, meters, toward which it fades as in Bevy. Infinite means no
+    /// range.
     #[must_use]
     pub fn with_range(self, range: f32) -> Self {
         Self {
@@ -117,10 +120,10 @@ impl SoftLight {
         .or_none()
     }
 
-    /// The light in a bake's local space, where `local_from_world` turns, moves and scales
-    /// uniformly: as [`FrameLight::to_local`](crate::frame::FrameLight::to_local), so that
-    /// irradiance is the same in both spaces. A transform that mirrors turns u and v, and the side
-    /// that shines stays.
+    /// Returns the light in a bake's local space. `local_from_world` rotates, translates and scales
+    /// uniformly. Irradiance is the same in both spaces, as with
+    /// [`FrameLight::to_local`](crate::frame::FrameLight::to_local). A transform that mirrors swaps
+    /// u and v, so that the emitting side stays the same.
     #[must_use]
     pub fn to_local(&self, local_from_world: &Mat4) -> Self {
         let determinant = local_from_world.determinant();
@@ -153,7 +156,8 @@ impl SoftLight {
         if finite { self } else { Self::default() }
     }
 
-    /// Normal of a rectangle, unit; zero for what has none.
+    /// Returns the unit normal of a rectangle. Zero for other kinds and for a rectangle without
+    /// area.
     #[must_use]
     pub fn normal(&self) -> Vec3 {
         Vec3::from_array(self.u)
@@ -162,10 +166,10 @@ impl SoftLight {
     }
 }
 
-/// Meters, W/sr and W/(m² sr) stay below: no square of them is infinite.
+/// Upper bound of values in meters, W/sr and W/(m² sr). Their squares stay finite.
 const MAX: f32 = 1e15;
 
-/// Samples along an edge for a total of `samples`.
+/// Returns the number of samples along an edge for a total of `samples`.
 fn side(samples: u32) -> u32 {
     (samples as f32)
         .sqrt()
@@ -173,9 +177,10 @@ fn side(samples: u32) -> u32 {
         .clamp(1.0, SoftLight::MAX_SAMPLES as f32) as u32
 }
 
-/// Irradiance at (x, n) without shadows from `light` with color one, in a scene as large as
-/// `extent` (meters): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is
-/// exact for one that is wholly above it; both fade toward their range, as Bevy draws them.
+/// Returns the irradiance at (x, n) without shadows from `light` with color one, in a scene of size
+/// `extent` (meters). A rectangle uses Lambert's sum ([`lambert`]). A sphere is evaluated as a
+/// point, which is exact if it lies completely above the horizon. Both fade toward their range, as
+/// in Bevy.
 #[must_use]
 pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let to = Vec3::from_array(light.center) - x;
@@ -193,7 +198,7 @@ pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     lambert(corners(light, to), n) * window(light, square)
 }
 
-/// Fade factor of a light toward its range. `square` is a squared distance, m².
+/// Returns the fade factor of a light toward its range. `square` is a squared distance, m².
 #[must_use]
 pub fn window(light: &SoftLight, square: f32) -> f32 {
     let factor = square * light.inverse_square_range;
@@ -201,18 +206,18 @@ pub fn window(light: &SoftLight, square: f32) -> f32 {
     fade * fade
 }
 
-/// Corners of a rectangle whose middle is at `to`.
+/// Returns the corners of a rectangle with its center at `to`.
 #[must_use]
 pub fn corners(light: &SoftLight, to: Vec3) -> [Vec3; 4] {
     let (u, v) = (Vec3::from_array(light.u), Vec3::from_array(light.v));
     [to - u - v, to + u - v, to + u + v, to - u + v]
 }
 
-/// Half of Lambert's sum over the edges of a quadrilateral, as far as it is above the horizon of n
-/// (\[L60\]): π times its form factor.
+/// Returns half of Lambert's sum over the edges of a quadrilateral, clipped at the horizon of n
+/// (\[L60\]). This is π times its form factor.
 #[must_use]
 pub fn lambert(corners: [Vec3; 4], n: Vec3) -> f32 {
-    // What is below the horizon goes: at most five corners are left.
+    // The polygon is clipped at the horizon, which leaves at most five corners.
     let mut sum = 0.0;
     let mut first = Vec3::ZERO;
     let mut last = Vec3::ZERO;
@@ -242,7 +247,7 @@ pub fn lambert(corners: [Vec3; 4], n: Vec3) -> f32 {
     0.5 * sum.abs()
 }
 
-/// Angle under which an edge is seen, times the cosine between n and the normal of its plane.
+/// Returns the angle that an edge subtends, times the cosine between n and the normal of its plane.
 fn arc(a: Vec3, b: Vec3, n: Vec3) -> f32 {
     let across = a.cross(b);
     let sine = across.length();
@@ -257,8 +262,8 @@ mod tests {
     use super::*;
     use glam::Quat;
 
-    /// A transform of the root moves, turns, scales or mirrors a scene. Its lights give the same
-    /// irradiance.
+    /// The transform of the root translates, rotates, scales or mirrors a scene. Its lights give
+    /// the same irradiance.
     #[test]
     fn soft_irradiance_is_equal_in_both_spaces() {
         let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
@@ -281,7 +286,7 @@ mod tests {
                 let inverse = root.inverse();
                 let local = light.to_local(&inverse);
                 let direction = inverse.transform_vector3(n).normalize();
-                // A level so small that no distance is near.
+                // An extent so small that the minimum distance has no effect.
                 let there = unshadowed(&local, inverse.transform_point3(x), direction, 1e-3);
                 let here = unshadowed(&light, x, n, 1e-3);
                 let (here, there) = (light.color[0] * here, local.color[0] * there);

@@ -10,26 +10,26 @@ use crate::scene::Bvh;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use std::f32::consts::PI;
 
-/// Lights, and what shadows them.
+/// Lights and their occluders.
 #[derive(Clone, Copy)]
 pub struct VplSet<'a> {
     /// Number of lights, and the transform to the bake.
     pub lit: &'a VplParams,
     /// The lights.
     pub vpls: &'a [Vpl],
-    /// The bake's tree.
+    /// BVH of the bake.
     pub bvh: &'a Bvh,
 }
 
 impl VplSet<'_> {
-    /// Lights that share a bit.
+    /// Returns the number of lights that share a bit.
     #[must_use]
     pub fn a_group(&self) -> u32 {
         self.lit.vpls.div_ceil(LIGHT_GROUPS).max(1)
     }
 }
 
-/// A surface that lights shine on, in their space.
+/// Receiving surface, in the space of the lights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Receiver {
     /// Position, meters.
@@ -40,7 +40,7 @@ pub struct Receiver {
     pub start: Vec3,
 }
 
-/// Receiver at a pixel.
+/// Returns the receiver at a pixel.
 #[must_use]
 pub fn receiver(
     view: &VplViewParams,
@@ -62,8 +62,8 @@ pub fn receiver(
     }
 }
 
-/// From a pixel's surface to the eye, unit: along the line of the pixel's positions of all depths,
-/// whatever the projection.
+/// Returns the unit direction from a pixel's surface to the eye. It is the line of the pixel's
+/// positions at all depths, for any projection.
 fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
     let [left, top, width, height] = view.viewport;
     let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
@@ -71,27 +71,27 @@ fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
     let m = Mat4::from_cols_array_2d(&view.space_from_clip);
     let far = m * Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0);
     let near = far + m.z_axis;
-    // The difference of the two positions, times both w: the far one may be infinite.
+    // Difference of the two positions, times both w, because the far one can be infinite.
     (near.truncate() * far.w - far.truncate() * near.w).normalize_or_zero()
 }
 
-/// Light over flux, 1/m², below which there is none.
+/// Light over flux below which a light is ignored, 1/m².
 pub const MIN: f32 = 1e-15;
 
-/// Upper bound of the brightness of a light in this reflection over that on a white matt surface.
-/// The threshold of shadow rays uses it.
+/// Returns an upper bound of the brightness of a light in this reflection over that on a white matt
+/// surface. The threshold of shadow rays uses it.
 fn brightest(gloss: &SpecularTerms) -> f32 {
     (PI * (gloss.f0 + gloss.f90)).max(1.0)
 }
 
-/// Specular terms of one light toward the eye, over its flux.
+/// Returns the specular terms of one light toward the eye, over its flux.
 #[must_use]
 pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
     let light = &lights.vpls[i as usize];
     let n = at.facet.n;
     let g = vpl_contribution(light, at.x, n);
     let arrives = n.dot(g);
-    // Less than this is nothing, and has no direction in single precision.
+    // Smaller vectors have no valid direction in single precision.
     if arrives.is_nan() || arrives <= MIN {
         return SpecularTerms::default();
     }
@@ -109,7 +109,7 @@ pub fn specular_of_light(lights: &VplSet<'_>, i: u32, at: &Receiver) -> Specular
     }
 }
 
-/// Specular radiance of all lights toward the eye, unscaled.
+/// Returns the specular radiance of all lights toward the eye, unscaled.
 #[must_use]
 pub fn specular_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
     let mut sum = SpecularRadiance::default();

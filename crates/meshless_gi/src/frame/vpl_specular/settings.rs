@@ -18,17 +18,17 @@ use half::f16;
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SpecularSettings {
-    /// Level at which every node evaluates every light: cells of 2^coarsest_level pixels, 2 to
-    /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
+    /// Level at which every node evaluates every light, 2 to [`COARSEST`]. Its cells have
+    /// 2^coarsest_level pixels. Much narrower highlights may be missed (\[N09\] §3.3.1).
     pub coarsest_level: u32,
-    /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
+    /// Level below which only pixels without similar neighbors are evaluated, at least 1.
     pub finest_level: u32,
-    /// A light is evaluated further where it is this far from what was predicted, in parts of the
-    /// gloss of all lights.
+    /// Difference between a light and its prediction from which the light is refined, as a fraction
+    /// of the specular light of all lights.
     pub radiance_threshold: f32,
-    /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
+    /// Perceptual roughness up to which non-metals show specular light. Metals always do.
     pub max_roughness: f32,
-    /// Refine by the sum of the lights: one list for all of them. For comparison.
+    /// `true` to refine by the sum of the lights: one list for all of them. For comparison.
     pub together: bool,
 }
 
@@ -45,7 +45,7 @@ impl Default for SpecularSettings {
 }
 
 impl SpecularSettings {
-    /// Parameters of the kernel: those of subsplats, and the others.
+    /// Returns the parameters of the kernel: those of subsplats, and the others.
     #[must_use]
     pub fn params(
         &self,
@@ -79,23 +79,23 @@ pub struct SpecularParams {
     pub max_roughness: f32,
     /// 1 to refine by the sum of the lights.
     pub together: u32,
-    /// Not used.
+    /// Padding.
     pub pad0: u32,
-    /// Not used.
+    /// Padding.
     pub pad1: u32,
 }
 
-/// Gloss at a node, as half floats. 16 bytes.
+/// Specular light at a node, as half floats. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct SpecularNode {
-    /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the
-    /// last word is 1 where something is known.
+    /// Half floats, two per word, the first in the low bits: red, green, blue over f₀, then over
+    /// f₉₀. The last word is 1 if the result is known.
     pub words: [u32; 4],
 }
 
 impl SpecularNode {
-    /// A node of this light.
+    /// Creates a node with this light.
     #[must_use]
     pub fn new(light: &SpecularRadiance) -> Self {
         let pack = |a: f32, b: f32| {
@@ -108,7 +108,7 @@ impl SpecularNode {
         }
     }
 
-    /// Its light, if any is known.
+    /// Returns the light of the node. Returns `None` if it is unknown.
     #[must_use]
     pub fn light(&self) -> Option<SpecularRadiance> {
         let half = |i: usize| {
@@ -125,9 +125,9 @@ impl SpecularNode {
 /// Radiance times the view's scale, over f₀ and over f₉₀.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpecularRadiance {
-    /// Over f₀.
+    /// Part over f₀.
     pub f0: Vec3,
-    /// Over f₉₀.
+    /// Part over f₉₀.
     pub f90: Vec3,
 }
 
@@ -137,7 +137,7 @@ impl SpecularRadiance {
         self.f90 += weight * other.f90;
     }
 
-    /// Radiance for a surface with this f₀.
+    /// Returns the radiance for a surface with this f₀.
     #[must_use]
     pub fn evaluate(&self, f0: Vec3) -> Vec3 {
         f0 * self.f0 + brdf::f90(f0) * self.f90
