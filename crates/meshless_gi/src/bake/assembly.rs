@@ -14,13 +14,13 @@ use crate::transport::pca::Compression;
 use crate::transport::{RawRow, assign_tiers, pack};
 use glam::Vec3;
 
-/// Result of the stage: a scene with one bounce of light, and data that later stages measure it
-/// with.
+/// Result of the stage: a scene with one bounce of light, and data for the measurements of later
+/// stages.
 pub(super) struct Assembled {
     pub scene: SceneData,
     /// Rows of all points in full precision.
     pub rows: Vec<RawRow>,
-    /// For each point, the part of its hemisphere that has no sender.
+    /// Fraction of each point's hemisphere that has no sender.
     pub missed: Vec<f32>,
     /// Normals of the coarsest points.
     pub coarse_normals: Vec<Vec3>,
@@ -146,8 +146,8 @@ fn count(transport: &Transport, sender_levels: usize, stats: &mut BakeStats) {
     stats.clip_planes = transport.flat.planes.len() as u64;
 }
 
-/// Surfaces of all points. Coarse senders get the mean albedo of their part of the surface, not the
-/// albedo at their own point.
+/// Computes the surfaces of all points. Coarse senders get the mean albedo of their part of the
+/// surface, not the albedo at their own point.
 fn sender_surfaces(transport: &Transport, sender_levels: usize) -> Vec<PointSurface> {
     let hierarchy = &transport.points.hierarchy;
     let mut surfaces: Vec<PointSurface> = hierarchy
@@ -176,7 +176,7 @@ fn sender_surfaces(transport: &Transport, sender_levels: usize) -> Vec<PointSurf
     surfaces
 }
 
-/// Description of the bake. Energy, tiers and errors follow in later stages.
+/// Creates the description of the bake. Later stages fill in energy, tiers and errors.
 fn bake_info(context: &BakeContext<'_>, survey: &Survey, stats: &BakeStats) -> BakeInfo {
     let (source, recipe) = (context.source, context.recipe);
     let bounds = source.geometry.bounds();

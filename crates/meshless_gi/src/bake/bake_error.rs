@@ -9,7 +9,7 @@ pub enum BakeError {
     /// Invalid recipe.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
-    /// No surface that light can reach.
+    /// Missing surface that light can reach.
     #[error(
         "no surface was reached by light from {viewpoints} viewpoints: the scene is empty, or the viewpoints lie outside of it"
     )]

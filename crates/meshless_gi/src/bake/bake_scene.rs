@@ -13,7 +13,7 @@ pub enum BakeSceneError {
     /// Error of the bake.
     #[error(transparent)]
     Bake(#[from] BakeError),
-    /// No threads could be started.
+    /// Failed start of the threads.
     #[error("no threads could be started for the bake: {0}")]
     Threads(String),
     /// Defect of this crate: the bake panicked. Please report it with the scene.

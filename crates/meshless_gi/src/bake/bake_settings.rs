@@ -83,8 +83,8 @@ const CLUSTERS: f32 = 64.0;
 const MIN_CLUSTER: f32 = 16.0;
 
 impl Recipe {
-    /// Settings for a scene with `area` m² of lit surfaces. The preset sets values that are left
-    /// out.
+    /// Returns the settings for a scene with `area` m² of lit surfaces. The preset sets values that
+    /// are left out.
     ///
     /// # Errors
     /// [`RecipeError::OutOfRange`] if values contradict each other.
@@ -92,7 +92,7 @@ impl Recipe {
         self.settings_with(area, &self.preset.parameters())
     }
 
-    /// Settings with the values that are left out from `quality`.
+    /// Returns the settings. `quality` sets values that are left out.
     pub(super) fn settings_with(
         &self,
         area: f32,
@@ -134,7 +134,7 @@ impl Recipe {
             }),
             other => other,
         };
-        // [L08] takes the light at the sender's own point, and ε = 0.025 in all tests (§4.2).
+        // [L08] evaluates the light at the sender's own point, and ε = 0.025 in all tests (§4.2).
         let (samples, truncation_error) = match transport {
             TransportMethod::L08 => (1, 0.025),
             _ => (quality.samples_per_sender, quality.truncation_error),
@@ -176,13 +176,13 @@ impl BakeSettings {
         read.map_err(|e| RecipeError::Syntax(e.to_string()))
     }
 
-    /// RON text of the settings.
+    /// Returns the settings as RON text.
     #[must_use]
     pub fn to_ron(&self) -> String {
         ron_options().to_string(self).unwrap_or_default()
     }
 
-    /// Parameters of method `fmm`. `None` with every other method.
+    /// Returns the parameters of method `fmm`. Returns `None` for every other method.
     #[must_use]
     pub fn fmm(&self) -> Option<FmmRecipe> {
         match self.transport {
@@ -191,8 +191,8 @@ impl BakeSettings {
         }
     }
 
-    /// Number of gather rays per point of a level. Added levels have many points that cover little
-    /// surface each, and take half.
+    /// Returns the number of gather rays per point of a level. Added levels have many points that
+    /// cover little surface each, and use half of the rays.
     #[must_use]
     pub fn rays_of_level(&self, level: usize) -> u32 {
         match level < self.levels as usize {
@@ -201,11 +201,12 @@ impl BakeSettings {
         }
     }
 
-    /// Largest number of points of each level. Sender indices have 16 bits; the other levels are
-    /// limited by memory.
+    /// Returns the largest number of points of each level. Sender indices have 16 bits. Memory
+    /// limits the other levels.
     #[must_use]
     pub fn max_points(&self) -> Vec<usize> {
-        // Levels grow by four, which gives level l of s sender levels this share of all senders.
+        // Levels grow by a factor of four. This gives the fraction of all senders that level l of s
+        // sender levels has.
         let sky = match self.sky {
             SkyModel::Uniform => 1,
             SkyModel::Harmonics => 1 + SkyRadiance::TERMS,
@@ -224,8 +225,8 @@ impl BakeSettings {
     }
 }
 
-/// Area in m² of the surfaces that light reaches, from a pilot level of coarse disks, and the
-/// number of rays cast.
+/// Measures the area in m² of the surfaces that light reaches, from a pilot level of coarse disks.
+/// Also returns the number of rays cast.
 #[must_use]
 pub fn reached_area(
     geometry: &dyn Geometry,

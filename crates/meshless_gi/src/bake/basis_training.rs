@@ -3,7 +3,7 @@
 //!
 //! \[P14\] positions point lights uniformly. Here they are at open positions with large clearance,
 //! like the training lights of refinement. Every fourth is a sun if the scene has sky. Each light
-//! uses one light sample per sender, a different one for each light, so that shadow edges are
+//! uses one light sample per sender, a different one for each light. Shadow edges are therefore
 //! correct in the mean at the cost of a single sample. Each light is scaled by the root mean square
 //! of its irradiance over the coarsest points.
 
@@ -20,22 +20,22 @@ use crate::transport::{GatherSettings, TRAINING_LIGHTS, coarse_rows, mean_square
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Every light whose index is a multiple of this is a sun, in scenes with sky.
+/// Period of suns among the lights, in scenes with sky.
 const SUN_OF: usize = 4;
 
-/// Lower limit of a light's returned part, relative to the median light.
+/// Lower limit of the returned fraction of a light, relative to the median light.
 const MIN_BACK: f64 = 0.5;
 
-/// Light of unit strength.
+/// Training light of unit strength.
 #[derive(Clone, Copy, Debug)]
 enum TrainingLight {
-    /// 1 W/sr at this position.
+    /// Point light of 1 W/sr at this position.
     Point(Vec3),
-    /// 1 W/m² from this direction.
+    /// Sun of 1 W/m² from this direction.
     Sun(Vec3),
 }
 
-/// Light bases of the sender clusters, and the number of rays cast.
+/// Computes the light bases of the sender clusters. Also returns the number of rays cast.
 pub(super) fn light_basis(
     gathering: &GatherSettings<'_>,
     points: &PointSet,
@@ -62,7 +62,8 @@ pub(super) fn light_basis(
     (basis, rays)
 }
 
-/// Light of the training lights on the senders `own`, and the number of rays cast.
+/// Computes the radiosity of the senders `own` under the training lights. Also returns the number
+/// of rays cast.
 fn training_set(
     gathering: &GatherSettings<'_>,
     points: &PointSet,
@@ -132,8 +133,8 @@ fn training_set(
     (TrainingSet { own, light }, rays)
 }
 
-/// Radiosity of the senders for each light, in one color channel per light. `first` is the index of
-/// the first light.
+/// Computes the radiosity of the senders for each light, in one color channel per light. `first` is
+/// the index of the first light.
 fn radiosity(
     (hierarchy, geometry, samples, pull): (&Hierarchy, &dyn Geometry, &LightSamples, &Weights),
     sources: &[TrainingLight],
@@ -173,12 +174,12 @@ fn radiosity(
     values
 }
 
-/// Index of the light sample that a light uses, the same in every call.
+/// Returns the index of the light sample that a light uses, the same in every call.
 fn turn(number: usize, count: usize) -> usize {
     (mix(number as u64) % count.max(1) as u64) as usize
 }
 
-/// Irradiance at (x, n), W/m².
+/// Computes the irradiance at (x, n), W/m².
 fn shine(geometry: &dyn Geometry, source: &TrainingLight, x: Vec3, n: Vec3, far: f32) -> f32 {
     let start = x + n * geometry.ray_offset(x);
     match *source {

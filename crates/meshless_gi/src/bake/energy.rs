@@ -5,23 +5,24 @@
 //! **Gain.** A bounce maps the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|. A sender
 //! that `pull` fills is a mean of others, with weights that sum to one. A is not negative. For
 //! every positive x the largest (A x)_j / x_j is therefore at least the spectral radius of A
-//! (Collatz and Wielandt, [Var00] Chapter 2). Each x proves a bound, x = 1 that of the row sums,
-//! and some steps of a power iteration tighten it. Operators of differences (\[L08\] Eq. (7), (17))
-//! have signs. Their bound is the largest sum of absolute values of a row of the whole step, with
-//! differences resolved.
+//! (Collatz and Wielandt, [Var00] Chapter 2). Each x proves a bound. x = 1 gives that of the row
+//! sums, and some steps of a power iteration tighten it. Operators of differences (\[L08\] Eq. (7),
+//! (17)) have signs. Their bound is the largest sum of absolute values of a row of the whole step,
+//! with differences resolved.
 //!
-//! **Bound.** If the bound is above 0.9995, as in a closed room that reflects all light, the albedo
-//! of each sender is reduced until its row sums to at most 0.999. The bake warns. No bounce then
-//! adds energy, and every series and sweep converges.
+//! **Bound.** A closed room that reflects all light can have a bound above 0.9995. The albedo of
+//! each sender is then reduced until its row sums to at most 0.999, and the bake warns. Afterwards
+//! no bounce adds energy, and every series and sweep converges.
 //!
 //! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and the
-//! part without a sender sum to one. Packing to half precision changes that by its rounding, which
-//! a room with albedo 0.99 amplifies a hundredfold. Rows of averages are rescaled to correct it.
+//! part without a sender sum to one. Packing to half precision adds rounding errors to the sum. A
+//! room with albedo 0.99 amplifies them a hundredfold. Rows of averages are rescaled to correct
+//! this.
 //!
 //! **Reciprocity.** Light from surface J to I and from I to J is equal for equal radiosity: Σ_{r ∈
-//! I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest senders below two coarsest ones. These
-//! represent equal areas, since they are as dense as their disks allow. The rest is noise of rays
-//! and points.
+//! I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r. The sums are over the finest senders below two coarsest ones.
+//! These represent equal areas, since they are as dense as their disks allow. The rest is noise of
+//! rays and points.
 
 use super::energy_components as components;
 use crate::asset::{EnergyInfo, PointSurface, SceneData};
@@ -38,7 +39,7 @@ pub(super) const MAX_GAIN: f64 = 0.999;
 pub(super) const GUARDED_FROM: f64 = 0.9995;
 /// Number of steps that tighten the bound.
 const STEPS: usize = 12;
-/// Part of itself that each step keeps, so that it stays positive.
+/// Fraction of itself that each step keeps, so that it stays positive.
 const KEEP: f64 = 0.1;
 /// Largest number of coarsest senders for the reciprocity residual.
 const ROOTS: usize = 128;
@@ -115,7 +116,8 @@ pub(super) fn enforce_energy_bound(scene: &mut SceneData, missed: &[f32]) -> Ene
     }
 }
 
-/// Energy bound of an operator of components, see [`energy_components`](super::energy_components).
+/// Enforces the energy bound of an operator of components. See
+/// [`energy_components`](super::energy_components).
 fn conserve_components(
     scene: &mut SceneData,
     compression: &Compression,
@@ -152,7 +154,7 @@ fn conserve_components(
     }
 }
 
-/// Warning for a bake with reduced albedos.
+/// Returns the warning of a bake with reduced albedos.
 pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
     (energy.clamped_senders > 0).then(|| {
         format!(
@@ -176,7 +178,7 @@ fn renormalize_rows(scene: &mut SceneData, missed: &[f32]) {
     for (i, ((row, point), &missed)) in rows.enumerate() {
         let links = &operator.links[row.start as usize..][..row.count as usize];
         let n = point.n();
-        // Even light has no sky terms.
+        // Sky terms do not contribute under a uniform sky.
         let even_links = links.iter().filter(|l| l.sender() as usize <= max);
         let sum: f64 = even_links.map(|l| f64::from(l.vector().dot(n))).sum();
         let sum = match &even {
@@ -190,7 +192,8 @@ fn renormalize_rows(scene: &mut SceneData, missed: &[f32]) {
     }
 }
 
-/// Largest and root-mean-square deviation from one of the rows of a white room under a white sky.
+/// Computes the largest and the root-mean-square deviation from one of the rows of a white room
+/// under a white sky.
 fn deviation(scene: &mut SceneData, missed: &[f32]) -> (f64, f64) {
     let white = PointSurface {
         emission: [1.0; 3],
@@ -232,7 +235,7 @@ fn deviation(scene: &mut SceneData, missed: &[f32]) -> (f64, f64) {
 /// Entries of one bounce, for the senders that `pull` does not fill.
 struct Senders {
     count: usize,
-    /// Rows of higher tiers are left out, as a frame of this one leaves them out.
+    /// Tier of the frame. Rows of higher tiers are left out.
     tier: u32,
     /// `true` for senders that `pull` does not fill.
     own: Vec<bool>,
@@ -301,8 +304,8 @@ impl Senders {
         }
     }
 
-    /// Row `j` of a whole step in the form of differences, over the senders that `pull` does not
-    /// fill: apply, flatten, push and pull in reverse.
+    /// Computes row `j` of a whole step in the form of differences, over the senders that `pull`
+    /// does not fill: apply, flatten, push and pull in reverse.
     fn resolve_row(&self, scene: &SceneData, j: usize, row: &mut [f64]) {
         row.fill(0.0);
         let n = scene.points[j].n();
@@ -338,8 +341,8 @@ impl Senders {
         }
     }
 
-    /// Σ_k |F_jk·n_j| of every sender, and the reciprocity residual. In the form of differences the
-    /// sum has only the senders that `pull` does not fill.
+    /// Computes Σ_k |F_jk·n_j| of every sender, and the reciprocity residual. In the form of
+    /// differences the sum has only the senders that `pull` does not fill.
     fn sums(&self, scene: &SceneData) -> (Vec<f64>, f64) {
         let coarsest = scene.level(0).len().min(self.count);
         let stride = coarsest.div_ceil(ROOTS).max(1);
@@ -404,7 +407,7 @@ impl Senders {
         (rows.into_iter().map(|row| row.0).collect(), residual)
     }
 
-    /// Proved bound on the gain of a bounce, and an estimate of the gain.
+    /// Computes the proved bound on the gain of a bounce, and an estimate of the gain.
     fn gain(&self, scene: &SceneData, sums: &[f64]) -> (f64, f64) {
         let albedo = |j: usize| scene.surfaces[j].albedo.map(f64::from);
         let owners = (0..self.count).filter(|&j| self.own[j]);
@@ -412,7 +415,7 @@ impl Senders {
             .flat_map(|j| albedo(j).map(|a| a * sums[j]))
             .fold(0.0, f64::max);
         if scene.operator.form == SenderForm::Differences {
-            // With signs, only the row sums remain of the theorem.
+            // With signs, only the row sums give a bound.
             return (bound, bound);
         }
         // |F_jk·n_j| of the senders that `pull` does not fill.

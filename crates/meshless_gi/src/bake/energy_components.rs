@@ -1,8 +1,8 @@
-//! Energy checks of operators of components, see [`energy`](super::energy). Their rows do not name
-//! single senders.
+//! Energy checks of operators of components, see [`energy`](super::energy). Their rows do not refer
+//! to single senders.
 //!
-//! **Rows.** Even light of 1 W/m² has known coefficients. Σ_c F_ic·n_i D_c 1 is the row's sum, and
-//! the closed form applies to it.
+//! **Rows.** Uniform light of 1 W/m² has known coefficients. Σ_c F_ic·n_i D_c 1 is the sum of the
+//! row, and the closed form applies to it.
 //!
 //! **Gain.** The product of bases has signs. Theorems on non-negative matrices ([Var00] Chapter 2)
 //! do not apply, and sums of absolute values exceed twice the gain. A power iteration of the whole
@@ -10,8 +10,8 @@
 //! below and not a bound. If it is above 0.9995, all albedos are reduced by the same factor, to a
 //! gain of 0.999.
 //!
-//! **Reciprocity** is measured for pairs of clusters: even light of each one on the senders of the
-//! other.
+//! **Reciprocity** is measured for pairs of clusters: uniform light of each one on the senders of
+//! the other.
 
 use crate::asset::{PointSurface, SceneData};
 use crate::frame::{VectorIrradiance, apply, compress};
@@ -21,7 +21,7 @@ use rayon::prelude::*;
 /// Number of steps of the power iteration.
 const STEPS: usize = 24;
 
-/// Normal component of every row under even light, including the sky, as the rows are packed.
+/// Computes the normal component of every packed row under uniform light, including the sky.
 pub(super) fn even_sums(scene: &SceneData, compression: &Compression) -> Vec<f64> {
     let ones = compression.of_ones();
     let operator = &scene.operator;
@@ -36,8 +36,8 @@ pub(super) fn even_sums(scene: &SceneData, compression: &Compression) -> Vec<f64
         .collect()
 }
 
-/// Largest eigenvalue of a bounce in a frame of this tier, estimated by power iteration. The
-/// largest color channel counts.
+/// Estimates the largest eigenvalue of a bounce in a frame of this tier by power iteration. Returns
+/// the largest of all color channels.
 pub(super) fn gain(scene: &SceneData, compression: &Compression, tier: u32) -> f64 {
     let senders = scene.senders();
     let mut own = vec![false; senders];
@@ -111,7 +111,7 @@ pub(super) fn lower(surfaces: &mut [PointSurface], factor: f64) -> u64 {
     lowered
 }
 
-/// Reciprocity residual between clusters, relative to the exchanged light.
+/// Computes the reciprocity residual between clusters, relative to the exchanged light.
 pub(super) fn reciprocity(scene: &SceneData, compression: &Compression) -> f64 {
     let ones = compression.of_ones();
     let sky = compression.columns.len() - 1;

@@ -5,7 +5,7 @@
 //! and not a bound. If it is above 0.9995, all albedos are reduced by the same factor, to a gain of
 //! 0.999.
 //!
-//! **Reciprocity** is measured for groups of neighboring senders: even light of one group on
+//! **Reciprocity** is measured for groups of neighboring senders: uniform light of one group on
 //! another, times the area.
 
 use super::energy::{GUARDED_FROM, MAX_GAIN};
@@ -22,8 +22,8 @@ const STEPS: usize = 12;
 const RUNS: usize = 12;
 
 /// Reduces albedos and returns the measured energy of the octree, combined with that of the links.
-/// `unlit` is the part of each point's hemisphere with unlit back sides, `areas` the area of each
-/// sender.
+/// `unlit` is the fraction of each point's hemisphere with unlit back sides, `areas` the area of
+/// each sender.
 pub(super) fn enforce_energy_bound(
     scene: &mut SceneData,
     unlit: &[f32],
@@ -65,7 +65,7 @@ pub(super) fn enforce_energy_bound(
     }
 }
 
-/// Irradiance at the senders along their normals, clamped to zero.
+/// Computes the irradiance at the senders along their normals, clamped to zero.
 fn arriving_sums(
     scene: &SceneData,
     octree: &FmmOperator,
@@ -85,7 +85,8 @@ fn arriving_sums(
     out
 }
 
-/// Largest eigenvalue of a bounce, estimated by power iteration. The largest color channel counts.
+/// Estimates the largest eigenvalue of a bounce by power iteration. Returns the largest of all
+/// color channels.
 fn gain(scene: &SceneData, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
     let finest = scene.finest_senders();
     let mut light = vec![[0.0f32; 4]; scene.senders()];
@@ -118,7 +119,7 @@ fn gain(scene: &SceneData, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -
     found
 }
 
-/// Reciprocity residual between groups of senders, relative to the exchanged light.
+/// Computes the reciprocity residual between groups of senders, relative to the exchanged light.
 fn reciprocity(
     scene: &SceneData,
     octree: &FmmOperator,
@@ -155,8 +156,8 @@ fn reciprocity(
     }
 }
 
-/// Largest and root-mean-square deviation of the senders' irradiance from one, under even light and
-/// an even sky.
+/// Computes the largest and the root-mean-square deviation of the senders' irradiance from one,
+/// under uniform light and a uniform sky.
 fn deviation(scene: &SceneData, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
     let (mut largest, mut squares) = (0.0f64, 0.0);
     let even = unit_response(octree, scene);

@@ -1,11 +1,12 @@
-//! Error estimate of a bake: indirect irradiance by the frame's own path, compared with unbiased
-//! Monte Carlo at random surface points, for lights that the bake did not use.
+//! Error estimate of a bake. It compares the bake's indirect irradiance with unbiased Monte Carlo
+//! at random surface points. The irradiance is computed as in a frame, for lights that the bake did
+//! not use.
 //!
 //! The estimated quantity is the NRMSE of `meshless_gi_lab::accuracy::errors`, e = ‖E' − E‖ / ‖E‖
 //! over the reached surface, under one light. A user who adds a light and compares with a path
 //! tracer measures the same. Errors differ between lights, so the interval is a prediction for one
-//! more light, not the standard error of a mean. All lights count equally, except those whose light
-//! hardly returns, such as lights that shine out of the scene.
+//! more light, not the standard error of a mean. All lights have equal weight. Lights with almost
+//! no returned light, such as lights that shine out of the scene, have less.
 //!
 //! Three lights are evaluated together, one per color channel. Channels are independent, so one
 //! solve and one path serve all three.
@@ -13,9 +14,9 @@
 //! Three methods reduce the variance:
 //!
 //! - **Importance sampling.** E' is cheap and evaluated at many points (the pool). Ground truth is
-//!   computed at few of them. They are drawn where errors are likely: where there is light, where
-//!   it changes within the width of a basis function, and where half of the links give another
-//!   value. The mixture has a uniform part, so no weight exceeds [`PARTS`].
+//!   computed at few of them. These are drawn with a larger probability at three kinds of points.
+//!   They are lit, or their light changes within the width of a basis function, or half of the
+//!   links give another value. The mixture has a uniform part, so no weight exceeds [`PARTS`].
 //! - **Control variate.** Quantities of the whole pool that need no ground truth: the differences
 //!   of tiers to the whole operator, and the light's own mean square.
 //! - **Independent halves.** Ground truth is computed twice with independent noise. The product of
@@ -33,7 +34,7 @@ use crate::scene::{Geometry, Light};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Part of the bake's rays that the estimate casts, between the limits of [`Effort::paths`].
+/// Fraction of the bake's rays that the estimate casts, between the limits of [`Effort::paths`].
 const SHARE: f64 = 0.04;
 /// Number of lights that are evaluated together, one per color channel.
 const COLORS: usize = 3;
@@ -44,7 +45,8 @@ const PARTICLES: u64 = 4096;
 const TRIED: usize = 4;
 /// Smallest mean number of paths per position.
 const MIN_PATHS: u32 = 384;
-/// Lights that return less than this part of the median count proportionally less.
+/// Threshold of the returned light, relative to the median. Lights below it get a proportionally
+/// smaller weight.
 const RETURNS: f64 = 0.1;
 /// Number of parts of the sampling mixture. All have equal weight.
 const PARTS: f64 = 4.0;
@@ -63,9 +65,9 @@ struct Effort {
 }
 
 impl Effort {
-    /// Budget in proportion to the bake, with a lower limit. A small bake gets fewer lights and
-    /// positions and the same number of paths: the noise of the reference enters with its fourth
-    /// power where it exceeds the error.
+    /// Computes the budget in proportion to the bake, with a lower limit. A small bake gets fewer
+    /// lights and positions and the same number of paths. The noise of the reference enters with
+    /// its fourth power if it exceeds the error.
     fn from_scene(scene: &BakedScene) -> Self {
         let rays_per_path = (RAYS_PER_BOUNCE * u64::from(scene.info().bounces)) as f64;
         let paths = SHARE * scene.info().rays as f64 / rays_per_path;
@@ -123,8 +125,8 @@ pub fn estimate_errors(
     Some((estimates, rays))
 }
 
-/// Error of each tier under each light with a given budget. Leaves out lights without indirect
-/// light.
+/// Computes the error of each tier under each light with a given budget. Leaves out lights without
+/// indirect light.
 fn light_errors(
     scene: &BakedScene,
     geometry: &dyn Geometry,
@@ -195,7 +197,8 @@ struct Halves {
 }
 
 impl TripleEstimator<'_> {
-    /// Errors of all tiers under the lights that return light, and the number of rays cast.
+    /// Computes the errors of all tiers under the lights that return light. Also returns the number
+    /// of rays cast.
     fn errors(
         &mut self,
         sources: &[Light],
@@ -257,7 +260,7 @@ impl TripleEstimator<'_> {
         (values.iter().map(of_tier).collect(), rays)
     }
 
-    /// Irradiance of the bake at the pool.
+    /// Computes the irradiance of the bake at the pool.
     fn values(&mut self, pool: &[Candidate], tier: u32) -> Vec<DVec3> {
         let settings = FrameSettings {
             emission: 0.0,
@@ -274,8 +277,8 @@ impl TripleEstimator<'_> {
         pool.par_iter().map(at).collect()
     }
 
-    /// Relative sampling probability of each point, with mean one. The frame has the solution of
-    /// the whole operator.
+    /// Computes the relative sampling probability of each point, with mean one. The frame has the
+    /// solution of the whole operator.
     fn scores(
         &self,
         pool: &[Candidate],
@@ -324,8 +327,8 @@ impl TripleEstimator<'_> {
         scores
     }
 
-    /// Ground truth at the drawn points. Bright points are noisier and get more paths. Points that
-    /// were drawn for other reasons than their brightness get fewer.
+    /// Computes ground truth at the drawn points. Bright points are noisier and get more paths.
+    /// Points that were drawn for other reasons than their brightness get fewer.
     fn truth(
         &self,
         sources: &[Light],
@@ -369,7 +372,7 @@ impl TripleEstimator<'_> {
     }
 }
 
-/// Mean, or 0 without values.
+/// Returns the mean, or 0 without values.
 fn mean(values: impl ExactSizeIterator<Item = DVec3>) -> DVec3 {
     let count = values.len().max(1) as f64;
     values.sum::<DVec3>() / count
@@ -402,20 +405,20 @@ fn systematic(scores: &[f64], count: usize, random: &mut Random) -> Vec<usize> {
     out
 }
 
-/// Median, or 0 without values.
+/// Returns the median, or 0 without values.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Error estimate from the errors under single lights.
+/// Computes the error estimate from the errors under single lights.
 ///
 /// The spread of the squared errors has two causes: lights differ, and each is sampled at few
 /// points. Both also affect one more light. Only the noise of the reference paths is subtracted.
-/// With the mean m and the variance s², 95 % of lights stay below m + t s √(1 + 1/n) if squares are
-/// normal, with Student's t for n − 1 degrees of freedom. Squares are skewed to larger errors, so
-/// the upper end gives the width on both sides.
+/// Let m be the mean and s² the variance, and assume that squares are normal. Then 95 % of lights
+/// stay below m + t s √(1 + 1/n), with Student's t for n − 1 degrees of freedom. Squares are skewed
+/// to larger errors, so the upper end gives the width on both sides.
 fn summarize(sources: &[LightError]) -> ErrorEstimate {
     let usual = RETURNS * median(sources.iter().map(|l| l.returns));
     let weights: Vec<f64> = sources
@@ -440,7 +443,7 @@ fn summarize(sources: &[LightError]) -> ErrorEstimate {
     if count < 1.5 {
         return ErrorEstimate {
             nrmse: nrmse as f32,
-            // One light predicts nothing about others.
+            // One light does not predict the errors of others.
             interval: nrmse as f32,
         };
     }
@@ -454,8 +457,8 @@ fn summarize(sources: &[LightError]) -> ErrorEstimate {
     }
 }
 
-/// 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (at least 2), by the
-/// first terms of its expansion in 1 / `freedom`.
+/// Returns the 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (at
+/// least 2), by the first terms of its expansion in 1 / `freedom`.
 fn student(freedom: f64) -> f64 {
     const Z: f64 = 1.959_964;
     let (f, z3, z5) = (freedom.max(2.0), Z.powi(3), Z.powi(5));

@@ -1,16 +1,16 @@
 //! Octree of method `fmm` ([G08]).
 //!
 //! **Sources** are the senders of the finest sender level. Each emits from several pieces of its
-//! cell ([`find_cells`]), so that a near wall is a wall and not a few disks. [G08] has one position
-//! per point.
+//! cell ([`find_cells`]), so that a close wall is a wall and not a few disks. [G08] has one
+//! position per point.
 //!
 //! **Receivers** are the points of the sender levels. Points of finer levels take the mean of their
-//! parents. Evaluating expansions at them was not more exact in any measurement, since visibility
-//! is constant over a leaf, and costs more.
+//! parents. Evaluating expansions at them costs more, and no measurement was more exact, since
+//! visibility is constant over a leaf.
 //!
-//! **Closed form.** Even light of one gives one at every point, except for the sky and unlit back
-//! sides: (1/π) ∫ n·ω dω = 1. A factor per point corrects the errors of near disks, areas and
-//! partial visibility.
+//! **Closed form.** Uniform radiosity of one gives irradiance one at every point, except for the
+//! sky and unlit back sides: (1/π) ∫ n·ω dω = 1. A factor per point corrects the errors of close
+//! disks, areas and partial visibility.
 
 use super::context::BakeContext;
 use super::{BakeError, BakeSettings, BakeStage, BakeStats, FmmRecipe, energy_fmm};
@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use std::time::Instant;
 
 impl FmmRecipe {
-    /// Settings of the solver.
+    /// Returns the settings of the solver.
     fn solver(&self, seed: u64) -> FmmSettings {
         FmmSettings {
             order: self.order as usize,
@@ -64,8 +64,8 @@ impl SenderCells {
         })
     }
 
-    /// Points of the octree, and the sender of each: pieces of the emitting senders, then the
-    /// points of all senders.
+    /// Returns the points of the octree, and the sender of each: pieces of the emitting senders,
+    /// then the points of all senders.
     fn points(&self, scene: &SceneData) -> (Vec<FmmPoint>, Vec<u32>) {
         let (mut points, mut of) = (Vec::new(), Vec::new());
         for (j, cell) in self.cells.iter().enumerate() {
@@ -92,7 +92,7 @@ impl SenderCells {
     }
 }
 
-/// Range of the correction factor. Factors outside it are not rounding errors: such a point
+/// Range of the correction factor. Factors outside of it are not rounding errors: such a point
 /// receives light that no list has, or lies in a crack.
 const FACTOR_RANGE: [f32; 2] = [0.25, 4.0];
 
@@ -120,7 +120,7 @@ pub(super) fn add_octree(
         .collect();
     stats.rays += cells.rays + sky_rays.len() as u64 * u64::from(rays);
     let mut scene = match recipe.fallback_links {
-        // Links gathered their own sky visibility, which sweeps over them subtract.
+        // Links have their own gathered sky visibility. Sweeps over them subtract it.
         true => scene,
         false => with_sky(scene, &sky_rays),
     };
@@ -146,7 +146,7 @@ pub(super) fn add_octree(
     Ok(scene)
 }
 
-/// The scene with the sky visibility of `sky_rays`.
+/// Returns the scene with the sky visibility of `sky_rays`.
 fn with_sky(mut scene: SceneData, sky_rays: &[(Vec3, f32)]) -> SceneData {
     for (surface, (sky, _)) in scene.surfaces.iter_mut().zip(sky_rays) {
         surface.sky = sky.to_array();
@@ -155,7 +155,7 @@ fn with_sky(mut scene: SceneData, sky_rays: &[(Vec3, f32)]) -> SceneData {
 }
 
 impl SenderCells {
-    /// Area of each sender in m². 0 for senders that do not emit.
+    /// Computes the area of each sender in m². 0 for senders that do not emit.
     fn areas(&self) -> Vec<f32> {
         let own = (self.cells.iter()).map(|cell| cell.iter().map(|p| p.area).sum());
         std::iter::repeat_n(0.0, self.first).chain(own).collect()
@@ -177,7 +177,7 @@ fn normalize_to_closed_form(operator: &mut FmmOperator, scene: &SceneData, unlit
     }
 }
 
-/// Irradiance of the senders along their normals for radiosity one.
+/// Computes the irradiance of the senders along their normals for radiosity one.
 pub(super) fn unit_response(operator: &FmmOperator, scene: &SceneData) -> Vec<f32> {
     let radiosity = vec![[1.0f32; 4]; scene.senders()];
     let mut passes = Passes::new(Field::from_operator(operator));

@@ -1,4 +1,5 @@
-//! Kind of links that a transport method computes. Chosen once, before points are scattered.
+//! Kind of links that a transport method computes. It is selected once, before points are
+//! scattered.
 
 use super::{BakeSettings, PcaRecipe, TransportMethod};
 use crate::transport::{Deposit, SenderForm};
@@ -16,7 +17,7 @@ pub(super) enum LinkMethod {
     Components(PcaRecipe),
     /// Links to differences of senders, see [`crate::transport::l08_refinement`].
     Differences,
-    /// No links. The octree carries the light alone.
+    /// Octree without links.
     Octree,
 }
 
@@ -31,12 +32,13 @@ impl LinkMethod {
         }
     }
 
-    /// Overlap of the senders' functions. `None` uses the functions of the hierarchy.
+    /// Returns the overlap of the senders' functions. Returns `None` for the functions of the
+    /// hierarchy.
     pub fn sender_overlap(self) -> Option<f32> {
         (self != Self::Differences).then_some(SENDER_OVERLAP)
     }
 
-    /// Senders that a gather ray deposits on.
+    /// Returns the senders that get the deposit of a gather ray.
     pub fn deposit(self) -> Deposit {
         match self {
             Self::Differences => Deposit::All,
@@ -54,7 +56,7 @@ impl LinkMethod {
         matches!(self, Self::Averages | Self::Components(_))
     }
 
-    /// Form of the operator's rows.
+    /// Returns the form of the operator's rows.
     pub fn form(self) -> SenderForm {
         match self {
             Self::Averages | Self::Octree => SenderForm::Averages,

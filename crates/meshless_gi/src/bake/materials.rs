@@ -6,9 +6,9 @@ use crate::scene::{Geometry, MaterialTerms, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Materials of `geometry`, the coverage of each sender, and the number of rays cast. `None` if the
-/// geometry has no materials. Finest senders use their light samples. Coarser senders that `pull`
-/// fills have no coverage.
+/// Computes the materials of `geometry`, the coverage of each sender, and the number of rays cast.
+/// Returns `None` if the geometry has no materials. Finest senders use their light samples. Coarser
+/// senders that `pull` fills have no coverage.
 pub(super) fn cover(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,
@@ -73,7 +73,7 @@ pub(super) fn cover(
     (Some(live), rays)
 }
 
-/// Material at a surface point, seen from its side.
+/// Returns the material at a surface point, on its front side.
 fn material_below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<MaterialTerms> {
     let up = 2.0 * geometry.ray_offset(x);
     let ray = Ray::segment(x + n * up, -n, 2.0 * up);

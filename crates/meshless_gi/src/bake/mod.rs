@@ -87,7 +87,7 @@ pub struct Baked {
 /// Bakes `source` with the settings of `recipe`.
 ///
 /// # Errors
-/// See [`BakeError`]. No input makes it panic.
+/// See [`BakeError`]. It does not panic for any input.
 pub fn bake(
     source: &BakeSource<'_>,
     recipe: &Recipe,

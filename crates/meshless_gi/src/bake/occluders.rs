@@ -11,15 +11,15 @@ use serde::{Deserialize, Serialize};
 
 /// Largest number of boxes of an occluder.
 const MAX_BOXES: usize = 4096;
-/// Longest name, in bytes.
+/// Length of the longest name, in bytes.
 const LONGEST_NAME: usize = 256;
 
 /// Part of the scene that a game opens and closes, such as a door or a lift.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderDesc {
-    /// Name of the occluder. Without boxes it is also the name of the scene node whose subtree is
-    /// the occluder.
+    /// Name of the occluder. Without boxes the occluder is the subtree of the scene node with this
+    /// name.
     pub name: String,
     /// Boxes of an occluder without a scene node. Empty by default.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -37,14 +37,14 @@ pub struct OccluderBox {
 }
 
 impl From<&str> for OccluderDesc {
-    /// Occluder of the node with this name.
+    /// Creates the occluder of the node with this name.
     fn from(name: &str) -> Self {
         Self::node(name)
     }
 }
 
 impl OccluderDesc {
-    /// Occluder of the node with this name.
+    /// Creates the occluder of the node with this name.
     #[must_use]
     pub fn node(name: impl Into<String>) -> Self {
         Self {
@@ -64,7 +64,7 @@ impl OccluderBox {
     }
 }
 
-/// Checks all that does not depend on the scene.
+/// Checks everything that does not depend on the scene.
 pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError> {
     let wrong = |value: String, allowed| RecipeError::out_of_range("occluders", value, allowed);
     if shapes.len() > Bvh::MAX_OCCLUDERS {
@@ -96,14 +96,14 @@ pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError
     Ok(())
 }
 
-/// Names of the nodes that occluders without boxes refer to.
+/// Returns the names of the nodes that occluders without boxes refer to.
 pub(super) fn node_names(shapes: &[OccluderDesc]) -> Vec<&str> {
     let nodes = shapes.iter().filter(|s| s.boxes.is_empty());
     nodes.map(|s| s.name.as_str()).collect()
 }
 
-/// Geometry of each occluder: its boxes, or the triangles of its node. `geometry` is the scene
-/// without the occluders.
+/// Returns the geometry of each occluder: its boxes, or the triangles of its node. `geometry` is
+/// the scene without the occluders.
 pub(super) fn find(
     shapes: &[OccluderDesc],
     parts: &[Occluder],
@@ -129,8 +129,8 @@ pub(super) fn find(
     shapes.iter().map(one).collect()
 }
 
-/// Occluder data of the scene: the terms of the operator's links and of the probes' links that
-/// cross them. `None` without occluders.
+/// Returns the occluder data of the scene: the terms of the operator's links and of the probes'
+/// links that cross them. Returns `None` without occluders.
 pub(super) fn index_terms(
     occluders: &[Occluder],
     passing: &[UnindexedLinkTerm],

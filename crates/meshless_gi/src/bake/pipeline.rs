@@ -1,4 +1,4 @@
-//! Stages of a bake, each a function from the result of the previous one to its own.
+//! Stages of a bake. Each is a function from the result of the previous stage to its own.
 
 use super::assembly::assemble;
 use super::bounces::bound_and_bounce;

@@ -22,7 +22,7 @@ pub(super) struct PointSet {
     pub parents: Weights,
     /// Parent of each sender in the tree of senders.
     pub tree: Vec<u32>,
-    /// For each level, the area that each sender shows to receivers beyond the level's functions.
+    /// Areas of the senders of each level, as visible to receivers beyond the level's functions.
     /// Empty without a tree.
     pub visible_areas: Vec<Vec<f32>>,
 }
@@ -83,9 +83,9 @@ pub(super) fn build_points(
     })
 }
 
-/// Light samples of the finest senders, and the number of rays cast. Surfaces of these senders get
-/// the mean reflectance and emission of their samples. One sample per sender is the sender's own
-/// point, as in \[L08\], and is not stored.
+/// Computes the light samples of the finest senders. Also returns the number of rays cast. Surfaces
+/// of these senders get the mean reflectance and emission of their samples. One sample per sender
+/// is the sender's own point, as in \[L08\], and is not stored.
 fn sample_senders(
     geometry: &dyn Geometry,
     hierarchy: &mut Hierarchy,

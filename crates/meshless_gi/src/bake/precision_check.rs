@@ -9,7 +9,7 @@ const MAX_LIFT: f32 = 0.1;
 /// Offset that causes a warning: a scene of 2 m at a distance of 2 km.
 const NOTED_LIFT: f32 = 1e-3;
 
-/// Warning for a scene that is too far from the origin for full precision.
+/// Returns the warning for a scene that is too far from the origin for full precision.
 pub(super) fn check_precision(bounds: &Bounds) -> Result<Option<String>, BakeError> {
     let far = bounds.min.abs().max(bounds.max.abs()).max_element();
     let size = bounds.size().max_element();

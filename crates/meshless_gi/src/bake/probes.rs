@@ -17,8 +17,8 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProbeSettings {
-    /// Distance between probes that see each other, in meters, 1e-9 to 1e9. Default: about 2048
-    /// probes in the bounding box of the scene. Halving it takes eight times more probes.
+    /// Distance between mutually visible probes, in meters, 1e-9 to 1e9. Default: about 2048 probes
+    /// in the bounding box of the scene. Halving it takes eight times more probes.
     pub spacing: Option<f32>,
     /// Number of gather rays per probe, 64 to 65536. Default: twice those of a surface point.
     #[serde(alias = "rays")]
@@ -44,7 +44,7 @@ impl ProbeSettings {
         in_range("probes.rays_per_probe", self.rays_per_probe, 64..=65_536)
     }
 
-    /// Settings for a scene with these `bounds` and `rays` per surface point.
+    /// Returns the settings for a scene with these `bounds` and `rays` per surface point.
     #[must_use]
     pub fn settings(&self, bounds: &Bounds, rays: u32) -> ProbePlacementSettings {
         // A flat scene has a box without volume. Its height is at least a tenth of its width.
@@ -80,7 +80,7 @@ pub(super) struct BakedProbes {
     pub occluded: Vec<UnindexedLinkTerm>,
 }
 
-/// Places probes in open space and gathers their rows.
+/// Distributes probes in open space and gathers their rows.
 pub(super) fn bake_probes(
     recipe: &ProbeSettings,
     input: &ProbeInput<'_>,

@@ -5,7 +5,7 @@ use bevy_reflect::std_traits::ReflectDefault;
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Stage of a bake that users see.
+/// Stage of a bake, as reported to users.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(
     feature = "bevy_reflect",
@@ -34,7 +34,7 @@ pub enum BakeStage {
 }
 
 impl BakeStage {
-    /// Stages of a bake whose scene is loaded, in their order.
+    /// Stages of a bake after the scene has loaded, in their order.
     const LOADED: [Self; 7] = [
         Self::Geometry,
         Self::Points,
@@ -45,7 +45,7 @@ impl BakeStage {
         Self::ErrorEstimate,
     ];
 
-    /// Name for users.
+    /// Returns the name for users.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -76,7 +76,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Current stage, and the completed part of it from 0 to 1.
+    /// Returns the current stage, and its completed fraction from 0 to 1.
     #[must_use]
     pub fn get(&self) -> (BakeStage, f32) {
         let index = self.stage.load(Ordering::Relaxed) as usize;
@@ -95,8 +95,8 @@ impl Progress {
         self.canceled.load(Ordering::Relaxed)
     }
 
-    /// Stores the completed part of `stage`. It never falls within a stage. Returns `false` if the
-    /// bake should stop.
+    /// Stores the completed fraction of `stage`. It never decreases within a stage. Returns `false`
+    /// if the bake should stop.
     pub(crate) fn set(&self, stage: BakeStage, done: f32) -> bool {
         let index = BakeStage::LOADED
             .iter()

@@ -1,9 +1,9 @@
 //! Quality levels: the parameters of each preset, and the sequence of levels for a target error.
 //!
-//! A target error changes the same parameters as presets do, all at once: thresholds of links and
-//! of added points, density, rays and samples. Levels lie between and beyond the presets. The
-//! expected error falls by [`STEP`] from level to level. The sequence is the same for every target,
-//! so a smaller target never gives a coarser bake.
+//! A target error changes all parameters of the presets together: thresholds of links and of added
+//! points, density, rays and samples. Levels lie between and beyond the presets. The expected error
+//! falls by [`STEP`] from level to level. The sequence is the same for every target, so a smaller
+//! target never gives a coarser bake.
 
 use super::recipe::Preset;
 #[cfg(doc)]
@@ -31,7 +31,7 @@ pub struct QualityParameters {
 }
 
 impl Preset {
-    /// Parameters of the preset.
+    /// Returns the parameters of the preset.
     #[must_use]
     pub(super) fn parameters(self) -> QualityParameters {
         match self {
@@ -86,15 +86,16 @@ const STEP: f32 = 1.6;
 const RUNGS: i32 = 8;
 
 impl QualityParameters {
-    /// Levels to try for a target error, from the coarsest that can meet it to the finest.
+    /// Returns the levels to try for a target error, from the coarsest that can meet it to the
+    /// finest.
     pub fn refinement_steps(error: f32) -> impl Iterator<Item = Self> {
         let usual = |rung: i32| COARSEST / STEP.powi(rung);
         let first = (0..RUNGS - 1).find(|&rung| usual(rung) <= STEP * error);
         (first.unwrap_or(RUNGS - 1)..RUNGS).map(move |rung| Self::of_error(usual(rung)))
     }
 
-    /// Parameters for a typical error, by geometric interpolation between the nearest presets.
-    /// Extrapolates beyond them.
+    /// Returns the parameters for a typical error, by geometric interpolation between the nearest
+    /// presets. Extrapolates beyond them.
     fn of_error(error: f32) -> Self {
         let pair = if error > USUAL[1].0 { 0 } else { 1 };
         let [(e0, coarse), (e1, fine)] = [USUAL[pair], USUAL[pair + 1]];
@@ -162,7 +163,7 @@ mod tests {
             );
             assert!(a.sender_levels <= b.sender_levels);
         }
-        // Where it starts: coarser for a larger error, and always with something to try.
+        // First level: coarser for a larger error, and never beyond the last level.
         let errors = [1.0, 0.1, 0.05, 0.03, 0.01, 0.001, 1e-4];
         let left = errors.map(|e| QualityParameters::refinement_steps(e).count());
         assert!(left.is_sorted_by(|a, b| a >= b) && left[6] == 1, "{left:?}");

@@ -1,4 +1,4 @@
-//! The rays of a bake without anything else: a lower bound of its time.
+//! Gather rays of a bake alone: a lower bound of its time.
 
 use super::BakeSettings;
 use crate::asset::SceneData;
@@ -27,7 +27,7 @@ pub fn cast_gather_rays(
                     let p = &scene.points[i];
                     let at = (p.x(), p.n());
                     let rays = ReceiverRays::at_center(geometry, at, i, rays, settings.seed);
-                    // The hits are used, so that no compiler leaves the work out.
+                    // The hits are used, so that compilers do not remove the work.
                     std::hint::black_box(trace_gather_rays(geometry, &rays));
                 })
                 .count();

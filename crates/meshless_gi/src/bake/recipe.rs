@@ -112,7 +112,7 @@ pub struct Recipe {
 }
 
 impl From<Preset> for Recipe {
-    /// Recipe with this preset and defaults.
+    /// Creates a recipe with this preset and defaults.
     fn from(preset: Preset) -> Self {
         Self {
             preset,
@@ -135,13 +135,13 @@ pub enum RecipeError {
         /// Allowed values.
         allowed: String,
     },
-    /// Text that is not a recipe.
+    /// Invalid text.
     #[error("the recipe cannot be read: {0}")]
     Syntax(String),
 }
 
 impl RecipeError {
-    /// Error of a value outside of its range.
+    /// Creates the error of a value outside of its range.
     pub(super) fn out_of_range(
         field: &'static str,
         value: impl Display,
@@ -170,7 +170,7 @@ pub(super) fn in_range<T: PartialOrd + Display>(
     }
 }
 
-/// Options of the RON text of recipes and settings.
+/// Returns the options of the RON text of recipes and settings.
 pub(super) fn ron_options() -> ron::Options {
     ron::Options::default()
         .with_default_extension(Extensions::IMPLICIT_SOME | Extensions::UNWRAP_VARIANT_NEWTYPES)

@@ -69,7 +69,7 @@ pub(super) struct RecipeText {
 }
 
 impl RecipeText {
-    /// Transport method with the parameters that are fields of their own.
+    /// Returns the transport method with the parameters that have their own fields.
     fn transport(&self) -> TransportMethod {
         let mut method = match self.rule {
             None => self.transport,

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum SkyModel {
-    /// Same radiance from all directions. One link per row.
+    /// Sky with the same radiance from all directions. One link per row.
     #[default]
     Uniform,
     /// Spherical harmonics up to degree 2 ([`SkyRadiance`]). Eight more links per row and twice the
@@ -27,8 +27,8 @@ impl SkyModel {
     }
 }
 
-/// Sky terms of each point with a row, zero for the others, and the number of rays cast. Uses the
-/// directions of the row's gather. Empty for a uniform sky.
+/// Computes the sky terms of each point with a row, zero for the others. Also returns the number of
+/// rays cast. Uses the directions of the row's gather. Empty for a uniform sky.
 pub(super) fn terms(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,

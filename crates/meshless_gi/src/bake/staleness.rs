@@ -1,4 +1,4 @@
-//! Comparison of a bake with the inputs that a bake would have now.
+//! Comparison of a bake with the current inputs of a new bake.
 
 use super::Recipe;
 use crate::asset::{BakeInfo, fingerprint};
@@ -6,16 +6,16 @@ use crate::asset::{BakeInfo, fingerprint};
 use bevy_reflect::std_traits::ReflectDefault;
 use std::fmt;
 
-/// Version of the bake. It rises when equal input bakes to different data, and only then. It does
-/// not follow the crate's version.
+/// Version of the bake. It increases only if equal input bakes to different data. It is independent
+/// of the crate's version.
 pub const BAKE_VERSION: u32 = 6;
 
-/// Inputs that a bake would have now.
+/// Current inputs of a new bake.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BakeInputs<'a> {
-    /// Hash of the geometry and its materials, as
-    /// [`TriangleMesh::content_hash`](crate::scene::TriangleMesh::content_hash) has it. `None` if
-    /// the content is not to be compared.
+    /// Hash of the geometry and its materials, computed by
+    /// [`TriangleMesh::content_hash`](crate::scene::TriangleMesh::content_hash). `None` if the
+    /// content is not to be compared.
     pub content_hash: Option<&'a [u8; 32]>,
     /// Recipe. `None` if settings are not to be compared.
     pub recipe: Option<&'a Recipe>,
@@ -29,17 +29,17 @@ pub struct BakeInputs<'a> {
     reflect(Default, Clone, Debug, PartialEq, Hash)
 )]
 pub struct Staleness {
-    /// The geometry or its materials differ.
+    /// `true` if the geometry or its materials differ.
     pub content: bool,
-    /// The recipe differs in more than its `scene`.
+    /// `true` if the recipe differs in more than its `scene`.
     pub settings: bool,
-    /// Another [`BAKE_VERSION`] made the bake.
+    /// `true` if another [`BAKE_VERSION`] made the bake.
     pub version: bool,
 }
 
 impl Staleness {
-    /// Compares a bake with current inputs. Inputs that are `None`, and facts that an older file
-    /// does not have, count as equal. Such a file differs in its version.
+    /// Compares a bake with current inputs. Inputs that are `None` count as equal, and so do values
+    /// that an older file does not have. Such a file differs in its version.
     #[must_use]
     pub fn compare(info: &BakeInfo, now: &BakeInputs<'_>) -> Self {
         let differs = |held: &str, now: Option<String>| {
@@ -52,7 +52,7 @@ impl Staleness {
         }
     }
 
-    /// Returns true if anything differs.
+    /// Returns `true` if anything differs.
     #[must_use]
     pub fn is_stale(self) -> bool {
         self.content || self.settings || self.version
@@ -60,7 +60,7 @@ impl Staleness {
 }
 
 impl fmt::Display for Staleness {
-    /// Names of what differs, with commas.
+    /// Writes the names of the differing inputs, separated by commas.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = [
             (self.content, "content"),
@@ -72,7 +72,7 @@ impl fmt::Display for Staleness {
     }
 }
 
-/// Returns true if content or bake version differ. `content_hash` is that of the current scene:
+/// Returns `true` if content or bake version differ. `content_hash` is that of the current scene:
 /// [`TriangleMesh::content_hash`](crate::scene::TriangleMesh::content_hash).
 #[must_use]
 pub fn is_stale(info: &BakeInfo, content_hash: &[u8; 32]) -> bool {
@@ -83,7 +83,7 @@ pub fn is_stale(info: &BakeInfo, content_hash: &[u8; 32]) -> bool {
     Staleness::compare(info, &now).is_stale()
 }
 
-/// Recipe without its `scene`, as RON: equal recipes give equal text, however they were written.
+/// Returns the recipe without its `scene`, as RON. Equal recipes give equal text for any spelling.
 #[must_use]
 pub fn canonical_recipe(recipe: &Recipe) -> String {
     let plain = Recipe {
@@ -93,8 +93,8 @@ pub fn canonical_recipe(recipe: &Recipe) -> String {
     ron::to_string(&plain).unwrap_or_default()
 }
 
-/// Fingerprint of a bake of geometry with this hash, by these settings (as [`BakeInfo::recipe`]
-/// holds them), from the viewpoints that the recipe names.
+/// Returns the fingerprint of a bake of geometry with this hash, by these settings (as in
+/// [`BakeInfo::recipe`]), from the viewpoints of the recipe.
 pub(super) fn fingerprint_of(
     content_hash: &[u8; 32],
     settings: &str,
@@ -108,7 +108,7 @@ pub(super) fn fingerprint_of(
     ])
 }
 
-/// Hash as lower-case hexadecimal digits.
+/// Returns the hash as lower-case hexadecimal digits.
 pub(super) fn hex(hash: &[u8; 32]) -> String {
     blake3::Hash::from_bytes(*hash).to_hex().to_string()
 }

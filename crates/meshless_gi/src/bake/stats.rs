@@ -63,7 +63,7 @@ pub struct BakeStats {
     pub clusters: u64,
     /// Number of vectors of all light bases, which are columns of the operator.
     pub components: u64,
-    /// Part of the training lights that the bases miss, root mean square.
+    /// Fraction of the training lights that the bases miss, root mean square.
     pub basis_missed: f64,
     /// Size of the file in bytes. 0 before it is written.
     pub bytes: u64,
@@ -89,13 +89,13 @@ pub struct BakeStats {
     /// Number of links of the probes.
     #[serde(default)]
     pub probe_links: u64,
-    /// Part of the directions from probes that hit a surface without a sender, or a back side.
+    /// Fraction of the directions from probes that hit a surface without a sender, or a back side.
     #[serde(default)]
     pub probes_lost: f64,
     /// Size of the visibility data in bytes. 0 without soft shadows.
     #[serde(default)]
     pub visibility_bytes: u64,
-    /// Part of the visibility coefficients that is stored.
+    /// Fraction of the visibility coefficients that is stored.
     #[serde(default)]
     pub visibility_kept: f64,
     /// Size of the octree in bytes. 0 without method `fmm`.

@@ -12,7 +12,7 @@ use glam::Vec3;
 pub(super) struct Survey {
     /// Origins of importance particles, in meters.
     pub viewpoints: Vec<Vec3>,
-    /// Particles drop their first bounces.
+    /// `true` if particles drop their first bounces.
     pub drop_first: bool,
     /// Settings of the bake.
     pub settings: BakeSettings,

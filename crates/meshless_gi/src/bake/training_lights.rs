@@ -21,9 +21,9 @@ const EMISSION_LIGHTS: usize = 2;
 /// Rec. 709 luminance, which represents the three channels.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-/// Light positions in open space and the number of rays cast. Candidates lie half-way between
-/// bounces of importance particles. Each position has the largest clearance of its candidates: a
-/// light that almost touches a wall is not representative.
+/// Samples light positions in open space. Also returns the number of rays cast. Candidates lie
+/// half-way between bounces of importance particles. Each position has the largest clearance of its
+/// candidates: a light that almost touches a wall is not representative.
 #[must_use]
 pub fn sample_light_positions(
     geometry: &dyn Geometry,
@@ -114,8 +114,8 @@ pub(super) fn train(
     (Training::new(signals, exposure, sky, tree), rays)
 }
 
-/// Makes the emission of the senders on emitters part of the training: in place of the last
-/// [`EMISSION_LIGHTS`] lights, and with the same part of the exposures.
+/// Adds the emission of the senders on emitters to the training. It replaces the last
+/// [`EMISSION_LIGHTS`] lights, and the same fraction of the exposures.
 fn add_emission(
     hierarchy: &Hierarchy,
     pull: &Weights,
@@ -148,8 +148,8 @@ fn add_emission(
     }
 }
 
-/// Radiosity of the senders for each light. Finest senders use their light samples, the others are
-/// pulled.
+/// Computes the radiosity of the senders for each light. Finest senders use their light samples,
+/// the others are pulled.
 fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,

@@ -22,13 +22,13 @@ pub enum TransportMethod {
 }
 
 impl TransportMethod {
-    /// Method `Pca` with default parameters.
+    /// Returns method `Pca` with default parameters.
     #[must_use]
     pub fn pca() -> Self {
         Self::Pca(PcaRecipe::default())
     }
 
-    /// Method `Fmm` with default parameters.
+    /// Returns method `Fmm` with default parameters.
     #[must_use]
     pub fn fmm() -> Self {
         Self::Fmm(FmmRecipe::default())
@@ -40,7 +40,7 @@ impl TransportMethod {
         self.name() == other.name()
     }
 
-    /// Name without parameters, as a recipe spells it.
+    /// Returns the name without parameters, as in a recipe.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {

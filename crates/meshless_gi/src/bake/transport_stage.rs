@@ -103,7 +103,8 @@ impl TransportStage<'_> {
         self.context.progress.set(BakeStage::Transport, done)
     }
 
-    /// Rows that keep their mass: links to averages of senders, or to components of light bases.
+    /// Gathers and refines rows that keep their mass: links to averages of senders, or to
+    /// components of light bases.
     fn averages(
         &self,
         points: &mut PointSet,
@@ -152,7 +153,7 @@ impl TransportStage<'_> {
         })
     }
 
-    /// Light bases of the sender clusters.
+    /// Computes the light bases of the sender clusters.
     fn light_basis(&self, points: &PointSet, pca: &PcaRecipe, stats: &mut BakeStats) -> LightBasis {
         let (basis, rays) = basis_training::light_basis(&self.gathering, points, self.survey, pca);
         stats.rays += rays;
@@ -162,7 +163,7 @@ impl TransportStage<'_> {
         basis
     }
 
-    /// Probes, if the recipe has any.
+    /// Bakes the probes, if the recipe has any.
     fn probes(
         &self,
         points: &PointSet,
@@ -187,7 +188,7 @@ impl TransportStage<'_> {
         bake_probes(probes, &input, stats, self.context.progress).map(Some)
     }
 
-    /// Rows of differences, as published in \[L08\].
+    /// Computes rows of differences, as published in \[L08\].
     fn differences(&self, points: &PointSet) -> Result<Rows, BakeError> {
         let settings = &self.survey.settings;
         let neighbors =

@@ -58,7 +58,7 @@ impl VisibilityRecipe {
         in_range("soft_shadows.max_cluster_error", error, 0.001..=1.0)
     }
 
-    /// Settings of the visibility bake.
+    /// Returns the settings of the visibility bake.
     #[must_use]
     pub fn settings(&self, seed: u64) -> VisibilitySettings {
         VisibilitySettings {
@@ -72,8 +72,8 @@ impl VisibilityRecipe {
     }
 }
 
-/// Adds the visibility of the senders and of one finer level, if the recipe has soft shadows:
-/// shadow edges are finer than the spacing of senders.
+/// Adds the visibility of the senders and of one finer level, if the recipe has soft shadows.
+/// Shadow edges are finer than the spacing of senders.
 pub(super) fn add_visibility(
     context: &BakeContext<'_>,
     settings: &BakeSettings,

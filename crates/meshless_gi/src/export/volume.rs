@@ -50,9 +50,9 @@ impl Default for VolumeExport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// The bake has no light in free space.
+    /// The bake has no probes.
     #[error(
-        "the bake has no light in free space: bake the scene with `--probes`, or with `probes: ()` in its recipe"
+        "the bake has no probes: bake the scene with `--probes`, or with `probes: ()` in its recipe"
     )]
     NoFreeSpace,
     /// A sky varies, and the bake has a uniform one.

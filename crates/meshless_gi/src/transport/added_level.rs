@@ -1,19 +1,20 @@
 //! Levels that refinement adds where they reduce the error.
 //!
 //! The residual r_l of a receiver of level l is the error of all coarser levels at its position. An
-//! added level reduces the error r_{l+1} of level l between its points. Two levels predict it by
-//! their order of convergence: r_{l+1} = r_l · min(1, r_l / r_{l−1}). Where light is smooth,
-//! residuals fall by four from level to level, and r_l overstates the error. At a shadow's edge or
-//! in a corner they stay.
+//! added level reduces the error r_{l+1} of level l between its points. The order of convergence of
+//! two levels predicts this error: r_{l+1} = r_l · min(1, r_l / r_{l−1}). Where irradiance is
+//! smooth, residuals decrease by a factor of four per level, and r_l overstates the error. At
+//! shadow edges and in corners they do not decrease.
 
 use super::gather::GatherSettings;
 use super::refine::Receivers;
 use crate::basis::{Hierarchy, WeightEntry};
 use rayon::prelude::*;
 
-/// Adds a level around the receivers of the finest level that expect a residual above the
-/// tolerance, largest ones first. `errors` are the squared residuals of all receivers, and
-/// `tolerance` is squared as well. Returns the number of points of the new level.
+/// Adds a level around the receivers of the finest level with an expected residual above the
+/// tolerance. Receivers with the largest expected residual come first. `errors` are the squared
+/// residuals of all receivers. `tolerance` is squared as well. Returns the number of points of the
+/// new level.
 pub(super) fn add_level(
     gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
@@ -54,9 +55,9 @@ pub(super) fn add_level(
     added
 }
 
-/// Local means of the squared residuals at the receivers of the finest level. A single one is a
-/// product of two noisy sums, and selecting the largest would select noise. `None` at receivers
-/// without a residual.
+/// Computes local means of the squared residuals at the receivers of the finest level. A single
+/// squared residual is a product of two noisy sums, so selection of the largest would select noise.
+/// An entry is `None` if the receiver has no residual.
 fn local_means(hierarchy: &Hierarchy, errors: &[f32]) -> Vec<Option<f32>> {
     let l = hierarchy.levels.len() - 1;
     let level = hierarchy.level(l);
@@ -71,8 +72,8 @@ fn local_means(hierarchy: &Hierarchy, errors: &[f32]) -> Vec<Option<f32>> {
         .collect()
 }
 
-/// Weighted mean of the squared residuals that are known, of receivers with indices from `first`
-/// on.
+/// Computes the weighted mean of the finite squared residuals. Indices of `weights` are relative to
+/// `first`. Returns `None` if no residual is finite.
 fn mean_error(weights: &[WeightEntry], first: usize, errors: &[f32]) -> Option<f32> {
     let (mut sum, mut total) = (0.0, 0.0);
     for w in weights {
@@ -85,8 +86,8 @@ fn mean_error(weights: &[WeightEntry], first: usize, errors: &[f32]) -> Option<f
     (total > 0.0).then(|| sum / total)
 }
 
-/// Squared residual that the next level is expected to have: `own` are those of the finest level,
-/// `coarser` those of its parents. Noise can make both negative.
+/// Predicts the squared residual of the next level. `own` is the mean at the finest level and
+/// `coarser` the mean at its parents. Noise can make both negative.
 fn expected_error(own: f32, coarser: Option<f32>) -> f32 {
     match coarser {
         Some(coarser) if coarser > own => own * (own / coarser).max(0.0),
@@ -100,12 +101,13 @@ mod tests {
 
     #[test]
     fn expected_residuals_follow_order_of_convergence() {
-        // Residuals 0.4 and 0.1, squared: the next is a fourth again.
+        // Residuals 0.4 and 0.1 predict 0.025. All values are squared.
         assert!((expected_error(0.01, Some(0.16)) - 0.000_625).abs() < 1e-9);
-        // At an edge they stay, and a level that is worse than the coarser one predicts no more.
+        // Residuals at an edge do not decrease. A residual above the coarser one is not
+        // extrapolated.
         assert_eq!(expected_error(0.01, Some(0.01)), 0.01);
         assert_eq!(expected_error(0.04, Some(0.01)), 0.04);
-        // Nothing is known of the coarser level, or noise.
+        // No coarser residual, or noise.
         assert_eq!(expected_error(0.01, None), 0.01);
         assert_eq!(expected_error(0.01, Some(-0.2)), 0.01);
         assert!(expected_error(-0.01, Some(0.2)) <= 0.0);

@@ -1,28 +1,28 @@
 //! Method `bounded`: rows that keep their mass, with a bound on their blur (design D3).
 //!
 //! A row is a cut through the sender hierarchy. It starts with all gathered finest senders. Groups
-//! of siblings then move their mass to their parent, those with the smallest change first. This
-//! replaces Σ_c a_c f_c by f_k Σ_c a_c. The change is Σ_c a_c (f_c − f_k). The training lights
-//! measure it: root mean square over the lights, relative to each light's root mean square over the
-//! level. Merging stops when the root of the sum of squares over all groups reaches ε. Mass is
-//! moved and never dropped: the row sum stays as gathered, so truncation neither darkens nor
-//! brightens.
+//! of siblings then move their mass to their parent, in ascending order of the change. This
+//! replaces Σ_c a_c f_c by f_k Σ_c a_c. The change is Σ_c a_c (f_c − f_k). It is measured with the
+//! training lights: root mean square over the lights, relative to each light's root mean square
+//! over the coarsest points. Merging stops when the root of the sum of squares over all groups
+//! reaches ε. Mass is moved and never dropped, so the row sum stays as gathered. Truncation
+//! therefore neither darkens nor brightens.
 //!
-//! A change is estimated as four times the product of the values by the even and the odd rays.
-//! Their noise is independent and cancels in the mean, so noise does not create links (design D4).
-//! A part of the change for senders that are lit alone, with their exposure, is added
-//! ([`Training::exposure`]). It covers lights that differ from the training lights.
+//! A squared change is estimated as four times the product of the values by the even and the odd
+//! rays. Their noise is independent and cancels in the mean, so noise does not create links (design
+//! D4). The estimate includes a part of the change for senders that are lit alone with their
+//! exposure ([`Training::exposure`]). This part covers lights that differ from the training lights.
 //!
-//! The rule of \[L08\] drops links below a fixed ε instead. It is the baseline, see
+//! \[L08\] drops links below a fixed ε instead. That method is the baseline, see
 //! [`super::l08_refinement`].
 
 use super::gather::Gathered;
 use super::training::{TRAINING_LIGHTS, Training};
 use glam::Vec3A;
 
-/// Weight of the single senders' change in the estimate. Measured on three scenes: half of it loses
-/// light on a scale of centimeters next to ledges. Four times as much doubles the links without
-/// reducing the error.
+/// Weight of the change for senders that are lit alone. Measured on three scenes: half of it loses
+/// light on a scale of centimeters next to ledges. Four times as much doubles the links and does
+/// not reduce the error.
 const GUARD: f32 = 0.25;
 
 /// Sender hierarchy as a tree. Every sender below the coarsest level belongs to the parent with the
@@ -56,14 +56,14 @@ impl SenderTree {
         }
     }
 
-    /// Level of sender `k`.
+    /// Returns the level of sender `k`.
     #[must_use]
     pub fn level_of(&self, k: u32) -> usize {
         self.level_starts.partition_point(|&start| start <= k) - 1
     }
 }
 
-/// Marks the end of a list of children.
+/// Marker of the end of a list of children.
 const END: u32 = u32::MAX;
 
 /// Scratch memory of [`cut_row`], one per thread.
@@ -81,12 +81,12 @@ pub struct CutScratch {
     /// Children of one parent.
     members: Vec<u32>,
     groups: Vec<Group>,
-    /// Rank in the upper half, group in the lower one.
+    /// Rank in the upper 32 bits, index of the group in the lower 32 bits.
     order: Vec<u64>,
 }
 
 impl CutScratch {
-    /// Children in the list that starts at `first`, ascending.
+    /// Writes the children in the list that starts at `first` to `members`, ascending.
     fn list_members(&mut self, first: u32) {
         self.members.clear();
         let mut child = first;
@@ -133,7 +133,7 @@ pub fn cut_row(
     for level in (1..levels).rev() {
         list_groups(gathered, tree, level, n, measure.training, scratch);
         scratch.order.sort_unstable();
-        // Budget of this level. Coarser levels get the rest.
+        // Budget of this level. Coarser levels use the rest.
         let share = budget * (levels - level) as f32 / (levels - 1) as f32;
         for k in 0..scratch.order.len() {
             let group = &scratch.groups[scratch.order[k] as u32 as usize];
@@ -206,9 +206,9 @@ fn list_groups(
             continue;
         }
         let change = group_change(gathered, tree, n, training, parent, members);
-        // Change per removed link. A single child removes no link here but permits merges further
-        // up. Changes are not negative, so their bits sort like their values. The first of equal
-        // groups comes first.
+        // Change per removed link. A single child removes no link here but permits merges at
+        // coarser levels. Changes are not negative, so their bits sort like their values. Groups of
+        // equal rank keep their order.
         let rank = change / (members.len() as f32 - 0.75);
         let index = scratch.groups.len() as u64;
         (scratch.order).push(u64::from(rank.abs().to_bits()) << 32 | index);
@@ -220,8 +220,8 @@ fn list_groups(
     }
 }
 
-/// Calls `each` with the indices of the states that are not 0, descending. Skips eight zeros at
-/// once.
+/// Calls `each` with the indices of the nonzero states in descending order. Skips zeros in blocks
+/// of eight.
 fn for_each_set(states: &[u8], mut each: impl FnMut(usize)) {
     let (rest, eights) = states.as_rchunks::<8>();
     for (k, eight) in eights.iter().enumerate().rev() {
@@ -236,7 +236,7 @@ fn for_each_set(states: &[u8], mut each: impl FnMut(usize)) {
     }
 }
 
-/// Squared change if the group is merged, relative to the lights' mean squares.
+/// Computes the squared change if the group is merged, relative to the lights' mean squares.
 fn group_change(
     gathered: &Gathered,
     tree: &SenderTree,
@@ -287,7 +287,7 @@ mod tests {
     use super::*;
     use crate::samples::Random;
 
-    /// Two coarse senders, four children each, eight grandchildren each.
+    /// Creates two coarse senders with four children each and eight grandchildren per child.
     fn tree() -> SenderTree {
         let starts = [0u32, 2, 10, 74];
         let parents: Vec<u32> = (0..74)
@@ -315,7 +315,8 @@ mod tests {
         }
     }
 
-    /// A signal per training light: random at the finest senders, means above.
+    /// Creates signals of the training lights: random at the finest senders, means at their
+    /// ancestors.
     fn training(tree: &SenderTree, amplitude: f32) -> Training {
         let mut random = Random::new(5, 9, 9);
         let mut f = vec![[0.0f32; TRAINING_LIGHTS]; 74];
@@ -368,8 +369,8 @@ mod tests {
                     "ε {epsilon}: {before} became {after}"
                 );
                 assert!(links.is_sorted_by_key(|l| l.0));
-                // The two halves are equal here, so what the rule measures is exact; groups add at
-                // worst coherently, and there are ten.
+                // The two halves are equal here, so the estimate of the change is exact. Changes of
+                // groups add coherently at worst, and there are ten groups.
                 #[expect(
                     clippy::needless_range_loop,
                     reason = "t picks one light out of every sender's row"

@@ -1,11 +1,12 @@
-//! The hemispherical gather of [L08] Eq. (16): all links of one receiver from one set of rays.
+//! Hemispherical gather of [L08] Eq. (16): all links of one receiver from one set of rays.
 //!
-//! Deviation (design D1): reflectance is not part of the link, and 1/π is. F_ij = (1/π) ∫
-//! B_j(r(x_i, ω)) ω dω depends on geometry only, is dimensionless, and |F_ij| ≤ 1.
+//! Deviation (design D1): a link excludes reflectance and includes 1/π.
+//! F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω depends on geometry only. It is dimensionless, and
+//! |F_ij| ≤ 1.
 //!
-//! Each thread has one accumulator, dense over the senders, with a list of non-zero entries: no map
-//! and no allocation per ray (design D4). Two half sums, of even and of odd rays, separate
-//! variation from noise.
+//! Each thread has one accumulator, dense over the senders, with a list of nonzero entries. It
+//! needs neither a map nor an allocation per ray (design D4). Separate sums of even and of odd rays
+//! distinguish variation from noise.
 
 use super::occluded_links::LinkTerm;
 use super::receiver_rays::{ReceiverRay, ReceiverRays};
@@ -44,7 +45,7 @@ pub struct GatherSettings<'a> {
 }
 
 impl<'a> GatherSettings<'a> {
-    /// Input of a gather with the current points.
+    /// Returns the input of a gather with the current points.
     #[must_use]
     pub fn scene(&self, hierarchy: &'a Hierarchy) -> GatherScene<'a> {
         GatherScene {
@@ -77,14 +78,14 @@ pub struct GatherScene<'a> {
 
 /// Sums of one gather. Reused, one per thread.
 pub struct Gathered {
-    /// Sums F_ij of even rays and of odd rays, for each sender. Their total is the link.
+    /// Sums F_ij of even rays and of odd rays per sender. Their total is the link.
     pub sums: Vec<[Vec3A; 2]>,
-    /// Senders with sums that can differ from zero.
+    /// Senders with sums that can be nonzero.
     pub touched: Vec<u32>,
     /// (1/π) ∫ ω dω over the directions without a hit.
     pub sky: Vec3A,
-    /// Parts of the sums, and of the sky (as the sender behind the last), that crossed occluders:
-    /// ray after ray.
+    /// Parts of the sums and of the sky that crossed occluders, in the order of rays. The sky has
+    /// the index "number of senders".
     pub parts: Vec<LinkTerm>,
     /// Part of the normal component that hit a surface without a sender.
     pub uncovered: f32,
@@ -100,20 +101,20 @@ struct GatherSample {
     direction: Vec3,
     /// Cosine of the direction and the normal.
     cosine: f32,
-    /// Weight before the sum over all directions is normalized.
+    /// Weight before normalization over all directions.
     weight: f32,
-    /// `None` for a direction into the sky.
+    /// `None` if the direction reaches the sky.
     hit: Option<SampleHit>,
     /// 0 for an even ray, 1 for an odd one.
     half: usize,
-    /// Occluders on the way.
+    /// Crossed occluders, bit k for occluder k.
     crossed: u64,
 }
 
 /// Hit of a direction.
 struct SampleHit {
     hit: GatherHit,
-    /// List of the finest level's grid at the hit.
+    /// Range of entries of the finest level's grid at the hit.
     near: Range<u32>,
 }
 
@@ -219,7 +220,7 @@ impl Gathered {
         }
     }
 
-    /// Link F_ij.
+    /// Returns the link F_ij.
     #[must_use]
     pub fn link(&self, sender: u32) -> Vec3A {
         let [even, odd] = self.sums[sender as usize];
@@ -229,24 +230,25 @@ impl Gathered {
 
 /// Gathers all links of point `i` of the hierarchy into `out`.
 ///
-/// Emitters that have senders of their own are also sampled by area, with the balance heuristic
-/// (\[VG95\] §3.2): a direction of density p_h from N_h rays of the hemisphere and p_e from
-/// N_e samples of emitters counts 1 / (π (N_h p_h + N_e p_e)). Both are needed. A small sign meets
-/// few rays, and a large panel next to the receiver has few area samples where it is nearest.
+/// Emitters that have their own senders are also sampled by area, with the balance heuristic
+/// (\[VG95\] §3.2). A direction has density p_h from N_h rays of the hemisphere and p_e from N_e
+/// samples of emitters. Its weight is 1 / (π (N_h p_h + N_e p_e)). Both sampling strategies are
+/// needed. Few rays of the hemisphere hit a small sign. A large panel next to the receiver has few
+/// area samples in its nearest part.
 pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     out.reset();
     let mut samples = std::mem::take(&mut out.samples);
     samples.clear();
-    // All casts run before all look-ups, so that each has the processor's caches for itself.
+    // All casts run before all grid queries, so that they do not share the processor's caches.
     cast_samples(scene, i, &mut samples);
-    // All look-ups in the grid of the finest level come first: none waits for another's memory.
+    // All queries of the finest level's grid run first, so that their memory accesses overlap.
     let grid = &scene.hierarchy.senders[scene.sender_levels - 1].grid;
     for hit in samples.iter_mut().filter_map(|s| s.hit.as_mut()) {
         hit.near = grid.near_range(hit.hit.position);
     }
     // The samples deviate from the closed form Σ w cos θ = 1 by rounding, discrepancy and the noise
-    // of area samples. The ratio corrects that, so that a closed room of unit radiosity gathers
-    // exactly 1.
+    // of area samples. Division by the sum corrects this, so that a closed room of unit radiosity
+    // gathers exactly 1.
     let norm = 1.0 / samples.iter().fold(0.0, |sum, s| sum + s.weight * s.cosine);
     let n = scene.hierarchy.surfaces[i].normal;
     let mut found = std::mem::take(&mut out.found);
@@ -323,8 +325,9 @@ fn cast_samples(scene: &GatherScene<'_>, i: usize, out: &mut Vec<GatherSample>) 
     }
 }
 
-/// Sky visibility of a receiver by the directions of [`gather`]: (1/π) ∫ ω dω over the directions
-/// without a hit, and the part along the normal that hits the back of a single-sided surface.
+/// Computes the sky visibility of a receiver with the directions of [`gather`]. Returns
+/// (1/π) ∫ ω dω over the directions without a hit, and the part along the normal that hits the back
+/// of a single-sided surface.
 #[must_use]
 pub fn gather_sky_visibility(geometry: &dyn Geometry, rays: &ReceiverRays) -> (Vec3, f32) {
     let (mut sky, mut unlit, mut whole) = (Vec3::ZERO, 0.0, 0.0);
@@ -340,8 +343,9 @@ pub fn gather_sky_visibility(geometry: &dyn Geometry, rays: &ReceiverRays) -> (V
     (sky / whole, unlit / whole)
 }
 
-/// Sky harmonics of a receiver by the directions of [`gather`]: (1/π) ∫ p_k(ω) ω dω over the
-/// directions without a hit. Calls `part` with the parts that cross occluders, ray after ray.
+/// Computes the sky harmonics of a receiver with the directions of [`gather`]: (1/π) ∫ p_k(ω) ω dω
+/// over the directions without a hit. Calls `part` with the parts that cross occluders, in the
+/// order of rays.
 #[must_use]
 pub fn gather_sky_harmonics(
     geometry: &dyn Geometry,

@@ -1,14 +1,14 @@
 //! Method `l08`: the adaptive refinement of \[L08\] Figure 5 as published. It is the baseline for
 //! method `bounded`.
 //!
-//! Links are differences on both sides. Senders carry differences to coarser levels (\[L08\] Eq.
-//! (7)), receivers encode the residual of their parents' prediction (Eq. (17)). A link to a
-//! coarsest sender is kept if its magnitude exceeds ε. A link to a finer sender is kept if its
-//! variation among the sender's neighbors exceeds ε too. The children of a receiver are gathered if
-//! any of its links was kept.
+//! Links are differences on both sides. Senders have differences to coarser levels (\[L08\] Eq.
+//! (7)). Receivers encode the residual of their parents' prediction (Eq. (17)). A link to a
+//! coarsest sender is kept if its magnitude exceeds ε. A link to a finer sender must also vary by
+//! more than ε among the sender's neighbors. The children of a receiver are gathered if any of its
+//! links was kept.
 //!
-//! Deviations: reflectance is not part of the link (design D1). A level is processed in parallel.
-//! Figure 5 permits that, since its queue holds the levels one after another.
+//! Deviations: reflectance is not part of the link (design D1). The receivers of a level are
+//! processed in parallel. Figure 5 permits this, since its queue is in the order of levels.
 
 use super::gather::{GatherScene, Gathered, gather};
 use super::refine::{RawRow, RefinedOperator, share};
@@ -17,8 +17,8 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Functions of the same level that cover each sender's point: the neighbors of \[L08\] §2.1
-/// ("B_i(p_n) ≠ 0").
+/// Returns the functions of the same level that cover each sender's point. These are the neighbors
+/// of \[L08\] §2.1 ("B_i(p_n) ≠ 0").
 #[must_use]
 pub fn neighbors(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
     let count = hierarchy.level_starts[sender_levels] as usize;
@@ -46,7 +46,7 @@ struct ReceiverRow {
     uncovered: f32,
     unlit: f32,
     row_sum: f32,
-    /// Times of the gather and of everything else.
+    /// Durations of the gather and of the remaining work.
     times: [Duration; 2],
 }
 
@@ -61,7 +61,8 @@ struct ReceiverLevel<'a> {
 }
 
 impl ReceiverLevel<'_> {
-    /// Gathers receiver `i` and keeps its links. `links` is zero for all senders before and after.
+    /// Gathers receiver `i` and selects its links. `links` is zero for all senders before and
+    /// after.
     fn receive(&self, i: usize, gathered: &mut Gathered, links: &mut [Vec3A]) -> ReceiverRow {
         let began = Instant::now();
         gather(self.scene, i, gathered);
@@ -114,8 +115,9 @@ impl ReceiverLevel<'_> {
     }
 }
 
-/// Rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
-/// `progress` gets the completed part and returns false to cancel. Returns `None` if canceled.
+/// Computes the rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all
+/// coarser levels. `progress` receives the completed part and returns `false` to cancel. Returns
+/// `None` if canceled.
 pub fn refine_l08(
     scene: &GatherScene<'_>,
     parents: &Weights,
@@ -182,8 +184,8 @@ pub fn refine_l08(
     Some(out)
 }
 
-/// Stores an empty row for point `i`, which is not gathered. Its sky visibility is the parents'.
-/// The weights of each coarser level that covers the point sum to one.
+/// Stores an empty row for point `i`, which is not gathered. Its sky visibility is the mean of its
+/// parents. The weights of each coarser level that covers the point sum to one.
 fn inherit(out: &mut RefinedOperator, parents: &Weights, i: usize) {
     out.missed.push(0.0);
     let row = parents.row(i);

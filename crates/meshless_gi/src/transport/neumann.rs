@@ -1,10 +1,10 @@
 //! Baked bounces: the Neumann series S = T + T² + … of \[L08\] Eq. (15), with reflectance.
 //!
 //! \[L08\] §3.2 computes "the second and subsequent bounces (T² and onwards) using only the
-//! coarsest functions as receivers". Here the series is taken between the gathers: D = Σ_{m=1}^{k}
-//! (ρG)^m, from the senders' direct radiosity to the later radiosity of the coarsest points. The
-//! frame adds D f to the senders, interpolated downwards, and applies G once. Every receiver, not
-//! only the coarsest, then gets later bounces through its own row.
+//! coarsest functions as receivers". Here the series is computed between the gathers:
+//! D = Σ_{m=1}^{k} (ρG)^m. D maps the senders' direct radiosity to the later radiosity of the
+//! coarsest points. The frame interpolates D f to finer senders, adds it to the senders and applies
+//! G once. All receivers, not only the coarsest, then receive later bounces through their own rows.
 
 use super::refine::RawRow;
 use super::{BounceLink, BounceOperator};
@@ -20,15 +20,15 @@ pub struct BounceScene<'a> {
     pub normals: &'a [Vec3],
     /// Albedos of the coarsest points, averaged over their supports.
     pub albedo: &'a [Vec3],
-    /// Parents of every sender one level up.
+    /// Parents of every sender in the next coarser level.
     pub parents: &'a Weights,
     /// Number of senders.
     pub senders: usize,
 }
 
-/// Series up to `bounces` bounces beyond the first. Entries below `epsilon` times the largest of
-/// their row and channel are distributed to the others of the row in proportion, so that each row
-/// keeps its sum.
+/// Computes the series up to `bounces` bounces beyond the first. Drops entries of at most `epsilon`
+/// times the largest of their row in all channels. Scales the other entries of the row, so that
+/// each row keeps its sum.
 #[must_use]
 pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> BounceOperator {
     let coarsest = scene.normals.len();
@@ -92,7 +92,7 @@ pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> B
     truncate(&channels, scene.senders, bounces, epsilon)
 }
 
-/// Weights of the coarsest points in the interpolated value of each sender.
+/// Computes the weights of the coarsest points in the interpolated value of each sender.
 fn interpolation(scene: &BounceScene<'_>) -> Vec<Vec<(u32, f32)>> {
     let coarsest = scene.normals.len();
     let mut lift: Vec<Vec<(u32, f32)>> = Vec::with_capacity(scene.senders);
@@ -115,8 +115,8 @@ fn interpolation(scene: &BounceScene<'_>) -> Vec<Vec<(u32, f32)>> {
     lift
 }
 
-/// Entries of at least `epsilon` times the largest of their row and channel, scaled so that each
-/// row keeps its sum.
+/// Keeps entries above `epsilon` times the largest of their row in at least one channel. Scales
+/// them, so that each row keeps its sum.
 fn truncate(
     channels: &[Vec<Vec<f32>>],
     senders: usize,

@@ -1,10 +1,10 @@
-//! Terms of links by the occluders that they cross: while gathering, in a row, and packed in twelve
+//! Terms of links per set of crossed occluders: during the gather, in a row, and packed in twelve
 //! bytes per term.
 //!
-//! A link is the sum of its terms, one for each set of occluders that rays crossed together: F_ij =
-//! Σ_m F_ij^m, the first through none. With the transmittances g_k in [0, 1] of a frame it is
-//! F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. This is exact for any transmittances and any number of
-//! occluders in a row. Links without occluders have no terms and no cost.
+//! A link is the sum of its terms, one for each set of occluders that rays cross:
+//! F_ij = Σ_m F_ij^m. The first term crosses no occluders. With the transmittances g_k in [0, 1] of
+//! a frame, the link is F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. This is exact for any transmittances
+//! and any number of occluders along a ray. Links without occluders have no terms and no cost.
 
 use super::{Link, SenderTree};
 use bytemuck::{Pod, Zeroable};
@@ -14,9 +14,9 @@ use std::collections::BTreeSet;
 /// Term of a row's link before packing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkTerm {
-    /// Sender of the link. The number of senders is the sky, larger numbers are the sky's terms.
+    /// Sender of the link. The sky has the index "number of senders", and its terms follow.
     pub sender: u32,
-    /// Occluders on the way, bit k for number k.
+    /// Crossed occluders, bit k for occluder k.
     pub crossed: u64,
     /// Part of F_ij.
     pub value: Vec3A,
@@ -35,9 +35,9 @@ pub fn merge_parts(parts: &mut Vec<LinkTerm>) {
     });
 }
 
-/// Terms of a row after truncation, which moved each sender's mass to the nearest of itself and its
-/// ancestors that is `kept`. Mass without such an ancestor has rounded to zero. Numbers behind the
-/// senders are the sky's.
+/// Returns the terms of a row after truncation. Truncation moved each sender's mass to the nearest
+/// `kept` sender among itself and its ancestors. Mass without such a sender has rounded to zero and
+/// is dropped. Indices behind the senders belong to the sky.
 pub(super) fn cut_parts(
     tree: &SenderTree,
     parts: &[LinkTerm],
@@ -78,7 +78,7 @@ impl PackedLinkTerm {
     /// Largest number of sets, since the index has 16 bits.
     pub const MAX_SETS: usize = 1 << 16;
 
-    /// Vector relative to the row's scale.
+    /// Returns the vector relative to the row's scale.
     #[must_use]
     #[inline]
     pub fn vector(self) -> Vec3 {
@@ -89,7 +89,7 @@ impl PackedLinkTerm {
         .vector()
     }
 
-    /// Index of the set.
+    /// Returns the index of the set.
     #[must_use]
     #[inline]
     pub fn set(self) -> u32 {
@@ -97,18 +97,19 @@ impl PackedLinkTerm {
     }
 }
 
-/// Packed term whose set has no index yet.
+/// Packed term without the index of its set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnindexedLinkTerm {
     /// [`PackedLinkTerm::link`], [`PackedLinkTerm::xy`] and the lower half of
     /// [`PackedLinkTerm::z_set`].
     pub packed: PackedLinkTerm,
-    /// Occluders on the way.
+    /// Crossed occluders, bit k for occluder k.
     pub crossed: u64,
 }
 
 /// Packs the terms of a link relative to its row's `scale`, the term without occluders first.
-/// `parts` are those of the link, ascending. The link is their sum and the remainder of `whole`.
+/// `parts` are the terms of the link with occluders, in ascending order. The term without occluders
+/// is `whole` minus their sum.
 pub(super) fn pack_parts(
     link: u32,
     whole: Vec3,
@@ -130,15 +131,16 @@ pub(super) fn pack_parts(
     .collect()
 }
 
-/// Link to `sender` as the sum of its terms.
+/// Returns the link to `sender` as the sum of its terms.
 #[must_use]
 #[inline]
 pub fn link_of_parts(parts: impl Iterator<Item = Vec3>, sender: u32) -> Link {
     Link::pack(parts.sum(), 1.0, sender as u16)
 }
 
-/// Sets of occluders that occur, ascending, the empty one first, and the terms of several operators
-/// with their indices. `None` if there are more sets than an index can represent.
+/// Numbers the sets of occluders of several operators. Returns all sets in ascending order, the
+/// empty set first, and the terms with the indices of their sets. Returns `None` if there are more
+/// sets than an index can represent.
 #[must_use]
 pub fn number_sets<const N: usize>(
     parts: [&[UnindexedLinkTerm]; N],
@@ -207,7 +209,7 @@ mod tests {
         );
         let sum: Vec3 = packed.iter().map(|p| p.packed.vector()).sum();
         assert_eq!(sum, whole);
-        // A link of which all passes has no part that passes nothing.
+        // The rays of this link all cross occluders, so it has no term without occluders.
         let all = pack_parts(7, Vec3::new(0.375, 0.0, 0.75), &parts, 1.0);
         assert_eq!(all.iter().map(|p| p.crossed).collect::<Vec<_>>(), [1, 5]);
         let (sets, [first, second]) = number_sets([&packed, &all]).unwrap();

@@ -1,16 +1,16 @@
-//! The sparse transport operator in the layout that bake, asset, frame and GPU share.
+//! Sparse transport operator in the layout that bake, asset, frame and GPU share.
 //!
-//! A row belongs to a point (same index) and lists links to senders. A link holds geometry only
-//! (design D1): F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω, a dimensionless 3-vector with |F_ij| ≤ 1 ([L08]
-//! Eq. (16) without ρ). The vector irradiance at the point is E⃗_i = Σ_j F_ij b_j, with b_j the
-//! sender's radiosity coefficient in W/m².
+//! A row belongs to a point (same index) and lists links to senders. A link depends on geometry
+//! only (design D1): F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω ([L08] Eq. (16) without ρ). It is a
+//! dimensionless 3-vector with |F_ij| ≤ 1. The vector irradiance at the point is
+//! E⃗_i = Σ_j F_ij b_j, with the sender's radiosity coefficient b_j in W/m².
 
 use super::pca::Compression;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use half::f16;
 
-/// A link: three halves, relative to its row's scale, and the sender's index. 8 bytes.
+/// Link: three f16 numbers relative to its row's scale, and the sender's index. 8 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Link {
@@ -21,12 +21,12 @@ pub struct Link {
 }
 
 impl Link {
-    /// Most senders an operator may have: a link has 16 bits for the index, and the last one is the
-    /// sky (the last nine, if the bake has its terms).
+    /// Maximum number of senders of an operator. A link has 16 bits for the index. The last index
+    /// is the sky (the last nine, if the bake has the sky's terms).
     pub const MAX_SENDERS: usize = 65_535;
 
-    /// Packs `vector / scale` and `sender`. `scale` must be positive and no component larger than
-    /// it.
+    /// Packs `vector / scale` and `sender`. `scale` must be positive and at least the largest
+    /// absolute component.
     #[must_use]
     pub fn pack(vector: Vec3, scale: f32, sender: u16) -> Self {
         let v = vector / scale;
@@ -37,16 +37,17 @@ impl Link {
         }
     }
 
-    /// The vector relative to the row's scale.
+    /// Returns the vector relative to the row's scale.
     #[must_use]
     #[inline]
     pub fn vector(self) -> Vec3 {
-        // Inlined. `to_f32` selects the instructions of the processor on every call.
+        // `to_f32_const` is inlined. `to_f32` selects the instructions of the processor on every
+        // call.
         let half = |bits: u32| f16::from_bits(bits as u16).to_f32_const();
         Vec3::new(half(self.xy), half(self.xy >> 16), half(self.z_sender))
     }
 
-    /// The sender's index, or the column's.
+    /// Returns the index of the sender or of the column.
     #[must_use]
     #[inline]
     pub fn sender(self) -> u32 {
@@ -83,7 +84,7 @@ impl Row {
 pub enum SenderForm {
     /// Radiosity averaged over the sender's support, the pulled values f_j. Rows replace the
     /// prediction and keep their mass (method `bounded`). An inactive point takes the weighted mean
-    /// of its parents one level up.
+    /// of its parents in the next coarser level.
     Averages,
     /// Differences to the coarser levels, α_j of \[L08\] Eq. (7). Rows are differences too, Eq.
     /// (17) (method `l08`).
@@ -102,18 +103,17 @@ impl SenderForm {
     }
 }
 
-/// One-bounce operator G: sender radiosity to vector irradiance at every point.
+/// One-bounce operator G, from sender radiosity to vector irradiance at every point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Operator {
     /// Coefficients that links multiply.
     pub form: SenderForm,
     /// One row per point.
     pub rows: Vec<Row>,
-    /// All links: tier after tier, row after row within a tier, senders ascending within a row. The
-    /// links of a tier and of those below it are a prefix. The sender with the index "number of
-    /// senders" (of columns, in the form of components) is the sky, with π times its radiance as
-    /// coefficient. The eight terms of a sky that is not uniform follow it
-    /// ([`SkyRadiance`](crate::scene::SkyRadiance)).
+    /// All links, in the order of tiers, then of rows, then of senders. The links of a tier and of
+    /// those below it are a prefix. The sender with the index "number of senders" (of columns, in
+    /// the form of components) is the sky. Its coefficient is π times the sky's radiance. The eight
+    /// terms of a sky that is not uniform follow it ([`SkyRadiance`](crate::scene::SkyRadiance)).
     pub links: Vec<Link>,
     /// Map from senders to the columns that links of the form of components use. `None` in other
     /// forms.
@@ -124,8 +124,8 @@ impl Operator {
     /// Largest number of tiers.
     pub const MAX_TIERS: u32 = 16;
 
-    /// Number of coefficients of links without the sky: columns in the form of components, else
-    /// `senders`.
+    /// Returns the number of coefficients of links without the sky: columns in the form of
+    /// components, otherwise `senders`.
     #[must_use]
     pub fn coefficients(&self, senders: usize) -> usize {
         self.compression
@@ -133,7 +133,7 @@ impl Operator {
             .map_or(senders, Compression::components)
     }
 
-    /// Number of tiers, at least 1.
+    /// Returns the number of tiers, at least 1.
     #[must_use]
     pub fn tiers(&self) -> u32 {
         self.rows
@@ -144,7 +144,7 @@ impl Operator {
             .max(1)
     }
 
-    /// Number of rows and links that a frame of each tier uses, tier 1 first.
+    /// Returns the number of rows and links that a frame of each tier uses, tier 1 first.
     #[must_use]
     pub fn tier_sizes(&self) -> Vec<(u64, u64)> {
         let mut sizes = vec![(0, 0); self.tiers() as usize];
@@ -162,7 +162,7 @@ impl Operator {
     }
 }
 
-/// Points with rows, in the order of their links: by tier, then by index.
+/// Returns the points with rows in the order of their links: by tier, then by index.
 #[must_use]
 pub fn row_order(rows: &[Row]) -> Vec<u32> {
     let mut order = Vec::with_capacity(rows.len());
@@ -199,8 +199,8 @@ pub struct BounceLink {
 }
 
 /// Baked second and later bounces, S = T + T² + … (\[L08\] Eq. (15)) without its first and last
-/// gather: from the senders' direct radiosity to the later radiosity of the coarsest points
-/// (\[L08\] §3.2: "using only the coarsest functions as receivers").
+/// gather. The operator maps the senders' direct radiosity to the later radiosity of the coarsest
+/// points (\[L08\] §3.2: "using only the coarsest functions as receivers").
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BounceOperator {
     /// Start of each coarsest point's entries, and the end of the last.

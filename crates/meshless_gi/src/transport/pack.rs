@@ -1,4 +1,4 @@
-//! Packing of rows into eight bytes per link, and the error that it causes.
+//! Packing of rows into eight bytes per link, and the resulting error.
 
 use super::occluded_links::{LinkTerm, UnindexedLinkTerm, link_of_parts, pack_parts};
 use super::refine::RawRow;
@@ -16,10 +16,10 @@ pub struct Packed {
     pub error: f32,
 }
 
-/// Packs the rows, tier after tier. `tiers` has the first tier that uses each active row
-/// ([`assign_tiers`](super::assign_tiers)). `sky` becomes each active row's last link, to the
-/// sender `senders` (see [`Operator::links`]). `terms` follow it. In the form of components,
-/// `senders` is the number of columns.
+/// Packs the rows in the order of tiers. `tiers` has the first tier that uses each active row
+/// ([`assign_tiers`](super::assign_tiers)). `sky` becomes a link of each active row to the sender
+/// `senders` (see [`Operator::links`]). `terms` follow it. In the form of components, `senders` is
+/// the number of columns.
 #[must_use]
 pub fn pack(
     rows: &[RawRow],
@@ -55,8 +55,8 @@ pub fn pack(
                 .chain(terms.clone())
         };
         let parts = &rows[i].parts;
-        // The remainder of a link beyond its terms can exceed the link, since the terms of a probe
-        // have signs.
+        // The remainder of a link beyond its terms can exceed the link, since terms of probes can
+        // be negative.
         let rests =
             all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
         let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));
@@ -94,7 +94,7 @@ pub fn pack(
     }
 }
 
-/// Terms of the link to `sender` in a row.
+/// Returns the terms of the link to `sender` in a row.
 fn parts_of(parts: &[LinkTerm], sender: u32) -> &[LinkTerm] {
     let first = parts.partition_point(|p| p.sender < sender);
     let own = &parts[first..];
@@ -184,7 +184,7 @@ mod tests {
         assert_eq!(senders, [0, 1, 3, 4, 2, 3, 1, 2]);
         assert_eq!(packed.tier_sizes(), [(2, 4), (3, 6), (4, 8)]);
         assert_eq!(packed.rows[2], Row::default());
-        // Where rows start follows from tiers and counts.
+        // The starts of rows follow from tiers and counts.
         let rows = packed.rows.clone();
         packed.rows.iter_mut().for_each(|row| row.start = 99);
         assert_eq!(crate::transport::place_links(&mut packed.rows), Some(8));

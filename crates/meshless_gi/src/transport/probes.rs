@@ -1,20 +1,21 @@
-//! Rows of probes: spherical harmonics up to degree 2 of the light that arrives at a position, as a
-//! linear function of the senders' radiosity. They use the operator's senders and are gathered
-//! after its rows.
+//! Rows of probes: spherical harmonics up to degree 2 of the incident radiance at a position, as a
+//! linear function of the senders' radiosity. Probes use the operator's senders. Their rows are
+//! gathered after the operator's rows.
 //!
-//! A surface with normal n at the probe receives E(n) = ∫ L(ω) max(0, n·ω) dω. By the convolution
-//! theorem of \[RH01\] (Eqs. (7)-(9): the cosine keeps π, 2π/3 and π/4 of the degrees 0, 1 and 2,
-//! and 99 % of its energy) that is E(n) = c + d·n + n·Q n with
+//! A surface with normal n at the probe has the irradiance E(n) = ∫ L(ω) max(0, n·ω) dω. The
+//! convolution theorem of \[RH01\] (Eqs. (7)-(9)) gives E(n) = c + d·n + n·Q n. The cosine has the
+//! factors π, 2π/3 and π/4 for the degrees 0, 1 and 2, which have 99 % of its energy. The
+//! coefficients are
 //!
-//! - c = (1/4) ∫ L dω, d = (1/2) ∫ L ω dω, Q = (15/32) ∫ L (ω ωᵀ − I/3) dω, symmetric and without
-//!   trace: nine numbers.
+//! - c = (1/4) ∫ L dω, d = (1/2) ∫ L ω dω, Q = (15/32) ∫ L (ω ωᵀ − I/3) dω. Q is symmetric and has
+//!   trace zero, so a probe has nine coefficients.
 //!
-//! With the radiosity b = π L a link has (1/π) times these integrals over the sender's function,
-//! like links of surfaces (design D1). Nine numbers are three vectors, so a probe has three
-//! ordinary rows: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel `apply` needs no change.
+//! With the radiosity b = π L, a link has (1/π) times these integrals over the sender's function,
+//! like links of surfaces (design D1). The nine coefficients form three vectors. A probe therefore
+//! has three ordinary rows: d, then (c, Q_xx, Q_yy), then (Q_xy, Q_xz, Q_yz). The kernel `apply`
+//! needs no change.
 //!
-//! Rows are truncated as in [`super::bounded_truncation`], by the effect on c, for the three rows
-//! together.
+//! The three rows are truncated together as in [`super::bounded_truncation`], by the effect on c.
 
 use super::bounded_truncation::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
@@ -34,7 +35,7 @@ pub const PROBE_ROWS: usize = 3;
 pub struct ProbeGather {
     /// [`PROBE_ROWS`] rows per probe.
     pub rows: Vec<RawRow>,
-    /// Sky coefficients of each row: the same numbers of the directions without a hit.
+    /// Sky coefficients of each row, from the directions without a hit.
     pub sky: Vec<Vec3>,
     /// Coefficients of the terms of a sky that is not uniform. Empty for a uniform sky.
     pub terms: Vec<[Vec3; SkyRadiance::TERMS]>,
@@ -44,8 +45,8 @@ pub struct ProbeGather {
     pub rays: u64,
 }
 
-/// Nine numbers of a direction with weight 1/N. They integrate to (1/π) times c, d and Q of a
-/// radiosity of one.
+/// Computes the nine coefficients of a direction with weight 1/N. They integrate to (1/π) times c,
+/// d and Q of a radiosity of one.
 fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     let square = way * way - 1.0 / 3.0;
     let q = 1.875 * weight;
@@ -57,9 +58,8 @@ fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
 }
 
 /// Gathers and truncates the rows of the probes at `positions`, with the terms of a sky that is not
-/// uniform if `sky_terms`. `on_progress` receives the completed part and returns false to cancel.
-/// Returns
-/// `None` if canceled. The result does not depend on the number of threads.
+/// uniform if `sky_terms`. `on_progress` receives the completed part and returns `false` to cancel.
+/// Returns `None` if canceled. The result does not depend on the number of threads.
 pub fn probe_rows(
     scene: &GatherScene<'_>,
     positions: &[Vec3],
@@ -85,7 +85,7 @@ pub fn probe_rows(
             .collect();
         for mut probe in found {
             if !sky_terms {
-                // No link reaches senders behind the sky.
+                // Removes the parts of the sky's terms, since rows have no links to them.
                 let rows = probe.rows.iter_mut();
                 rows.for_each(|row| row.parts.retain(|p| p.sender as usize <= senders));
             }
@@ -117,7 +117,7 @@ struct ProbeScratch {
     gathered: Gathered,
     cut: CutScratch,
     found: Vec<WeightEntry>,
-    /// Senders that directions hit, with the sums and the occluders on the way.
+    /// Sender, weight, direction and crossed occluders of each deposit.
     met: Vec<(u32, f32, Vec3, u64)>,
     /// Index of each sender's link in the row.
     slot: Vec<u32>,
@@ -169,7 +169,7 @@ fn one(
             }
             let crossed = scene.geometry.crossed_occluders(&ray);
             if crossed != 0 {
-                // Sky and its terms.
+                // The sky and its terms.
                 let factors = [1.0].into_iter().chain(SkyRadiance::polynomials(way));
                 for (sender, p) in (tree.parent.len() as u32..).zip(factors) {
                     note(&mut out.rows, sender, crossed, &parts.map(|part| part * p));

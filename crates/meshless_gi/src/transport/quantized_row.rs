@@ -1,5 +1,5 @@
-//! Gathered row in 16-bit fixed point, for [`super::refine`]. Rows are read again for every child,
-//! up to a hundred million times, so a link takes eight bytes. Not stored in the bake.
+//! Gathered row in 16-bit fixed point, for [`super::refine`]. A row is read again for every child,
+//! up to a hundred million times, so a link takes eight bytes. The bake does not store it.
 
 use super::gather::Gathered;
 use glam::Vec3;
@@ -10,7 +10,7 @@ use glam::Vec3;
 pub struct QuantizedRow {
     /// Unit: the largest component divided by 32 767.
     unit: f32,
-    /// x, y, z in units, and the sender. There are at most 65 536 senders, see
+    /// x, y, z in units, and the index of the sender. There are at most 65 536 senders, see
     /// [`Link::MAX_SENDERS`](super::Link::MAX_SENDERS).
     links: Vec<[i16; 4]>,
 }
@@ -26,7 +26,7 @@ impl QuantizedRow {
             return Self::default();
         }
         let per_unit = 32_767.0 / largest;
-        // The cast rounds half away from zero.
+        // The cast truncates, so the sum rounds half away from zero.
         let part = |v: f32| (v * per_unit + 0.5f32.copysign(v)) as i16;
         let links = gathered.touched.iter().map(|&j| {
             let v = gathered.link(j);

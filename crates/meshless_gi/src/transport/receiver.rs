@@ -1,4 +1,4 @@
-//! One receiver: its gathered row, truncated, and its residual.
+//! Truncated row of one receiver, and its residual.
 
 use super::bounded_truncation::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, gather};
@@ -22,7 +22,7 @@ pub(super) struct ReceiverRow {
     pub uncovered: f32,
     pub unlit: f32,
     pub row_sum: f32,
-    /// Times of the gather and of everything else.
+    /// Durations of the gather and of the remaining work.
     pub times: [Duration; 2],
 }
 
@@ -61,9 +61,9 @@ pub(super) struct ReceiverLevel<'a> {
     pub tree: &'a SenderTree,
     pub measure: &'a CutMeasure<'a>,
     pub basis: Option<&'a LightBasis>,
-    /// Residuals are computed.
+    /// `true` if residuals are computed.
     pub has_residuals: bool,
-    /// The next level predicts from this one.
+    /// `true` if the next level predicts from this one.
     pub has_finer_level: bool,
     /// Mass that truncation moves. `None` if it is not recorded.
     pub truncation: Option<&'a TruncationMass>,
@@ -79,7 +79,7 @@ impl ReceiverLevel<'_> {
         let (response, row_sum) = respond(&scratch.gathered, &self.measure.training.signals);
         let sky = scratch.gathered.sky;
         let has_residual = self.has_residuals && !self.parents.row(i).is_empty();
-        // Truncation changes the gathered sums.
+        // Runs before truncation, which changes the gathered sums.
         if has_residual {
             scratch.residual.set(&scratch.gathered, n);
         }
@@ -109,7 +109,7 @@ impl ReceiverLevel<'_> {
         }
     }
 
-    /// Truncates the gathered row: its links, and their terms by occluders.
+    /// Truncates the gathered row. Returns its links and their terms by occluders.
     fn truncate(
         &self,
         n: Vec3A,
@@ -150,7 +150,7 @@ impl ReceiverLevel<'_> {
         (links, parts)
     }
 
-    /// Squared residual of receiver `i`.
+    /// Computes the squared residual of receiver `i`.
     fn residual(&self, i: usize, n: Vec3A, response: &Response, residual: &mut RowResidual) -> f32 {
         let training = self.measure.training;
         let expected = interpolate(&self.predictors.responses, self.parents.row(i));
@@ -160,7 +160,7 @@ impl ReceiverLevel<'_> {
     }
 }
 
-/// Adds each sender's mass to the nearest of itself and its ancestors that is `kept`.
+/// Adds each sender's mass to the nearest `kept` sender among itself and its ancestors.
 fn add_masses(
     truncation: &TruncationMass,
     tree: &SenderTree,

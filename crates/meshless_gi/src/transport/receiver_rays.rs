@@ -1,9 +1,9 @@
 //! Rays of a receiver's hemispherical gather.
 //!
-//! \[L08\] Eq. (16) gathers at the receiver's center. The value then stands for the whole area that
-//! is nearest to the center, which is wrong where irradiance varies over it: in gaps, at contacts
-//! and under edges. Rays therefore start from positions spread over that area (our deviation), and
-//! the row is the mean over it.
+//! \[L08\] Eq. (16) gathers at the receiver's center. The value then represents the whole area
+//! nearest to the center. This is wrong where irradiance varies over the area: in gaps, at contacts
+//! and under edges. Rays therefore start from positions distributed over that area (a deviation
+//! from \[L08\]). The row is the mean over it.
 
 use crate::basis::{Hierarchy, LevelBasis, weight};
 use crate::samples::{Random, free_height, gather_direction, lattice, tangents};
@@ -12,28 +12,28 @@ use glam::{Vec2, Vec3};
 
 /// Number of start positions. Odd, so that even and odd rays start from all of them.
 const STARTS: u32 = 7;
-/// Radius of the area of a receiver, relative to the radius of the finest level's functions: disks
-/// of a Poisson level are 1 / 2.5 of that radius apart, and about 0.6 of this distance covers the
-/// area nearest to each.
+/// Radius of the area of a receiver, relative to the radius of the finest level's functions. Disks
+/// of a Poisson level are 1 / 2.5 of that radius apart. About 0.6 of this distance covers the area
+/// nearest to each.
 const CELL_RADIUS: f32 = 0.24;
 
 /// Rays of a receiver.
 #[derive(Clone, Debug)]
 pub struct ReceiverRays {
-    /// Start positions, meters, above the surface.
+    /// Start positions above the surface, in meters.
     starts: [Vec3; STARTS as usize],
     /// Unit normal of the receiver.
     pub normal: Vec3,
     count: u32,
     shift: Vec2,
-    /// Numbers for further rays of the receiver.
+    /// Random numbers for further rays of the receiver.
     pub random: Random,
 }
 
 /// Ray of a receiver.
 #[derive(Clone, Copy, Debug)]
 pub struct ReceiverRay {
-    /// Ray without an end.
+    /// Ray of unlimited length.
     pub ray: Ray,
     /// Cosine of the direction and the receiver's normal.
     pub cosine: f32,
@@ -42,7 +42,7 @@ pub struct ReceiverRay {
 }
 
 impl ReceiverRays {
-    /// `count` rays of receiver `i` at (`x`, `n`), all from its center.
+    /// Creates `count` rays of receiver `i` at (`x`, `n`). All start from its center.
     #[must_use]
     pub fn at_center(
         geometry: &dyn Geometry,
@@ -62,8 +62,8 @@ impl ReceiverRays {
         }
     }
 
-    /// `count` rays of point `i` of the hierarchy, from positions spread over its area. On a rough
-    /// surface, all start from its center.
+    /// Creates `count` rays of point `i` of the hierarchy, from positions distributed over its
+    /// area. On a rough surface, all start from its center.
     #[must_use]
     pub fn over_cell(
         geometry: &dyn Geometry,
@@ -75,7 +75,8 @@ impl ReceiverRays {
         let surface = &hierarchy.surfaces[i];
         let (x, n) = (surface.position, surface.normal);
         let mut rays = Self::at_center(geometry, (x, n), i, count, seed);
-        // Of a rough surface the center sees its heights only, which have more light than the rest.
+        // On a rough surface only the highest parts are visible from the center. They receive more
+        // light than the rest.
         if geometry.surface_relief(x) > 0.0 {
             return rays;
         }
@@ -106,13 +107,13 @@ impl ReceiverRays {
         rays
     }
 
-    /// Start position of ray `k`, meters.
+    /// Returns the start position of ray `k`, in meters.
     #[must_use]
     pub fn start(&self, k: u32) -> Vec3 {
         self.starts[(k % STARTS) as usize]
     }
 
-    /// The rays of the hemisphere.
+    /// Returns the rays of the hemisphere.
     pub fn iter(&self) -> impl Iterator<Item = ReceiverRay> + '_ {
         let n = self.normal;
         let (t, b) = tangents(n);
@@ -134,7 +135,8 @@ mod tests {
     use crate::samples::Point;
     use crate::scene::{Material, Surface, TriangleMesh};
 
-    /// A floor with a wall at x = 0.1, and a hierarchy of one function of radius 1 m at the origin.
+    /// Creates a floor with a wall at x = 0.1 m, and a hierarchy of one function of radius 1 m at
+    /// the origin.
     fn wall_beside_point() -> (TriangleMesh, Hierarchy) {
         let v = Vec3::new;
         let floor = [

@@ -3,14 +3,14 @@
 //! The driver visits the receiver hierarchy level by level, like \[L08\] Figure 5. \[L08\] tests
 //! single links. This method tests whole rows. Each receiver is gathered, and its parents'
 //! prediction is subtracted (\[L08\] Eq. (17)). The error of the prediction is estimated from that
-//! residual (see [`super::training`]). Receivers of a level that covers everything take their
-//! parents' mean if their error is below a tolerance (kernel `flatten`). Rows that are kept replace
-//! the prediction, so nothing cancels and no light is lost.
+//! residual (see [`super::training`]). Receivers of a level that covers all surfaces take their
+//! parents' mean if their error is below a tolerance (kernel `flatten`). Kept rows replace the
+//! prediction, so nothing cancels and no light is lost.
 //!
 //! A finer level is added around receivers of the finest level with a large residual. Next to
-//! ledges and in corners light changes over centimeters. A receiver of level l represents a surface
-//! of R_l², so the tolerance doubles from level to level. The remaining error is then spread evenly
-//! over the surface.
+//! ledges and in corners, irradiance changes over centimeters. A receiver of level l represents a
+//! surface of R_l², so the tolerance doubles from level to level. The remaining error is then
+//! distributed evenly over the surface.
 
 use super::added_level::add_level;
 use super::bounded_truncation::{CutMeasure, SenderTree};
@@ -32,8 +32,8 @@ use std::time::Duration;
 pub struct RawRow {
     /// Senders and their F_ij, in ascending order of senders.
     pub links: Vec<(u32, Vec3A)>,
-    /// Terms of the links, the sky and its terms that cross occluders, in ascending order of
-    /// senders, then of occluders.
+    /// Terms that cross occluders, of the links, of the sky and of the sky's terms. In ascending
+    /// order of senders, then of occluders.
     pub parts: Vec<LinkTerm>,
     /// `false` if the point takes its value from its parents.
     pub active: bool,
@@ -44,10 +44,10 @@ pub struct RawRow {
 pub struct RefinedOperator {
     /// One row per point.
     pub rows: Vec<RawRow>,
-    /// (1/π) ∫ ω dω over the visible sky, for every point.
+    /// (1/π) ∫ ω dω over the visible sky, per point.
     pub sky: Vec<Vec3>,
-    /// For every point, the part of its gathered light that hit a surface without a sender or an
-    /// unlit back side. 0 if nothing was gathered.
+    /// Part of each point's gathered light that hit a surface without a sender or an unlit back
+    /// side. 0 if nothing was gathered.
     pub missed: Vec<f32>,
     /// Mean part of the gathered light that hit a surface without a sender.
     pub uncovered: f64,
@@ -59,12 +59,12 @@ pub struct RefinedOperator {
     pub largest_row_sum: f32,
     /// Mass that truncation moved in the rows of senders. `None` with method `pca`.
     pub handed: Option<TruncationMass>,
-    /// Part of the processor time for gathering. Refinement takes the rest.
+    /// Part of the processor time for gathering. Refinement uses the rest.
     pub gather_share: f64,
 }
 
 impl RefinedOperator {
-    /// Operator without rows and without sky visibility for `points` points.
+    /// Creates an operator without rows and without sky visibility for `points` points.
     #[must_use]
     pub fn without_rows(points: usize) -> Self {
         Self {
@@ -82,10 +82,10 @@ pub struct BoundedSettings {
     /// Bound on the blur of a row, relative to the light's root mean square. See
     /// [`super::bounded_truncation`].
     pub epsilon: f32,
-    /// Residual, relative to the light's root mean square, below which a receiver has no row and no
-    /// finer receivers. Applies to levels that cover everything.
+    /// Residual, relative to the light's root mean square, below which a receiver has neither a row
+    /// nor finer receivers. Applies to levels that cover all surfaces.
     pub tolerance: f32,
-    /// Number of levels whose points always have a row.
+    /// Number of coarsest levels with a row at every point.
     pub always: usize,
     /// Largest number of added levels.
     pub extra_levels: usize,
@@ -105,9 +105,9 @@ pub struct Receivers<'a> {
     pub building: &'a HierarchySettings,
 }
 
-/// Gathers and truncates the rows of all receivers, and adds finer receivers where the residual of
-/// the finest level is large. Rows are written in `basis` if there is one (method `pca`).
-/// `progress` gets the completed part and returns false to cancel. Returns `None` if canceled.
+/// Gathers and truncates the rows of all receivers. Adds finer receivers where the residual of the
+/// finest level is large. Writes rows in `basis` if it is set (method `pca`). `progress` receives
+/// the completed part and returns `false` to cancel. Returns `None` if canceled.
 pub fn refine_bounded(
     gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
@@ -165,18 +165,18 @@ struct Refinement<'a> {
 }
 
 impl Refinement<'_> {
-    /// Largest number of levels.
+    /// Returns the largest number of levels.
     fn max_levels(&self) -> usize {
         self.base_levels + self.settings.extra_levels
     }
 
-    /// Squared tolerance of a level, in the unit of residuals.
+    /// Returns the squared tolerance of a level, in the unit of residuals.
     fn tolerance(&self, l: usize) -> f32 {
         let steps = (l + 1).saturating_sub(self.base_levels) as i32;
         (self.settings.tolerance * 2f32.powi(steps)).powi(2)
     }
 
-    /// Number of gather rays per point of a level.
+    /// Returns the number of gather rays per point of a level.
     fn rays(&self, l: usize) -> u32 {
         match l < self.base_levels {
             true => self.gathering.rays,
@@ -199,7 +199,8 @@ impl Refinement<'_> {
         add_level(self.gathering, receivers, errors, tolerance, max_points)
     }
 
-    /// Returns `true` for each receiver of a level that is gathered. The others inherit.
+    /// Selects the receivers of a level. An entry is `true` if the receiver is gathered and `false`
+    /// if it inherits.
     fn selected(&self, l: usize, receivers: &Receivers<'_>) -> Vec<bool> {
         let errors = &self.predictors.errors;
         let level = receivers.hierarchy.level(l);
@@ -213,7 +214,8 @@ impl Refinement<'_> {
             .collect()
     }
 
-    /// Rows of the receivers of a level, `None` for those that inherit. Returns `None` if canceled.
+    /// Gathers the rows of a level. An entry is `None` if the receiver inherits. Returns `None` if
+    /// canceled.
     fn gather_level(
         &self,
         l: usize,
@@ -235,8 +237,8 @@ impl Refinement<'_> {
             tree: self.tree,
             measure: &self.measure,
             basis: self.basis,
-            // Residuals select rows of this level and, with those of the next coarser one,
-            // receivers of the next.
+            // Residuals select the rows of this level. With the residuals of the next coarser
+            // level, they also select the receivers of the next finer level.
             has_residuals: (always..self.base_levels).contains(&l)
                 || (l + 2 >= always && has_finer_level),
             has_finer_level,
@@ -258,7 +260,7 @@ impl Refinement<'_> {
         Some(rows)
     }
 
-    /// Stores the rows of a level. Rows with a small residual are dropped, their points inherit.
+    /// Stores the rows of a level. Drops rows with a small residual, so that their points inherit.
     fn accept_level(
         &mut self,
         l: usize,
@@ -292,7 +294,7 @@ impl Refinement<'_> {
         }
     }
 
-    /// Stores the mean of its parents for point `i`.
+    /// Stores the mean of the parents for point `i`.
     fn inherit(&mut self, parents: &Weights, i: usize) {
         let row = parents.row(i);
         let sky = interpolate_sky(&self.out.sky, row);
@@ -313,7 +315,7 @@ impl Refinement<'_> {
     }
 }
 
-/// Ratio of the first time to the sum of both.
+/// Returns the ratio of the first duration to the sum of both.
 pub(super) fn share([first, second]: [Duration; 2]) -> f64 {
     first.as_secs_f64() / (first + second).as_secs_f64().max(1e-9)
 }

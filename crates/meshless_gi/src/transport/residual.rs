@@ -9,11 +9,11 @@ use crate::basis::{WeightEntry, Weights};
 use glam::{Vec3, Vec3A};
 use std::collections::BTreeMap;
 
-/// Vector irradiance at a point for each training light, and for a sky of unit radiosity, by the
-/// even and by the odd rays.
+/// Vector irradiance at a point for each training light and for a sky of unit radiosity, from the
+/// even and from the odd rays.
 pub(super) type Response = [[Vec3A; TRAINING_LIGHTS + 1]; 2];
 
-/// Values of the points that are finished.
+/// Values of the finished points.
 #[derive(Default)]
 pub(super) struct Predictors {
     pub responses: Vec<Response>,
@@ -50,9 +50,9 @@ impl RowResidual {
         }));
     }
 
-    /// Squared residual of single links, weighted by exposure. The prediction uses the rows of the
-    /// parents before truncation, and those of the points that they inherit from. The square is the
-    /// product of the even and the odd rays' residuals.
+    /// Computes the squared residual of single links, weighted by exposure. The prediction uses the
+    /// rows of the parents before truncation. For parents that inherit, it uses the rows of their
+    /// parents. The square is the product of the even and the odd rays' residuals.
     pub fn links(
         &mut self,
         rows: &[RawRow],
@@ -81,12 +81,12 @@ impl RowResidual {
             let e = std::mem::take(&mut expected[j as usize]);
             sum += (a - e) * (b - e) * exposure[j as usize];
         }
-        // Predicted senders that no ray hit. Few are, but a list of them takes longer.
+        // Predicted senders without a hit. They are few, but a list of them takes longer.
         sum + take_weighted_squares(expected, exposure)
     }
 }
 
-/// Σ weights · values². Sets the values to zero.
+/// Returns Σ weights · values² and sets the values to zero.
 fn take_weighted_squares(values: &mut [f32], weights: &[f32]) -> f32 {
     const LANES: usize = 8;
     let mut sums = [0.0f32; LANES];
@@ -106,12 +106,12 @@ fn take_weighted_squares(values: &mut [f32], weights: &[f32]) -> f32 {
     sum
 }
 
-/// Responses of the even and the odd rays of a gathered row to each training light, and the row's
-/// mass. The sky is not split.
+/// Computes the responses of the even and the odd rays of a gathered row to each training light,
+/// and the row's mass. The sky is not split by ray parity.
 pub(super) fn respond(gathered: &Gathered, signals: &TrainingRadiosity) -> (Response, Vec3A) {
     let mut response = [[Vec3A::ZERO; TRAINING_LIGHTS + 1]; 2];
     for (half, response) in response.iter_mut().enumerate() {
-        // One array per component: the sums of all lights stay in registers.
+        // One array per component, so that the sums of all lights stay in registers.
         let [mut x, mut y, mut z] = [[0.0f32; TRAINING_LIGHTS]; 3];
         for &j in &gathered.touched {
             let link = gathered.sums[j as usize][half];
@@ -134,7 +134,7 @@ pub(super) fn respond(gathered: &Gathered, signals: &TrainingRadiosity) -> (Resp
     (response, row_sum)
 }
 
-/// Response that a point's parents predict.
+/// Computes the response that a point's parents predict.
 pub(super) fn interpolate(responses: &[Response], parents: &[WeightEntry]) -> Response {
     let mut expected = [[Vec3A::ZERO; TRAINING_LIGHTS + 1]; 2];
     for w in parents {
@@ -147,7 +147,7 @@ pub(super) fn interpolate(responses: &[Response], parents: &[WeightEntry]) -> Re
     expected
 }
 
-/// Sky visibility that a point's parents predict.
+/// Computes the sky visibility that a point's parents predict.
 pub(super) fn interpolate_sky(sky: &[Vec3], parents: &[WeightEntry]) -> Vec3A {
     parents
         .iter()
@@ -155,9 +155,9 @@ pub(super) fn interpolate_sky(sky: &[Vec3], parents: &[WeightEntry]) -> Vec3A {
         .sum()
 }
 
-/// Mean square over the training lights of the residual. The product of the two halves is unbiased,
-/// since their noise is independent. The normal component counts fully. The tangential component,
-/// which only normal maps show, counts by a tenth of its square.
+/// Computes the mean square of the residual over the training lights. The product of the two halves
+/// is unbiased, since their noise is independent. The square of the normal component has weight 1.
+/// The square of the tangential component, which only normal maps use, has weight 0.1.
 pub(super) fn difference(found: &Response, expected: &Response, n: Vec3A, sky: f32) -> f32 {
     let mut sum = 0.0;
     for t in 0..=TRAINING_LIGHTS {

@@ -1,18 +1,18 @@
 //! Tiers of the operator (design D11): nested sets of rows for cheaper frames.
 //!
-//! With method `bounded` each row replaces the prediction, and a point without a row takes the
-//! weighted mean of its parents (kernel `flatten`). Any set of rows that has those without parents
-//! is therefore an operator. Tiers are a nested series of such sets.
+//! With method `bounded`, each row replaces the prediction. A point without a row takes the
+//! weighted mean of its parents (kernel `flatten`). Any set of rows that includes all rows without
+//! parents is therefore an operator. Tiers are a nested series of such sets.
 //!
 //! Rows of coarser levels come first. Rows of one level follow in an order that is even over the
-//! surface. The interpolation error falls with the square of the spacing, and its square by sixteen
-//! from level to level, while a row costs about the same on every level. An even part of a level is
-//! unbiased, except for light in regions smaller than the spacing. Ordering rows by the loss that
-//! refinement measures (times area, over links) is not better at equal links and darkens: where
-//! light bends gently the loss is below the noise of the rays, and thousands of rows are then
-//! missing at once.
+//! surface. The interpolation error decreases with the square of the spacing. Its square decreases
+//! by a factor of sixteen per level, while a row costs about the same on every level. An even part
+//! of a level is unbiased, except for light in regions smaller than the spacing. An alternative is
+//! to order rows by the loss that refinement measures (times area, over links). It is not better at
+//! equal links, and it darkens the result. Where irradiance varies slowly, the loss is below the
+//! noise of the rays. Thousands of rows are then missing together.
 //!
-//! Method `l08` has one tier. Its rows are differences that all points below use (\[L08\] Eq.
+//! Method `l08` has one tier. Its rows are differences that all finer points use (\[L08\] Eq.
 //! (17)), and ε has already removed small rows.
 
 use super::SenderForm;
@@ -22,11 +22,12 @@ use crate::basis::Weights;
 /// Number of tiers with method `bounded`.
 pub const TIERS: u32 = 4;
 
-/// Links of the first tier relative to all, unless rows without parents have more.
+/// Links of the first tier relative to all. The tier is larger if rows without parents have more
+/// links.
 const FIRST: f64 = 0.125;
 
-/// Tier of each point's row, 1 to [`TIERS`]: a frame of this tier or a higher one uses the row. The
-/// value is undefined for points without rows.
+/// Computes the tier of each point's row, 1 to [`TIERS`]. A frame of this tier or a higher one uses
+/// the row. The value is undefined for points without rows.
 ///
 /// `level_starts` bounds the levels. Points of a level are in Morton order. `parents` has a row per
 /// point. Tiers have about 1/8, 1/4, 1/2 and all of the links.
@@ -53,7 +54,7 @@ pub fn assign_tiers(
     for bounds in level_starts.windows(2) {
         let level = bounds[0] as usize..bounds[1] as usize;
         let mut optional: Vec<usize> = level.filter(|i| active(i) && !needed(i)).collect();
-        // Weyl's sequence of the golden ratio: every prefix is spread evenly.
+        // Weyl sequence of the golden ratio: every prefix is distributed evenly.
         optional.sort_by_key(|&i| ((i as u32).wrapping_mul(0x9e37_79b9), i));
         for i in optional {
             while tier < TIERS && used >= targets[tier as usize - 1] {
@@ -66,8 +67,8 @@ pub fn assign_tiers(
     tiers
 }
 
-/// Number of links of each tier but the last: a geometric series from [`FIRST`] of `all`, or from
-/// the required links if there are more, to all links.
+/// Computes the number of links of each tier except the last. The numbers are a geometric series up
+/// to all links. It starts at [`FIRST`] of `all`, or at the required links if there are more.
 fn targets(all: u64, needed: u64) -> [u64; TIERS as usize - 1] {
     let first = (needed as f64 / all.max(1) as f64).max(FIRST);
     let step = libm::cbrt(first);
@@ -80,8 +81,8 @@ mod tests {
     use crate::basis::WeightEntry;
     use glam::Vec3A;
 
-    /// 20 points that need their rows, 2000 that do not, every fifth of those without one; four
-    /// links a row.
+    /// Creates 20 points that need their rows and 2000 that do not. Every fifth of the 2000 points
+    /// has no row. A row has four links.
     fn rows() -> (Vec<RawRow>, Weights, [u32; 4]) {
         let rows = (0..2020)
             .map(|i| match i < 20 || i % 5 != 0 {
@@ -115,9 +116,9 @@ mod tests {
         }
         assert!(tiers[..20].iter().all(|&t| t == 1));
         let highest = |r: std::ops::Range<usize>| r.map(|i| tiers[i]).max().unwrap();
-        // 340 of 1620 rows are on the two coarser levels: two tiers.
+        // 340 of 1620 rows are on the two coarser levels, which use two tiers.
         assert_eq!((highest(20..420), highest(420..2020)), (2, 4));
-        // Every sixteenth of the finest level has about as many rows of tier 3 as any other.
+        // Each sixteenth of the finest level has about the same number of rows of tier 3.
         for part in 0..16 {
             let range = 420 + 100 * part..520 + 100 * part;
             let count = range.filter(|&i| rows[i].active && tiers[i] == 3).count();

@@ -1,11 +1,11 @@
 //! Training data of refinement: radiosity under training lights, and the exposure of each sender.
 //!
 //! An error of a row matters only where there is light. The training lights measure coherent
-//! errors, of light that covers many senders at once. Sixteen lights cannot light every corner.
-//! Each sender therefore also has an exposure, the root mean square of its radiosity over many more
-//! lights. Errors of single senders, such as a lit ledge, count with the squared exposures, as if
-//! each sender were lit alone. All values are relative: each light is scaled so that its indirect
-//! irradiance over the coarsest points has a root mean square of one.
+//! errors, caused by light that covers many senders. Sixteen lights cannot light every corner. Each
+//! sender therefore also has an exposure, the root mean square of its radiosity over many more
+//! lights. Errors of single senders, such as a lit ledge, are weighted by the squared exposures.
+//! This corresponds to lighting each sender alone. All values are relative: each light is scaled so
+//! that its indirect irradiance over the coarsest points has a root mean square of one.
 
 use super::bounded_truncation::SenderTree;
 use super::gather::{GatherScene, Gathered, gather};
@@ -55,10 +55,10 @@ impl Training {
     }
 }
 
-/// Gathered row along its point's normal: senders and F·n, and the sky's part.
+/// Gathered row along its point's normal: senders and F·n, and the part of the sky.
 pub type NormalRow = (Vec<(u32, f32)>, f32);
 
-/// Rows of the coarsest points, which determine the scale of lights.
+/// Gathers the rows of the coarsest points, which determine the scale of lights.
 #[must_use]
 pub fn coarse_rows(scene: &GatherScene<'_>, senders: usize) -> Vec<NormalRow> {
     scene
@@ -78,7 +78,7 @@ pub fn coarse_rows(scene: &GatherScene<'_>, senders: usize) -> Vec<NormalRow> {
         .collect()
 }
 
-/// Mean square irradiance of each light over `rows`.
+/// Computes the mean square irradiance of each light over `rows`.
 #[must_use]
 pub fn mean_squares(rows: &[NormalRow], signals: &TrainingRadiosity) -> [f32; TRAINING_LIGHTS] {
     let squares: Vec<[f64; TRAINING_LIGHTS]> = rows
@@ -113,7 +113,7 @@ mod tests {
         signals[0][0] = 2.0;
         signals[1] = [4.0; TRAINING_LIGHTS];
         let squares = mean_squares(&rows, &signals);
-        // (1 + 1)² and 4² over two; 1² and 4² over two.
+        // (2² + 4²) / 2 for the first light, (1² + 4²) / 2 for the second.
         assert_eq!(&squares[..2], &[10.0, 8.5]);
         let tree = SenderTree::new(&[0, 0, 0], &[0, 1, 3]);
         let training = Training::new(signals, vec![9.0, 1.0, 2.0], 0.0, &tree);

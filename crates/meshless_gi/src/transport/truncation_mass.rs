@@ -1,19 +1,19 @@
 //! Mass that truncation moves to coarse senders, and the pull weights that follow from it (design
 //! D3).
 //!
-//! A row that moves mass to a parent replaces its children by the parent's mean. Receivers do not
-//! see all children equally: children that face a lit yard are themselves visible from the yard. A
-//! mean by area would darken their contribution by some percent. The mean is therefore weighted by
-//! the mass that the rows of the senders' own points moved. Over all these rows truncation then
-//! loses no light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with f_k = Σ_c m_c f_c / Σ_c m_c and m_c = Σ_i
-//! a_ic.
+//! A row that moves mass to a parent replaces its children by the parent's mean. Not all children
+//! are equally visible to receivers: children that face a lit yard are themselves visible from the
+//! yard. A mean by area would darken their contribution by some percent. The mean is therefore
+//! weighted by the mass that the rows of the senders' own points moved. Over all these rows,
+//! truncation then loses no light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with f_k = Σ_c m_c f_c / Σ_c m_c
+//! and m_c = Σ_i a_ic.
 
 use super::SenderTree;
 use crate::basis::{WeightEntry, Weights};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Fixed-point unit of the sums. Integer sums do not depend on the order (design D5). The mass of a
-/// row is at most one, and 2²⁴ rows fit.
+/// Fixed-point steps per unit of mass. Integer sums do not depend on the order (design D5). The
+/// mass of a row is at most one, and 2²⁴ rows fit.
 const STEPS: f32 = (1u64 << 40) as f32;
 /// Weight of the visible areas, relative to the moved mass.
 const GENERAL: f32 = 0.01;
@@ -43,10 +43,10 @@ impl TruncationMass {
         }
     }
 
-    /// Pull weights: each sender is the mean of its descendants by the mass that they moved to it.
-    /// Without any mass, children are weighted by `shown`, the area that each sender shows to
-    /// receivers beyond the level's functions, for every level. Rows of senders without children
-    /// are empty.
+    /// Computes the pull weights. Each sender is the mean of its descendants, weighted by the mass
+    /// that they moved to it. Without any mass, its children are weighted by `shown`. For every
+    /// level, `shown` has the area of each sender that is visible to receivers beyond the level's
+    /// functions. Rows of senders without children are empty.
     #[must_use]
     pub fn pull(&self, tree: &SenderTree, shown: &[Vec<f32>]) -> Weights {
         let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); tree.parent.len()];
@@ -120,7 +120,8 @@ mod tests {
         }
         assert!((weight(2, 7) - 0.75).abs() < 0.01 && (weight(2, 6) - 0.25).abs() < 0.01);
         assert!((weight(0, 6) - 0.75).abs() < 0.01 && (weight(0, 3) - 0.25).abs() < 0.01);
-        // Nobody handed anything to the second root: its children as they show.
+        // No mass was moved to the second root, so the visible areas of its children are the
+        // weights.
         assert_eq!([weight(1, 4), weight(1, 5)], [0.5, 0.5]);
         assert!(pull.row(3).is_empty() && pull.row(7).is_empty());
     }

@@ -34,7 +34,7 @@ fn interval_differing_lights_is_wide_and_noise_is_narrow() {
         "{wide:?}"
     );
     assert!(known.interval < 0.4 * wide.interval, "{known:?}");
-    // What next to no light comes back of hardly counts.
+    // Lights with almost no returned light have almost no weight.
     let mut sources = vec![source(0.01, 0.0, 1.0); 20];
     sources.push(source(1.0, 0.0, 1e-5));
     assert!((summarize(&sources).nrmse - 0.1).abs() < 1e-3);

@@ -1,6 +1,5 @@
-//! The sum over all pairs, O(N²): what the fast multipole method is measured against. Shares
-//! nothing with it but the definition of the kernel and of what counts as one position
-//! ([`COINCIDENT`]).
+//! Sum over all pairs, O(N²): the reference for the fast multipole method. Shares only the
+//! definitions of the kernel and of coincident points ([`COINCIDENT`]) with it.
 
 use super::settings::FmmPoint;
 use super::tree::COINCIDENT;
@@ -9,13 +8,13 @@ use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Irradiance at `receivers` (indices of points) from all points of radiosity `radiosity`, W/m²:
-/// \[G08\] Eq. (4) with max(0, ·), as disks where `disks`
-/// ([`FmmSettings::disks`](super::FmmSettings::disks)), and where a geometry is given only between
-/// points that see each other.
+/// Returns the irradiance at `receivers` (indices of points) from all points, W/m². `radiosity` has
+/// one value per point. Evaluates \[G08\] Eq. (4) with max(0, ·). Sources are disks if `disks`
+/// ([`FmmSettings::disks`](super::FmmSettings::disks)). With a geometry, occluded pairs of points
+/// exchange no light.
 ///
 /// # Panics
-/// Error if there is not one radiosity per point, or a receiver is no point.
+/// Error if there is not one radiosity per point, or if a receiver is not a point.
 #[must_use]
 pub fn direct(
     points: &[FmmPoint],
@@ -59,7 +58,7 @@ pub fn direct(
         .collect()
 }
 
-/// A point that gives light, prepared once for all receivers.
+/// Point that emits, prepared once for all receivers.
 struct Source<'a> {
     point: &'a FmmPoint,
     position: DVec3,
@@ -69,14 +68,14 @@ struct Source<'a> {
 }
 
 struct Rules<'a> {
-    /// Square of the distance within which two points are one position.
+    /// Square of the distance within which two points coincide.
     nearest: f64,
     disks: bool,
     geometry: Option<&'a dyn Geometry>,
 }
 
-/// At one point, compiled for AVX2 too, as the method's passes are: what is compared has the same
-/// means.
+/// Computes the irradiance at one point. It is compiled for AVX2 too, as the passes of the method
+/// are, so that timings are comparable.
 #[multiversion(targets("x86_64+avx2"))]
 fn irradiance(x: &FmmPoint, sources: &[Source<'_>], rules: &Rules<'_>) -> DVec3 {
     let position = x.position.as_dvec3();

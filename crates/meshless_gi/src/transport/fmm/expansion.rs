@@ -1,20 +1,20 @@
-//! The operations of the fast multipole method on one pair of nodes: S-expansion, S→S, S→R, R→R,
-//! evaluation (\[G08\] §2.2, §2.3, §3.0.1 to §3.1.6), red, green and blue together.
+//! Operations of the fast multipole method on one pair of nodes: S-expansion, S→S, S→R, R→R,
+//! evaluation (\[G08\] §2.2, §2.3, §3.0.1 to §3.1.6). Red, green and blue are computed together.
 //!
 //! With q = −w B / π of a source at y, its S-expansion about c is M_α = Σ q n_y ((c − y)/s)^α / α!,
-//! a vector a term; \[G08\] Eq. (9) with the matrices S M reduced to n_y. An R-expansion about c is
-//! the vector irradiance F(x) = Σ_β L_β ((x − c)/s)^β / β!, W/m², and E(x) = n_x·F. Lengths are in
-//! units of a node's own size s: all numbers stay near one, which single precision needs.
+//! one vector per term. This is \[G08\] Eq. (9) with the matrices S M reduced to n_y. An
+//! R-expansion about c is the vector irradiance F(x) = Σ_β L_β ((x − c)/s)^β / β!, W/m², and E(x) =
+//! n_x·F. Lengths are in units of a node's size s. All numbers stay near one, as single precision
+//! requires.
 
 use super::real::Real;
 use super::tensor::{Derivatives, Six};
 use super::terms::{Terms, count};
 
-/// A term of an expansion: components x, y, z, each in red, green and blue (and a lane that is
-/// zero).
+/// Term of an expansion: components x, y, z, each in red, green and blue (and a lane that is zero).
 pub type Term<T> = [[T; 4]; 3];
 
-/// The tables of one order, and what every operation needs of them.
+/// Tables of one order that all operations read.
 #[derive(Clone, Debug)]
 pub struct Expansions {
     /// Terms.
@@ -23,7 +23,7 @@ pub struct Expansions {
     pub derivatives: Derivatives,
 }
 
-/// Room for one thread.
+/// Buffers of one thread.
 #[derive(Clone, Debug)]
 pub struct Scratch<T> {
     powers: Vec<T>,
@@ -43,7 +43,7 @@ impl<T> Default for Scratch<T> {
     }
 }
 
-/// K n for the vector n in three colors.
+/// Computes K n for the vector n in three colors.
 #[inline(always)]
 fn product<T: Real>(k: &Six<T>, m: &Term<T>, out: &mut Term<T>) {
     for c in 0..4 {
@@ -69,7 +69,7 @@ fn length<T: Real>(v: [T; 3]) -> T {
 }
 
 impl Expansions {
-    /// Up to degree `order`, at most [`MAX_ORDER`](super::terms::MAX_ORDER).
+    /// Creates the tables up to degree `order`, at most [`MAX_ORDER`](super::terms::MAX_ORDER).
     #[must_use]
     pub fn new(order: usize) -> Self {
         let terms = Terms::new(order);
@@ -79,7 +79,7 @@ impl Expansions {
         }
     }
 
-    /// v^α / α! of all terms.
+    /// Computes v^α / α! of all terms.
     #[inline(always)]
     fn powers<T: Real>(&self, v: [T; 3], out: &mut Vec<T>) {
         out.clear();
@@ -105,8 +105,8 @@ impl Expansions {
         }
     }
 
-    /// S→S: adds a child's expansion to its parent's. `v` = (c_parent − c_child) / s_parent,
-    /// `ratio` = s_child / s_parent.
+    /// S→S: adds the expansion of a child to that of its parent. `v` = (c_parent − c_child) /
+    /// s_parent, `ratio` = s_child / s_parent.
     #[inline(always)]
     pub fn s_to_s<T: Real>(
         &self,
@@ -130,8 +130,8 @@ impl Expansions {
         }
     }
 
-    /// R→R: adds a parent's expansion to its child's. `v` = (c_child − c_parent) / s_parent,
-    /// `ratio` = s_child / s_parent.
+    /// R→R: adds the expansion of a parent to that of its child. `v` = (c_child − c_parent) /
+    /// s_parent, `ratio` = s_child / s_parent.
     #[inline(always)]
     pub fn r_to_r<T: Real>(
         &self,
@@ -157,7 +157,7 @@ impl Expansions {
         }
     }
 
-    /// The derivatives at r / |r|, and 1 / |r|.
+    /// Computes the derivatives at r / |r| and returns 1 / |r|.
     #[inline(always)]
     fn kernel<T: Real>(&self, r: [T; 3], scratch: &mut Scratch<T>) -> T {
         let inverse = length(r).reciprocal();
@@ -167,9 +167,9 @@ impl Expansions {
         inverse
     }
 
-    /// S→R, far list: adds what the S-expansion `source` about c_s is near c_r to the R-expansion
-    /// there. `r` = c_r − c_s; `sizes` = [s_s, s_r] in the same unit; `weight` the part of the
-    /// light that arrives.
+    /// S→R, far list: converts the S-expansion `source` about c_s and adds it to the R-expansion
+    /// about c_r. `r` = c_r − c_s, `sizes` = [s_s, s_r] in the same unit. `weight` is the
+    /// unoccluded fraction of the light.
     #[inline(always)]
     pub fn s_to_r<T: Real>(
         &self,
@@ -198,7 +198,7 @@ impl Expansions {
         }
     }
 
-    /// `scratch.scaled` = `source` with terms of degree n times `ratio`ⁿ.
+    /// Sets `scratch.scaled` to `source` with terms of degree n times `ratio`ⁿ.
     #[inline(always)]
     fn scale<T: Real>(&self, source: &[Term<T>], ratio: T, scratch: &mut Scratch<T>) {
         scratch.scaled.clear();
@@ -239,7 +239,7 @@ impl Expansions {
         }
     }
 
-    /// Multipole list: F at a point from an S-expansion. `r` = x − c_s, `size` = s_s.
+    /// Multipole list: evaluates F at a point from an S-expansion. `r` = x − c_s, `size` = s_s.
     #[inline(always)]
     pub fn s_at<T: Real>(
         &self,
@@ -268,7 +268,7 @@ impl Expansions {
         out
     }
 
-    /// F at a point from an R-expansion: `v` = (x − c) / s.
+    /// Evaluates F at a point from an R-expansion: `v` = (x − c) / s.
     #[inline(always)]
     pub fn r_at<T: Real>(&self, v: [T; 3], local: &[Term<T>], scratch: &mut Scratch<T>) -> Term<T> {
         self.powers(v, &mut scratch.powers);
@@ -299,8 +299,8 @@ mod tests {
         }
     }
 
-    /// Sources in a ball of radius 0.5 about the origin, receivers in one of radius 0.5 about (0,
-    /// 0, 4).
+    /// Creates sources in a ball of radius 0.5 about the origin and receivers in one of radius 0.5
+    /// about (0, 0, 4).
     fn case() -> Case {
         let mut random = Random::new(7, 8, 9);
         Case {
@@ -336,7 +336,7 @@ mod tests {
         out
     }
 
-    /// RMS of the difference over RMS of the exact.
+    /// Returns the RMS of the difference over the RMS of the exact values.
     fn error(case: &Case, found: impl Fn([f64; 3]) -> Term<f64>) -> f64 {
         let (mut off, mut all) = (0.0, 0.0);
         for &x in &case.receivers {
@@ -349,8 +349,8 @@ mod tests {
         (off / all).sqrt()
     }
 
-    /// Every way from sources to receivers converges as its ratio of sizes to distance says: (0.5/4
-    /// each way, 1/4 both) to the power of order + 1.
+    /// Each path from sources to receivers converges with its ratio of size to distance to the
+    /// power of order + 1. The ratio is 0.5/4 for one expansion and 1/4 for both.
     #[test]
     fn expansions_of_every_translation_converge() {
         let case = case();
@@ -367,7 +367,7 @@ mod tests {
                 e.source(v, source, scratch, &mut s);
                 e.point_to_r(minus(cr, *y), sr, 1.0, source, scratch, &mut local);
             }
-            // A parent whose center lies elsewhere; a child of the receivers' node.
+            // A parent with a different center, and a child of the receivers' node.
             let (cp, sp) = ([0.0, 0.2, 0.1], 0.8);
             let mut parent = vec![Term::default(); n];
             e.s_to_s(
@@ -432,7 +432,7 @@ mod tests {
                 assert!(found[k] < bound, "order {order}, way {k}: {:e}", found[k]);
             }
         }
-        // And they are not exact by accident.
+        // The low orders have an error.
         assert!(errors[0].1.iter().all(|e| *e > 1e-2));
     }
 
@@ -444,7 +444,7 @@ mod tests {
         let narrow = |v: [f64; 3]| v.map(|c| c as f32);
         let scratch = &mut Scratch::default();
         let (mut s, mut r) = (vec![Term::default(); n], vec![Term::default(); n]);
-        // A millionth of the size, which unscaled sixth powers would not survive.
+        // Lengths of 1e-6 of the size. Unscaled sixth powers would underflow.
         for (y, source) in &case.sources {
             let source = source.map(|v| v.map(|c| c as f32));
             e.source(narrow(y.map(|c| -c)), &source, scratch, &mut s);

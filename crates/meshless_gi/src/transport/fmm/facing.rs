@@ -1,34 +1,36 @@
-//! Test if all points of two nodes face each other. \[G08\]'s expansions have no max(0, ·): a pair
-//! that looks away from each other would count, negative where one of the two does and even
-//! positive where both do.
+//! Test if all points of two nodes face each other. \[G08\]'s expansions have no max(0, ·). A pair
+//! that faces away from each other would add light: negative if one of the two faces away, positive
+//! if both do.
 //!
-//! So two nodes meet by expansions only where all their points face each other, but for a `slack`;
-//! nodes whose points all look away are dropped; the rest is divided, down to pairs of points in
-//! the near list, where max(0, ·) is exact. For a source at y with n_y = a + e, |e| ≤ spread, and a
-//! receiver at x: n_y·(x − y) = a·x − a·y + e·(x − y), of which a·y lies in the node's slab and a·x
-//! is bounded by the receivers themselves ([`Tree::all_beyond`]), so that a wall that touches
-//! another's plane at any angle is still in front of it.
+//! Two nodes therefore interact by expansions only if all their points face each other within a
+//! `slack`. Nodes whose points all face away are dropped. The rest is divided, down to pairs of
+//! points in the near list, where max(0, ·) is exact.
+//!
+//! For a source at y with n_y = a + e, |e| ≤ spread, and a receiver at x: n_y·(x − y) = a·x − a·y +
+//! e·(x − y). The slab of the node bounds a·y, and the receivers themselves bound a·x
+//! ([`Tree::all_beyond`]). A wall that touches another wall's plane at any angle is still in front
+//! of it.
 
 use super::tree::{Tree, TreeNode};
 use glam::DVec3;
 
-/// Heights below this over a plane are rounding: points of one wall do not light each other. In
-/// units of the scene.
+/// Heights over a plane below this are rounding errors: points of one wall do not light each other.
+/// In units of the scene.
 const FLAT: f64 = 1e-6;
 
 /// Relative orientation of two nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facing {
-    /// All points of each see the front of all points of the other, within the slack.
+    /// All points of each node are in front of all points of the other, within the slack.
     Front,
-    /// No light goes between them.
+    /// All pairs face away from each other and exchange no light.
     Away,
-    /// Some do, some do not.
+    /// Some pairs face each other.
     Mixed,
 }
 
-/// Returns `true` if the boxes show that no light passes between the nodes. It is cheap, and may
-/// miss some.
+/// Returns `true` if the boxes prove that no light passes between the nodes. The test is cheap and
+/// conservative.
 #[must_use]
 pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
     let reach = a.center.distance(b.center) + a.radius + b.radius;
@@ -40,7 +42,8 @@ pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
     away(a, b) || away(b, a)
 }
 
-/// Relative orientation of two nodes, exact except for the spread of normals, which is bounded.
+/// Returns the relative orientation of two nodes. It is exact except for the bound on the spread of
+/// normals.
 #[must_use]
 pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
     let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
@@ -59,7 +62,7 @@ pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
     if front { Facing::Front } else { Facing::Mixed }
 }
 
-/// True where light goes from at least one point of leaf `b` to one of leaf `a`.
+/// Returns `true` if at least one point of leaf `b` lights one of leaf `a`.
 #[must_use]
 pub fn any_light(tree: &Tree, a: usize, b: usize) -> bool {
     // A plane separates most pairs that do not face each other. The rest needs all pairs.
@@ -82,7 +85,7 @@ mod tests {
     use crate::samples::Random;
     use glam::{Mat3, Vec3};
 
-    /// A square of side 1 about `at`, spanned by `u` and `v`.
+    /// Adds a square of side 1 about `at`, spanned by `u` and `v`.
     fn square(out: &mut Vec<FmmPoint>, at: Vec3, u: Vec3, v: Vec3, turn: Mat3) {
         let mut random = Random::new(out.len() as u64, 2, 2);
         for _ in 0..100 {
@@ -96,15 +99,16 @@ mod tests {
         }
     }
 
-    /// Two walls that meet, one opposite, one beside: what they say however the room is turned.
+    /// Two walls that meet, one opposite and one adjacent, give the same results for every
+    /// rotation.
     #[test]
     fn facing_test_of_walls_is_rotation_invariant() {
         let turn = Mat3::from_axis_angle(Vec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
         for turn in [Mat3::IDENTITY, turn] {
             let mut points = Vec::new();
             let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
-            // A floor; a wall that looks along +x and meets it; a ceiling; the wall from behind;
-            // floor beside the floor.
+            // A floor, a wall with normal +x that meets it, a ceiling, the wall from behind, and a
+            // second floor next to the first.
             square(&mut points, 0.5 * x, x, -z, turn);
             square(&mut points, 0.5 * y, y, z, turn);
             square(&mut points, 0.5 * x + 2.0 * y, -x, -z, turn);
@@ -146,7 +150,7 @@ mod tests {
                 }
             })
             .collect();
-        // From inside all see all.
+        // Inside the scene all points face each other.
         let tree = Tree::new(&points, 16);
         let leaves: Vec<_> = (0..tree.nodes.len())
             .filter(|&i| tree.nodes[i].is_leaf())
@@ -167,7 +171,7 @@ mod tests {
             count(&tree, 0.2, Facing::Mixed),
         );
         assert!(some < none / 2, "{some} of {none}");
-        // From outside nobody sees anybody; at the ends of one leaf the bounds may be too wide.
+        // Outside, all points face away. At the ends of one leaf the bounds may be too wide.
         let mut outside = points.clone();
         outside.iter_mut().for_each(|p| p.normal = -p.normal);
         let tree = Tree::new(&outside, 16);

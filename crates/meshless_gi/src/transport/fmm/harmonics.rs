@@ -1,35 +1,35 @@
-//! \[G08\] Eqs. (5)-(9) as they stand: the factorisation of 1/|r_y − r_x|⁴ into normalized
-//! spherical harmonics, and of the kernel into receiver's and source's matrices.
+//! \[G08\] Eqs. (5)-(9) as printed: the factorization of 1/|r_y − r_x|⁴ into normalized spherical
+//! harmonics, and of the kernel into the matrices of receiver and source.
 //!
 //! The solver's expansions are the same sums in another basis of the same polynomials
-//! ([`super::tensor`]); this file is what they are tested against, degree by degree. Deviation: the
+//! ([`super::tensor`]). This file is the reference of their tests, degree by degree. Deviation: the
 //! printed coefficient of Eq. (5) lacks a π. With ½! = √π/2 the product (n−j+1)! (j+½)! / ((n−j+½)!
 //! j!) is rational, and e_n^j = 4π (n−j+1)! (j+½)! / ((n−j+½)! j!).
 
-/// Matrices of \[G08\] Eqs. (6)-(8) are contracted over the source's normal already: what is left
-/// is a vector at the receiver.
+/// Vector at the receiver: the matrices of \[G08\] Eqs. (6)-(8) contracted with the normal of the
+/// source.
 type Vector = [f64; 3];
 
-/// e_n^j of \[G08\] Eq. (5).
+/// Returns e_n^j of \[G08\] Eq. (5).
 #[must_use]
 pub fn coefficient(n: usize, j: usize) -> f64 {
-    // (j + ½)! / (n − j + ½)! is a product over the half integers between.
+    // (j + ½)! / (n − j + ½)! is a product over the half-integers between the two.
     let ratio: f64 = (j + 1..=n - j).map(|k| 1.0 / (k as f64 + 0.5)).product();
     let rising: f64 = (j + 1..=n - j + 1).map(|k| k as f64).product();
     4.0 * core::f64::consts::PI * rising * ratio
 }
 
-/// Normalized spherical harmonics Y_l^m of a unit direction, real form, m = −l … l for each l up to
-/// `max`: Y_l^m stands at l² + l + m.
+/// Returns the normalized spherical harmonics Y_l^m of a unit direction in real form, m = −l … l
+/// for each l up to `max`. Y_l^m has index l² + l + m.
 ///
-/// The sum over m of products of real ones equals that of \[G08\]'s complex ones with their
+/// The sum over m of products of real harmonics equals that of \[G08\]'s complex ones with their
 /// conjugates.
 #[must_use]
 pub fn harmonics(max: usize, d: Vector) -> Vec<f64> {
     let [x, y, z] = d;
     let mut out = vec![0.0; (max + 1) * (max + 1)];
-    // cos mφ sin^m θ and sin mφ sin^m θ, by turning on; the associated Legendre functions without
-    // sin^m θ.
+    // cos mφ sin^m θ and sin mφ sin^m θ by repeated rotation. The associated Legendre functions
+    // have no factor sin^m θ.
     let (mut c, mut s) = (1.0f64, 0.0f64);
     let mut diagonal = (0.25 / core::f64::consts::PI).sqrt();
     for m in 0..=max {
@@ -55,8 +55,8 @@ pub fn harmonics(max: usize, d: Vector) -> Vec<f64> {
     out
 }
 
-/// The terms of \[G08\] Eq. (5) with r_y^n, n = 0 … `order`: their sum goes to 1/|x − y|⁴ where |y|
-/// < |x|. Meters⁻⁴.
+/// Returns the terms of \[G08\] Eq. (5) with r_y^n, n = 0 … `order`. Their sum converges to 1/|x −
+/// y|⁴ if |y| < |x|. Meters⁻⁴.
 #[must_use]
 pub fn inverse_fourth(order: usize, x: Vector, y: Vector) -> Vec<f64> {
     let (rx, ry) = (length(x), length(y));
@@ -78,9 +78,9 @@ pub fn inverse_fourth(order: usize, x: Vector, y: Vector) -> Vec<f64> {
         .collect()
 }
 
-/// Irradiance at `x` from the source at `y` with normal `ny`, weight 1 and radiosity π, by degree
-/// in y: \[G08\] Eqs. (6)-(9). The sum converges to the vector [n_y·(x − y)] (y − x) / |x − y|⁴,
-/// whose product with n_x is the kernel of Eq. (4) times π.
+/// Returns the irradiance at `x` from the source at `y` with normal `ny`, weight 1 and radiosity π,
+/// by degree in y: \[G08\] Eqs. (6)-(9). The sum converges to the vector [n_y·(x − y)] (y − x) / |x
+/// − y|⁴. Its product with n_x is the kernel of Eq. (4) times π.
 ///
 /// The product of brackets is R M(x) ⊗ S M(y): with u = n_y·x and v = n_y·y it is −u x + (v x + u
 /// y) − v y, of degrees 0, 1 and 2 in y.
@@ -115,8 +115,8 @@ mod tests {
 
     #[test]
     fn spherical_harmonics_are_orthonormal() {
-        // A product rule: exact for the degrees here. 24 heights of the midpoint rule would not be;
-        // Gauss-Legendre by Newton.
+        // A product quadrature that is exact for these degrees: Gauss-Legendre nodes by Newton's
+        // method. The midpoint quadrature with 24 heights would not be exact.
         let (max, heights) = (8usize, 12usize);
         let mut sums = vec![0.0; (max + 1).pow(4)];
         let n = (max + 1).pow(2);
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn harmonic_sum_converges_to_inverse_fourth_power() {
         // At r_y / r_x = 0.4, with the median over directions: n ≤ 2, n ≤ 8, n ≤ 16. Without the π
-        // of the coefficient it converges to a third of it.
+        // of the coefficient the sum converges to a third of the value.
         let mut random = Random::new(1, 2, 3);
         let mut found = [const { Vec::new() }; 3];
         for _ in 0..301 {

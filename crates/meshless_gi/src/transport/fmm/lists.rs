@@ -1,18 +1,18 @@
-//! The four interaction lists of the adaptive method (\[G08\] §3): by whom a node is lit, and how.
+//! The four interaction lists of the adaptive method (\[G08\] §3).
 //!
-//! | list | source | receiver | by |
+//! | list | source | receiver | evaluation |
 //! |---|---|---|---|
 //! | far | node | node | S→R |
 //! | local | points of a leaf | node | R-expansion of each source |
 //! | multipole | node | points of a leaf | evaluation of the S-expansion |
-//! | near | points of a leaf | points of a leaf | the kernel itself |
+//! | near | points of a leaf | points of a leaf | kernel |
 //!
-//! \[G08\] §2.5 finds them by neighborhood of cells. Here pairs of nodes are divided from the root
-//! down until a list takes them, which serves nodes of all sizes and directions: two nodes meet by
-//! expansions where they are well separated, all of whose points face each other
-//! ([`super::facing`]) and see each other ([`super::visibility`]); of the lists that are allowed,
-//! the cheapest. Every pair of a source and a receiver is in one list exactly, or exchanges no
-//! light.
+//! \[G08\] §2.5 builds them from neighborhoods of cells. Here pairs of nodes are divided from the
+//! root down until a list accepts the pair. This handles nodes of all sizes and directions. Two
+//! nodes interact by expansions if they are well separated and all their points face each other
+//! ([`super::facing`]) and are mutually visible ([`super::visibility`]). The cheapest of the
+//! allowed lists gets the pair. Each pair of a source and a receiver is in exactly one list or
+//! exchanges no light.
 
 use super::facing::{Facing, any_light, facing, surely_away};
 use super::settings::{FmmError, FmmSettings};
@@ -23,13 +23,13 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// A source of a node. 8 bytes, `FmmEntry` in the shaders.
+/// Source of a node. 8 bytes, `FmmEntry` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Entry {
-    /// The source's node.
+    /// Node of the source.
     pub source: u32,
-    /// The part of its light that arrives: 1 where nothing is in the way.
+    /// Unoccluded fraction of its light: 1 if nothing occludes it.
     pub weight: f32,
 }
 
@@ -43,7 +43,7 @@ pub struct List {
 }
 
 impl List {
-    /// The entries of one node.
+    /// Returns the entries of one node.
     #[must_use]
     pub fn entries_of(&self, node: usize) -> &[Entry] {
         &self.entries[self.starts[node] as usize..self.starts[node + 1] as usize]
@@ -68,10 +68,10 @@ impl List {
     }
 }
 
-/// The four lists, and what was looked at for them.
+/// The four lists and the counts of their construction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lists {
-    /// S→R.
+    /// Source node to receiver node, S→R.
     pub far: List,
     /// Points of a leaf to a node.
     pub local: List,
@@ -86,15 +86,15 @@ pub struct Lists {
 /// Counts of the construction of lists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ListCounts {
-    /// Pairs of nodes.
+    /// Visited pairs of nodes.
     pub visited: u64,
     /// Pairs that face away from each other.
     pub away: u64,
-    /// Pairs that are well separated, but face each other in part only.
+    /// Pairs that are well separated, but of which only a part faces each other.
     pub mixed: u64,
-    /// Pairs of which nothing is visible.
+    /// Pairs that are fully occluded.
     pub hidden: u64,
-    /// Pairs in the lists that see each other in part.
+    /// Pairs in the lists that are partially occluded.
     pub partial: u64,
     /// Pairs of points in the near list.
     pub point_pairs: u64,
@@ -131,14 +131,14 @@ struct InteractionLists {
 /// Receiver and source.
 type Pair = (u32, u32);
 
-/// Pairs that are decided one after another before the rest is given to threads.
+/// Number of pairs from which on they are distributed to threads.
 const TASKS: usize = 1024;
 
 struct Search<'a> {
     tree: &'a Tree,
     settings: &'a FmmSettings,
     visibility: Option<Visibility<'a>>,
-    /// Costs in products of a derivative and a term: S→R, and of one point with an expansion.
+    /// Cost of S→R and of one point with an expansion, in products of a derivative and a term.
     s_to_r: f64,
     point: f64,
 }
@@ -146,7 +146,7 @@ struct Search<'a> {
 /// Cost of a pair of points in such products.
 const POINT_PAIR: f64 = 0.5;
 
-/// Finds all lists. Without `visibility` everything sees everything.
+/// Builds all lists. Without `visibility` nothing is occluded.
 ///
 /// # Errors
 /// [`FmmError::TooManyPairs`].
@@ -212,7 +212,7 @@ pub fn lists(
 }
 
 impl Search<'_> {
-    /// Decides a pair, or lists the pairs into which it is divided.
+    /// Adds a pair to a list, drops it, or divides it into pairs that are added to `below`.
     fn step(&self, (t, s): Pair, out: &mut InteractionLists, below: &mut Vec<Pair>) {
         let tree = self.tree;
         let (nt, ns) = (&tree.nodes[t as usize], &tree.nodes[s as usize]);
@@ -221,8 +221,8 @@ impl Search<'_> {
         }
         out.counts.visited += 1;
         let distance = nt.center.distance(ns.center);
-        // One position exchanges no light with itself, and a node that faces one way none with its
-        // own plane.
+        // Coincident points exchange no light, and a node with one normal does not light its own
+        // plane.
         if distance + nt.radius + ns.radius <= COINCIDENT || surely_away(nt, ns) {
             out.counts.away += 1;
             return;
@@ -252,8 +252,7 @@ impl Search<'_> {
             }
             return;
         }
-        // The larger of the two; its normals count as size where they are what keeps the pair
-        // apart.
+        // The larger of the two is divided. The spread of its normals counts as size.
         let extent = |n: &TreeNode| n.radius + n.spread * distance.min(1.0);
         if ns.is_leaf() || (!nt.is_leaf() && extent(nt) >= extent(ns)) {
             below.extend(nt.child_range().map(|c| (c as u32, s)));
@@ -262,7 +261,7 @@ impl Search<'_> {
         }
     }
 
-    /// Cheapest list that may take the pair by its distances.
+    /// Returns the cheapest list that the distances of the pair allow.
     fn cheapest(&self, nt: &TreeNode, ns: &TreeNode, distance: f64) -> Option<Kind> {
         let limit = f64::from(self.settings.separation);
         let (lt, ls) = (f64::from(nt.receivers), f64::from(ns.sources));
@@ -287,8 +286,8 @@ impl Search<'_> {
         let direct = POINT_PAIR * lt * ls;
         let allowed = options.into_iter().filter(|o| o.2);
         let best = allowed.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        // Two leaves go to the near list by themselves where that is cheaper; others are not
-        // divided for it, unless only one side may be expanded.
+        // A pair of leaves goes to the near list if that is cheaper. Other pairs are not divided
+        // for this reason, unless only one side may be expanded.
         let cheaper = direct < best.1;
         match nt.is_leaf() && ns.is_leaf() {
             true if cheaper => None,
@@ -297,8 +296,8 @@ impl Search<'_> {
         }
     }
 
-    /// Puts a pair on a list, or finds that nothing is to be put; false where it is to be divided
-    /// for what lies between.
+    /// Adds a pair to a list, or drops it if it is fully occluded. Returns `false` if partial
+    /// occlusion requires a division.
     fn take(&self, kind: Kind, (t, s): Pair, whole: bool, out: &mut InteractionLists) -> bool {
         let mut weight = 1.0;
         if let Some(visibility) = &self.visibility {

@@ -1,25 +1,28 @@
-//! Light between points by the fast multipole method (\[G08\]): no mesh, no basis, only positions,
-//! normals and the surface that each point stands for.
+//! Light between points by the fast multipole method (\[G08\]). It has neither mesh nor basis, only
+//! positions, normals and the surface area of each point.
 //!
-//! | file | what |
+//! | file | contents |
 //! |---|---|
 //! | `settings` | points, settings, errors |
-//! | [`harmonics`] | \[G08\] Eqs. (5)-(9) as they stand |
+//! | [`harmonics`] | \[G08\] Eqs. (5)-(9) as printed |
 //! | [`terms`], [`tensor`] | the same polynomials as monomials, and the derivatives of the kernel |
 //! | [`expansion`] | S-expansion, S→S, S→R, R→R, evaluation |
-//! | [`tree`] | the adaptive octree |
-//! | [`facing`], [`visibility`] | which nodes light each other |
+//! | [`tree`] | adaptive octree |
+//! | [`facing`], [`visibility`] | tests if nodes light each other |
 //! | [`lists`] | the four interaction lists |
-//! | [`passes`] | upward and downward, node by node, in either precision |
-//! | `threads` | the same, shared out to threads |
-//! | `solve` | the solver |
-//! | `operator` | the octree as a bake stores it |
-//! | [`direct()`] | the sum over all pairs that it stands in for |
+//! | [`passes`] | upward and downward pass per node, in single and double precision |
+//! | `threads` | the passes on several threads |
+//! | `solve` | solver |
+//! | `operator` | octree as a bake stores it |
+//! | [`direct()`] | reference: the sum over all pairs |
 //!
-//! Deviations from \[G08\]: Cartesian terms (the same space, tested degree by degree); one vector
-//! a term for source and receiver matrices; nodes that face one way, so that the kernel's max(0, ·)
-//! is kept; lists by division of pairs; visibility as a part between nodes, by rays; colors
-//! together.
+//! Deviations from \[G08\]:
+//! - Cartesian terms (the same space, tested degree by degree).
+//! - One vector per term instead of source and receiver matrices.
+//! - Nodes with one direction, so that the kernel's max(0, ·) is kept.
+//! - Lists by division of pairs.
+//! - Visibility as a fraction between nodes, by rays.
+//! - All colors together.
 
 mod direct;
 pub mod expansion;

@@ -1,6 +1,6 @@
-//! The octree with its lists as a bake stores it, a frame reads it and a device binds it: plain
-//! arrays in single precision, that say nothing of how they were found. Lengths are in units of the
-//! scene's side, so that nothing of it depends on the scene's size.
+//! Octree with its lists, as a bake stores it, a frame reads it and the GPU binds it: plain arrays
+//! in single precision. Lengths are in units of the scene's side, so that the data does not depend
+//! on the scene's size.
 
 use super::expansion::Expansions;
 use super::lists::{Entry, Lists};
@@ -8,13 +8,13 @@ use super::tree::Tree;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 
-/// A node of the octree. 64 bytes.
+/// Node of the octree. 64 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmNode {
     /// Center of its expansions.
     pub center: [f32; 3],
-    /// Their unit of length.
+    /// Unit of length of its expansions.
     pub size: f32,
     /// First of its points.
     pub start: u32,
@@ -24,7 +24,7 @@ pub struct FmmNode {
     pub first_child: u32,
     /// Number of children. 0 for a leaf.
     pub children: u32,
-    /// Its parent; itself for the root.
+    /// Its parent. The root is its own parent.
     pub parent: u32,
     /// First entry of its far list.
     pub far: u32,
@@ -36,44 +36,44 @@ pub struct FmmNode {
     pub near: u32,
     /// One past its near list.
     pub finish: u32,
-    /// One past the points of a leaf that give light.
+    /// One past the points of a leaf that emit.
     pub sources: u32,
     /// First of the points of a leaf that receive.
     pub receivers: u32,
 }
 
 impl FmmNode {
-    /// True where it has no children.
+    /// Returns `true` if it has no children.
     #[must_use]
     pub fn is_leaf(&self) -> bool {
         self.children == 0
     }
 
-    /// Its points.
+    /// Returns the range of its points.
     #[must_use]
     pub fn points(&self) -> Range<usize> {
         self.start as usize..self.end as usize
     }
 
-    /// The points of a leaf that give light.
+    /// Returns the points of a leaf that emit.
     #[must_use]
     pub fn source_range(&self) -> Range<usize> {
         self.start as usize..self.sources as usize
     }
 
-    /// The points of a leaf that receive.
+    /// Returns the points of a leaf that receive.
     #[must_use]
     pub fn receiver_range(&self) -> Range<usize> {
         self.receivers as usize..self.end as usize
     }
 
-    /// Its children.
+    /// Returns the range of its children.
     #[must_use]
     pub fn child_range(&self) -> Range<usize> {
         self.first_child as usize..(self.first_child + self.children) as usize
     }
 
-    /// Entries of its four lists: far, local, multipole, near.
+    /// Returns the entries of its four lists: far, local, multipole, near.
     #[must_use]
     pub fn lists(&self) -> [Range<usize>; 4] {
         let ends = [self.far, self.local, self.multipole, self.near, self.finish];
@@ -81,39 +81,39 @@ impl FmmNode {
     }
 }
 
-/// A point of the octree. 48 bytes.
+/// Point of the octree. 48 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmOperatorPoint {
     /// Position.
     pub position: [f32; 3],
-    /// Its surface over π; 0 where it gives no light.
+    /// Its surface area over π. 0 if it does not emit.
     pub share: f32,
     /// Unit normal.
     pub normal: [f32; 3],
-    /// Whose radiosity it sends, and where what it receives goes: an index of the points that the
-    /// octree was made of.
+    /// Index of the point of the octree's input whose radiosity it sends and whose irradiance it
+    /// receives.
     pub point: u32,
-    /// (1/π) ∫ ω dω over the sky that it sees, where it receives.
+    /// (1/π) ∫ ω dω over the visible sky, if it receives.
     pub sky: [f32; 3],
-    /// Multiplies what arrives from other points, so that even light makes what it should.
+    /// Factor of the irradiance from other points. It makes the irradiance of uniform light exact.
     pub factor: f32,
 }
 
-/// The octree: everything of the fast multipole method that does not change while lights do.
+/// Octree: the data of the fast multipole method that does not depend on the lights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FmmOperator {
     /// Order of the expansions.
     pub order: u32,
-    /// Sources near by are disks ([`FmmSettings::disks`](super::FmmSettings::disks)).
+    /// `true` if close sources are disks ([`FmmSettings::disks`](super::FmmSettings::disks)).
     pub disks: bool,
     /// First node of each level, and one past the last node.
     pub level_starts: Vec<u32>,
-    /// Nodes, level after level from the root.
+    /// Nodes, sorted by level from the root.
     pub nodes: Vec<FmmNode>,
-    /// List entries, node after node: far, local, multipole, near.
+    /// List entries, sorted by node: far, local, multipole, near.
     pub entries: Vec<Entry>,
-    /// Points, leaf after leaf.
+    /// Points, sorted by leaf.
     pub points: Vec<FmmOperatorPoint>,
 }
 
@@ -178,31 +178,31 @@ impl FmmOperator {
         }
     }
 
-    /// Number of levels.
+    /// Returns the number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len().saturating_sub(1)
     }
 
-    /// The nodes of a level.
+    /// Returns the nodes of a level.
     #[must_use]
     pub fn level(&self, l: usize) -> Range<usize> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// The tables of its order.
+    /// Computes the tables of its order.
     #[must_use]
     pub fn expansions(&self) -> Expansions {
         Expansions::new(self.order as usize)
     }
 
-    /// Terms of an expansion.
+    /// Returns the number of terms of an expansion.
     #[must_use]
     pub fn terms(&self) -> usize {
         super::terms::count(self.order as usize)
     }
 
-    /// Bytes of its arrays.
+    /// Returns the size of its arrays in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         (size_of_val(&self.level_starts[..])
@@ -211,14 +211,15 @@ impl FmmOperator {
             + size_of_val(&self.points[..])) as u64
     }
 
-    /// Bytes of the expansions of all nodes, of one kind: the largest array of a solve.
+    /// Returns the size in bytes of the S- or R-expansions of all nodes, the largest array of a
+    /// solve.
     #[must_use]
     pub fn expansion_bytes(&self) -> u64 {
         (48 * self.terms() * self.nodes.len()) as u64
     }
 
-    /// About how much a pass computes, in products of three numbers and a color, which is what a
-    /// link of the sparse operator takes.
+    /// Returns the approximate cost of a pass, in products of three numbers and a color. A link of
+    /// the sparse operator costs one such product.
     #[must_use]
     pub fn work(&self) -> u64 {
         let p = f64::from(self.order);
@@ -232,8 +233,8 @@ impl FmmOperator {
                 let of = |e: &Entry| self.nodes[e.source as usize].source_range().len() as f64;
                 self.entries[range].iter().map(of).sum()
             };
-            // Six different numbers a derivative, nine products; translations to the parent and
-            // back.
+            // Six different numbers per derivative, nine products. Includes the translations to the
+            // parent and back.
             work += 3.0 * far.len() as f64 * (pair + 3.0 * terms)
                 + 3.0 * sources(local) * terms
                 + 3.0 * multipole.len() as f64 * receivers * terms

@@ -1,12 +1,12 @@
-//! The upward and the downward pass node by node (\[G08\] §3.0.1 to §3.1.6), in either precision:
-//! what threads share out on the CPU, and what the kernels `fmm_up` and `fmm_down` do on the GPU.
+//! Upward and downward pass per node (\[G08\] §3.0.1 to §3.1.6), in single or double precision. CPU
+//! threads run these steps, and the kernels `fmm_up` and `fmm_down` compute them on the GPU.
 //!
-//! | pass | step | of \[G08\] |
+//! | pass | step | section of \[G08\] |
 //! |---|---|---|
 //! | up | [`Field::leaf`] | §3.0.1: S-expansions of the leaves |
-//! | up | [`Field::gather`] | §3.0.2: S→S, level after level |
-//! | down | [`Field::receive`] | §3.1.1 to §3.1.3: far list, local list, R→R, level after level |
-//! | down | [`Field::evaluate`] | §3.1.4 to §3.1.6: R-expansion, near list, multipole list, at every point |
+//! | up | [`Field::gather`] | §3.0.2: S→S, level by level |
+//! | down | [`Field::receive`] | §3.1.1 to §3.1.3: far list, local list, R→R, level by level |
+//! | down | [`Field::evaluate`] | §3.1.4 to §3.1.6: R-expansion, near, multipole list, per point |
 
 use super::expansion::{Expansions, Scratch, Term};
 use super::lists::{Entry, Lists};
@@ -16,23 +16,23 @@ use super::tree::{COINCIDENT, Tree};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// A point as the passes need it, in units of the scene.
+/// Point of the passes, in units of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FieldPoint<T> {
     /// Position.
     pub position: [T; 3],
     /// Unit normal.
     pub normal: [T; 3],
-    /// Weight over π; nothing where it gives no light.
+    /// Weight over π. 0 if it does not emit.
     pub share: T,
     /// Index of its radiosity.
     pub point: u32,
 }
 
-/// Everything that does not change from one solve to the next.
+/// Data that does not change between solves.
 #[derive(Clone, Debug)]
 pub struct Field<'a, T> {
-    /// Nodes: their points, kin and lists.
+    /// Nodes: their points, children, parent and lists.
     pub nodes: Cow<'a, [FmmNode]>,
     /// First node of each level, and one past the last node.
     pub level_starts: &'a [u32],
@@ -42,7 +42,7 @@ pub struct Field<'a, T> {
     pub expansions: Cow<'a, Expansions>,
     /// Points in the tree's order.
     pub points: Vec<FieldPoint<T>>,
-    /// Sources near by are disks.
+    /// `true` if close sources are disks.
     pub disks: bool,
     /// Center of each node's expansions, and their unit of length.
     centers: Vec<([T; 3], T)>,
@@ -118,19 +118,19 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// Terms of an expansion.
+    /// Returns the number of terms of an expansion.
     #[must_use]
     pub fn terms(&self) -> usize {
         self.expansions.terms.len()
     }
 
-    /// Number of levels of nodes.
+    /// Returns the number of levels of nodes.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len().saturating_sub(1)
     }
 
-    /// The nodes of a level.
+    /// Returns the nodes of a level.
     #[must_use]
     pub fn level(&self, l: usize) -> Range<usize> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
@@ -150,14 +150,14 @@ impl<'a, T: Real> Field<'a, T> {
         &self.entries[self.nodes[node].lists()[which].clone()]
     }
 
-    /// The radiosity of the points in the tree's order, which is what all steps take: points near
-    /// by stand together. Given is that of the tree's input.
+    /// Sorts the radiosity of the tree's input points into the order of the tree. All steps take
+    /// this order, in which close points are adjacent.
     pub fn in_order(&self, radiosity: &[[T; 4]], out: &mut Vec<[T; 4]>) {
         out.clear();
         out.extend(self.points.iter().map(|p| radiosity[p.point as usize]));
     }
 
-    /// −w B / π n of a point: its radiosity as a source.
+    /// Returns −w B / π n of a point: its radiosity as a source.
     #[inline(always)]
     fn source(&self, point: usize, radiosity: &[[T; 4]]) -> Term<T> {
         let p = &self.points[point];
@@ -166,7 +166,7 @@ impl<'a, T: Real> Field<'a, T> {
         p.normal.map(|n| b.map(|b| q * n * b))
     }
 
-    /// The S-expansion of a leaf, from nothing.
+    /// Computes the S-expansion of a leaf. Overwrites `out`.
     #[inline(always)]
     pub fn leaf(
         &self,
@@ -184,7 +184,8 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// The S-expansion of a node from its children's, which `below` holds from node `first` on.
+    /// Computes the S-expansion of a node from those of its children. `below` contains them from
+    /// node `first` on.
     #[inline(always)]
     pub fn gather(
         &self,
@@ -205,8 +206,8 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// The R-expansion of a node, from nothing: its far and local lists, and its parent's
-    /// expansion. `sources` are all S-expansions.
+    /// Computes the R-expansion of a node from its far and local lists and its parent's expansion.
+    /// Overwrites the output. `sources` are all S-expansions.
     #[inline(always)]
     pub fn receive(
         &self,
@@ -247,9 +248,9 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// Vector irradiance at the receivers of a leaf, W/m²: along a point's own normal it is what
-    /// arrives there, but for the slack's band. `local` is the leaf's R-expansion, `sources` are
-    /// all S-expansions.
+    /// Computes the vector irradiance at the receivers of a leaf, W/m². Its component along a
+    /// point's normal is the irradiance, except for the band of the slack. `local` is the
+    /// R-expansion of the leaf. `sources` are all S-expansions.
     #[inline(always)]
     pub fn evaluate(
         &self,
@@ -274,7 +275,7 @@ impl<'a, T: Real> Field<'a, T> {
                 add(e, T::from_f64(f64::from(entry.weight)), &f);
             }
         }
-        // A leaf of sources after the other, for all receivers: it stays in the cache.
+        // One leaf of sources at a time for all receivers: it stays in the cache.
         for entry in self.list(node, 3) {
             let range = self.nodes[entry.source as usize].source_range();
             let (points, radiosity) = (&self.points[range.clone()], &radiosity[range]);
@@ -285,7 +286,7 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// The near list: \[G08\] Eq. (4) with max(0, ·), between points.
+    /// Evaluates the near list: \[G08\] Eq. (4) with max(0, ·), between points.
     #[inline(always)]
     fn near(&self, x: &FieldPoint<T>, sources: &[FieldPoint<T>], radiosity: &[[T; 4]]) -> Term<T> {
         let zero = T::default();
@@ -318,7 +319,7 @@ fn add<T: Real>(out: &mut Term<T>, factor: T, value: &Term<T>) {
     }
 }
 
-/// n·F in each color, not below zero, nor NaN.
+/// Returns n·F per color, clamped to zero. NaN becomes zero.
 #[must_use]
 pub fn along<T: Real>(n: [T; 3], f: &Term<T>) -> [T; 4] {
     std::array::from_fn(|c| {

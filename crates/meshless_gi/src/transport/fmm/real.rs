@@ -1,9 +1,9 @@
-//! The two widths in which the expansions are computed: `f64` in a bake and for the errors by
-//! order, `f32` for the twins of the GPU's kernels. The code is one.
+//! The two precisions of the expansions. A bake and the tests of errors by order use `f64`, the
+//! twins of the GPU kernels use `f32`. The code is the same.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
-/// A floating-point number.
+/// Floating-point type.
 pub trait Real:
     Copy
     + Default
@@ -16,13 +16,13 @@ pub trait Real:
     + Mul<Output = Self>
     + 'static
 {
-    /// The nearest number of this width.
+    /// Rounds to the nearest number of this type.
     fn from_f64(value: f64) -> Self;
-    /// The same number, wide.
+    /// Converts to `f64`.
     fn wide(self) -> f64;
-    /// The square root; correctly rounded on every machine.
+    /// Returns the square root, correctly rounded on every machine.
     fn sqrt(self) -> Self;
-    /// 1 / self.
+    /// Returns 1 / self.
     fn reciprocal(self) -> Self;
 }
 

@@ -3,17 +3,17 @@
 use super::terms::MAX_ORDER;
 use glam::Vec3;
 
-/// A point that stands for a piece of a surface (\[G08\] §2.4).
+/// Point that represents a piece of a surface (\[G08\] §2.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FmmPoint {
-    /// Meters.
+    /// Position in meters.
     pub position: Vec3,
-    /// Its direction counts; a normal of length zero belongs to a point that neither gives nor gets
-    /// light.
+    /// Normal, of any positive length. A point with a normal of length zero neither emits nor
+    /// receives.
     pub normal: Vec3,
-    /// The surface that the point stands for, m²; a point of none gives no light.
+    /// Surface area of the point, m². A point with zero area does not emit.
     pub weight: f32,
-    /// False: the point gives light, and nobody asks what arrives there.
+    /// `true` if the irradiance at the point is computed. Otherwise the point only emits.
     pub receives: bool,
 }
 
@@ -23,24 +23,26 @@ pub struct FmmSettings {
     /// Highest degree of the expansions, at most [`MAX_ORDER`]. The error of a pair falls like
     /// `separation`^(order + 1).
     pub order: usize,
-    /// Most points of a leaf, s in \[G08\] §2.5; more only where points (nearly) coincide.
+    /// Maximum number of points in a leaf, s in \[G08\] §2.5. A leaf has more only if points
+    /// (nearly) coincide.
     pub leaf: usize,
-    /// Two nodes meet by expansions where their radii together are at most so much of the distance
-    /// of their centers. In (0, 1).
+    /// Maximum sum of the radii of two nodes over the distance of their centers for an interaction
+    /// by expansions. In (0, 1).
     pub separation: f32,
-    /// Cosine by which points of two nodes may look away from each other while the nodes still meet
-    /// by expansions: their light is then negative where it should be none. What lies in that band
-    /// of directions is `slack`² of the hemisphere's irradiance at most. 0 allows none, at the cost
-    /// of more pairs in the near list.
+    /// Cosine by which points of two nodes may face away from each other while the nodes still
+    /// interact by expansions. Such points exchange negative light instead of none. The light in
+    /// that band of directions is at most `slack`² of the irradiance of the hemisphere. 0 allows
+    /// none, at the cost of more pairs in the near list.
     pub slack: f32,
-    /// True: a source near by is a disk and no point, r⁴ becomes r² (r² + w/π), so that no pair
-    /// gives more than the source's radiosity. False: the kernel of \[G08\] Eq. (4) as it stands.
+    /// `true` if a close source is a disk: r⁴ becomes r² (r² + w/π), so that a pair gives at most
+    /// the source's radiosity. `false` for the kernel of \[G08\] Eq. (4) as printed, with point
+    /// sources.
     pub disks: bool,
-    /// Rays between two nodes that decide what they see of each other. Unused without a geometry.
+    /// Number of rays that estimate the visibility between two nodes. Unused without a geometry.
     pub rays: u32,
-    /// Two nodes that see each other in part meet by expansions, with the part that is visible,
-    /// where their radii together are at most so much of the distance; else they are divided. 0
-    /// divides down to the leaves. Unused without a geometry.
+    /// Maximum sum of the radii of two partially occluded nodes over their distance for an
+    /// interaction by expansions. The interaction is scaled by the visible fraction. Other pairs
+    /// are divided. 0 divides down to the leaves. Unused without a geometry.
     pub penumbra: f32,
     /// Seed of the random numbers.
     pub seed: u64,
@@ -65,7 +67,7 @@ impl Default for FmmSettings {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmmError {
-    /// A point has a value that no surface has.
+    /// Invalid value of a point.
     #[error("point {index}: {what} is {value}, {right}")]
     Point {
         /// Index of the point.
@@ -77,7 +79,7 @@ pub enum FmmError {
         /// Allowed values.
         right: &'static str,
     },
-    /// A setting is out of its range.
+    /// Setting out of its range.
     #[error("{what} is {value}, not in {right}")]
     Setting {
         /// Name of the setting.
@@ -87,7 +89,7 @@ pub enum FmmError {
         /// Its range.
         right: &'static str,
     },
-    /// There are not as many values as points.
+    /// Number of values that differs from the number of points.
     #[error("{what}: {have} values for {points} points")]
     Count {
         /// Name of the input.
@@ -97,17 +99,17 @@ pub enum FmmError {
         /// Number of points.
         points: usize,
     },
-    /// More entries in the lists than indices of 32 bits reach: larger leaves or a larger
-    /// separation make fewer.
+    /// Number of list entries that exceeds 32-bit indices. Larger leaves or a larger separation
+    /// reduce it.
     #[error("{0} pairs of nodes in the lists, at most 2^32")]
     TooManyPairs(u64),
-    /// More points than indices of 32 bits reach.
+    /// Number of points that exceeds 32-bit indices.
     #[error("{0} points, at most 2^31")]
     TooMany(usize),
 }
 
 impl FmmSettings {
-    /// Says which setting is out of its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
     /// [`FmmError::Setting`].
@@ -131,7 +133,7 @@ impl FmmSettings {
     }
 }
 
-/// Says which point has a value that no surface has.
+/// Checks the values of all points.
 ///
 /// # Errors
 /// [`FmmError::Point`], [`FmmError::TooMany`].

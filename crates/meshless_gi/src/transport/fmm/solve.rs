@@ -1,9 +1,10 @@
-//! The solver: tree and lists once ([`Fmm::new`]), then any number of passes for any radiosity
-//! ([`Fmm::irradiance`]) or bounces until nothing changes ([`Fmm::solve`]).
+//! The solver. It builds tree and lists once ([`Fmm::new`]). Afterwards it runs any number of
+//! passes for any radiosity ([`Fmm::irradiance`]), or bounces until convergence ([`Fmm::solve`]).
 //!
-//! \[G08\] §3.1.6 runs everything three times, once a color, and iterates three times; here the
-//! colors go together and the iteration ends by a tolerance. Results are the same bits for any
-//! number of threads (design D5): a node is one thread's, and sums run in the order of the lists.
+//! \[G08\] §3.1.6 runs everything three times, once per color, and iterates three times. Here the
+//! colors are computed together and a tolerance ends the iteration. Results are bit-identical for
+//! any number of threads (design D5): one thread computes a node, and sums have the order of the
+//! lists.
 
 use super::expansion::Expansions;
 use super::lists::{Lists, lists};
@@ -17,19 +18,19 @@ use crate::scene::Geometry;
 use glam::Vec3;
 use std::time::{Duration, Instant};
 
-/// A solution of B = ρE + M.
+/// Solution of B = ρE + M.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FmmSolution {
     /// Irradiance at every point from the radiosity of the others, W/m².
     pub irradiance: Vec<Vec3>,
     /// Radiosity of every point, W/m².
     pub radiosity: Vec<Vec3>,
-    /// Bounces that were computed.
+    /// Number of computed bounces.
     pub bounces: u32,
-    /// The last bounce's power (radiosity times surface, all colors) over that of all bounces; 1
-    /// where there was none, 0 where nothing shines.
+    /// Power of the last bounce (radiosity times surface area, all colors) over that of all
+    /// bounces. 1 without a bounce, 0 if all radiosities are zero.
     pub change: f32,
-    /// All bounces together.
+    /// Times of all bounces together.
     pub times: PassTimes,
 }
 
@@ -41,12 +42,12 @@ pub struct Fmm {
     expansions: Expansions,
     settings: FmmSettings,
     points: usize,
-    /// Tree and lists.
+    /// Build times of tree and lists.
     pub build: [Duration; 2],
 }
 
 impl Fmm {
-    /// Builds the tree and the lists; with a geometry what is hidden does not shine.
+    /// Builds the tree and the lists. With a geometry, occluded points exchange no light.
     ///
     /// # Errors
     /// Error if a setting is out of its range, or a value of a point is not physical.
@@ -78,33 +79,33 @@ impl Fmm {
         })
     }
 
-    /// The octree.
+    /// Returns the octree.
     #[must_use]
     pub fn tree(&self) -> &Tree {
         &self.tree
     }
 
-    /// The lists.
+    /// Returns the lists.
     #[must_use]
     pub fn lists(&self) -> &Lists {
         &self.lists
     }
 
-    /// The tables of the order.
+    /// Returns the tables of the order.
     #[must_use]
     pub fn expansions(&self) -> &Expansions {
         &self.expansions
     }
 
-    /// The arrays that a bake stores; `point` says whose radiosity each point of the input sends,
-    /// and where what it receives goes.
+    /// Creates the arrays that a bake stores. `point` maps a point of the input to the baked point
+    /// that sends and receives for it.
     #[must_use]
     pub fn operator(&self, point: impl Fn(u32) -> u32) -> FmmOperator {
         let FmmSettings { order, disks, .. } = self.settings;
         FmmOperator::new(&self.tree, &self.lists, order, disks, point)
     }
 
-    /// Settings of the solver.
+    /// Returns the settings of the solver.
     #[must_use]
     pub fn settings(&self) -> &FmmSettings {
         &self.settings
@@ -133,8 +134,8 @@ impl Fmm {
         Ok(())
     }
 
-    /// Irradiance at every point from points of this radiosity (both W/m², in the order of the
-    /// points), and how long it took.
+    /// Computes the irradiance at every point from this radiosity (both W/m², in the order of the
+    /// points). Also returns the elapsed time.
     ///
     /// # Errors
     /// Error if there is not one radiosity per point, or one is negative or not finite.
@@ -162,10 +163,10 @@ impl Fmm {
         (out, times)
     }
 
-    /// Bounces light until the last bounce's power is at most `tolerance` of that of all bounces,
-    /// or `bounces` are computed: B = M + ρ E(B) as the sum of its Neumann series. `emission` is M,
-    /// W/m² (what lights make the points reflect at once belongs there too), `albedo` is ρ in \[0,
-    /// 1\].
+    /// Bounces light until the power of the last bounce is at most `tolerance` of that of all
+    /// bounces, or `bounces` are computed. B = M + ρ E(B) is the sum of its Neumann series.
+    /// `emission` is M, W/m², and includes the directly reflected light of light sources. `albedo`
+    /// is ρ in \[0, 1\].
     ///
     /// # Errors
     /// Error if there is not one value of each per point, or one is out of its range.

@@ -1,22 +1,22 @@
-//! Derivatives of the kernel's tensor K_ij(r) = r_i r_j / |r|⁴, r = x − y: with them the kernel of
-//! \[G08\] Eq. (4) is −n_x·K n_y / π, and source normals and receiver normals both stay outside.
+//! Derivatives of the kernel's tensor K_ij(r) = r_i r_j / |r|⁴, r = x − y. The kernel of \[G08\]
+//! Eq. (4) is −n_x·K n_y / π, so source normals and receiver normals are both outside of K.
 //!
-//! **Why not the harmonics themselves.** Expanding about two centers needs translation theorems for
-//! {r^n Y_{n−2j}^m} with their S M and R M matrices: 16 numbers a source and a term (n_y, n_y·y,
-//! n_y ⊗ y, y (n_y·y)), and coupling coefficients between degrees. In Cartesian monomials, which
-//! span the same polynomials degree by degree, a translation is a binomial, a source is the vector
-//! q n_y, a receiver gets a vector, and the truncation by total degree |α| + |β| ≤ p leaves C(p +
-//! 6, 6) products for a pair. A test below shows degree by degree that it is the sum of \[G08\]
-//! Eqs. (5)-(9).
+//! **Reason against the harmonics.** Expansions about two centers need translation theorems for
+//! {r^n Y_{n−2j}^m} with their S M and R M matrices. These need 16 numbers per source and term
+//! (n_y, n_y·y, n_y ⊗ y, y (n_y·y)), and coupling coefficients between degrees. Cartesian monomials
+//! span the same polynomials degree by degree. There a translation is a binomial, a source is the
+//! vector q n_y, and a receiver gets a vector. The truncation by total degree |α| + |β| ≤ p keeps
+//! C(p + 6, 6) products per pair. A test below shows degree by degree that the result is the sum of
+//! \[G08\] Eqs. (5)-(9).
 //!
 //! The Taylor coefficients t_γ of |r|⁻⁴ follow from the recurrence of \[DK01\] for |r|^−ν with ν =
-//! 4, on the unit sphere:
-//! |γ| t_γ + (2|γ| + 2) Σ_i r_i t_{γ−e_i} + (|γ| + 2) Σ_i t_{γ−2e_i} = 0; those of K are t times the polynomial (r_i + h_i)(r_j + h_j).
+//! 4, on the unit sphere: |γ| t_γ + (2|γ| + 2) Σ_i r_i t_{γ−e_i} + (|γ| + 2) Σ_i t_{γ−2e_i} = 0.
+//! Those of K are t times the polynomial (r_i + h_i)(r_j + h_j).
 
 use super::real::Real;
 use super::terms::{Terms, term_index};
 
-/// K's six different entries: xx, xy, xz, yy, yz, zz.
+/// The six different entries of K: xx, xy, xz, yy, yz, zz.
 pub type Six<T> = [T; 6];
 
 /// Indices of the two components of each of the six products.
@@ -25,18 +25,18 @@ pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 
 /// Steps of [`Derivatives::at`], prepared once per order: the indices of γ − e_i and γ − 2e_i.
 #[derive(Clone, Debug)]
 pub struct Derivatives {
-    /// For each γ: positions of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`]
-    /// where there is no such term.
+    /// For each γ: indices of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j. [`NONE`] for a
+    /// missing term.
     down: Vec<[u16; 9]>,
     /// For each γ: the recurrence's two factors, and γ!.
     factors: Vec<[f64; 3]>,
 }
 
-/// No such term.
+/// Index of a missing term.
 pub const NONE: u16 = u16::MAX;
 
 impl Derivatives {
-    /// For all γ of `terms`.
+    /// Creates the steps for all γ of `terms`.
     #[must_use]
     pub fn new(terms: &Terms) -> Self {
         let below = |e: [usize; 3], less: [usize; 3]| -> u16 {
@@ -71,16 +71,18 @@ impl Derivatives {
         }
     }
 
-    /// Indices of the nine lower terms of each γ: −x, −y, −z, −2x, −2y, −2z, −x−y, −x−z, −y−z.
+    /// Returns the indices of the nine lower terms of each γ: −x, −y, −z, −2x, −2y, −2z, −x−y,
+    /// −x−z, −y−z.
     #[must_use]
     pub fn down(&self) -> &[[u16; 9]] {
         &self.down
     }
 
-    /// ∂^γ K(r) at the unit vector `r` for all γ. `scalar` is room for the derivatives of |r|⁻⁴.
+    /// Computes ∂^γ K(r) at the unit vector `r` for all γ. `scalar` is a buffer for the derivatives
+    /// of |r|⁻⁴.
     #[inline(always)]
     pub fn at<T: Real>(&self, r: [T; 3], scalar: &mut Vec<T>, out: &mut Vec<Six<T>>) {
-        // One more, which is zero: what is not there.
+        // One more entry, which is zero, for missing terms.
         let none = self.down.len();
         scalar.clear();
         scalar.resize(none + 1, T::default());
@@ -126,8 +128,8 @@ mod tests {
         (0..3).map(|i| (-y[i]).powi(e[i] as i32)).product()
     }
 
-    /// Σ_{|γ| = n} (−y)^γ/γ! ∂^γ of |x|⁻⁴ is the n-th term of Eq. (5), and of −K(x) n_y that of
-    /// Eqs. (6)-(9), for every n up to 16.
+    /// Σ_{|γ| = n} (−y)^γ/γ! ∂^γ of |x|⁻⁴ is the n-th term of Eq. (5), and that of −K(x) n_y is the
+    /// n-th term of Eqs. (6)-(9). Tested for every n up to 16.
     #[test]
     fn tensor_degrees_match_series_terms() {
         let terms = Terms::new(16);

@@ -1,30 +1,30 @@
-//! The terms of an expansion: exponents (a, b, c) of the homogeneous polynomials v_x^a v_y^b v_z^c
-//! up to an order, and the tables that translations walk.
+//! Terms of an expansion: exponents (a, b, c) of the homogeneous polynomials v_x^a v_y^b v_z^c up
+//! to an order, and the tables of translations.
 //!
-//! Terms stand degree by degree, so that those up to any degree are a prefix. The monomials of
-//! degree n span what the functions r^n Y_{n−2j}^m of \[G08\] Eq. (5) span, j = 0 … n/2: (n + 1)(n
-//! + 2) / 2 of either.
+//! Terms are sorted by degree, so that those up to any degree are a prefix. The monomials of degree
+//! n span the same space as the functions r^n Y_{n−2j}^m of \[G08\] Eq. (5), j = 0 … n/2. Both have
+//! (n + 1)(n + 2) / 2 elements.
 
-/// Highest order that is taken: C(19, 3) = 969 terms.
+/// Highest supported order: C(19, 3) = 969 terms.
 pub const MAX_ORDER: usize = 16;
 
-/// Number of terms up to degree `order`.
+/// Returns the number of terms up to degree `order`.
 #[must_use]
 pub const fn count(order: usize) -> usize {
     (order + 1) * (order + 2) * (order + 3) / 6
 }
 
-/// The position of exponents (a, b, c) in the order of the terms.
+/// Returns the index of exponents (a, b, c) in the order of the terms.
 #[must_use]
 pub const fn term_index(e: [usize; 3]) -> usize {
     let (n, m) = (e[0] + e[1] + e[2], e[1] + e[2]);
     n * (n + 1) * (n + 2) / 6 + m * (m + 1) / 2 + e[2]
 }
 
-/// Step from a term of the degree below: times component `axis` over `exponent`.
+/// Step from a term of the next lower degree: times component `axis` over `exponent`.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// The term of a degree less.
+    /// Index of the term of the next lower degree.
     pub from: u32,
     /// Component.
     pub axis: u32,
@@ -32,7 +32,7 @@ pub struct Step {
     pub exponent: f64,
 }
 
-/// The tables of one order.
+/// Tables of one order.
 #[derive(Clone, Debug)]
 pub struct Terms {
     order: usize,
@@ -45,7 +45,7 @@ pub struct Terms {
 }
 
 impl Terms {
-    /// For expansions up to degree `order`, at most [`MAX_ORDER`].
+    /// Creates the tables for expansions up to degree `order`, at most [`MAX_ORDER`].
     #[must_use]
     pub fn new(order: usize) -> Self {
         let order = order.min(MAX_ORDER);
@@ -85,49 +85,49 @@ impl Terms {
         }
     }
 
-    /// The order.
+    /// Returns the order.
     #[must_use]
     pub fn order(&self) -> usize {
         self.order
     }
 
-    /// Number of terms of an expansion.
+    /// Returns the number of terms of an expansion.
     #[must_use]
     pub fn len(&self) -> usize {
         self.exponents.len()
     }
 
-    /// False: there is always the constant term.
+    /// Returns `false`: the constant term always exists.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.exponents.is_empty()
     }
 
-    /// Exponents of all terms.
+    /// Returns the exponents of all terms.
     #[must_use]
     pub fn exponents(&self) -> &[[usize; 3]] {
         &self.exponents
     }
 
-    /// a! b! c! of all terms.
+    /// Returns a! b! c! of all terms.
     #[must_use]
     pub fn factorials(&self) -> &[f64] {
         &self.factorials
     }
 
-    /// Step to each term from an earlier one. The step of the first term is not used.
+    /// Returns the step to each term from an earlier one. The step of the first term is not used.
     #[must_use]
     pub fn steps(&self) -> &[Step] {
         &self.steps
     }
 
-    /// Positions of term `a` plus each of the terms that leave the sum within the order.
+    /// Returns the indices of term `a` plus each of the terms that keep the sum within the order.
     #[must_use]
     pub fn sums(&self, a: usize) -> &[u16] {
         &self.sums[a]
     }
 
-    /// Degree of a term.
+    /// Returns the degree of a term.
     #[must_use]
     pub fn degree(&self, term: usize) -> usize {
         self.exponents[term].iter().sum()
@@ -159,7 +159,7 @@ mod tests {
                     assert_eq!(sum, std::array::from_fn(|k| e[k] + b[k]));
                 }
             }
-            // As many of a degree as there are r^n Y_{n-2j}^m.
+            // As many terms of a degree as functions r^n Y_{n-2j}^m.
             for n in 0..=order {
                 let spherical: usize = (0..=n / 2).map(|j| 2 * (n - 2 * j) + 1).sum();
                 let cartesian = (0..terms.len()).filter(|&i| terms.degree(i) == n).count();

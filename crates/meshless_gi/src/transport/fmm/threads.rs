@@ -1,7 +1,8 @@
-//! The passes node after node, shared out to threads: a node is one thread's, so results are the
-//! same bits for any number of them (design D5). What a node does is [`Field`]'s; here it is
-//! compiled a second time for AVX2, which an x86-64 processor may have, and which changes no bit
-//! either: lanes of colors side by side, sums in the same order, no fused products.
+//! The passes on several threads. One thread computes a node, so that results are bit-identical for
+//! any number of threads (design D5). [`Field`] defines the computation of a node. Here it is
+//! compiled a second time for AVX2, which an x86-64 processor may have. The results stay
+//! bit-identical: color channels are SIMD lanes, sums have the same order, and products are not
+//! fused.
 
 use super::expansion::{Scratch, Term};
 use super::passes::Field;
@@ -15,31 +16,31 @@ use std::time::{Duration, Instant};
 pub struct PassTimes {
     /// S-expansions and S→S.
     pub up: Duration,
-    /// The rest.
+    /// Downward pass and evaluation.
     pub down: Duration,
 }
 
-/// Nodes that a thread takes at least.
+/// Minimum number of nodes per thread.
 const NODES: usize = 8;
 
-/// The buffers of the passes, used again and again.
+/// Buffers of the passes, reused between runs.
 pub struct Passes<'a, T> {
     /// Field of the passes.
     pub field: Field<'a, T>,
-    /// S-expansions, node after node.
+    /// S-expansions, sorted by node.
     pub sources: Vec<Term<T>>,
     /// R-expansions.
     pub locals: Vec<Term<T>>,
-    /// Vector irradiance at the receivers in the tree's order, W/m²; nothing at the others.
+    /// Vector irradiance at the receivers in the tree's order, W/m². Zero at other points.
     pub values: Vec<Term<T>>,
-    /// The leaves that receive, by their points.
+    /// Leaves that receive, sorted by their points.
     leaves: Vec<usize>,
     /// Radiosity in the tree's order.
     ordered: Vec<[T; 4]>,
 }
 
 impl<'a, T: Real> Passes<'a, T> {
-    /// With room for all expansions.
+    /// Allocates the buffers for all expansions.
     #[must_use]
     pub fn new(field: Field<'a, T>) -> Self {
         let terms = field.terms() * field.nodes.len();
@@ -59,7 +60,7 @@ impl<'a, T: Real> Passes<'a, T> {
         }
     }
 
-    /// Both passes, for the radiosity of every point in the order of the tree's input.
+    /// Runs both passes for the radiosity of every point in the order of the tree's input.
     pub fn run(&mut self, radiosity: &[[T; 4]]) -> PassTimes {
         let start = Instant::now();
         self.up(radiosity);
@@ -70,7 +71,7 @@ impl<'a, T: Real> Passes<'a, T> {
         PassTimes { up, down }
     }
 
-    /// The upward pass, for the radiosity of every point in the order of the tree's input.
+    /// Runs the upward pass for the radiosity of every point in the order of the tree's input.
     pub fn up(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
         field.in_order(radiosity, &mut self.ordered);
@@ -89,7 +90,7 @@ impl<'a, T: Real> Passes<'a, T> {
         }
     }
 
-    /// The downward pass and the evaluation, for the same.
+    /// Runs the downward pass and the evaluation for the same radiosity.
     pub fn down(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
         field.in_order(radiosity, &mut self.ordered);
@@ -129,8 +130,8 @@ impl<'a, T: Real> Passes<'a, T> {
     }
 }
 
-/// The upward pass's step of a node, in AVX2 where there is: the same bits, as sums keep their
-/// order.
+/// Computes the upward pass of a node, with AVX2 if available. The order of sums and thus the bits
+/// do not change.
 #[multiversion(targets("x86_64+avx2"))]
 fn ascend<T: Real>(
     field: &Field<'_, T>,
@@ -147,7 +148,7 @@ fn ascend<T: Real>(
     }
 }
 
-/// The downward pass's step of a node, likewise.
+/// Computes the downward pass of a node, with AVX2 if available.
 #[multiversion(targets("x86_64+avx2"))]
 fn descend<T: Real>(
     field: &Field<'_, T>,
@@ -161,7 +162,7 @@ fn descend<T: Real>(
     field.receive(node, sources, parent, radiosity, scratch, out);
 }
 
-/// Evaluates the light at the receivers of a leaf.
+/// Evaluates the irradiance at the receivers of a leaf.
 #[multiversion(targets("x86_64+avx2"))]
 fn arrive<T: Real>(
     field: &Field<'_, T>,
@@ -183,7 +184,7 @@ mod tests {
     use crate::samples::Random;
     use glam::Vec3;
 
-    /// The steps as they are compiled for every machine, one after another.
+    /// Runs the steps as compiled for every machine, sequentially.
     fn one_by_one<T: Real>(field: &Field<'_, T>, radiosity: &[[T; 4]]) -> Vec<Term<T>> {
         let n = field.terms();
         let none = vec![Term::default(); n * field.nodes.len()];
@@ -230,7 +231,7 @@ mod tests {
     #[test]
     fn avx2_kernels_match_scalar_bits() {
         let mut random = Random::new(2, 7, 1);
-        // The inside of a ball and a smaller ball in it: all four lists.
+        // The inside of a ball and a smaller ball in it: uses all four lists.
         let points: Vec<_> = (0..3000)
             .map(|i| {
                 let v = Vec3::from_array(std::array::from_fn(|_| random.unit() - 0.5)).normalize();

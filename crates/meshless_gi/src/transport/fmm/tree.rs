@@ -1,118 +1,119 @@
-//! The adaptive octree of \[G08\] §2.5 and §3: one array, level after level from the root; no leaf
-//! has more than s points, but where they coincide.
+//! Adaptive octree of \[G08\] §2.5 and §3: one array, sorted by level from the root. Each leaf has
+//! at most s points, except if points coincide.
 //!
-//! Deviation: where normals differ much, a node is divided by them before it is divided in space:
-//! into the six faces of a cube of directions, and a face into nine. Nodes then face one way, which
-//! the lists need ([`super::lists`]); a corner of a room is three nodes and not one that faces
-//! nowhere. Each set of directions has an octree of its own, on the same cells.
+//! Deviation: a node whose normals differ much is divided by normals before it is divided in space.
+//! The parts are the six faces of a cube of directions, and nine parts of a face. Each node then
+//! has one direction, as the lists require ([`super::lists`]). A corner of a room is three nodes
+//! instead of one without a direction. Each set of directions has its own octree on the same cells.
 //!
-//! Everything is in units of the scene: its longest side is one, its smallest corner at the origin.
+//! All values are in units of the scene: its longest side is one, its smallest corner at the
+//! origin.
 
 use super::settings::FmmPoint;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Deepest division in space. Its cells are below the resolution of single precision over the
-/// scene.
+/// Maximum depth of the division in space. Its cells are below the resolution of single precision
+/// over the scene.
 pub const DEEPEST: u32 = 21;
-/// Points nearer to each other than this count as one position, and exchange no light: six cells of
-/// the deepest division. The radii of two leaves of one such cell each, farther apart than that,
-/// are 0.41 of the distance of their centers at most, so that from that separation on leaves of any
-/// number of points that (nearly) coincide meet by expansions.
+/// Distance below which two points coincide and exchange no light: six cells of the deepest
+/// division. Consider two leaves of one such cell each, farther apart than that. Their radii are at
+/// most 0.41 of the distance of their centers. From that separation on, leaves with any number of
+/// (nearly) coincident points interact by expansions.
 pub const COINCIDENT: f64 = 6.0 / (1u64 << DEEPEST) as f64;
-/// A node whose normals spread less than this about their mean is not divided by them: cos 30°.
+/// Cosine of the spread below which a node is not divided by normals: cos 30°.
 const NARROW: f64 = 0.866;
-/// The smallest size of a node: scaled coordinates never divide by zero.
+/// Minimum size of a node. It prevents a division by zero in scaled coordinates.
 const SMALLEST: f64 = 1.0 / (1u64 << 24) as f64;
 
-/// A point in units of the scene.
+/// Point in units of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreePoint {
-    /// In the unit cube.
+    /// Position in the unit cube.
     pub position: DVec3,
     /// Unit normal.
     pub normal: DVec3,
-    /// Surface, in units of the scene's side squared. A point of none is no source.
+    /// Surface area, in units of the scene's side squared. A point with zero area does not emit.
     pub weight: f64,
-    /// Light is asked for there.
+    /// `true` if the irradiance at the point is computed.
     pub receives: bool,
 }
 
-/// A node: a range of the points, and what is known of them.
+/// Node: a range of the points and their bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreeNode {
     /// First of its points.
     pub start: u32,
     /// One past the last.
     pub end: u32,
-    /// Its first child; children stand together.
+    /// Its first child. Children are adjacent.
     pub first_child: u32,
     /// Number of children. 0 for a leaf.
     pub children: u32,
-    /// Its parent; itself for the root.
+    /// Its parent. The root is its own parent.
     pub parent: u32,
     /// Number of its points that emit: the first ones of a leaf.
     pub sources: u32,
     /// Number of its points that receive: the last ones of a leaf.
     pub receivers: u32,
-    /// Corners of the smallest box around its points.
+    /// Smallest corner of the bounding box of its points.
     pub min: DVec3,
     /// Largest corner.
     pub max: DVec3,
-    /// The box's center, the center of the expansions.
+    /// Center of the box and of the expansions.
     pub center: DVec3,
-    /// Radius of the ball about the center that holds the points.
+    /// Radius of the ball about the center that contains the points.
     pub radius: f64,
-    /// Unit of length of the expansions: the radius, but never zero.
+    /// Unit of length of the expansions: the radius, limited to a positive minimum.
     pub size: f64,
     /// Mean direction of the normals.
     pub axis: DVec3,
-    /// Least and greatest axis·y over its points: how thick it is that way.
+    /// Minimum and maximum of axis·y over its points: its extent along the axis.
     pub slab: [f64; 2],
-    /// No unit normal is farther from the axis than this, as a length: 2 sin(half the angle), at
-    /// most 2.
+    /// Maximum distance of a unit normal from the axis, as the length of the difference: 2 sin(half
+    /// the angle), at most 2.
     pub spread: f64,
 }
 
 impl TreeNode {
-    /// Its points.
+    /// Returns the range of its points.
     #[must_use]
     pub fn points(&self) -> Range<usize> {
         self.start as usize..self.end as usize
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     #[must_use]
     pub fn len(&self) -> usize {
         (self.end - self.start) as usize
     }
 
-    /// False: nodes have points.
+    /// Returns `false`: every node has points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.start == self.end
     }
 
-    /// The points of a leaf that give light.
+    /// Returns the points of a leaf that emit.
     #[must_use]
     pub fn source_range(&self) -> Range<usize> {
         self.start as usize..(self.start + self.sources) as usize
     }
 
-    /// The points of a leaf that receive.
+    /// Returns the points of a leaf that receive.
     #[must_use]
     pub fn receiver_range(&self) -> Range<usize> {
         (self.end - self.receivers) as usize..self.end as usize
     }
 
-    /// Its children.
+    /// Returns the range of its children.
     #[must_use]
     pub fn child_range(&self) -> Range<usize> {
         self.first_child as usize..(self.first_child + self.children) as usize
     }
 
-    /// True where it has no children.
+    /// Returns `true` if it has no children.
     #[must_use]
     pub fn is_leaf(&self) -> bool {
         self.children == 0
@@ -122,13 +123,13 @@ impl TreeNode {
 /// The octree.
 #[derive(Clone, Debug)]
 pub struct Tree {
-    /// Points in the order of the leaves; those of length-zero normals, and those that neither give
-    /// nor receive, are not among them.
+    /// Points in the order of the leaves. Points with a normal of length zero and points that
+    /// neither emit nor receive are left out.
     pub points: Vec<TreePoint>,
     /// Index of each point in the input. Points of a leaf that only emit come first, those that
     /// only receive last.
     pub order: Vec<u32>,
-    /// Nodes, level after level.
+    /// Nodes, sorted by level.
     pub nodes: Vec<TreeNode>,
     /// First node of each level, and one past the last node.
     pub level_starts: Vec<u32>,
@@ -141,15 +142,15 @@ pub struct Tree {
 /// Kind of the next division of a node.
 #[derive(Clone, Copy)]
 enum Division {
-    /// Into the faces of the cube of directions.
+    /// Division into the faces of the cube of directions.
     Faces,
-    /// A face into nine.
+    /// Division of a face into nine parts.
     Parts,
-    /// Into the octants of the cell at this corner, of this side, at this depth.
+    /// Division into the octants of a cell, given by its corner, side and depth.
     Space(DVec3, f64, u32),
 }
 
-/// The face of the cube that a direction meets.
+/// Returns the face of the cube that a direction hits.
 fn face(n: DVec3) -> usize {
     let a = n.abs();
     let axis = if a.x >= a.y && a.x >= a.z {
@@ -162,8 +163,8 @@ fn face(n: DVec3) -> usize {
     2 * axis + usize::from(n[axis] < 0.0)
 }
 
-/// Ninth of the face that a direction hits. The middle one contains the axis, so that walls along
-/// the axes are not divided.
+/// Returns the ninth of the face that a direction hits. The middle one contains the axis, so that
+/// walls along the axes are not divided.
 fn part(n: DVec3) -> usize {
     let axis = face(n) / 2;
     let of = |c: f64| {
@@ -174,7 +175,7 @@ fn part(n: DVec3) -> usize {
 }
 
 impl Tree {
-    /// Over points whose values are finite, with at most `leaf` in a leaf.
+    /// Builds the tree of points with finite values, with at most `leaf` points per leaf.
     #[must_use]
     pub fn new(input: &[FmmPoint], leaf: usize) -> Self {
         let used = |p: &FmmPoint| {
@@ -222,7 +223,7 @@ impl Tree {
         tree
     }
 
-    /// Puts the points of each leaf that only give light first, those that only receive last.
+    /// Sorts the points of each leaf: those that only emit first, those that only receive last.
     fn sort_leaves(&mut self) {
         let part = |p: &TreePoint| match (p.weight > 0.0, p.receives) {
             (true, false) => 0u8,
@@ -240,7 +241,7 @@ impl Tree {
         }
     }
 
-    /// Divides level after level.
+    /// Divides the nodes level by level.
     fn divide(&mut self, leaf: usize) {
         let whole = 0..self.points.len();
         self.nodes.push(node_of(&self.points, whole, 0));
@@ -268,7 +269,7 @@ impl Tree {
         }
     }
 
-    /// Sorts one node's points by the part they belong to, and lists the parts.
+    /// Sorts the points of a node by their part and lists the parts.
     fn divide_node(
         &mut self,
         at: usize,
@@ -277,7 +278,8 @@ impl Tree {
         below: &mut Vec<(Range<usize>, u32, Division)>,
     ) {
         let node = self.nodes[at];
-        // Directions come first: after them, space only. Narrow nodes need none.
+        // Division by direction comes first, afterwards only in space. Narrow nodes are divided
+        // only in space.
         let narrow = node.spread * node.spread <= 2.0 - 2.0 * NARROW;
         let mut stage = match stage {
             Division::Faces | Division::Parts if narrow => Division::Space(DVec3::ZERO, 1.0, 0),
@@ -314,7 +316,7 @@ impl Tree {
                     Division::Space(corner, 0.5 * side, depth + 1)
                 }
             };
-            // All in one part: no node of its own, the part is divided at once.
+            // All points are in one part: it gets no node of its own and is divided further.
             if let Some(k) = (0..9).find(|&k| counts[k + 1] - counts[k] == range.len()) {
                 stage = next(k);
                 continue;
@@ -349,20 +351,20 @@ impl Tree {
         }
     }
 
-    /// Number of levels.
+    /// Returns the number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1
     }
 
-    /// The nodes of a level.
+    /// Returns the nodes of a level.
     #[must_use]
     pub fn level(&self, l: usize) -> Range<usize> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// True where d·x ≥ `min` for all of a node's points: exact, and as a rule decided by a few
-    /// boxes.
+    /// Returns `true` if d·x ≥ `min` for all of a node's points. The test is exact. A few boxes
+    /// usually decide it.
     #[must_use]
     pub fn all_beyond(&self, node: usize, d: DVec3, min: f64) -> bool {
         let n = &self.nodes[node];
@@ -386,7 +388,7 @@ fn octant(p: DVec3, corner: DVec3, side: f64) -> usize {
     usize::from(upper.x) + 2 * usize::from(upper.y) + 4 * usize::from(upper.z)
 }
 
-/// A leaf over a range of the points.
+/// Creates a leaf over a range of the points.
 fn node_of(points: &[TreePoint], range: Range<usize>, parent: u32) -> TreeNode {
     let own = &points[range.clone()];
     let (mut min, mut max, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, DVec3::ZERO);

@@ -1,6 +1,6 @@
 //! Visibility between two nodes of the octree (\[G08\] §3 step 3), by rays between their points.
-//! \[G08\] uses a binary result of another method. Here it is the part, between 0 and 1, of the
-//! unoccluded light between the nodes.
+//! \[G08\] uses a binary result of another method. Here it is the visible fraction, between 0 and
+//! 1, of the unoccluded light between the nodes.
 
 use super::settings::FmmPoint;
 use super::tree::{Tree, TreeNode};
@@ -9,21 +9,21 @@ use crate::scene::Geometry;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
-/// Casts rays between nodes.
+/// Visibility tests between nodes by rays.
 pub struct Visibility<'a> {
     /// Geometry that rays intersect.
     pub geometry: &'a dyn Geometry,
-    /// The points as they were given, meters.
+    /// Input points, in meters.
     pub points: &'a [FmmPoint],
-    /// Rays a pair of nodes.
+    /// Number of rays per pair of nodes.
     pub rays: u32,
     /// Seed of the random numbers.
     pub seed: u64,
 }
 
 impl Visibility<'_> {
-    /// True where nothing lies between the two points of the tree. Nearer than rays can start
-    /// apart, nothing does.
+    /// Returns `true` if the segment between two points of the tree is not occluded. Points closer
+    /// than twice the sum of their ray offsets are always mutually visible.
     fn open(&self, tree: &Tree, a: usize, b: usize) -> bool {
         let lifted = |i: usize| {
             let p = &self.points[tree.order[i] as usize];
@@ -35,10 +35,10 @@ impl Visibility<'_> {
         from.distance(to) <= 2.0 * (la + lb) || !self.geometry.occluded(from, to)
     }
 
-    /// The part of the light from the sources of node `b` that arrives at the receivers of `a`, in
-    /// [0, 1]: the kernel's mean over pairs of points that see each other, by its mean over all; 0
-    /// where no light would go even so. Also how many rays it took. The same for any order of
-    /// calls.
+    /// Returns the fraction of the light from the sources of node `b` that arrives at the receivers
+    /// of `a`, in [0, 1]. Also returns the number of rays. The fraction is the kernel's mean over
+    /// mutually visible pairs of points over its mean over all pairs. 0 if the unoccluded light is
+    /// zero. The result does not depend on the order of calls.
     #[must_use]
     pub fn part(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
         let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
@@ -56,8 +56,8 @@ impl Visibility<'_> {
         let mut sum = Sum::default();
         if node_pairs > u64::from(self.rays) || pairs > max {
             let mut random = Random::new(self.seed, a as u64, b as u64);
-            // Pairs that look away from each other, or the wrong way round, say nothing: others are
-            // drawn instead.
+            // Pairs that face away from each other or have the wrong roles carry no information.
+            // Others are drawn instead.
             for _ in 0..max {
                 let pair = (random.below(xs.len()), random.below(ys.len()));
                 self.add(
@@ -71,8 +71,8 @@ impl Visibility<'_> {
                 }
             }
         }
-        // Few pairs, or so few that look at each other that none of them was drawn: all of those,
-        // or as many as there are rays, evenly.
+        // Few pairs, or none of the drawn pairs face each other: all pairs that do, or an even
+        // selection of as many as there are rays.
         if sum.rays == 0 {
             let looks = |pair: &(usize, usize)| weight(tree, *pair, (na, nb)).is_some();
             let found: Vec<_> = (0..pairs.min(MAX_PAIRS)).map(at).filter(looks).collect();
@@ -88,7 +88,7 @@ impl Visibility<'_> {
         ((sum.seen / sum.whole) as f32, sum.rays)
     }
 
-    /// Adds a receiver and a source, if light goes between them where nothing is in the way.
+    /// Adds a pair of receiver and source if its unoccluded light is positive.
     fn add(
         &self,
         sum: &mut Sum,
@@ -107,8 +107,8 @@ impl Visibility<'_> {
     }
 }
 
-/// The kernel between a receiver and a source and the source's surface, within bounds: near
-/// neighbors are not to outweigh all. None where no light goes between them.
+/// Returns the kernel between a receiver and a source times the source's surface area. It is
+/// clamped, so that close neighbors do not dominate. Returns `None` if the pair exchanges no light.
 fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode)) -> Option<f64> {
     let (x, y) = (&tree.points[i], &tree.points[j]);
     let r: DVec3 = x.position - y.position;
@@ -121,16 +121,16 @@ fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode))
     Some(cosines / (near * near) * y.weight)
 }
 
-/// Pairs of points that are looked at one after another, at most, where none of those drawn
-/// exchange light. Leaves have fewer, but where points coincide.
+/// Maximum number of pairs of points that are tested in sequence if none of the drawn pairs
+/// exchanges light. Leaves have fewer pairs, except if points coincide.
 const MAX_PAIRS: u64 = 1 << 16;
 
 /// Result of the rays of a pair of nodes.
 #[derive(Default)]
 struct Sum {
-    /// The kernel between the pairs that see each other.
+    /// Sum of the kernel over mutually visible pairs.
     seen: f64,
-    /// Between all.
+    /// Sum over all pairs.
     whole: f64,
     /// Number of pairs, one ray each.
     rays: u64,

@@ -2,16 +2,16 @@
 //! transfer. Root points are Poisson disks of a larger radius under the 5D distance (\[L08\] Eq.
 //! (11)). Each point belongs to the nearest root.
 //!
-//! \[P14\] prescribes a radius. A recipe here prescribes the number of points per cluster, and the
-//! radius is found by bisection. Roots are chosen among the points, in shuffled order, until no
-//! other fits. Every point then has a root nearer than the radius, with a normal less than 90° from
-//! its own. A cluster is never empty.
+//! \[P14\] prescribes a radius. A recipe here prescribes the number of points per cluster, and
+//! bisection determines the radius. Roots are selected among the points, in shuffled order, until
+//! no other fits. Every point then has a root nearer than the radius, with a normal less than 90°
+//! from its own. A cluster is never empty.
 
 use crate::samples::{Random, distance_5d, thin_out};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Number of bisections of the logarithm of the radius: from 1e-5 to 1e3 of the size, to 5 %.
+/// Number of bisections of the logarithm of the radius, from 1e-5 to 1e3 of the extent, to 5 %.
 const HALVINGS: u32 = 9;
 /// Largest number of points for which sets of roots are tried. Larger sets are sampled.
 const MAX_TRIED: usize = 1 << 16;
@@ -20,7 +20,7 @@ const MAX_TRIED: usize = 1 << 16;
 /// ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Clusters {
-    /// Root of each cluster, a point.
+    /// Root of each cluster, an index of a point.
     pub roots: Vec<u32>,
     /// Start of each cluster's members, and the end of the last.
     pub starts: Vec<u32>,
@@ -31,26 +31,26 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Number of clusters.
+    /// Returns the number of clusters.
     #[must_use]
     pub fn len(&self) -> usize {
         self.roots.len()
     }
 
-    /// Returns `true` without points.
+    /// Returns `true` if there are no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.roots.is_empty()
     }
 
-    /// Points of cluster `c`, ascending.
+    /// Returns the points of cluster `c`, ascending.
     #[must_use]
     pub fn members_of(&self, c: usize) -> &[u32] {
         &self.members[self.starts[c] as usize..self.starts[c + 1] as usize]
     }
 }
 
-/// Sorts `points`, positions in meters and unit normals, into clusters of about `target` each.
+/// Sorts `points`, positions in meters and unit normals, into clusters of about `target` points.
 /// Surfaces with six orientations give at least six clusters. The result does not depend on the
 /// number of threads.
 #[must_use]
@@ -83,7 +83,7 @@ pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
     assign(points, thin_out(points, &order, radius))
 }
 
-/// The numbers below `count`, shuffled.
+/// Returns the numbers below `count` in shuffled order.
 fn shuffled(count: usize, seed: u64) -> Vec<u32> {
     let mut order: Vec<u32> = (0..count as u32).collect();
     let mut random = Random::new(seed, 0x63_6c_75_73, 0);
@@ -93,7 +93,7 @@ fn shuffled(count: usize, seed: u64) -> Vec<u32> {
     order
 }
 
-/// Largest edge of the box around the points, meters.
+/// Returns the largest edge of the bounding box of the points, in meters.
 fn extent(points: &[(Vec3, Vec3)]) -> f32 {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for (x, _) in points {
@@ -145,7 +145,7 @@ fn assign(points: &[(Vec3, Vec3)], mut roots: Vec<u32>) -> Clusters {
 mod tests {
     use super::*;
 
-    /// Points all over the six faces of a box of 4 × 2 × 4 m, seen from inside.
+    /// Creates points on the six faces of a box of 4 × 2 × 4 m, with normals that point inward.
     fn room(count: usize) -> Vec<(Vec3, Vec3)> {
         let mut random = Random::new(5, 0, 0);
         let half = Vec3::new(2.0, 1.0, 2.0);
@@ -197,14 +197,14 @@ mod tests {
         assert!(cluster(&[], 10, 0).is_empty());
         let one = cluster(&[(Vec3::ONE, Vec3::Y)], 1000, 0);
         assert_eq!((one.len(), one.members_of(0)), (1, &[0u32][..]));
-        // All at one position: as many clusters as there are ways to face.
+        // All points at one position: one cluster per orientation.
         let positions: Vec<_> = (0..10)
             .map(|i| (Vec3::ZERO, [Vec3::X, -Vec3::X][i % 2]))
             .collect();
         let two = cluster(&positions, 1000, 0);
         assert_eq!(two.len(), 2);
         assert!((0..2).all(|c| two.members_of(c).len() == 5));
-        // More clusters than points cannot be.
+        // There are never more clusters than points.
         assert!(cluster(&room(30), 0, 0).len() <= 30);
     }
 }

@@ -1,35 +1,36 @@
-//! Compressed radiosity of senders, as it is stored: c = D b, with a few rows of D per cluster of
+//! Compressed radiosity of senders in its stored form: c = D b, with a few rows of D per cluster of
 //! senders. Links of an operator in the form of [`Components`](crate::transport::SenderForm)
 //! multiply c (\[P14\] Eq. (10)).
 //!
-//! A column of the operator is a row of D: its senders, and sixteen bits for each of them ([P14]
-//! §4.4), relative to the column's scale. All columns of a cluster share its senders. The last
-//! column is the sky alone.
+//! A column of the operator is a row of D. It has senders and a 16-bit value for each of them
+//! ([P14] §4.4), relative to the column's scale. All columns of a cluster share its senders. The
+//! last column is the sky alone.
 
 use super::light_basis::LightBasis;
 use bytemuck::{Pod, Zeroable};
 use half::f16;
 
-/// One column of the operator. 16 bytes.
+/// Column of the operator. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Column {
-    /// First of its senders in [`Compression::members`].
+    /// Index of its first sender in [`Compression::members`].
     pub member: u32,
     /// Number of senders.
     pub count: u32,
-    /// First word of its values: two halves per word, the first in the lower bits.
+    /// Index of the first word of its values. A word has two f16 values, the first in the lower
+    /// bits.
     pub value: u32,
-    /// Multiplies every value.
+    /// Factor of every value.
     pub scale: f32,
 }
 
 /// Matrix D: from the senders' radiosity to the coefficients that links multiply.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Compression {
-    /// The columns of the operator, cluster after cluster; the last is the sky's.
+    /// Columns of the operator, cluster after cluster. The last is the sky's.
     pub columns: Vec<Column>,
-    /// Senders, cluster after cluster; the last is the sky, with the index "number of senders".
+    /// Senders, cluster after cluster. The last is the sky, with the index "number of senders".
     pub members: Vec<u32>,
     /// Values, column after column. Each column starts at a word.
     pub values: Vec<u32>,
@@ -70,13 +71,13 @@ impl Compression {
             .extend(words.map(|w| half(&w[0]) | w.get(1).map_or(0, half) << 16));
     }
 
-    /// Number of columns, without the sky.
+    /// Returns the number of columns, without the sky.
     #[must_use]
     pub fn components(&self) -> usize {
         self.columns.len().saturating_sub(1)
     }
 
-    /// Senders of column `c` and their values.
+    /// Returns the senders of column `c` and their values.
     pub fn column(&self, c: usize) -> impl Iterator<Item = (u32, f32)> {
         let column = self.columns[c];
         let words = &self.values[column.value as usize..];
@@ -87,7 +88,7 @@ impl Compression {
         })
     }
 
-    /// Coefficient of each column if all senders and the sky emit 1 W/m².
+    /// Computes the coefficient of each column if all senders and the sky emit 1 W/m².
     #[must_use]
     pub fn of_ones(&self) -> Vec<f64> {
         (0..self.columns.len())
@@ -95,7 +96,7 @@ impl Compression {
             .collect()
     }
 
-    /// Bytes of all arrays.
+    /// Returns the size of all arrays in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         (16 * self.columns.len() + 4 * (self.members.len() + self.values.len())) as u64

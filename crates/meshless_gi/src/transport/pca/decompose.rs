@@ -1,29 +1,30 @@
-//! Principal components of a set of rows: the orthonormal vectors whose combinations approximate
-//! the rows best ([P14] §3.3, Eq. (7) to (9)). Used for light bases and for depths.
+//! Principal components of a set of rows: the orthonormal vectors with the best approximation of
+//! the rows ([P14] §3.3, Eq. (7) to (9)). Used for light bases and for depths.
 //!
-//! \[P14\] Eq. (7) decomposes A − M = U Σ Vᵀ, with the mean row M. Here A is decomposed as it is,
-//! and the caller subtracts the mean if needed. A light basis must not. The right singular vectors
-//! are the eigenvectors of AᵀA, or follow from those of AAᵀ, whichever is smaller. If both are
-//! large, rows are combined at random into some more vectors than requested. These span nearly all
-//! of the first components. Two power iterations improve slowly falling singular values ([HMT11]
-//! Algorithms 4.4 and 5.1).
+//! \[P14\] Eq. (7) decomposes A − M = U Σ Vᵀ, with the mean row M. This module decomposes A itself,
+//! and the caller subtracts the mean if needed. The mean must not be subtracted for a light basis.
+//! The right singular vectors are the eigenvectors of AᵀA, or follow from those of AAᵀ. The smaller
+//! of the two matrices is used. If both are large, random combinations of the rows replace A. Their
+//! number is slightly above the number of requested vectors. They span nearly all of the first
+//! components. Two power iterations improve slowly decreasing singular values ([HMT11] Algorithms
+//! 4.4 and 5.1).
 //!
-//! A bake is the same on every machine (design D5): products are sums in fixed order, in double
-//! precision, the small eigenproblem is nalgebra's with `libm` for what is not rounded alike
-//! everywhere, the random numbers are counted.
+//! A bake gives the same result on every machine (design D5). Products are sums in fixed order and
+//! in double precision. The small eigenproblem uses nalgebra, with `libm` for functions that
+//! machines round differently. The random numbers are counter-based.
 
 use crate::samples::Random;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// Largest smaller side of matrices that are decomposed directly.
+/// Maximum of the smaller side of matrices that are decomposed directly.
 const WHOLE: usize = 128;
 /// Number of combinations of rows beyond the requested components ([HMT11] §4.2: five or ten).
 const MORE: usize = 10;
 /// Number of power iterations ([HMT11] §4.5).
 const POWERS: usize = 2;
-/// Relative size of singular values that are rounding errors.
+/// Relative size below which singular values are rounding errors.
 const ROUNDING: f64 = 1e-6;
-/// Largest number of steps per row of the eigenproblem. It needs two or three.
+/// Maximum number of steps per row of the eigenproblem. It needs two or three.
 const STEPS: usize = 64;
 
 /// Principal components, in descending order of singular values.
@@ -31,29 +32,30 @@ const STEPS: usize = 64;
 pub struct Components {
     /// Length of a component and of a row.
     pub length: usize,
-    /// Orthonormal components, one after the other. The largest number of each is positive.
+    /// Orthonormal components, one after the other. The entry of largest magnitude of each is
+    /// positive.
     pub vectors: Vec<f32>,
     /// Singular values, descending, in the unit of the rows.
     pub values: Vec<f32>,
 }
 
 impl Components {
-    /// Number of components.
+    /// Returns the number of components.
     #[must_use]
     pub fn count(&self) -> usize {
         self.values.len()
     }
 
-    /// Component `j`.
+    /// Returns component `j`.
     #[must_use]
     pub fn vector(&self, j: usize) -> &[f32] {
         &self.vectors[j * self.length..(j + 1) * self.length]
     }
 }
 
-/// First principal components, at most `max`, of `rows`: numbers of any unit, `length` per row.
-/// There are fewer if the rows span less, and none for rows of zeros. Numbers that are not finite
-/// count as zero.
+/// Computes the first principal components, at most `max`, of `rows`. These are numbers of any
+/// unit, `length` per row. The result has fewer components if the rows span less, and none for rows
+/// of zeros. Numbers that are not finite count as zero.
 #[must_use]
 pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Components {
     let empty = Components {
@@ -88,8 +90,8 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
         }
         eigen(&gram, length)
     } else {
-        // A is combined into fewer rows B with BᵀB = AᵀA, or nearly; with those of BBᵀ = W Σ² Wᵀ, V
-        // = BᵀW / Σ.
+        // B is A or has fewer rows, with BᵀB = AᵀA exactly or nearly. The eigenvectors W of
+        // BBᵀ = W Σ² Wᵀ give V = BᵀW / Σ.
         let b = match smaller <= WHOLE || 2 * r >= smaller {
             true => a.rows.iter().map(|&v| f64::from(v)).collect(),
             false => a.range(r, seed),
@@ -127,7 +129,7 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
     out
 }
 
-/// Matrix.
+/// Matrix, row after row.
 #[derive(Clone, Copy)]
 struct Rows<'a> {
     rows: &'a [f32],
@@ -170,7 +172,7 @@ impl<'a> Rows<'a> {
                 }
             }
         }
-        // X = AᵀQ, column for column what is asked for.
+        // X = AᵀQ. Its columns are the rows of QᵀA.
         (0..r)
             .flat_map(|j| x.iter().skip(j).step_by(r).copied())
             .collect()
@@ -183,7 +185,7 @@ fn add(out: &mut [f64], row: &[f32], factor: f64) {
     }
 }
 
-/// B Bᵀ of the rows `b`.
+/// Computes B Bᵀ of the rows `b`.
 fn gram(b: &[f64], length: usize) -> Vec<f64> {
     let n = b.len() / length;
     let mut gram = vec![0.0; n * n];
@@ -196,7 +198,7 @@ fn gram(b: &[f64], length: usize) -> Vec<f64> {
     gram
 }
 
-/// Four sums side by side, in fixed order.
+/// Computes the dot product with four parallel sums in fixed order.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (a, b) = (a.chunks(4), b.chunks(4));
@@ -208,8 +210,9 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-/// Roots of the eigenvalues, descending, and eigenvectors of a symmetric matrix without negative
-/// eigenvalues. Leaves out rounding errors.
+/// Computes the square roots of the eigenvalues, descending, and the eigenvectors of a symmetric
+/// matrix without negative eigenvalues. Drops rounding errors. Returns an empty list if the
+/// iteration does not converge.
 fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
     let matrix = DMatrix::from_row_slice(n, n, matrix);
     let Some(eigen) = SymmetricEigen::try_new(matrix, f64::EPSILON, STEPS * n.max(1)) else {
@@ -245,7 +248,7 @@ fn orthonormalize(x: &mut [f64], r: usize) {
 }
 
 /// Orthogonalizes `vector` to the orthonormal `others` and normalizes it. Runs twice, since the
-/// first pass leaves rounding errors. Returns `false` if nothing is left.
+/// first pass leaves rounding errors. Returns `false` if the remainder is negligible.
 fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
     for _ in 0..2 {
         let before = dot(vector, vector).sqrt();
@@ -268,8 +271,8 @@ fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
 mod tests {
     use super::*;
 
-    /// `count` rows of `length`: combinations of `rank` random vectors, the k-th with the amplitude
-    /// `fall`^k.
+    /// Creates `count` rows of `length` numbers. They are combinations of `rank` random vectors,
+    /// and vector k has the amplitude `fall`^k.
     fn rows(count: usize, length: usize, rank: usize, fall: f32) -> Vec<f32> {
         let mut random = Random::new(3, count as u64, length as u64);
         let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.unit() - 0.5).collect() };
@@ -287,8 +290,8 @@ mod tests {
         out
     }
 
-    /// Share of the rows' squares that is not in the components; and how far those are from
-    /// orthonormal.
+    /// Computes the part of the rows' squares that is not in the components, and the largest
+    /// deviation of the components from orthonormality.
     fn left_out(rows: &[f32], found: &Components) -> (f64, f64) {
         let f = |v: &[f32]| -> Vec<f64> { v.iter().map(|&v| f64::from(v)).collect() };
         let vectors: Vec<Vec<f64>> = (0..found.count()).map(|j| f(found.vector(j))).collect();
@@ -340,7 +343,8 @@ mod tests {
 
     #[test]
     fn svd_truncation_is_optimal() {
-        // Slowly falling: the whole decomposition says how much eight components must leave out.
+        // Slowly decreasing singular values. The full decomposition gives the minimum loss of eight
+        // components.
         let all = rows(400, 300, 60, 0.96);
         let best = decompose(&all, 300, 300, 1);
         assert_eq!(best.count(), 60);
@@ -351,7 +355,7 @@ mod tests {
         let (left, skew) = left_out(&all, &few);
         assert!(skew < 1e-6 && left < 1.02 * min, "{left} is not {min}");
         assert!(left > 0.999 * min);
-        // Any eight vectors would not do: those of eight rows leave more.
+        // Eight arbitrary vectors do not suffice: those of eight rows have a larger loss.
         let any = decompose(&all[..8 * 300], 300, 8, 1);
         let (left, _) = left_out(&all, &any);
         assert!(any.count() == 8 && left > 1.3 * min, "{left} beside {min}");
@@ -374,7 +378,7 @@ mod tests {
             (odd.count(), odd.vector(0), odd.values[0]),
             (1, &[0.0, 1.0][..], 5.0)
         );
-        // As large and as small as numbers are.
+        // Very large and very small numbers.
         for scale in [1e30, 1e-30] {
             let rows: Vec<f32> = rows(200, 200, 3, 0.5).iter().map(|v| v * scale).collect();
             let found = decompose(&rows, 200, 8, 0);

@@ -1,10 +1,10 @@
-//! Directions over a hemisphere as a rectangular map of equal solid angles, for depth look-ups
+//! Directions over a hemisphere as a rectangular map of equal solid angles, for depth lookups
 //! ([P14] §4.2, §5).
 //!
-//! \[P14\] spreads its directions evenly and searches the four nearest. Here they are the texel
+//! \[P14\] distributes its directions evenly and searches the four nearest. Here they are the texel
 //! centers of a map, so the four nearest of any direction are a bilinear cell with weights. The map
-//! is Shirley and Chiu's concentric map from the square to the disk, and Lambert's from the disk to
-//! the hemisphere. Both preserve areas, neither has a seam.
+//! is Shirley and Chiu's concentric map from the square to the disk, followed by Lambert's map from
+//! the disk to the hemisphere. Both preserve areas, and neither has a seam.
 
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -12,14 +12,14 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 /// Map of the hemisphere about z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HemisphereGrid {
-    /// Texels in a row.
+    /// Number of texels per row.
     pub columns: u32,
     /// Number of rows.
     pub rows: u32,
 }
 
 impl Default for HemisphereGrid {
-    /// 2016 directions, as in \[P14\] §6.
+    /// Creates a map of 2016 directions, as in \[P14\] §6.
     fn default() -> Self {
         Self {
             columns: 48,
@@ -28,8 +28,8 @@ impl Default for HemisphereGrid {
     }
 }
 
-/// Atan(t) / t for |t| ≤ 1 as a polynomial in t², exact to 1e-5 (Abramowitz and Stegun 4.4.47). It
-/// gives the same numbers on every device, unlike `atan`.
+/// Coefficients of atan(t) / t for |t| ≤ 1 as a polynomial in t², exact to 1e-5 (Abramowitz and
+/// Stegun 4.4.47). The polynomial gives the same numbers on every device, unlike `atan`.
 const ARC: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835_1];
 
 impl HemisphereGrid {
@@ -41,19 +41,19 @@ impl HemisphereGrid {
         Self { columns, rows }
     }
 
-    /// Number of directions.
+    /// Returns the number of directions.
     #[must_use]
     pub fn len(self) -> usize {
         self.columns as usize * self.rows as usize
     }
 
-    /// Returns `true` without directions.
+    /// Returns `true` if there are no directions.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.len() == 0
     }
 
-    /// Unit direction of texel `i`, z up.
+    /// Returns the unit direction of texel `i`, z up.
     #[must_use]
     pub fn direction(self, i: usize) -> Vec3 {
         let at = |k: usize, of: u32| (2 * k + 1) as f32 / of as f32 - 1.0;
@@ -75,8 +75,8 @@ impl HemisphereGrid {
         )
     }
 
-    /// Four texels around the unit direction `d` (z up, clamped to the horizon), and their weights,
-    /// which sum to one.
+    /// Returns the four texels around the unit direction `d` (z up, clamped to the horizon) and
+    /// their weights. The weights sum to one.
     #[must_use]
     #[inline]
     pub fn lookup(self, d: Vec3) -> ([u32; 4], [f32; 4]) {
@@ -126,8 +126,8 @@ mod tests {
                 square += d.z * d.z / grid.len() as f32;
             }
             if grid.len() > 50 {
-                // The closed forms of the uniform hemisphere; centers of texels are off by a part
-                // of a texel.
+                // Closed forms of the uniform hemisphere. Texel centers deviate by a part of a
+                // texel.
                 let texel = 1.0 / grid.len() as f32;
                 assert!(mean.truncate().length() < 1e-4, "{mean}");
                 assert!((mean.z - 0.5).abs() < texel, "{mean}");
@@ -165,7 +165,7 @@ mod tests {
                 .zip(weights)
                 .map(|(&t, w)| w * grid.direction(t as usize))
                 .sum();
-            // A texel is 0.056 wide; the rim is half of one away.
+            // A texel is 0.056 wide, and the rim is half a texel away.
             assert!(mean.angle_between(d) < 0.05, "{d} {mean}");
         }
     }

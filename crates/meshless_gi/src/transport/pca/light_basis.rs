@@ -1,23 +1,24 @@
-//! Light basis for each cluster of senders, and rows of the operator in it ([P14] §4.3).
+//! Light basis per cluster of senders, and rows of the operator in these bases ([P14] §4.3).
 //!
 //! The first principal components of a training set of lights on a cluster are its basis D_s
-//! (§4.3.1). A gathered row F_i is projected onto it right after the gather, S_i,(s,j) = Σ_k F_ik
+//! (§4.3.1). A row F_i is projected onto it directly after the gather: S_i,(s,j) = Σ_k F_ik
 //! D_s[j,k]. The full matrix is never stored. §4.3.2 lights the scene with one basis vector after
 //! the other instead.
 //!
-//! Deviations. The mean over the training set is not subtracted (Eq. (10)): transport is linear, so
-//! twice the light must give twice the result and no light none. Instead the first vector of each
-//! basis is constant, and the training set is reduced by its mean over the cluster. Even light, the
-//! energy of any white room, is then exact for any training set, and all other vectors have no
-//! mass. Lights are scaled by their returned light, so that a light next to a wall does not
-//! dominate. Senders have radiosity and links geometry (design D1), so albedo and emission can
-//! change. The training set has radiosity too, with the albedo of one color channel per light.
+//! Deviations. The mean over the training set is not subtracted (Eq. (10)), since transport is
+//! linear. Twice the light must give twice the result, and zero light must give zero. Instead, the
+//! first vector of each basis is constant, and the mean over the cluster is subtracted from each
+//! light of the training set. Uniform light, the energy of any white room, is then exact for any
+//! training set. All other vectors have no mass. Lights are scaled by their returned light, so that
+//! a light next to a wall does not dominate. Senders have radiosity and links depend on geometry
+//! only (design D1), so albedo and emission can change. The training set has radiosity too, with
+//! the albedo of one color channel per light.
 //!
-//! Small entries are dropped (§4.4), those with the smallest effect on the training set first,
-//! until the root of their sum of squares reaches ε of the light. The effect of an entry is the
-//! product of its values by the even and the odd rays, as in
-//! [`bounded`](crate::transport::bounded_truncation), so noise does not create links. Entries of
-//! constant vectors stay, so nothing darkens or brightens.
+//! Small entries are dropped (§4.4), those with the smallest effect on the training set first. This
+//! stops when the root of their sum of squares reaches ε of the light. The effect of an entry is
+//! the product of its values by the even and the odd rays, as in
+//! [`bounded`](crate::transport::bounded_truncation). Noise therefore does not create links.
+//! Entries of constant vectors are kept, so nothing darkens or brightens.
 
 use super::{Clusters, decompose};
 use crate::basis::{WeightEntry, Weights};
@@ -25,13 +26,13 @@ use crate::transport::{Gathered, Link};
 use glam::Vec3A;
 use rayon::prelude::*;
 
-/// Weight of the squared tangential components of a row, which only normal maps show, as in
-/// refinement.
+/// Weight of the squared tangential components of a row, as in refinement. Only normal maps use
+/// these components.
 const TANGENTIAL: f32 = 0.1;
 
 /// Radiosity under the training lights.
 pub struct TrainingSet {
-    /// Senders that are not means of others. Clusters consist of these.
+    /// Senders that are not means of others. Clusters consist of them.
     pub own: Vec<u32>,
     /// Radiosity of every sender in `own`, light after light, in W/m² or relative.
     pub light: Vec<f32>,
@@ -46,11 +47,11 @@ pub struct LightBasis {
     starts: Vec<u32>,
     /// Start of each cluster's columns, and the end.
     columns: Vec<u32>,
-    /// The vectors, column after column.
+    /// Vectors, column after column.
     vectors: Vec<f32>,
     /// Start of each cluster's vectors.
     first: Vec<usize>,
-    /// Same vectors, sender by sender: for each member all values of its cluster.
+    /// The same vectors, sender after sender: for each member, all values of its cluster.
     by_member: Vec<f32>,
     /// Mean square of each column's coefficient over the training set.
     squares: Vec<f32>,
@@ -58,7 +59,7 @@ pub struct LightBasis {
     slot: Vec<Option<(u32, u32)>>,
     /// Weights of the senders that are means.
     means: Weights,
-    /// Root of the part of the training set's squares that the bases miss.
+    /// Root of the part of the training set's squares that is outside the bases.
     missed: f64,
 }
 
@@ -97,7 +98,7 @@ impl LightBasis {
                 let members = clusters.members_of(s);
                 let n = members.len();
                 let mut rows = Vec::with_capacity(sources * n);
-                // Mean square of the constant vector, all squares, and those that the basis keeps.
+                // Squares in the constant vector, and all squares.
                 let (mut even, mut all) = (0.0f64, 0.0f64);
                 for light in examples.light.chunks_exact(own.max(1)) {
                     let at = rows.len();
@@ -152,31 +153,32 @@ impl LightBasis {
         out
     }
 
-    /// Number of clusters.
+    /// Returns the number of clusters.
     #[must_use]
     pub fn clusters(&self) -> usize {
         self.first.len()
     }
 
-    /// Number of columns of the operator, without the sky.
+    /// Returns the number of columns of the operator, without the sky.
     #[must_use]
     pub fn columns(&self) -> usize {
         self.squares.len()
     }
 
-    /// Root of the part of the training set's squares that the bases miss, dimensionless.
+    /// Returns the root of the part of the training set's squares that is outside the bases,
+    /// dimensionless.
     #[must_use]
     pub fn missed(&self) -> f64 {
         self.missed
     }
 
-    /// Senders of cluster `s`.
+    /// Returns the senders of cluster `s`.
     #[must_use]
     pub fn members_of(&self, s: usize) -> &[u32] {
         &self.members[self.starts[s] as usize..self.starts[s + 1] as usize]
     }
 
-    /// Basis of cluster `s`: orthonormal, the constant vector first.
+    /// Returns the basis of cluster `s`: orthonormal vectors, the constant vector first.
     pub fn vectors_of(&self, s: usize) -> impl ExactSizeIterator<Item = &[f32]> {
         let n = self.members_of(s).len();
         let count = self.count(s);
@@ -188,8 +190,8 @@ impl LightBasis {
     }
 
     /// Projects the gathered row of a receiver with normal `n` onto the bases. Returns columns and
-    /// their S_i, columns ascending, without entries whose effect is together below `epsilon` of
-    /// the light. An ε of 0 keeps all.
+    /// their S_i, in ascending order of columns. Drops entries with a total effect below `epsilon`
+    /// of the light. An ε of 0 keeps all.
     pub fn compress(
         &self,
         gathered: &Gathered,
@@ -247,8 +249,7 @@ impl LightBasis {
         let (budget, mut spent) = (epsilon * epsilon, 0.0);
         for &(square, c) in &*order {
             spent += square;
-            // Columns without light in the training set have no effect. Without a threshold all
-            // stay.
+            // Columns without light in the training set have no effect. With ε = 0 all are kept.
             kept[c as usize] = epsilon <= 0.0 || (spent > budget && square > 0.0);
         }
         let mut links = Vec::new();
@@ -266,7 +267,7 @@ impl LightBasis {
     }
 }
 
-/// Resolves senders that are means of others down to senders that are not.
+/// Expands senders that are means of others to senders that are not.
 fn resolve(pull: &Weights, slot: &[Option<(u32, u32)>]) -> Weights {
     let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); pull.len()];
     // Children have higher indices than their parents.
@@ -295,7 +296,7 @@ mod tests {
     use crate::samples::Random;
     use crate::transport::pca::Compression;
 
-    /// Two means of the nineteen senders behind them: clusters of one, of eight and of ten.
+    /// Number of senders: two means, then nineteen senders in clusters of one, eight and ten.
     const SENDERS: usize = 21;
 
     fn pull() -> Weights {
@@ -347,7 +348,7 @@ mod tests {
         out
     }
 
-    /// Values of the projected row and of the gathered row for `light`.
+    /// Computes the values of the projected row and of the gathered row for `light`.
     fn both(basis: &LightBasis, row: &[(u32, Vec3A)], of: &Gathered, light: &[f32]) -> [Vec3A; 2] {
         let mut all = [0.0; SENDERS];
         all[2..].copy_from_slice(light);
@@ -377,7 +378,7 @@ mod tests {
         type Light = fn(usize, usize) -> f32;
         let lights: [(usize, Light); 5] = [
             (0, |_, _| 0.0),
-            // A sealed room; one light; lights that all do the same; lights of all sorts.
+            // A sealed room, one light, proportional lights, independent lights.
             (30, |_, _| 0.0),
             (1, noise),
             (30, |l, k| (l + 1) as f32 * noise(0, k)),
@@ -422,7 +423,7 @@ mod tests {
                 "{estimate} {exact}"
             );
         }
-        // Too few vectors miss light, and say how much.
+        // Too few vectors do not represent all light, and `missed` returns the lost part.
         let poor = basis(2, 40, noise);
         assert!(poor.missed() > 0.1);
         let new: Vec<f32> = (0..19).map(|k| noise(77, k)).collect();
@@ -436,8 +437,8 @@ mod tests {
 
     #[test]
     fn light_basis_size_is_bounded_by_senders() {
-        // A cluster of one has the constant vector; lights that all do the same one more; fewer
-        // lights than vectors no more than lights.
+        // A cluster of one sender has the constant vector only. Proportional lights add one vector.
+        // Fewer lights than vectors add at most one vector per light.
         let counts = |b: &LightBasis| [0, 1, 2].map(|s| b.vectors_of(s).len());
         assert_eq!(counts(&basis(100, 40, noise)), [1, 8, 10]);
         assert_eq!(counts(&basis(100, 3, noise)), [1, 4, 4]);

@@ -1,5 +1,5 @@
-//! Precomputed light after \[P14\]: clusters of points, with a basis for each by principal
-//! component analysis.
+//! Precomputed light according to \[P14\]: clusters of points, with a basis per cluster from
+//! principal component analysis.
 
 mod cluster;
 mod compression;

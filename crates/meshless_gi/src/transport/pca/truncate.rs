@@ -1,9 +1,9 @@
 //! Visibility with fewer components than were baked. Used to measure the error by the number of
 //! components (\[P14\] Fig. 4) from one bake.
 //!
-//! Principal components are nested: the first k of a hundred are those of a bake with k, for the
-//! same clusters. The mean square of the dropped components, for each direction of a cluster, is
-//! added to the square of its error. Each point's part of the error follows its own loss.
+//! Principal components are nested: the first k of a hundred are those of a bake with k, with the
+//! same clusters. The mean square of the dropped components is added to the squared error, per
+//! direction of a cluster. Each point's part of the error follows its own loss.
 
 use super::visibility::{
     Visibility, VisibilityCluster, VisiblePoint, from_short, from_snorm, pack, to_snorm,
@@ -21,8 +21,8 @@ impl Visibility {
         };
         let weights = weights(self.grid);
         let dropped = self.dropped(max);
-        // For each cluster: the squared error summed over directions, and the squared length of
-        // each dropped component, both weighted like irradiance.
+        // Per cluster: the squared error summed over directions, and the squared length of each
+        // dropped component. Both are weighted like irradiance.
         let mut lengths: Vec<(f32, Vec<f32>)> = Vec::with_capacity(dropped.len());
         for (cluster, squares) in self.clusters.iter().zip(&dropped) {
             let count = cluster.components.min(max) as usize;
@@ -62,7 +62,7 @@ impl Visibility {
                 ..*cluster
             });
         }
-        // Cluster after cluster, in each as the points are numbered, as `layout` has it.
+        // Order of `layout`: by cluster, then by index of the point.
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by_key(|&i| self.points[i].cluster);
         let mut kept = Vec::new();
@@ -85,17 +85,17 @@ impl Visibility {
                 let below = max.saturating_sub(32 * w as u32).min(32);
                 *mask &= ((1u64 << below) - 1) as u32;
             }
-            // The first of those it had.
+            // Keeps the first of the point's coefficients.
             kept.extend((0..point.count()).map(|k| self.coefficient(point.first + k)));
         }
         out.coefficients = pack(&kept).collect();
-        // Shorter than what had its position.
+        // Cannot fail, since no array is longer than before.
         let _ = out.layout();
         out
     }
 
-    /// For each cluster, of the components from `max` on, the mean square of the coefficients with
-    /// their scales.
+    /// Computes the mean square of each dropped component's scaled coefficients, per cluster. The
+    /// components from `max` on are dropped.
     fn dropped(&self, max: u32) -> Vec<Vec<f32>> {
         let mut sums: Vec<Vec<f32>> = (self.clusters.iter())
             .map(|c| vec![0.0; c.components.saturating_sub(max) as usize])

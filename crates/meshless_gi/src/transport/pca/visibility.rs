@@ -5,18 +5,18 @@
 //! A depth is the mean of the point's cluster plus the point's coefficients times the cluster's
 //! components (\[P14\] Eq. (9)). Deviations:
 //!
-//! - **e = d² / (d² + s²) and not d**, with s per cluster. No hit is e = 1. Exact distances of near
-//!   geometry do not matter, since it occludes a light anyhow. Differences of far depths separate a
-//!   light from objects in front of it. With d, or d / (d + s), the components represent mainly
-//!   near geometry.
-//! - **Errors are stored**: each cluster has, for each direction, the root mean square error of its
-//!   components. Each point has its part of it. The error determines the width of a depth
-//!   comparison.
+//! - **e = d² / (d² + s²) instead of d**, with s per cluster. No hit is e = 1. Exact distances of
+//!   near geometry do not matter, since it occludes a light in any case. Differences of far depths
+//!   separate a light from objects in front of it. With d, or d / (d + s), the components represent
+//!   mainly near geometry.
+//! - **Errors are stored**: each cluster has the root mean square error of its components for each
+//!   direction. Each point has its error relative to that of the cluster. The error determines the
+//!   width of a depth comparison.
 //! - **Components are signed 8-bit numbers**. Means, errors and coefficients are signed 16-bit
-//!   numbers, with a scale for each component of each cluster. \[P14\] §4.4 stores 16 bits of all.
-//!   Components take most of the memory, and more directions are worth more than more exact ones.
-//!   The stored error includes their rounding.
-//! - **Sparse coefficients** (\[P14\] §4.4): a mask has the stored components.
+//!   numbers, with a scale for each component of each cluster. \[P14\] §4.4 stores all numbers with
+//!   16 bits. Components take most of the memory, and more directions are worth more than higher
+//!   precision. The stored error includes their rounding.
+//! - **Coefficients are sparse** (\[P14\] §4.4): a mask has one bit per stored component.
 
 use super::HemisphereGrid;
 use crate::samples::tangents;
@@ -26,11 +26,11 @@ use glam::Vec3;
 /// Largest depth relative to s.
 pub const MAX_RATIO: f32 = 1e9;
 
-/// A cluster's basis. 32 bytes, the layout of `VisibilityCluster` in the shaders.
+/// Basis of a cluster. 32 bytes, the layout of `VisibilityCluster` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VisibilityCluster {
-    /// Direction of the first axis of its points' frames, a unit vector.
+    /// Unit vector of the first axis of its points' frames.
     pub tangent: [f32; 3],
     /// Number of components, without the mean.
     pub components: u32,
@@ -42,27 +42,27 @@ pub struct VisibilityCluster {
     pub scales: u32,
     /// s of e = d² / (d² + s²), meters.
     pub near: f32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: u32,
 }
 
 impl VisibilityCluster {
-    /// Value e of a hit at `distance` meters.
+    /// Returns the value e of a hit at `distance` meters.
     #[must_use]
     #[inline]
     pub fn encode(&self, distance: f32) -> f32 {
         encode(distance, self.near)
     }
 
-    /// Number of words of the basis per direction: one for mean and error, then components, four
-    /// per word.
+    /// Returns the number of words of the basis per direction: one for mean and error, then one per
+    /// four components.
     #[must_use]
     pub fn words(&self) -> usize {
         (self.components as usize).div_ceil(4) + 1
     }
 }
 
-/// A point's coefficients. 32 bytes, the layout of `VisiblePoint` in the shaders.
+/// Coefficients of a point. 32 bytes, the layout of `VisiblePoint` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct VisiblePoint {
@@ -72,18 +72,18 @@ pub struct VisiblePoint {
     pub first: u32,
     /// Error of its depths relative to that of its cluster, in units of 1 / [`VisiblePoint::ONE`].
     pub error: u32,
-    /// Not used.
+    /// Padding, not used.
     pub pad: u32,
-    /// Bit j: component j has a coefficient.
+    /// Mask of the components with a coefficient, bit j for component j.
     pub mask: [u32; 4],
 }
 
 impl VisiblePoint {
-    /// [`VisiblePoint::error`] of a point with the same error as its cluster.
+    /// Value of [`VisiblePoint::error`] for a point with the same error as its cluster.
     pub const ONE: u32 = 32;
 
-    /// Error of a point with mean square `square` in a cluster with mean square `mean`. Rounded up,
-    /// and at least 1.
+    /// Computes the error of a point with mean square `square` in a cluster with mean square
+    /// `mean`. The result is rounded up and at least 1.
     pub(super) fn error_of(square: f32, mean: f32) -> u32 {
         if mean > 0.0 {
             ((square / mean).sqrt() * Self::ONE as f32).ceil().max(1.0) as u32
@@ -92,7 +92,7 @@ impl VisiblePoint {
         }
     }
 
-    /// Number of coefficients.
+    /// Returns the number of coefficients.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.mask.iter().map(|m| m.count_ones()).sum()
@@ -108,27 +108,27 @@ pub struct Visibility {
     pub clusters: Vec<VisibilityCluster>,
     /// One entry per point.
     pub points: Vec<VisiblePoint>,
-    /// For each direction its mean and its error, two signed normalized 16-bit numbers in a word,
-    /// then its components, four signed normalized 8-bit numbers per word.
+    /// Mean and error of each direction as two signed normalized 16-bit numbers in a word, then its
+    /// components as four signed normalized 8-bit numbers per word.
     pub basis: Vec<u32>,
     /// Scales of the basis and of the coefficients.
     pub scales: Vec<f32>,
-    /// Coefficients, two signed normalized 16-bit numbers a word.
+    /// Coefficients, two signed normalized 16-bit numbers per word.
     pub coefficients: Vec<u32>,
 }
 
 impl Visibility {
-    /// Largest number of components of a cluster: bits of a point's mask.
+    /// Largest number of components of a cluster: the number of bits of a point's mask.
     pub const MAX_COMPONENTS: u32 = 128;
 
-    /// Bytes of all arrays in memory and on the device.
+    /// Returns the size of all arrays in bytes, in memory and on the device.
     #[must_use]
     pub fn bytes(&self) -> usize {
         32 * (self.clusters.len() + self.points.len())
             + 4 * (self.basis.len() + self.scales.len() + self.coefficients.len())
     }
 
-    /// Part of the coefficients that is stored.
+    /// Returns the part of the coefficients that is stored.
     #[must_use]
     pub fn kept(&self) -> f64 {
         let all: u64 = self
@@ -153,7 +153,7 @@ impl Visibility {
             basis = basis.checked_add(words.checked_mul(length)?)?;
             scales = scales.checked_add(cluster.components.min(Self::MAX_COMPONENTS) + 2)?;
         }
-        // Cluster after cluster, in each as the points are numbered.
+        // Ordered by cluster, then by index of the point.
         let mut next = vec![0u32; self.clusters.len() + 1];
         for point in &self.points {
             let count = next.get_mut(point.cluster as usize + 1)?;
@@ -171,13 +171,13 @@ impl Visibility {
         Some((basis as usize, scales as usize, end.div_ceil(2) as usize))
     }
 
-    /// Stored coefficient at `at`.
+    /// Returns the stored coefficient at `at`.
     pub(super) fn coefficient(&self, at: u32) -> u16 {
         (self.coefficients[at as usize / 2] >> (16 * (at % 2))) as u16
     }
 
-    /// Writes the coefficients of point `i` with their scales to `out`: 1 for the mean, 1 for the
-    /// error, then one per component. Returns their number.
+    /// Writes the coefficients of point `i` with their scales to `out`: one for the mean, one for
+    /// the error, then one per component. Returns their number.
     #[inline]
     pub fn decode(&self, i: usize, out: &mut [f32; Self::MAX_COMPONENTS as usize + 2]) -> usize {
         let point = &self.points[i];
@@ -196,8 +196,9 @@ impl Visibility {
         cluster.components as usize + 2
     }
 
-    /// Value e in direction `texel` of a point of `cluster` with these decoded coefficients
-    /// (\[P14\] Eq. (9)), and its root mean square error over the points of the cluster.
+    /// Computes the value e in direction `texel` of a point of `cluster` with these decoded
+    /// coefficients (\[P14\] Eq. (9)). Also returns its root mean square error over the points of
+    /// the cluster.
     #[must_use]
     #[inline]
     pub fn reconstruct(
@@ -220,11 +221,11 @@ impl Visibility {
     }
 }
 
-/// e = d² / (d² + s²); 1 for no hit.
+/// Computes e = d² / (d² + s²). Infinite distances (no hit) give 1.
 #[must_use]
 #[inline]
 pub fn encode(distance: f32, near: f32) -> f32 {
-    // No square overflows.
+    // The clamp prevents overflow of the square.
     let q = (distance / near).min(MAX_RATIO);
     q * q / (1.0 + q * q)
 }
@@ -255,8 +256,8 @@ pub(super) fn pack(numbers: &[u16]) -> impl Iterator<Item = u32> + '_ {
         .map(|pair| u32::from(pair[0]) | u32::from(pair.get(1).copied().unwrap_or(0)) << 16)
 }
 
-/// Axes of a point's directions: x along the tangent of its cluster, projected to the surface, z
-/// along its normal.
+/// Returns the x and y axes of a point's directions. The x axis is the tangent of its cluster,
+/// projected onto the surface. The z axis is the point's normal.
 #[must_use]
 #[inline]
 pub fn frame(tangent: Vec3, n: Vec3) -> (Vec3, Vec3) {

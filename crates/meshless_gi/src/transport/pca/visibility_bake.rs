@@ -1,26 +1,25 @@
 //! Bake of visibility ([P14] §4.2, §4.4): depths by rays, compressed by principal component
 //! analysis. Computes [`Visibility`] from points and geometry.
 //!
-//! For each cluster of points, the depths of all points in all directions of a [`HemisphereGrid`]
-//! are rows of a matrix. The mean row is subtracted (\[P14\] Eq. (7)), and the rows are projected
-//! onto the first principal components (Eq. (8)). Deviations, in addition to those of
-//! [`Visibility`]:
+//! The depths of all points of a cluster in all directions of a [`HemisphereGrid`] are the rows of
+//! a matrix. The mean row is subtracted (\[P14\] Eq. (7)), and the rows are projected onto the
+//! first principal components (Eq. (8)). Deviations, in addition to those of [`Visibility`]:
 //!
-//! - **Directions count with their cosine.** Components minimize the mean square of √cos θ · e, as
-//!   irradiance weights directions. Directions along a wall are deep, vary from point to point and
-//!   hardly contribute.
-//! - **One frame per cluster.** The directions of a point start from its own normal and its
-//!   cluster's tangent. Neighbors then have corresponding directions, without which their depths
+//! - **Directions are weighted by their cosine.** Components minimize the mean square of
+//!   √cos θ · e, with the weights that directions have in irradiance. Directions along a wall have
+//!   large depths, vary from point to point and hardly contribute.
+//! - **One frame per cluster.** The directions of a point are relative to its own normal and its
+//!   cluster's tangent. Neighbors then have corresponding directions. Without them, their depths
 //!   have little in common.
-//! - **s follows the cluster** before any split: [`NEAR`] times the median of its depths. With one
-//!   s for a scene, depths in a side aisle of a hall would all be close to zero.
-//! - **Clusters with a large error are split** ([`VisibilitySettings::error`]): points on the two
+//! - **s depends on the cluster** before any split: [`NEAR`] times the median of its depths. With
+//!   one s for a scene, depths in a side aisle of a hall would all be close to zero.
+//! - **Clusters with a large error are split** ([`VisibilitySettings::error`]). Points on the two
 //!   sides of a pillar differ, and fifty components cannot represent both. The split is at the mean
-//!   of the coefficients of the first component ([B98]), so that each part has similar points, or
-//!   at the median if a part would be too small. A part with no more points than components is
+//!   of the coefficients of the first component ([B98]), so that each part has similar points. It
+//!   is at the median if a part would be too small. A part with no more points than components is
 //!   exact except for rounding.
-//! - **Coefficients whose effect is below** [`VisibilitySettings::tolerance`] are dropped, and
-//!   components that no point uses.
+//! - **Coefficients with an effect below** [`VisibilitySettings::tolerance`] are dropped, and
+//!   components without coefficients.
 
 use super::visibility::{encode, pack};
 use super::visibility_compress::{ClusterDepths, CompressedCluster, compress};
@@ -40,10 +39,10 @@ const MIN_NEAR: f32 = 1e-4;
 /// Default number of directions, approximate.
 const DIRECTIONS: u32 = 4000;
 
-/// Smallest cosine of the weights. Directions nearer to the horizon count like this one.
+/// Smallest cosine of the weights. Directions nearer to the horizon have the same weight.
 const MIN_COSINE: f32 = 0.05;
 
-/// Smallest part of a split.
+/// Smallest part of a split, as a divisor of the number of points.
 const MIN_HALF: usize = 8;
 
 /// Largest number of words of all bases: 2 GiB.
@@ -53,12 +52,12 @@ const MAX_WORDS: usize = 1 << 29;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum VisibilityError {
-    /// Cancelled by the progress callback.
+    /// Canceled by the progress callback.
     #[error("stopped")]
     Stopped,
-    /// Exceeds the size limit.
+    /// The data exceeds the size limit.
     #[error(
-        "what points see takes more than {max} bytes: fewer directions, a larger error or fewer points take less"
+        "baked visibility exceeds the limit of {max} bytes: reduce the directions or the points, or raise the error"
     )]
     TooLarge {
         /// Size limit in bytes.
@@ -75,8 +74,9 @@ pub struct VisibilitySettings {
     pub components: u32,
     /// Approximate number of points of a cluster before splits.
     pub cluster_points: u32,
-    /// Largest root mean square error of e over the points of a cluster, and over directions as
-    /// irradiance weights them. Clusters with a larger error are split. Infinite for no splits.
+    /// Largest root mean square error of e over the points of a cluster, and over directions with
+    /// their weights in irradiance. Clusters with a larger error are split. Infinity disables
+    /// splits.
     pub error: f32,
     /// Smallest effect of a stored coefficient: the root mean square change of e over all
     /// directions.
@@ -86,10 +86,10 @@ pub struct VisibilitySettings {
 }
 
 impl Default for VisibilitySettings {
-    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]) and 50 coefficients, §4.1 has
-    /// 1000 points per cluster. The defaults here are twice the directions in half the bits, and
-    /// clusters of 400 points, or fewer where visibility varies.
-    /// docs/reports/pca_visibility.md has the measurements.
+    /// Creates the default settings. \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`])
+    /// and 50 coefficients, and §4.1 has 1000 points per cluster. The defaults are twice the
+    /// directions in half the bits, and clusters of 400 points. Clusters have fewer points where
+    /// visibility varies. docs/reports/pca_visibility.md has the measurements.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::with_directions(DIRECTIONS),
@@ -102,15 +102,15 @@ impl Default for VisibilitySettings {
     }
 }
 
-/// Weights of the directions: the root of their cosine.
+/// Computes the weights of the directions: the square roots of their cosines.
 pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
     (0..grid.len())
         .map(|i| grid.direction(i).z.max(MIN_COSINE).sqrt())
         .collect()
 }
 
-/// Writes the depths, in meters, in all `directions` of a grid from (x, n), with the tangent of its
-/// cluster. Infinite without a hit.
+/// Writes the depths in meters from (x, n) in all `directions` of a grid, with the tangent of its
+/// cluster. The depth is infinite without a hit.
 pub fn depths(
     geometry: &dyn Geometry,
     (x, n): (Vec3, Vec3),
@@ -126,8 +126,9 @@ pub fn depths(
     }
 }
 
-/// Bakes the visibility of `points`, positions in meters and unit normals. Returns it and the
-/// number of rays cast. `on_progress` receives the completed part and returns false to cancel.
+/// Bakes the visibility of `points`, positions in meters and unit normals. Returns the visibility
+/// and the number of rays cast. `on_progress` receives the completed part and returns `false` to
+/// cancel.
 ///
 /// The result does not depend on the number of threads.
 ///
@@ -207,7 +208,7 @@ pub fn bake_visibility(
     Ok((out, (points.len() * settings.grid.len()) as u64))
 }
 
-/// Casts the rays of a cluster with a root of normal `root`, in a scene of `size` meters.
+/// Casts the rays of a cluster with the normal `root` of its root, in a scene of `size` meters.
 fn look(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],
@@ -239,7 +240,7 @@ fn look(
     }
 }
 
-/// Compresses a cluster, split until its error is small enough. Returns `None` if the data,
+/// Compresses a cluster and splits it until its error is small enough. Returns `None` if the data,
 /// together with `words`, exceeds its limit.
 fn divide(
     seen: ClusterDepths,

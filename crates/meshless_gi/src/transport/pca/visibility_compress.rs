@@ -11,9 +11,9 @@ use glam::Vec3;
 pub(super) struct ClusterDepths {
     pub members: Vec<u32>,
     pub tangent: Vec3,
-    /// s of the rows, meters.
+    /// Distance s of the rows, in meters.
     pub near: f32,
-    /// e of each member, row after row.
+    /// Values e of each member, row after row.
     pub rows: Vec<f32>,
 }
 
@@ -21,10 +21,10 @@ pub(super) struct ClusterDepths {
 pub(super) struct CompressedCluster {
     pub members: Vec<u32>,
     pub cluster: VisibilityCluster,
-    /// The mean's, the error's, then each component's.
+    /// Scales of the mean, of the error, then of each component.
     pub scales: Vec<f32>,
     pub basis: Vec<u32>,
-    /// One a member.
+    /// One entry per member.
     pub points: Vec<StoredPoint>,
 }
 
@@ -44,7 +44,7 @@ pub(super) fn compress(
 ) -> (CompressedCluster, f32, Vec<f32>) {
     let grid = settings.grid;
     let length = grid.len();
-    // Directions count as irradiance counts them.
+    // Directions have the same weights as in irradiance.
     let weights = weights(grid);
     let (mean, mut rows) = center(depths, &weights);
     let max_components = settings.components.min(Visibility::MAX_COMPONENTS) as usize;
@@ -73,13 +73,13 @@ pub(super) fn compress(
     (part, error, first)
 }
 
-/// Products of each row with each component, row after row ([P14] Eq. (8)).
+/// Computes the products of each row with each component, row after row ([P14] Eq. (8)).
 fn coefficients(rows: &[f32], components: &Components) -> Vec<f32> {
     let (length, count) = (components.length, components.count());
     if count == 0 {
         return Vec::new();
     }
-    // One direction of all components after the other: the sums of a row are independent.
+    // All components of one direction are adjacent, so that the sums of a row are independent.
     let transposed: Vec<f64> = (0..length)
         .flat_map(|i| (0..count).map(move |j| f64::from(components.vector(j)[i])))
         .collect();
@@ -96,7 +96,7 @@ fn coefficients(rows: &[f32], components: &Components) -> Vec<f32> {
     out
 }
 
-/// Mean of the rows of a cluster, and the weighted differences of the rows to it.
+/// Computes the mean of the rows of a cluster, and the weighted differences of the rows from it.
 fn center(depths: &ClusterDepths, weights: &[f32]) -> (Vec<f32>, Vec<f32>) {
     let length = weights.len();
     let mut rows = depths.rows.clone();
@@ -117,17 +117,17 @@ fn center(depths: &ClusterDepths, weights: &[f32]) -> (Vec<f32>, Vec<f32>) {
     (mean, rows)
 }
 
-/// Quotient, or 0 if `scale` is not positive.
+/// Returns the quotient, or 0 if `scale` is not positive.
 fn over(v: f32, scale: f32) -> f32 {
     if scale > 0.0 { v / scale } else { 0.0 }
 }
 
-/// Components of a cluster as they are stored. The largest number of each is one, and its scale is
-/// in the coefficients.
+/// Stored components of a cluster. The largest absolute number of each is one. The coefficients
+/// include its scale.
 struct QuantizedBasis {
-    /// Directions.
+    /// Number of directions.
     length: usize,
-    /// Smallest coefficient that a point stores.
+    /// Smallest absolute coefficient that a point stores.
     min_coefficient: f32,
     /// Largest absolute coefficient of each component.
     max_coefficients: Vec<f32>,
@@ -138,7 +138,7 @@ struct QuantizedBasis {
 }
 
 impl QuantizedBasis {
-    /// Quantizes the components that a point keeps.
+    /// Quantizes the components that points use.
     fn new(
         components: &Components,
         coefficients: &[f32],
@@ -153,8 +153,8 @@ impl QuantizedBasis {
             all.fold(0.0f32, |max, v| max.max(v.abs()))
         };
         let max_coefficients: Vec<f32> = (0..stride).map(largest_of).collect();
-        // Components have length one, so a coefficient changes e by its value over the root of the
-        // number of directions, in the mean.
+        // Components have length one. In the mean, a coefficient changes e by its value over the
+        // root of the number of directions.
         let min_coefficient = settings.tolerance * (length as f32).sqrt();
         let used = (max_coefficients.iter()).rposition(|&v| v >= min_coefficient && v > 0.0);
         let count = used.map_or(0, |last| last + 1);
@@ -174,8 +174,8 @@ impl QuantizedBasis {
         }
     }
 
-    /// Stored coefficients of the members, and the cluster's error. Leaves the error of each
-    /// direction in `rows`.
+    /// Computes the stored coefficients of the members, and the cluster's error. Leaves the error
+    /// of each direction in `rows`.
     fn points(
         &self,
         coefficients: &[f32],
@@ -225,8 +225,8 @@ impl QuantizedBasis {
         kept
     }
 
-    /// Scales and numbers of mean, error and components, in the layout of
-    /// [`Visibility`]. `rows` are the errors of the members.
+    /// Packs the scales and numbers of mean, error and components in the layout of [`Visibility`].
+    /// `rows` are the errors of the members.
     fn pack(&self, mean: &[f32], rows: &[f32], members: usize) -> (Vec<f32>, Vec<u32>) {
         let (length, count) = (self.length, self.scales.len());
         let mut error = vec![0.0f32; length];

@@ -19,7 +19,7 @@ fn points(count: usize, normal: impl Fn(Vec3) -> Vec3) -> Vec<FmmPoint> {
         .collect()
 }
 
-/// All that a tree promises.
+/// Checks all invariants of a tree.
 fn check(tree: &Tree, input: &[FmmPoint], leaf: usize) {
     let mut seen = vec![false; input.len()];
     for (p, &i) in tree.points.iter().zip(&tree.order) {
