@@ -1,5 +1,5 @@
 //! A million seeded mutations of `.mgi` files: reading never panics, never takes more memory than
-//! allowed, and what it lets through runs a frame. `MGI_TEST_INTENSITY` (default 1) scales the
+//! allowed, and every accepted file runs a frame. `MGI_TEST_INTENSITY` (default 1) scales the
 //! number.
 
 mod support;
@@ -15,7 +15,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 use support::{Random, build, makes};
 
-/// Counts what each thread has allocated.
+/// Allocator that counts the allocated bytes of each thread.
 struct Counting;
 
 thread_local! {
@@ -29,8 +29,8 @@ fn count(bytes: i64) {
     PEAK.set(PEAK.get().max(now));
 }
 
-// SAFETY: hands everything on to the system's allocator, and only counts beside it in thread-local
-// cells that need no allocation.
+// SAFETY: forwards every call to the system's allocator, and only counts in thread-local cells that
+// need no allocation.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(layout.size() as i64);
@@ -58,7 +58,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Peak of what `run` allocates on this thread, bytes.
+/// Returns the peak of the allocations of `run` on this thread, bytes.
 fn peak<T>(run: impl FnOnce() -> T) -> (T, i64) {
     let before = NOW.get();
     PEAK.set(before);
@@ -66,7 +66,7 @@ fn peak<T>(run: impl FnOnce() -> T) -> (T, i64) {
     (out, PEAK.get() - before)
 }
 
-/// A section of a file, taken apart by this test's own reading of docs/FORMAT.md.
+/// Section of a file, split by this test's own implementation of docs/FORMAT.md.
 #[derive(Clone)]
 struct Part {
     row: [u8; 40],
@@ -144,7 +144,7 @@ fn fix_header(file: &mut [u8]) {
     file[24..28].copy_from_slice(&crc.to_le_bytes());
 }
 
-/// Values that break things.
+/// Values at limits, which often cause errors.
 const NASTY: [u64; 14] = [
     0,
     1,
@@ -408,8 +408,8 @@ fn mutated_assets_are_rejected_or_harmless() {
     }
 }
 
-/// Must fail: the harness sees too much memory, and a walk over a scene that validation refuses
-/// does go wrong.
+/// Must fail: the harness detects excess memory, and a walk over a scene that validation rejects
+/// fails.
 #[test]
 fn mutation_harness_detects_memory_and_index_errors() {
     let (_, taken) = peak(|| std::hint::black_box(vec![1u8; 3 << 20]).len());

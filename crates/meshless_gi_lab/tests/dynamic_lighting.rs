@@ -1,9 +1,9 @@
 //! Emissive surfaces and pictures, the sky, a rectangular light, and base colors that change after
 //! the bake, on two scenes, compared with the reference integrator. Four reflections. All cases of
-//! a scene share one bake. At preset `Medium` the error is at most 4 % of the indirect irradiance,
-//! which takes minutes and runs on request (`-- --ignored --nocapture`), at `Draft` at most 10 %
-//! (20 % of emissive surfaces). [`max_nrmse`] has the exceptions. Every comparison is repeated with
-//! a wrong input, where it must fail.
+//! a scene share one bake. At preset `Medium` the error is at most 4 % of the indirect irradiance.
+//! This takes minutes and runs on request (`-- --ignored --nocapture`). At `Draft` the error is at
+//! most 10 % (20 % of emissive surfaces). [`max_nrmse`] has the exceptions. Every comparison is
+//! repeated with a wrong input, where it must fail.
 
 use glam::{Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
@@ -20,11 +20,11 @@ use meshless_gi_lab::fixtures::data::published_mesh;
 /// Largest NRMSE of a case. A panel lights the wall that it hangs on, within centimeters: too
 /// little for `Draft`.
 ///
-/// A picture shows on the wall behind it, and in what the wall reflects onto the back of the panel,
-/// with details as fine as their distance, here 9 cm. Senders show the mean of their support, and
+/// A picture lights the wall behind it, and the wall reflects it onto the back of the panel.
+/// Details are as fine as their distance, here 9 cm. Senders show the mean of their support, and
 /// those of the Cornell box are 40 cm apart at `Draft`, 15 cm at `Medium`. Measured: 24.9 % and
-/// 18.7 %, all of it on the two surfaces that face each other. In the two rooms the distance is
-/// 3 cm. Nearly no light leaves the gap, which few positions are in: 10.2 % and 3.8 %.
+/// 18.7 %, all of it on the two surfaces that face each other. In the two rooms the distance is 3
+/// cm. Nearly no light leaves the gap, which few positions are in: 10.2 % and 3.8 %.
 fn max_nrmse(preset: Preset, scene: &str, what: &str) -> f64 {
     match (preset, scene, what) {
         (Preset::Draft, "cornell", "picture on the wall") => 0.26,
@@ -156,8 +156,8 @@ fn cornell() -> Parts {
     ])
 }
 
-/// Two rooms with a panel 3 cm before the wall of the first, another 80 cm before the opposite
-/// wall, and a hole in the ceiling of the second.
+/// Two rooms with a panel 3 cm before the wall of the first and another 80 cm before the opposite
+/// wall. The ceiling of the second has a hole.
 fn rooms() -> Parts {
     let all = Parts::published("rooms_open");
     let mut parts = Parts::empty();
@@ -200,7 +200,7 @@ fn rooms() -> Parts {
 }
 
 /// A scene, its bake, and positions where its light is compared. The bake has pictures on both
-/// panels; as emission is no part of a link, other emissions are derived from it.
+/// panels. Emission is not part of a link, so other emissions are derived from it.
 struct Case {
     name: &'static str,
     preset: Preset,
@@ -225,7 +225,7 @@ impl Case {
             .unwrap()
             .scene;
         let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
-        // Not the particles that the bake asked.
+        // Independent of the particles of the bake.
         let landed = trace_particles(&mesh, &viewpoints, 0..2048, 0x5417e, false).candidates;
         let positions = landed
             .iter()
@@ -262,10 +262,10 @@ impl Case {
         })
     }
 
-    /// The reference at the positions.
+    /// Returns the reference at the positions.
     fn truth(&self, mesh: &TriangleMesh, lights: &[Light]) -> Vec<Irradiance> {
         let settings = ReferenceSettings {
-            // What glows is met by chance.
+            // Paths hit emitters by chance.
             paths: match (lights, self.preset) {
                 ([Light::Rect { .. }], _) => 1024,
                 (_, Preset::Draft) => 2048,
@@ -277,9 +277,9 @@ impl Case {
         irradiance_at_all(mesh, lights, &self.positions, &settings)
     }
 
-    /// Ours of `scene` beside the truth.
+    /// Compares the light of `scene` with the reference.
     fn compare(&self, scene: &BakedScene, lights: &[Light], truth: &[Irradiance]) -> Errors {
-        // Direct light, for which it would need the geometry, is not asked for.
+        // Direct light would need the geometry and is not requested.
         let ours = Evaluator::new(scene, &[], lights, Bounces::Count(4));
         let found = (0..).zip(&self.positions).map(|(k, &(x, n))| {
             let light = ours.at(x, n, k);
@@ -291,7 +291,7 @@ impl Case {
         errors(&found, &right, &noise)
     }
 
-    /// Holds `scene` under `lights` against the truth of `mesh` and those lights, and `wrong`
+    /// Tests `scene` under `lights` against the reference of `mesh` and those lights, and `wrong`
     /// against the same.
     fn holds(
         &self,
@@ -310,7 +310,7 @@ impl Case {
     }
 }
 
-/// Shares of material `m` in all senders, with the sender of each.
+/// Returns the shares of material `m` in all senders, with the sender of each.
 fn shares_of(scene: &BakedScene, m: u32) -> Vec<(usize, usize)> {
     let live = scene.data().materials.as_ref().unwrap();
     let rows = live.starts.windows(2).enumerate();
@@ -346,7 +346,7 @@ fn mirror(scene: &mut BakedScene, m: u32, [a, b, c, _]: [Vec3; 4]) {
     scene.data_mut().materials.as_mut().unwrap().shares = changed;
 }
 
-/// `scene` with the factors of its materials changed, as a frame has it. `change` also gets the
+/// Returns `scene` with the factors of its materials changed, as in a frame. `change` also gets the
 /// index of the material.
 fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> BakedScene {
     let live = scene.data().materials.as_ref().expect("live materials");
@@ -358,7 +358,7 @@ fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> 
     let surfaces = dynamic_surfaces(scene.data(), &factors).unwrap();
     let mut out = scene.clone();
     out.data_mut().surfaces[..surfaces.len()].copy_from_slice(&surfaces);
-    // The same through a frame, which notices what changes and nothing else.
+    // The same through a frame, which updates only the changed values.
     let light_source = [FrameLight::point(
         scene.data().points[0].x() + scene.data().points[0].n(),
         Vec3::ONE,
@@ -384,7 +384,7 @@ fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> 
 
 const OFF: [Emission; 2] = [Emission::Off; 2];
 
-/// A panel that emits in one color, and both panels with a picture. Spoiled: it is darker, or the
+/// A panel that emits in one color, and both panels with a picture. Perturbed: it is darker, or the
 /// picture is mirrored.
 fn panels_match(case: &Case) {
     let on = |panel: usize, emission| {
@@ -417,7 +417,7 @@ fn lights_match(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
     };
     case.holds("sky", &mesh, [&scene, &scene], [&[sky(1.0)], &[sky(0.8)]]);
 
-    // The mean alone is no gradient.
+    // The mean alone has no gradient.
     let radiance = SkyRadiance::gradient(
         Vec3::new(0.3, 0.6, 1.6),
         Vec3::new(0.9, 0.8, 0.7),

@@ -21,7 +21,7 @@ fn settings(paths: u32, bounces: Option<u32>) -> ReferenceSettings {
     }
 }
 
-/// Two triangles that face `u` × `v`.
+/// Returns two triangles that face `u` × `v`.
 fn parallelogram(corner: Vec3, u: Vec3, v: Vec3) -> [[Vec3; 3]; 2] {
     [
         [corner, corner + u, corner + u + v],
@@ -121,7 +121,7 @@ fn reference_any_thread_count_has_equal_result() {
     assert_eq!(pool.install(run), run());
 }
 
-/// Sky light on an open plane is π L; half of it under a wall that is very large.
+/// Sky light on an open plane is π L. It is half of that under a very large wall.
 #[test]
 fn sky_over_open_plane_matches_closed_form() {
     let floor = parallelogram(Vec3::new(-1e4, 0.0, 1e4), 2e4 * Vec3::X, -2e4 * Vec3::Z);
@@ -156,7 +156,7 @@ fn sky_over_open_plane_matches_closed_form() {
     assert!(half.direct_error.cmplt(0.01 * right).all());
 }
 
-/// Every twentieth row of a table of ground truth.
+/// Returns every twentieth row of a table of ground truth.
 fn some(truth: &GroundTruth) -> GroundTruth {
     fn thin<T: Copy>(all: &[T]) -> Vec<T> {
         all.iter().copied().step_by(20).collect()
@@ -168,8 +168,8 @@ fn some(truth: &GroundTruth) -> GroundTruth {
     }
 }
 
-/// Our estimates of indirect light against the table's, each with its noise. What is known on top
-/// of it: single precision and its textures' eight bits.
+/// Compares estimates of indirect light with the table's, each with its noise. Additional known
+/// errors are single precision and the eight bits of the textures.
 fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> TestStatistics {
     let (found, noise): (Vec<Vec3>, Vec<Vec3>) =
         ours.iter().map(|e| (e.indirect, e.indirect_error)).unzip();
@@ -180,7 +180,7 @@ fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> Te
     test_equality(ours, Estimates { values, errors }, 1e-3)
 }
 
-/// The lights, one part in ten brighter.
+/// Returns the lights, one part in ten brighter.
 fn brighter(lights: &[Light]) -> Vec<Light> {
     let mut lights = lights.to_vec();
     for light in &mut lights {
@@ -195,7 +195,7 @@ fn brighter(lights: &[Light]) -> Vec<Light> {
     lights
 }
 
-/// The integrator against every table in a folder.
+/// Tests the integrator against every table in a folder.
 fn agrees(folder: &Path) {
     for light in (0..).map(|i| folder.join(format!("L{i}.json"))) {
         if !light.exists() {
@@ -228,7 +228,7 @@ fn agrees(folder: &Path) {
                 assert!(off < 1e-3, "{name}: direct light is off by {off}");
             }
         }
-        // The same test finds lights that are a tenth too bright.
+        // The same test detects lights that are a tenth too bright.
         let wrong = compare(&run(&brighter(&scene.lights), Some(4)), &truth.indirect[2]);
         assert!(wrong.p < 1e-6, "{name}: too bright lights: {wrong:?}");
     }

@@ -1,6 +1,6 @@
-//! Whole bakes against path-traced ground truth that another program computed: the medium preset on
-//! the published scenes (`tests/data`), the lights that the bake never saw. Prints what it measures
-//! (`-- --nocapture`); `examples/accuracy.rs` does the same for any scene and preset.
+//! Whole bakes against path-traced ground truth of another program: the medium preset on the
+//! published scenes (`tests/data`), with lights that the bake did not use. Prints the measurements
+//! (`-- --nocapture`). `examples/accuracy.rs` does the same for any scene and preset.
 
 use glam::Vec3;
 use meshless_gi::internals::basis::weight;
@@ -106,7 +106,7 @@ fn flat_basis_covers_every_reachable_point() {
     let (_, mesh, _) = load(&published("rooms_open"));
     let scene = baked(&mesh, Preset::Draft);
     let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
-    // Not the particles that the bake asked.
+    // Independent of the particles of the bake.
     let landed = trace_particles(&mesh, &viewpoints, 0..4096, 0xfeed, false).candidates;
     let holes = |reach: f32| {
         landed

@@ -21,7 +21,7 @@ fn output_text(ran: &Output) -> String {
     String::from_utf8_lossy(&ran.stderr).into_owned()
 }
 
-/// The Cornell box with light in free space and without; baked once.
+/// The Cornell box with probes and without. Baked once.
 fn bakes() -> &'static (TempDir, PathBuf, PathBuf) {
     static BAKED: OnceLock<(TempDir, PathBuf, PathBuf)> = OnceLock::new();
     BAKED.get_or_init(|| {

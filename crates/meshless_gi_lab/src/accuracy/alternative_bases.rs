@@ -1,49 +1,50 @@
-//! The rivals of [V11] §VI: Shepard's inverse square and Gaussian radial functions, both over the
-//! normal-sensitive distance; and [L08]'s own multilevel functions behind the same interface, so
-//! that the three can be compared. Only `accuracy/` uses them: what a bake uses is in `shepard.rs`
-//! and `flat.rs`.
+//! Alternative bases of [V11] §VI: Shepard's inverse square and Gaussian radial functions over the
+//! normal-sensitive distance. [L08]'s own multilevel functions are behind the same interface, so
+//! that the three can be compared. Only `accuracy/` uses them. A bake uses `shepard.rs` and
+//! `flat.rs`.
 //!
-//! The Gaussian functions neither sum to one nor are 1 at their own and 0 at the other points:
-//! interpolation of values requires a solve for the coefficients. [V11] gives no method;
-//! we solve the dense system by LU. "Site distance divided by the nominal radius" (§VI) makes
-//! functions so wide that the system is next to singular; §V says that functions are "nearly zero"
-//! at the nominal radius, which makes them four times as narrow. Both are there:
-//! [`GaussianBasis::new`] takes the width in nominal radii.
+//! The Gaussian functions neither sum to one, nor are they 1 at their own point and 0 at the
+//! others. Interpolation of values requires a solve for the coefficients. [V11] gives no method.
+//! This module solves the dense system by LU.
+//!
+//! §VI defines the argument as "site distance divided by the nominal radius". These functions are
+//! so wide that the system is almost singular. §V states that functions are "nearly zero" at the
+//! nominal radius, which makes them four times as narrow. [`GaussianBasis::new`] supports both: it
+//! takes the width in nominal radii.
 
 use super::dense::Lu;
 use glam::{DVec3, Vec3};
 use meshless_gi::internals::basis::{LevelBasis, WeightEntry};
 use rayon::prelude::*;
 
-/// t: how many other points a nominal radius reaches ([V11] §V, as [L08]).
+/// Number t of other points within a nominal radius ([V11] §V, as in [L08]).
 const NEIGHBORS: usize = 10;
-/// Distance from which the Gaussian counts as zero ([V11] §V.A).
+/// Argument from which the Gaussian is zero ([V11] §V.A).
 const GAUSSIAN_END: f64 = 4.0;
-/// Term added to the diagonal of a singular Gaussian system, and by how
-/// much more each time that does not help.
+/// Term added to the diagonal of a singular Gaussian system, and its growth factor between
+/// attempts.
 const RIDGE: [f64; 2] = [1e-12, 100.0];
-/// More than this on the diagonal of ones is no interpolation any more.
+/// Maximum term on a diagonal of ones. With a larger term the functions do not interpolate.
 const MAX_RIDGE: f64 = 1e-2;
 
-/// Data of a point: three channels of a scalar, and the vectors whose parts along the
-/// point's normal they are.
+/// Data of a point: three channels of a scalar and of a vector. The scalar is the component of the
+/// vector along the point's normal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointSample {
-    /// A value a channel, W/m².
+    /// Value per channel, W/m².
     pub value: DVec3,
-    /// A vector a channel; only bases that carry vectors read it.
+    /// Vector per channel. Only bases with vector coefficients read it.
     pub vector: [DVec3; 3],
 }
 
-/// A function on surfaces: three channels at a position and for its unit normal. None where it is
-/// not defined.
+/// Function on surfaces: three channels by position and unit normal. `None` outside of its domain.
 pub type SurfaceField<'a> = Box<dyn Fn(Vec3, Vec3) -> Option<DVec3> + Sync + 'a>;
 
-/// Reason why no function interpolates the samples.
+/// Errors of a fit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PointBasisError {
-    /// Not one sample a point.
+    /// Number of samples that differs from the number of points.
     #[error("{samples} samples for {points} points")]
     Count {
         /// Number of points of the basis.
@@ -51,37 +52,37 @@ pub enum PointBasisError {
         /// Number of samples.
         samples: usize,
     },
-    /// A point, normal or sample is not finite.
+    /// Point, normal or sample that is not finite.
     #[error("point {0} or its sample is not finite")]
     NotFinite(usize),
-    /// The Gaussian system cannot be solved.
+    /// Gaussian system that cannot be solved.
     #[error(
         "the system of {points} Gaussian functions stays singular with {ridge:e} on its diagonal"
     )]
     Singular {
         /// Number of functions.
         points: usize,
-        /// The largest ridge tried.
+        /// Largest ridge that was tried.
         ridge: f64,
     },
 }
 
-/// A basis over points on surfaces that takes samples at the points to a function on all surfaces.
+/// Basis over surface points. It maps samples at the points to a function on all surfaces.
 pub trait PointBasis: Sync {
-    /// The function that belongs to these samples, one a point.
+    /// Fits a function to these samples, one per point.
     ///
     /// # Errors
     /// Returns an error if the samples are not one per point or not finite.
     fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError>;
 
-    /// Term added to the diagonal of the basis' system, whose own entries there are 1, to
-    /// solve it; 0 where there is none, or it is regular.
+    /// Returns the term that was added to the diagonal of the basis' system. The diagonal entries
+    /// themselves are 1. Returns 0 if the system is regular or the basis has none.
     fn ridge(&self) -> f64 {
         0.0
     }
 }
 
-/// Checks that there is a finite sample for each of `points` points.
+/// Checks that each of `points` points has a finite sample.
 ///
 /// # Errors
 /// Returns an error if the counts differ or a sample is not finite.
@@ -99,8 +100,8 @@ pub fn check_samples(points: usize, samples: &[PointSample]) -> Result<(), Point
     }
 }
 
-/// The normal-sensitive distance of \[V11\] Eq. (15), meters: |p − q| over the cosine of the
-/// normals; infinite where they are 90° or more apart.
+/// Returns the normal-sensitive distance of \[V11\] Eq. (15), meters: |p − q| over the cosine of
+/// the normals. It is infinite if the normals are 90° or more apart.
 #[must_use]
 pub fn site_distance(x_p: Vec3, n_p: Vec3, x_q: Vec3, n_q: Vec3) -> f64 {
     let cosine = f64::from(n_p.dot(n_q));
@@ -126,7 +127,7 @@ fn check_points(points: &[(Vec3, Vec3)]) -> Result<(), PointBasisError> {
 pub struct ShepardBasis(Vec<(Vec3, Vec3)>);
 
 impl ShepardBasis {
-    /// The basis of points (x, n).
+    /// Creates the basis of points (x, n).
     ///
     /// # Errors
     /// Returns an error if a point is not finite.
@@ -145,7 +146,8 @@ impl PointBasis for ShepardBasis {
             for (&(x_j, n_j), value) in self.0.iter().zip(&values) {
                 let d = site_distance(x, n, x_j, n_j);
                 let w = 1.0 / (d * d);
-                // At a point (or so near that the weight overflows) the value is the point's own.
+                // The weight is infinite at a point, or if it overflows. The value is that of the
+                // point.
                 if w.is_infinite() {
                     return Some(*value);
                 }
@@ -169,10 +171,11 @@ pub struct GaussianBasis {
 }
 
 impl GaussianBasis {
-    /// The basis of points (x, n), each function's standard deviation being `width` times its
-    /// nominal radius: the site distance to the tenth nearest other point (to the farthest, where
-    /// fewer face the same way). If the system is singular within rounding, something
-    /// is added to its diagonal, see [`PointBasis::ridge`].
+    /// Creates the basis of points (x, n). The standard deviation of each function is `width` times
+    /// its nominal radius. The nominal radius is the site distance to the tenth nearest other
+    /// point. If fewer points face the same way, it is the distance to the farthest of them. If the
+    /// system is singular within rounding, a term is added to its diagonal. See
+    /// [`PointBasis::ridge`].
     ///
     /// # Errors
     /// Returns an error if a point is not finite or the system stays singular.
@@ -217,14 +220,15 @@ impl GaussianBasis {
         }
     }
 
-    /// Smallest over largest pivot of the system: about the reciprocal of its condition number.
+    /// Returns the smallest over the largest pivot of the system: about the reciprocal of its
+    /// condition number.
     #[must_use]
     pub fn pivots(&self) -> f64 {
         self.system.pivots
     }
 }
 
-/// G(r) of \[V11\] Eq. (12).
+/// Computes G(r) of \[V11\] Eq. (12).
 fn gaussian(r: f64) -> f64 {
     if r < GAUSSIAN_END {
         (-0.5 * r * r).exp()
@@ -233,7 +237,8 @@ fn gaussian(r: f64) -> f64 {
     }
 }
 
-/// The site distance of point `i` to the tenth nearest other; 1 m where no other faces its way.
+/// Returns the site distance of point `i` to the tenth nearest other point. Returns 1 m if the
+/// distances to all others are infinite.
 fn nominal_radius(points: &[(Vec3, Vec3)], i: usize) -> f64 {
     let (x, n) = points[i];
     let others = points.iter().enumerate().filter(|(j, _)| *j != i);
@@ -269,15 +274,15 @@ impl PointBasis for GaussianBasis {
     }
 }
 
-/// The multilevel functions of \[L08\] Eqs. (1)-(7): the first level takes the samples, each
-/// further one the differences that are left at its points. One level is what \[V11\] calls
-/// Lehtinen's basis.
+/// Multilevel functions of \[L08\] Eqs. (1)-(7). The first level takes the samples. Each further
+/// level takes the differences that remain at its points. One level is \[V11\]'s "Lehtinen's
+/// basis".
 #[derive(Clone, Copy, Debug)]
 pub struct MultilevelBasis<'a>(pub &'a [LevelBasis]);
 
 impl MultilevelBasis<'_> {
-    /// F_l(p) of \[L08\] Eq. (6) over `levels`, whose coefficients lie behind one another. None
-    /// where no level covers the position.
+    /// Computes F_l(p) of \[L08\] Eq. (6) over `levels`. `coefficients` holds all levels in order.
+    /// Returns `None` if no level covers the position.
     fn sum(
         levels: &[LevelBasis],
         coefficients: &[DVec3],
@@ -380,7 +385,7 @@ mod tests {
                 assert!((found - sample.value).length() < 1e-6);
             }
         }
-        // Shepard's functions sum to one, and beside a point they are flat; narrow Gaussians have
+        // Shepard's functions sum to one, and they are flat near a point. Narrow Gaussians have
         // holes.
         let between = Vec3::new(3.5, 0.0, 3.6);
         let at = |basis: &dyn PointBasis| {

@@ -1,19 +1,21 @@
-//! [V11]'s experiment with numbers: each basis writes down the light of the sphere over the disk
-//! (`sphere_over_disk.rs`) from samples at the same points, and is compared with the solution of
-//! the integral equations.
+//! The experiment of [V11] with error measures. Each basis represents the light of the sphere over
+//! the disk (`sphere_over_disk.rs`) from samples at the same points. The result is compared with
+//! the solution of the integral equations.
 //!
-//! The points are Poisson disks of the project's own sampling, at several spacings. Samples are
-//! either the solution's own values at the points, which shows the basis alone, or, as in [V11]
-//! §VII, what iteration in the basis itself gives: λ ← ε + Rλ with R's integrals over the basis
-//! functions taken by quadrature (the paper takes them as point lights). Measured apart for sphere
-//! and disk, in parts of the solution's root mean square there: root mean square error, largest
-//! error, bias, and two measures of what [V11] names but does not define, oscillation:
+//! The points are Poisson disks of the project's own sampling, at several spacings. Samples of the
+//! solution at the points measure the basis alone. Alternatively, as in [V11] §VII, samples come
+//! from the iteration λ ← ε + Rλ in the basis itself. There R's integrals over the basis functions
+//! are taken by quadrature, while the paper takes them as point lights.
 //!
-//! - *oscillation*: the total variation along a meridian of the sphere or a ray of the disk, over
-//!   that of the solution, less 1, in the mean over the azimuths. Negative where an edge or a top
-//!   is flattened.
-//! - *unevenness*: the root mean square of what differs from the mean over all azimuths, which the
-//!   solution does not: [V11]'s red line beside its black one.
+//! Errors are measured separately for sphere and disk, relative to the solution's root mean square
+//! there: root mean square error, largest error, bias, and two measures of oscillation. [V11] names
+//! oscillation but does not define it:
+//!
+//! - *oscillation*: the total variation along a meridian of the sphere or a ray of the disk,
+//!   divided by that of the solution, minus 1. It is the mean over the azimuths. It is negative if
+//!   an edge or a peak is flattened.
+//! - *unevenness*: the root mean square of the deviation from the mean over all azimuths. The
+//!   solution has none. In [V11] it is the difference between the red and the black line.
 
 use super::point_set::{Basis, PointSet};
 use super::sphere_over_disk::{Site, Solution, SphereOverDisk};
@@ -25,74 +27,75 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Noise of the noisy samples, relative to each.
 const NOISE: f64 = 0.05;
-/// Iterations of λ ← ε + Rλ: each gains a factor of forty, see [`Solution::iterations`].
+/// Iterations of λ ← ε + Rλ. Each reduces the error by a factor of forty. See
+/// [`Solution::iterations`].
 const ITERATIONS: usize = 8;
-/// Azimuths of the grid that errors are measured on.
+/// Azimuths of the error grid.
 const AZIMUTHS: usize = 64;
-/// Latitudes and radii of it; a cell ends at the shadow's edge of \[V11\]'s scene.
+/// Latitudes and radii of the error grid. A cell ends at the shadow's edge of \[V11\]'s scene.
 const LATITUDES: usize = 120;
 const RADII: usize = 200;
 
-/// Recorded quantity.
+/// Represented quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// Direct and reflected light together, B and D of \[V11\]: with the shadow's edge.
+    /// Direct and reflected light together, B and D of \[V11\], with the shadow's edge.
     Total,
-    /// Reflected light alone, B⁺ and D⁺: what this project writes in its basis.
+    /// Reflected light alone, B⁺ and D⁺. This project represents it in its basis.
     Indirect,
-    /// Reflected light with noise of 5 % on each sample, as Monte Carlo leaves it.
+    /// Reflected light with 5 % noise on each sample, as Monte Carlo leaves it.
     Noisy,
-    /// As `Total`, iterated in the basis.
+    /// `Total`, iterated in the basis.
     SolvedTotal,
-    /// As `Indirect`, iterated in the basis with the direct light in it, as in \[V11\].
+    /// `Indirect`, iterated in the basis with the direct light in it, as in \[V11\].
     SolvedIndirect,
 }
 
-/// Errors on one of the surfaces, in parts of the solution's root mean square there (bias: of its
-/// mean).
+/// Errors on one of the surfaces, relative to the solution's root mean square there. The bias is
+/// relative to its mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceErrors {
-    /// Root mean square error, by area.
+    /// Root mean square error, weighted by area.
     pub rmse: f64,
     /// Largest error.
     pub largest: f64,
-    /// Total variation along meridians or rays over the solution's, less 1.
+    /// Total variation along meridians or rays, divided by the solution's, minus 1.
     pub oscillation: f64,
-    /// Root mean square of what differs from the mean over the azimuths.
+    /// Root mean square of the deviation from the mean over the azimuths.
     pub unevenness: f64,
     /// Mean error over the mean.
     pub bias: f64,
-    /// Share of the positions without a value, which count as 0.
+    /// Fraction of the positions without a value. They count as 0.
     pub uncovered: f64,
 }
 
-/// A row of the table.
+/// Row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComparisonRow {
     /// Basis of the row.
     pub basis: Basis,
-    /// Smallest distance of two points, meters.
+    /// Minimum distance of two points, meters.
     pub spacing: f64,
-    /// Number of points that have a sample.
+    /// Number of points with a sample.
     pub points: usize,
-    /// Recorded quantity.
+    /// Represented quantity.
     pub quantity: Quantity,
-    /// On the sphere.
+    /// Errors on the sphere.
     pub sphere: SurfaceErrors,
-    /// On the disk.
+    /// Errors on the disk.
     pub disk: SurfaceErrors,
     /// [`PointBasis::ridge`] of the basis.
     pub ridge: f64,
 }
 
-/// The solution's values at points: total, indirect, and indirect with noise, as radiosity; the
-/// vectors are β times the vector irradiances.
+/// Returns the solution's values at points as radiosity: total, indirect, and indirect with noise.
+/// The vectors are β times the vector irradiances.
 #[must_use]
 pub fn exact_samples(solution: &Solution, points: &[(Vec3, Vec3)], seed: u64) -> Vec<PointSample> {
     let sample = |(i, &(x, _)): (usize, &(Vec3, Vec3))| {
         let site = solution.scene.site(x);
         let mut random = Random::new(seed, 0x6e_6f_69_73, i as u64);
-        // Twelve uniform numbers: a normal deviate, near enough.
+        // Sum of twelve uniform numbers: approximately a normal deviate.
         let deviate: f64 = (0..12).map(|_| f64::from(random.unit())).sum::<f64>() - 6.0;
         let noise = 1.0 + NOISE * deviate;
         let indirect = solution.indirect(site);
@@ -106,22 +109,22 @@ pub fn exact_samples(solution: &Solution, points: &[(Vec3, Vec3)], seed: u64) ->
     points.iter().enumerate().map(sample).collect()
 }
 
-/// β times the vector irradiance of the light itself.
+/// Returns β times the vector irradiance of the light itself.
 fn direct_vector(scene: &SphereOverDisk, site: Site) -> DVec3 {
     let lit = scene.direct(site) > 0.0;
     DVec3::Y * if lit { scene.albedo * scene.light } else { 0.0 }
 }
 
-/// A position of the grid on both surfaces.
+/// Position of the grid on one of the surfaces.
 struct SamplePoint {
     x: Vec3,
     n: Vec3,
     site: Site,
-    /// m².
+    /// Area of the cell, m².
     area: f64,
 }
 
-/// The grid: all azimuths of the first latitude, of the second, …; then of the radii.
+/// Returns the grid, ordered by latitude or radius, then by azimuth.
 fn grid(scene: &SphereOverDisk) -> [Vec<SamplePoint>; 2] {
     let turns: Vec<(f64, f64)> = (0..AZIMUTHS)
         .map(|k| (TAU * (k as f64 + 0.37) / AZIMUTHS as f64).sin_cos())
@@ -155,12 +158,12 @@ fn grid(scene: &SphereOverDisk) -> [Vec<SamplePoint>; 2] {
     [sphere.collect(), disk.collect()]
 }
 
-/// The field at the positions, None as None.
+/// Evaluates the field at the positions.
 fn evaluate(field: &SurfaceField<'_>, samples: &[SamplePoint]) -> Vec<Option<DVec3>> {
     samples.par_iter().map(|p| field(p.x, p.n)).collect()
 }
 
-/// Errors of one channel on one surface.
+/// Computes the errors of one channel on one surface.
 fn errors_of(
     samples: &[SamplePoint],
     found: &[Option<DVec3>],
@@ -207,12 +210,12 @@ fn errors_of(
     }
 }
 
-/// λ ← ε + Rλ in a basis (\[V11\] Eq. (19)): samples of total and of reflected light at the points
-/// that the field through them gives back. The integral over the field is taken over the grid,
-/// exactly enough not to be seen.
+/// Iterates λ ← ε + Rλ in a basis (\[V11\] Eq. (19)). Returns converged samples of total and of
+/// reflected light at the points. The integral over the field is taken over the grid. Its error is
+/// negligible.
 ///
 /// # Errors
-/// As [`PointBasis::fit`].
+/// See [`PointBasis::fit`].
 pub fn solve_in(
     basis: &dyn PointBasis,
     points: &[(Vec3, Vec3)],
@@ -252,7 +255,7 @@ pub fn solve_in(
         let reflected: Vec<(f64, DVec3)> = points
             .par_iter()
             .map(|&(x, n)| {
-                // What the sphere gets comes from the disk, and the other way round.
+                // The sphere receives light from the disk, and the disk from the sphere.
                 let from = match scene.site(x) {
                     Site::Sphere(_) => &lit[1],
                     Site::Disk(_) => &lit[0],
@@ -275,10 +278,10 @@ pub fn solve_in(
     Ok(samples)
 }
 
-/// Compares bases over one set of points with `truth`, one row a basis and quantity. The samples
-/// are `known`'s, which is the truth itself, except in the check that another answer is
-/// noticed. `solved` asks for the iteration in the bases, too. There the plugin's basis iterates as
-/// the plugin does: with scalars (design D1), and vectors for the display.
+/// Compares bases over one set of points with `truth`, one row per basis and quantity. The samples
+/// are those of `known`. It is `truth` itself, except in the test that a wrong solution is
+/// detected. `solved` adds the iteration in the bases. There the plugin's basis iterates as the
+/// plugin does: with scalars (design D1), and with vectors for the display.
 ///
 /// # Errors
 /// Returns an error if a Gaussian system cannot be solved.

@@ -1,28 +1,28 @@
-//! Closed forms: light that is known without any simulation, in double precision. What the
-//! reference integrator is tested against.
+//! Closed forms of irradiance in double precision. The reference integrator is tested against them.
 //!
-//! Form factors are those of Howell's catalog \[H10\], by its numbers; enclosures follow from the
-//! geometric series of reflections, integrating spheres from the constant form factor between any
-//! two positions inside a sphere. Angles in radians, lengths in meters, irradiances in W/m².
+//! Form factors are those of Howell's catalog \[H10\], by its numbers. Enclosures follow from the
+//! geometric series of reflections. Integrating spheres follow from the constant form factor
+//! between any two positions inside a sphere. Angles in radians, lengths in meters, irradiances in
+//! W/m².
 
 use core::f64::consts::PI;
 use glam::DVec3;
 
-/// Irradiance straight from a point light of `intensity` (W/sr) at `height` above a plane, at
-/// `aside` from the light's foot: E = I h / (h² + s²)^(3/2), the inverse square law times Lambert's
-/// cosine.
+/// Returns the direct irradiance of a point light of `intensity` (W/sr) at `height` above a plane,
+/// at distance `aside` from the light's foot. E = I h / (h² + s²)^(3/2) is the inverse square law
+/// times Lambert's cosine.
 #[must_use]
 pub fn light_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
     intensity * height / (height * height + aside * aside).powf(1.5)
 }
 
-/// Irradiance at the foot of a point light that hangs `below` a boundless ceiling of reflectance
-/// `albedo`, itself `room` above the floor, from one reflection at the ceiling alone (a black
-/// floor). 0 < `below` < `room`.
+/// Returns the irradiance at the foot of a point light at distance `below` under an infinite
+/// ceiling of reflectance `albedo`. The ceiling is `room` above a black floor, so there is one
+/// reflection. 0 < `below` < `room`.
 ///
-/// The ceiling's radiosity ρ I h / (h² + s²)^(3/2) seen from H below its center, ∫ B H² 2s / (s² +
-/// H²)² ds: with w² = s² + h² and c = H² − h² the integrand is rational, 2 ρ I h H² ∫_h^∞ dw / (w²
-/// (w² + c)²).
+/// The ceiling's radiosity is ρ I h / (h² + s²)^(3/2). Its irradiance at distance H below the
+/// center is ∫ B H² 2s / (s² + H²)² ds. With w² = s² + h² and c = H² − h² the integrand is
+/// rational: 2 ρ I h H² ∫_h^∞ dw / (w² (w² + c)²).
 #[must_use]
 pub fn light_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) -> f64 {
     let c = room * room - below * below;
@@ -32,8 +32,8 @@ pub fn light_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) -
     2.0 * albedo * intensity * below * room * room * integral
 }
 
-/// Form factor of two equal parallel rectangles `a` × `b`, one right above the other at `distance`:
-/// \[H10\] C-11. 0.19982 for unit squares.
+/// Returns the form factor of two equal parallel rectangles `a` × `b` that face each other at
+/// `distance`: \[H10\] C-11. 0.19982 for unit squares.
 #[must_use]
 pub fn parallel_rectangles(a: f64, b: f64, distance: f64) -> f64 {
     let (x, y) = (a / distance, b / distance);
@@ -43,8 +43,8 @@ pub fn parallel_rectangles(a: f64, b: f64, distance: f64) -> f64 {
     2.0 / (PI * x * y) * (log + arcs - x * x.atan() - y * y.atan())
 }
 
-/// Form factor from a rectangle `edge` × `from` to one of `edge` × `to` that stands on it at a
-/// right angle, `edge` being common to both: \[H10\] C-14. 0.20004 for unit squares.
+/// Returns the form factor from a rectangle `edge` × `from` to a perpendicular one of `edge` ×
+/// `to`. `edge` is their common edge: \[H10\] C-14. 0.20004 for unit squares.
 #[must_use]
 pub fn perpendicular_rectangles(edge: f64, from: f64, to: f64) -> f64 {
     let (w, h) = (from / edge, to / edge);
@@ -59,11 +59,11 @@ pub fn perpendicular_rectangles(edge: f64, from: f64, to: f64) -> f64 {
     (arcs + 0.25 * logs) / (PI * w)
 }
 
-/// Irradiance at position `x` with unit normal `n` from a convex polygon of uniform `radiance`
-/// (W/(m² sr)) that is wholly above the position's tangent plane and in full view: half the
-/// radiance times the sum over its edges of the angle under which an edge is seen, times the cosine
-/// between n and the normal of the plane of edge and position (\[L60\]). Whichever way the corners
-/// go around.
+/// Returns the irradiance at position `x` with unit normal `n` from a convex polygon of uniform
+/// `radiance` (W/(m² sr)). The polygon must be above the position's tangent plane and unoccluded.
+/// The irradiance is half the radiance times a sum over the polygon's edges (\[L60\]). A term is
+/// the angle that the edge subtends, times the cosine between n and the normal of the plane of edge
+/// and position. The corners may be in either order.
 #[must_use]
 pub fn polygon(x: DVec3, n: DVec3, corners: &[DVec3], radiance: f64) -> f64 {
     let to: Vec<DVec3> = corners.iter().map(|&c| (c - x).normalize()).collect();
@@ -78,17 +78,17 @@ pub fn polygon(x: DVec3, n: DVec3, corners: &[DVec3], radiance: f64) -> f64 {
     0.5 * radiance * sum.abs()
 }
 
-/// Irradiance everywhere inside a closed surface that emits `emitted` (radiosity, W/m²) and
-/// reflects `albedo` at each of its positions, after at most so many reflections: M Σ ρ^i for i up
-/// to `bounces`; without a limit M / (1 − ρ), infinite for a reflectance of one. It equals the
+/// Returns the irradiance everywhere inside a closed surface that emits `emitted` (radiosity, W/m²)
+/// and has reflectance `albedo`. It includes up to `bounces` reflections: M Σ ρ^i for i up to
+/// `bounces`. Without a limit it is M / (1 − ρ), infinite for a reflectance of one. It equals the
 /// radiosity there.
 #[must_use]
 pub fn enclosure(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     emitted * series(albedo, bounces)
 }
 
-/// Reflected part of a closed surface's own emission: [`enclosure`] without the light that comes
-/// straight.
+/// Returns the reflected part of a closed surface's own emission: [`enclosure`] without the direct
+/// irradiance.
 #[must_use]
 pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     match bounces {
@@ -97,25 +97,25 @@ pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f
     }
 }
 
-/// Reflected irradiance anywhere inside a sphere of `radius` in which lights send `power` (W) in
-/// whatever directions, after one to `bounces` reflections. The form factor between two positions
-/// of a sphere is the share of its area, so the first reflection is even already: Φ / (4π R²) · (ρ
-/// + ρ² + …).
+/// Returns the reflected irradiance anywhere inside a sphere of `radius` in which lights emit
+/// `power` (W), after one to `bounces` reflections. It does not depend on the directions of the
+/// light. The form factor from a position of a sphere to a part of it is the part's share of the
+/// area. So the first reflection is already uniform: Φ / (4π R²) · (ρ + ρ² + …).
 #[must_use]
 pub fn integrating_sphere(power: f64, radius: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     enclosure_reflected(power / (4.0 * PI * radius * radius), albedo, bounces)
 }
 
-/// Power (W) of a spot of axial `intensity` (W/sr) with half angles `inner` and `outer`, its edge
-/// falling as the square of the cosine's part between them: 2π I ((1 − cos inner) + (cos inner −
-/// cos outer) / 3).
+/// Returns the power (W) of a spot light of axial `intensity` (W/sr) with half angles `inner` and
+/// `outer`. Its edge falls as the square of the normalized cosine between them: 2π I ((1 − cos
+/// inner) + (cos inner − cos outer) / 3).
 #[must_use]
 pub fn spot_power(intensity: f64, inner: f64, outer: f64) -> f64 {
     let (inside, edge) = (inner.cos(), outer.cos());
     2.0 * PI * intensity * ((1.0 - inside) + (inside - edge) / 3.0)
 }
 
-/// 1 + ρ + … + ρ^k.
+/// Returns 1 + ρ + … + ρ^k.
 fn series(albedo: f64, bounces: Option<u32>) -> f64 {
     match bounces {
         None if albedo >= 1.0 => f64::INFINITY,
@@ -141,20 +141,20 @@ mod tests {
             0.200_044,
             1e-5
         ));
-        // A value that tables of heat transfer print for plates of 1 m x 1.5 m at 0.5 m.
+        // Value from tables of heat transfer for plates of 1 m x 1.5 m at 0.5 m.
         assert!(close(parallel_rectangles(1.0, 1.5, 0.5), 0.4756, 2e-4));
         assert!(close(parallel_rectangles(1.0, 1.0, 1e-4), 1.0, 1e-3));
-        // Areas times form factors are equal both ways.
+        // Reciprocity: areas times form factors are equal in both directions.
         let (there, back) = (
             perpendicular_rectangles(2.0, 0.5, 3.0),
             perpendicular_rectangles(2.0, 3.0, 0.5),
         );
         assert!(close(0.5 * there, 3.0 * back, 1e-12));
-        // All factors of a cube's face add up to one.
+        // The form factors of a cube's face add up to one.
         let cube =
             parallel_rectangles(1.0, 1.0, 1.0) + 4.0 * perpendicular_rectangles(1.0, 1.0, 1.0);
         assert!(close(cube, 1.0, 1e-12), "{cube}");
-        // And those of the floor of a hall of 3 x 2 x 1.5 m.
+        // The form factors of the floor of a hall of 3 x 2 x 1.5 m add up to one, too.
         let hall = parallel_rectangles(3.0, 2.0, 1.5)
             + 2.0 * perpendicular_rectangles(3.0, 2.0, 1.5)
             + 2.0 * perpendicular_rectangles(2.0, 3.0, 1.5);
@@ -224,13 +224,14 @@ mod tests {
         assert_eq!(enclosure(1.0, 1.0, None), f64::INFINITY);
         assert_eq!(enclosure_reflected(1.0, 0.5, Some(0)), 0.0);
         assert!(close(enclosure_reflected(1.0, 0.5, None), 1.0, 1e-12));
-        // A point light of 1 W/sr in the middle: I / R² straight, and as much again for ρ = 1/2.
+        // A point light of 1 W/sr at the center: direct irradiance I / R², and for ρ = 1/2 the same
+        // reflected.
         assert!(close(
             integrating_sphere(4.0 * PI, 2.0, 0.5, None),
             0.25,
             1e-12
         ));
-        // A spot as wide as everything, without an edge, is a point light.
+        // A spot light over the full sphere, without an edge, is a point light.
         assert!(close(spot_power(1.0, PI, PI), 4.0 * PI, 1e-12));
         assert!(close(spot_power(1.0, 0.0, PI / 2.0), 2.0 * PI / 3.0, 1e-12));
     }

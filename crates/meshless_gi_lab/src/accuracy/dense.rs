@@ -1,21 +1,21 @@
-//! Small dense systems of equations: LU with partial pivoting, for the one rival basis that needs
-//! to solve one ([V11] ϕ^G). A few thousand unknowns; nothing on the baked path uses it.
+//! Dense systems of equations: LU with partial pivoting, for the Gaussian basis (ϕ^G of [V11]). It
+//! is made for a few thousand unknowns. The bake does not use it.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Smallest pivot, relative to the largest, that is more than rounding.
+/// Smallest pivot, relative to the largest, that is not attributed to rounding.
 const SMALLEST_PIVOT: f64 = 1e-14;
 
-/// A factorised square matrix.
+/// LU factorization of a square matrix.
 #[derive(Clone, Debug)]
 pub(super) struct Lu {
-    /// L below the diagonal (its own is 1), U on and above it, in the order of `order`.
+    /// L below the diagonal and U on and above it, in the order of `order`. The diagonal of L is 1.
     rows: Vec<Vec<f64>>,
-    /// Original row of the matrix of each of them.
+    /// Row of the matrix for each row of the factorization.
     order: Vec<usize>,
-    /// Smallest over largest absolute pivot: about the reciprocal of the condition number, never
-    /// far below it.
+    /// Smallest over largest absolute pivot. It is about the reciprocal of the condition number,
+    /// and never far below it.
     pub pivots: f64,
 }
 
@@ -36,7 +36,7 @@ impl Lu {
             }
             let pivot = size(best);
             (min, max) = (min.min(pivot), max.max(pivot));
-            // Not `<`: what is not a number must not pass.
+            // The negated comparison rejects NaN, too.
             if !(pivot.is_finite() && pivot > SMALLEST_PIVOT * max) {
                 return None;
             }
@@ -62,7 +62,7 @@ impl Lu {
         })
     }
 
-    /// The solutions for three right sides at once.
+    /// Solves the system for three right-hand sides.
     pub fn solve(&self, right: &[DVec3]) -> Vec<DVec3> {
         let mut x: Vec<DVec3> = self.order.iter().map(|&i| right[i]).collect();
         for i in 0..x.len() {

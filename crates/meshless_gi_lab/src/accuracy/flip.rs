@@ -1,36 +1,37 @@
-//! FLIP, the perceptual difference of two pictures (\[ANA20\]): 0 for equal pictures, 1 for the
-//! largest difference. For low-dynamic-range pictures in linear RGB (values beyond 0..1 are
-//! clamped), seen at 67 pixels a degree.
+//! FLIP, the perceptual difference of two images (\[ANA20\]): 0 for equal images, 1 for the largest
+//! difference. The images have low dynamic range in linear RGB, and values outside of 0..1 are
+//! clamped. The viewing distance corresponds to 67 pixels per degree.
 //!
-//! Two differences of each pixel, ΔE = ΔE_c^(1 − ΔE_f): of colors in an opponent space blurred by
-//! the eye's contrast sensitivity, measured by HyAB in L*a*b* with the Hunt effect, its larger part
-//! compressed; and of features, edges and points that one picture has and the other lacks.
+//! The difference of a pixel combines two differences: ΔE = ΔE_c^(1 − ΔE_f). ΔE_c compares colors
+//! in an opponent space after a blur by the eye's contrast sensitivity. It uses HyAB in L*a*b* with
+//! the Hunt effect and compresses large values. ΔE_f compares features: edges and points that only
+//! one image has.
 
 use super::Image;
 use rayon::prelude::*;
 
 const PIXELS_PER_DEGREE: f32 = 67.0;
-/// D65, the white of sRGB, in XYZ.
+/// D65, the white point of sRGB, in XYZ.
 const WHITE: [f32; 3] = [0.950_428_5, 1.0, 1.088_900_4];
 
 type Plane = Vec<f32>;
 
-/// Mean FLIP of two pictures. Around a pixel that is no number the difference is the largest.
+/// Returns the mean FLIP of two images. The difference around a NaN pixel is 1.
 ///
 /// # Panics
-/// Panics if the pictures differ in size.
+/// Panics if the images differ in size.
 #[must_use]
 pub fn flip(reference: &Image, test: &Image) -> f32 {
     let map = flip_map(reference, test);
-    // In single precision a sum of millions loses what is small.
+    // A sum of millions of values in single precision would lose small ones.
     let sum: f64 = map.iter().map(|&d| f64::from(d)).sum();
     (sum / map.len() as f64) as f32
 }
 
-/// FLIP pixel by pixel.
+/// Returns FLIP per pixel.
 ///
 /// # Panics
-/// Panics if the pictures differ in size.
+/// Panics if the images differ in size.
 #[must_use]
 pub fn flip_map(reference: &Image, test: &Image) -> Vec<f32> {
     assert_eq!(
@@ -66,7 +67,7 @@ fn xyz(rgb: [f32; 3]) -> [f32; 3] {
     ]
 }
 
-/// YCxCz.
+/// Converts linear RGB to YCxCz.
 fn opponent_of(rgb: [f32; 3]) -> [f32; 3] {
     let [x, y, z] = xyz(rgb);
     let (x, y, z) = (x / WHITE[0], y / WHITE[1], z / WHITE[2]);
@@ -87,7 +88,7 @@ fn rgb_of(opponent: [f32; 3]) -> [f32; 3] {
     .map(|v| v.clamp(0.0, 1.0))
 }
 
-/// L*a*b* with the Hunt effect: colors of dark positions count less.
+/// Converts linear RGB to L*a*b* with the Hunt effect: dark colors count less.
 fn hunt_lab(rgb: [f32; 3]) -> [f32; 3] {
     let v = xyz(rgb);
     let f = |t: f32| {
@@ -107,8 +108,8 @@ fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
 
-/// A kernel that is a product of one along rows and one along columns, both of odd length, applied
-/// with the borders repeated.
+/// Convolves a plane with the product of a kernel along rows and one along columns. Both have odd
+/// length, and borders are repeated.
 fn convolve(plane: &Plane, w: usize, h: usize, across: &[f32], down: &[f32]) -> Plane {
     if plane.is_empty() {
         return Plane::new();
@@ -140,7 +141,7 @@ fn convolve(plane: &Plane, w: usize, h: usize, across: &[f32], down: &[f32]) -> 
     out
 }
 
-/// The eye's contrast sensitivity, one sum of Gaussians a channel.
+/// Filters the image by the eye's contrast sensitivity, one sum of Gaussians per channel.
 fn filtered(opponent: &[Plane; 3], w: usize, h: usize) -> Vec<[f32; 3]> {
     const GAUSSIANS: [[(f32, f32); 2]; 3] = [
         [(1.0, 0.0047), (0.0, 1e-5)],
@@ -195,12 +196,12 @@ fn color_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
         .collect()
 }
 
-/// Edges and points that one picture has and the other lacks.
+/// Returns the difference of edges and points of two images.
 fn feature_difference(a: &Plane, b: &Plane, w: usize, h: usize) -> Plane {
     let sigma = 0.5 * 0.082 * PIXELS_PER_DEGREE;
     let radius = (3.0 * sigma).ceil() as i32;
-    // Both are products of a bell across the feature's direction and, along it, its derivative or
-    // what is left of its second one.
+    // Both detectors are separable: a Gaussian across the feature, and its first or second
+    // derivative along it.
     let bell = |x: i32| (-((x * x) as f32) / (2.0 * sigma * sigma)).exp();
     let along = |of: &dyn Fn(i32) -> f32| -> Vec<f32> { (-radius..=radius).map(of).collect() };
     let gauss = along(&bell);
@@ -246,7 +247,7 @@ mod tests {
     #[test]
     fn flip_of_uniform_pictures_matches_color_difference() {
         let of = |a, b| flip(&flat(a), &flat(b));
-        // Green against blue is the largest difference by definition; black against white is 100 by
+        // Green against blue is the largest difference by definition. Black against white is 100 by
         // HyAB, 0.967 after compression.
         assert!((of(Vec3::Y, Vec3::Z) - 1.0).abs() < 1e-3);
         assert!((of(Vec3::ZERO, Vec3::ONE) - 0.967).abs() < 2e-3);
@@ -255,7 +256,7 @@ mod tests {
         let (near, far) = (of(gray, 1.02 * gray), of(gray, 1.2 * gray));
         assert!(0.0 < near && near < 0.5 * far && far < 0.2, "{near} {far}");
         assert_eq!(of(gray, 0.5 * gray), of(0.5 * gray, gray));
-        // What is too bright for a screen is white.
+        // Values above 1 are white.
         assert!(of(Vec3::splat(7.0), Vec3::ONE) < 1e-4);
         assert_eq!(of(Vec3::NAN, Vec3::ONE), 1.0);
     }
@@ -281,7 +282,7 @@ mod tests {
         let (blurred, lost) = (flip(&sharp, &soft), flip(&sharp, &none));
         assert!(0.0 < blurred && blurred < 0.5 * lost, "{blurred} {lost}");
         let map = flip_map(&sharp, &soft);
-        // Where the edge is, and nowhere far from it.
+        // The difference is at the edge and small far from it.
         assert!(map[8 * 48 + 23] > 10.0 * map[8 * 48 + 1].max(1e-4));
     }
 }

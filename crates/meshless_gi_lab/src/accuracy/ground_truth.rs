@@ -1,5 +1,5 @@
-//! Ground truth that another program computed, read from a table: irradiance at surface points, by
-//! numbers of diffuse reflections.
+//! Ground truth of another program, read from a table: irradiance at surface points after one to
+//! all diffuse reflections.
 
 use super::{Errors, errors};
 use glam::Vec3;
@@ -9,26 +9,25 @@ use rayon::prelude::*;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Numbers of reflections that a table has columns for; none means without limit.
+/// Numbers of reflections with columns in a table. `None` means without limit.
 pub const BOUNCES: [Option<u32>; 4] = [Some(1), Some(2), Some(4), None];
 
-/// A table of ground truth. All lists are of equal length.
+/// Table of ground truth. All lists have equal length.
 #[derive(Clone, Debug, Default)]
 pub struct GroundTruth {
     /// Positions and their unit normals.
     pub positions: Vec<(Vec3, Vec3)>,
-    /// Irradiance straight from the lights, W/m² on the side of the normal.
+    /// Direct irradiance on the side of the normal, W/m².
     pub direct: Vec<Vec3>,
-    /// Irradiance after one to so many reflections as [`BOUNCES`] says, and its standard errors,
-    /// W/m².
+    /// Irradiance after one to [`BOUNCES`] reflections and its standard errors, W/m².
     pub indirect: [(Vec<Vec3>, Vec<Vec3>); 4],
 }
 
-/// A table that cannot be read.
+/// Errors of reading a table.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GroundTruthError {
-    /// The operating system could not.
+    /// File that could not be read.
     #[error("{}: {source}", path.display())]
     Io {
         /// Path of the file.
@@ -36,14 +35,14 @@ pub enum GroundTruthError {
         /// Error of the system.
         source: std::io::Error,
     },
-    /// The text is no such table.
+    /// Text that is not a valid table.
     #[error("{}, line {line}: {what}", path.display())]
     Content {
         /// Path of the file.
         path: PathBuf,
         /// Line number, from 1.
         line: usize,
-        /// Description of the fault.
+        /// Description of the error.
         what: String,
     },
 }
@@ -51,17 +50,17 @@ pub enum GroundTruthError {
 /// Errors of a baked scene against ground truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Comparison {
-    /// Errors of indirect irradiance. A position that no function covers counts as dark.
+    /// Errors of indirect irradiance. A position that no basis function covers counts as dark.
     pub indirect: Errors,
     /// Errors of direct irradiance.
     pub direct: Errors,
-    /// Positions that no function covers.
+    /// Number of positions that no basis function covers.
     pub uncovered: usize,
 }
 
 impl GroundTruth {
-    /// Compares a baked scene with the truth for the `k`-th of [`BOUNCES`], which `evaluator` must
-    /// have been made for.
+    /// Compares a baked scene with the ground truth for the `k`-th of [`BOUNCES`]. `evaluator` must
+    /// have the same number of reflections.
     #[must_use]
     pub fn compare(&self, evaluator: &Evaluator<'_>, k: usize) -> Comparison {
         let light: Vec<_> = self
@@ -87,7 +86,7 @@ impl GroundTruth {
     /// `ind1_se` and so on, three columns each.
     ///
     /// # Errors
-    /// [`GroundTruthError`], with the line.
+    /// Returns a [`GroundTruthError`] with the line number if the content is invalid.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, GroundTruthError> {
         let path = path.as_ref();
         let failed = |source| GroundTruthError::Io {

@@ -1,26 +1,26 @@
-//! Errors of irradiances against a reference that has noise of its own, and light where there
-//! should be none.
+//! Errors of irradiances against a noisy reference, and light leaks.
 
 use glam::Vec3;
 
 /// Errors of values against a reference, over all positions and color channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
-    /// ‖x − ref‖₂ / ‖ref‖₂, the reference's own variance subtracted; 0 where the reference is.
+    /// ‖x − ref‖₂ / ‖ref‖₂, with the reference's own variance subtracted. 0 if the reference is 0.
     pub nrmse: f64,
-    /// The same without the subtraction.
+    /// ‖x − ref‖₂ / ‖ref‖₂ without the subtraction.
     pub raw_nrmse: f64,
     /// (Σx − Σref) / Σref.
     pub bias: f64,
     /// 99th percentile of |x − ref| over the root mean square of the reference.
     pub p99: f64,
-    /// Mean of (x − ref)² / (ref² + ε), the reference's own variance subtracted, with ε a hundredth
-    /// of the reference's mean square: dim positions count as much as bright ones (\[RKZ11\], whose
-    /// ε is 0.01 for pictures of values about one; ours has a unit).
+    /// Mean of (x − ref)² / (ref² + ε), with the reference's own variance subtracted. ε is 0.01
+    /// times the mean square of the reference. Dim positions have the same weight as bright ones.
+    /// In \[RKZ11\] ε is 0.01 for images with values of about one. Irradiance has a unit, so ε is
+    /// relative here.
     pub rel_mse: f64,
 }
 
-/// Compares `values` with `reference` and its `standard_errors` (zero where it has none), all of
+/// Compares `values` with `reference` and its `standard_errors` (zero if it has none). All have
 /// equal length.
 #[must_use]
 pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> Errors {
@@ -54,7 +54,7 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
     all.sort_by(f64::total_cmp);
     let at = ((all.len() as f64 * 0.99) as usize).min(all.len() - 1);
     Errors {
-        // A comparison, not `max`: that would turn NaN into a perfect score.
+        // With `max` instead of a comparison, NaN would become a perfect score.
         nrmse: if square < noise {
             0.0
         } else {
@@ -67,10 +67,10 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
     }
 }
 
-/// Light that came through a wall: the root mean square of what is too much or too little on
-/// its dark side, over the root mean square of the light on its lit side. Stricter than a ratio of
-/// means, in which single bright spots drown. Infinite where the lit side is dark but the dark one
-/// is not.
+/// Returns the ratio of leaked light through a wall: the root mean square error on its dark side,
+/// over the root mean square of the light on its lit side. It is stricter than a ratio of means,
+/// which hides single bright spots. It is infinite if the lit side is dark and the dark side has an
+/// error.
 ///
 /// # Panics
 /// Panics if `dark` and `dark_reference` differ in length.
@@ -110,14 +110,14 @@ mod tests {
             "{e:?}"
         );
         assert_eq!(e.nrmse, e.raw_nrmse);
-        // Where all values are much alike, relMSE is the square of the error times 1 / 1.01.
+        // If all values are similar, relMSE is the square of the error times 1 / 1.01.
         let even = vec![Vec3::splat(3.0); 20];
         let off: Vec<Vec3> = even.iter().map(|r| 1.1 * *r).collect();
         let none_20 = vec![Vec3::ZERO; 20];
         let relative = errors(&off, &even, &none_20).rel_mse;
         assert!((relative - 0.01 / 1.01).abs() < 1e-6, "{relative}");
         assert_eq!(errors(&off, &even, &off).rel_mse, 0.0);
-        // Noise of the reference is not the value's fault.
+        // Noise of the reference does not count as an error of the values.
         let noise: Vec<Vec3> = reference.iter().map(|r| 0.04 * *r).collect();
         assert!(errors(&values, &reference, &noise).nrmse < 1e-3);
         assert_eq!(errors(&reference, &reference, &none), Errors::default());
@@ -132,7 +132,7 @@ mod tests {
             dark[2] = Vec3::splat(0.4);
             dark
         });
-        // One position of four at a tenth: √(1/4) / 10.
+        // One of four positions is at a tenth: √(1/4) / 10.
         assert!((leak_ratio(&one, &black, &lit) - 0.05).abs() < 1e-7);
         assert!((leak_ratio(&black, &one, &lit) - 0.05).abs() < 1e-7);
         assert_eq!(leak_ratio(&one, &one, &lit), 0.0);

@@ -1,6 +1,6 @@
-//! Metrics of design and documents, the closed forms that the reference integrator is tested
-//! against, a test whether two noisy estimates agree, ground truth from files, alternative bases, a
-//! renderer for pictures on the CPU, and charts.
+//! Accuracy measurements: metrics, closed forms, ground truth from files, alternative bases, a CPU
+//! renderer, and charts. The reference integrator is tested against the closed forms. A statistical
+//! test compares two noisy estimates.
 
 mod alternative_bases;
 mod basis_comparison;

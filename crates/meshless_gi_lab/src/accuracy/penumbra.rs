@@ -1,7 +1,6 @@
-//! Soft shadows of a rectangle, measured: positions in its penumbra with the irradiance that the
-//! reference integrator finds there, and how far a baked scene with visibility is from it ([P14]
-//! §5). Sits beside the other measures: it reads the frame's kernels, nothing reads it but tests
-//! and documents.
+//! Accuracy of soft shadows of a rectangle light: the error of a baked scene with visibility at
+//! positions in the penumbra, against the reference integrator ([P14] §5). The module depends on
+//! the kernels of the frame. Only tests and documents use it.
 
 use super::{Errors, errors};
 use glam::Vec3;
@@ -15,28 +14,28 @@ use meshless_gi::internals::samples::{Random, trace_particles};
 use meshless_gi::{BakedScene, Geometry, Light, TriangleMesh};
 use rayon::prelude::*;
 
-/// Visible fractions between which a position lies in the penumbra.
+/// Range of the visible fraction of a light in the penumbra.
 pub const PENUMBRA: [f32; 2] = [0.02, 0.98];
-/// The reference cuts the rectangle into so many strata along each edge.
+/// Number of strata of the rectangle along each edge in the reference.
 const STRATA: i32 = 16;
-/// Irradiance, W/m², below which a position is not lit.
+/// Irradiance, W/m², below which a position counts as unlit.
 const MIN: f32 = 1e-4;
 
-/// A position that a light would light, in the bake's local space.
+/// Position that the light reaches if unoccluded, in the bake's local space.
 #[derive(Clone, Copy, Debug)]
 pub struct PenumbraSample {
-    /// Meters.
+    /// Position, meters.
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
     /// Irradiance of the light by the reference integrator, W/m².
     pub reference: f32,
-    /// The same without shadows, W/m².
+    /// Irradiance without shadows, W/m².
     pub unshadowed: f32,
 }
 
 impl PenumbraSample {
-    /// True where the light is seen in part.
+    /// Returns `true` if the light is partly visible from the position.
     #[must_use]
     pub fn in_penumbra(&self) -> bool {
         let f = self.reference / self.unshadowed;
@@ -44,8 +43,8 @@ impl PenumbraSample {
     }
 }
 
-/// Irradiance of a rectangle of one radiance, W/m², at (x, n) by the reference integrator: a random
-/// sample in each of 256 strata. Zero for other lights.
+/// Returns the irradiance of a rectangle of radiance one, W/m², at (x, n) by the reference
+/// integrator. It takes a random sample in each of 256 strata. Returns zero for other lights.
 #[must_use]
 pub fn shadowed_irradiance(
     mesh: &TriangleMesh,
@@ -79,8 +78,8 @@ pub fn shadowed_irradiance(
     sum
 }
 
-/// Positions where importance particles of `paths` paths land, that the rectangle `light` of
-/// radiance one lights or would light.
+/// Returns the hits of importance particles of `paths` paths that the rectangle `light` of radiance
+/// one reaches if unoccluded.
 #[must_use]
 pub fn penumbra_samples(
     scene: &BakedScene,
@@ -108,8 +107,9 @@ pub fn penumbra_samples(
         .collect()
 }
 
-/// Occluded irradiance of `light` of color one at the points of `scene` by shadow rays at the first
-/// `known` points, which are whole levels; the others take the mean of their parents.
+/// Returns the occluded irradiance of `light` of color one at the points of `scene`. The first
+/// `known` points, which are complete levels, take shadow rays. The others take the mean of their
+/// parents.
 #[must_use]
 pub fn deficits_by_rays(
     scene: &BakedScene,
@@ -141,8 +141,8 @@ pub fn deficits_by_rays(
     out
 }
 
-/// Error of irradiance without the share that `occluded_irradiances` reports as occluded, against
-/// the reference, at `samples`: as the kernel `subtract_shadow` has it in a view.
+/// Computes errors of the irradiance at `samples` against the reference. The occluded part in
+/// `occluded_irradiances` is subtracted from it, as by the kernel `subtract_shadow` in a view.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,

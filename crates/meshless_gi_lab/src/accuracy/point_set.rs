@@ -1,5 +1,5 @@
-//! The bases of [V11]'s experiment over Poisson-disk points on the sphere and the disk: the paper's
-//! own, and this project's as the bake and the frame have them.
+//! Bases of [V11]'s experiment over Poisson-disk points on the sphere and the disk. They are the
+//! paper's own, and this project's as the bake and the frame have them.
 
 use super::sphere_over_disk::SphereOverDisk;
 use super::{
@@ -17,32 +17,32 @@ use std::f64::consts::TAU;
 /// Levels of the multilevel basis.
 const LEVELS: usize = 3;
 
-/// The bases that are compared.
+/// Basis of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Basis {
     /// Inverse squared site distance, ϕ^S of \[V11\].
     Shepard,
-    /// Gaussian functions as wide as \[V11\] §VI reads, ϕ^G.
+    /// Gaussian functions with the width of \[V11\] §VI, ϕ^G.
     Gaussian,
-    /// Half as wide: between the two readings.
+    /// Gaussian functions of half that width, between §V and §VI.
     HalfGaussian,
-    /// Gaussian functions that are nearly zero at the nominal radius, as \[V11\] §V reads.
+    /// Gaussian functions that are nearly zero at the nominal radius, as in \[V11\] §V.
     NarrowGaussian,
     /// One level of \[L08\]'s functions, ϕ^L of \[V11\].
     Lehtinen,
-    /// Three levels of them; their coarse points come on top.
+    /// Three levels of \[L08\]'s functions, with the coarse points in addition.
     LehtinenLevels,
-    /// The flat display basis with a scalar a point.
+    /// Flat display basis with a scalar per point.
     Flat,
-    /// The flat display basis with a vector irradiance a point, as the plugin has it.
+    /// Flat display basis with a vector irradiance per point, as in the plugin.
     Ours,
-    /// The same with each point's value moved by what the field misses there: a second pass over
-    /// the same samples, which the plugin does not have.
+    /// Flat display basis with vectors, and a second pass over the same samples. The pass corrects
+    /// each point's value by the residual of the field there. The plugin does not have it.
     OursTwice,
 }
 
 impl Basis {
-    /// All of them, in the order of the tables.
+    /// Bases in the order of the tables.
     pub const ALL: [Self; 9] = [
         Self::Shepard,
         Self::Gaussian,
@@ -55,7 +55,7 @@ impl Basis {
         Self::OursTwice,
     ];
 
-    /// Display name.
+    /// Returns the display name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -72,21 +72,21 @@ impl Basis {
     }
 }
 
-/// Points of one density with what the bases need of them.
+/// Points of one density with the data of the bases.
 #[derive(Debug)]
 pub struct PointSet {
-    /// Smallest distance of two points, meters.
+    /// Minimum distance of two points, meters.
     pub spacing: f64,
-    /// One level.
+    /// Hierarchy with one level.
     single: Hierarchy,
-    /// Levels of which the finest has the same points.
+    /// Hierarchy with several levels. The finest has the same points as `single`.
     levels: Hierarchy,
     flat: Vec<Point>,
     display: FlatBasis,
 }
 
 impl PointSet {
-    /// Poisson disks of radius `spacing` (meters) over sphere and disk.
+    /// Creates Poisson disks of radius `spacing` (meters) over sphere and disk.
     #[must_use]
     pub fn new(scene: &SphereOverDisk, spacing: f64, seed: u64) -> Self {
         let geometry = scene.geometry();
@@ -96,8 +96,8 @@ impl PointSet {
             levels,
             sender_levels: levels,
             max: vec![1 << 20; levels],
-            // A level's number is added to its seed: the finest has the same one for any number of
-            // levels.
+            // A level's number is added to its seed. The finest level has the same seed with any
+            // number of levels.
             seed: seed.wrapping_sub(levels as u64 - 1),
             sender_overlap: None,
             clip: false,
@@ -132,7 +132,7 @@ impl PointSet {
         }
     }
 
-    /// The points (x, n) that a basis has samples at.
+    /// Returns the points (x, n) at which a basis has samples.
     #[must_use]
     pub fn points(&self, basis: Basis) -> Vec<(Vec3, Vec3)> {
         let of = match basis {
@@ -142,7 +142,7 @@ impl PointSet {
         of.surfaces.iter().map(|s| (s.position, s.normal)).collect()
     }
 
-    /// A basis over the points.
+    /// Builds a basis over the points.
     ///
     /// # Errors
     /// Returns an error if the Gaussian system cannot be solved.
@@ -161,7 +161,7 @@ impl PointSet {
         })
     }
 
-    /// Gaussian functions with this width in nominal radii.
+    /// Builds Gaussian functions with this width in nominal radii.
     ///
     /// # Errors
     /// Returns an error if their system cannot be solved.
@@ -170,7 +170,7 @@ impl PointSet {
     }
 }
 
-/// Positions from which all that is lit is seen.
+/// Returns positions from which all lit surfaces are visible.
 fn viewpoints(scene: &SphereOverDisk) -> Vec<Vec3> {
     let around = (0..6).map(|k| {
         let (s, c) = (TAU * f64::from(k) / 6.0).sin_cos();
@@ -186,12 +186,12 @@ fn viewpoints(scene: &SphereOverDisk) -> Vec<Vec3> {
     around.chain([Vec3::Y * above as f32]).collect()
 }
 
-/// The flat display basis as the frame evaluates it.
+/// Flat display basis as the frame evaluates it.
 struct DisplayBasis<'a> {
     set: &'a PointSet,
-    /// Returns `true` if it carries vectors instead of scalars.
+    /// `true` if it has vectors instead of scalars.
     vectors: bool,
-    /// Returns `true` if the points' values are corrected by their residuals.
+    /// `true` if the points' values are corrected by their residuals.
     twice: bool,
 }
 

@@ -1,28 +1,28 @@
-//! G-buffer of a scene as a deferred camera draws it, by casting a ray through the middle of each
-//! pixel: depth and G-buffer as Bevy's prepass writes them. The oracle of everything that works on
-//! the screen, and what reflective shadow maps of tests are made of.
+//! Ray-cast G-buffer of a scene: depth and G-buffer in the format of Bevy's prepass, by a ray
+//! through the center of each pixel. It is the reference for screen-space kernels and the source of
+//! reflective shadow maps in tests.
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::internals::frame::gbuffer;
 use meshless_gi::{Geometry, Ray};
 use rayon::prelude::*;
 
-/// A drawn view.
+/// Depth and G-buffer of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RaycastView {
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// From clip space (reversed depth, y up) to the world.
+    /// Transform from clip space (reversed depth, y up) to the world.
     pub world_from_clip: Mat4,
-    /// Depth of each pixel, row by row from the top: reversed, 0 where nothing was drawn.
+    /// Depth of each pixel, row by row from the top: reversed, 0 for pixels without a surface.
     pub depth: Vec<f32>,
-    /// Texels of the G-buffer, see [`gbuffer`].
+    /// Texels of the G-buffer. See [`gbuffer`].
     pub gbuffer: Vec<[u32; 4]>,
 }
 
 impl RaycastView {
-    /// Draws `geometry` as the camera with these matrices sees it. Surfaces that reflect on both
-    /// sides face the camera.
+    /// Renders `geometry` for the camera with these matrices. Normals of double-sided surfaces face
+    /// the camera.
     #[must_use]
     pub fn new(geometry: &dyn Geometry, clip_from_world: Mat4, size: [u32; 2]) -> Self {
         let world_from_clip = clip_from_world.inverse();
@@ -34,7 +34,7 @@ impl RaycastView {
                 let at = (Vec2::new(x as f32, y as f32) + 0.5)
                     / Vec2::new(size[0] as f32, size[1] as f32);
                 let ndc = Vec2::new(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0);
-                // From the near plane into the picture; the far plane may lie at infinity.
+                // The ray starts on the near plane. The far plane may be at infinity.
                 let near = world_from_clip.project_point3(ndc.extend(1.0));
                 let further = world_from_clip.project_point3(ndc.extend(0.5));
                 let Some(direction) = (further - near).try_normalize() else {
@@ -59,8 +59,9 @@ impl RaycastView {
         }
     }
 
-    /// From the world to clip space of a pinhole camera with an infinite far plane, as Bevy's:
-    /// `vertical_angle` in radians, the near plane `near` meters ahead.
+    /// Returns the transform from the world to clip space of a pinhole camera with an infinite far
+    /// plane, as in Bevy. `vertical_angle` is in radians, and the near plane is at a distance of
+    /// `near` meters.
     #[must_use]
     pub fn perspective(
         eye: Vec3,

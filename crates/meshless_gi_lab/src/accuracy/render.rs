@@ -1,27 +1,27 @@
-//! Pictures of a scene on the CPU: primary rays through a pinhole camera; what they see is the
-//! caller's to say.
+//! Images of a scene on the CPU by primary rays through a pinhole camera. The caller supplies the
+//! shading.
 
 use glam::{Vec2, Vec3};
 use meshless_gi::internals::samples::Random;
 use meshless_gi::{Geometry, Ray, Surface};
 use rayon::prelude::*;
 
-/// A pinhole camera.
+/// Pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Position, meters.
     pub eye: Vec3,
     /// Target, meters.
     pub target: Vec3,
-    /// Up direction; not along the view.
+    /// Up direction, not parallel to the view direction.
     pub up: Vec3,
-    /// Full vertical angle of view, radians.
+    /// Full vertical field of view, radians.
     pub vertical_angle: f32,
 }
 
 impl Camera {
-    /// The ray through a point of the picture: (0, 0) is its upper left corner, (1, 1) its lower
-    /// right one.
+    /// Returns the ray through a position of the image: (0, 0) is its upper left corner, (1, 1) its
+    /// lower right one.
     #[must_use]
     pub fn ray(&self, at: Vec2, aspect: f32) -> Ray {
         let forward = (self.target - self.eye).normalize_or(Vec3::NEG_Z);
@@ -35,7 +35,7 @@ impl Camera {
     }
 }
 
-/// A picture in linear RGB, row by row from the top.
+/// Image in linear RGB, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Pixels in a row.
@@ -47,8 +47,8 @@ pub struct Image {
 }
 
 impl Image {
-    /// The picture as 8-bit sRGB, three bytes a pixel, after multiplication by `exposure`; what is
-    /// too bright is clipped.
+    /// Converts the image to 8-bit sRGB, three bytes per pixel, after multiplication by `exposure`.
+    /// Values above 1 are clipped.
     #[must_use]
     pub fn to_srgb8(&self, exposure: f32) -> Vec<u8> {
         self.pixels
@@ -58,7 +58,8 @@ impl Image {
     }
 }
 
-/// 8-bit sRGB channels (IEC 61966-2-1) of a linear color, clipped to [0, 1]. NaN becomes 0.
+/// Converts a linear color to 8-bit sRGB channels (IEC 61966-2-1), clipped to [0, 1]. NaN becomes
+/// 0.
 pub(super) fn srgb8(linear: Vec3) -> [u8; 3] {
     linear.to_array().map(|x| {
         let x = x.clamp(0.0, 1.0);
@@ -71,10 +72,9 @@ pub(super) fn srgb8(linear: Vec3) -> [u8; 3] {
     })
 }
 
-/// Renders a picture with `samples` rays a pixel, jittered. `shade` gives the radiance at what a
-/// ray meets; it gets the ray, the surface and random numbers of its own. `background` gives the
-/// radiance of a direction in which there is nothing. The result does not depend on the number of
-/// threads.
+/// Renders an image with `samples` jittered rays per pixel. `shade` returns the radiance at a hit
+/// from the ray, the surface and its own random numbers. `background` returns the radiance of a
+/// direction without a hit. The result does not depend on the number of threads.
 #[must_use]
 pub fn render(
     geometry: &dyn Geometry,
@@ -143,8 +143,8 @@ mod tests {
             Vec3::splat(-1.0)
         });
         let ball = picture.pixels.iter().filter(|p| p.x >= 0.0).count();
-        // The rim is seen under asin(1/4); its image is a disk of radius tan(asin(1/4)) · 40
-        // pixels.
+        // The sphere subtends a half angle of asin(1/4). Its image is a disk of radius
+        // tan(asin(1/4)) · 40 pixels.
         let disk = std::f32::consts::PI * (40.0 * 0.25f32.asin().tan()).powi(2);
         assert!(
             (ball as f32 / disk - 1.0).abs() < 0.05,

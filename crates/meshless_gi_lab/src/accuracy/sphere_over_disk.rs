@@ -1,27 +1,32 @@
-//! The scene of [V11] §VIII with a known answer: a sphere over a disk under light from straight
+//! Reference solution of the scene of [V11] §VIII: a sphere over a disk under light from straight
 //! above, as two coupled integral equations.
 //!
-//! By symmetry the radiosity depends on one number each: B(ζ) on the sphere, by latitude, and D(u)
-//! on the disk, by radius ([V11] Eqs. (20), (21)):
+//! By symmetry the radiosity depends on one number on each surface. It is B(ζ) on the sphere, by
+//! latitude, and D(u) on the disk, by radius ([V11] Eqs. (20), (21)):
 //!
 //! B(ζ) = B*(ζ) + β ∫₀ᴿ D(u) ∮ F(u, τ, ζ) dτ u du, D(u) = D*(u) + β ∫ B(ζ) ∮ F(u, τ, ζ) dτ r² cos ζ
 //! dζ,
 //!
 //! F = max(0, n_p·(q − p)) max(0, n_q·(p − q)) / (π |q − p|⁴) for p on the sphere and q on the
-//! disk. Neither surface sees itself, and what a position of the one does not see of the other lies
-//! behind its own horizon, so there is no other visibility ([V11] §VIII).
+//! disk. Both surfaces have zero form factor to themselves. The parts of the other surface that are
+//! not visible from a position lie behind its horizon. F needs no further visibility term ([V11]
+//! §VIII).
 //!
-//! [`SphereOverDisk::solve`] has the inner integral in closed form, and the outer ones by the
-//! midpoint rule over cells that end at the shadow's edge; its error falls with the square of the
-//! cells' size. [`SphereOverDisk::solve_sums`] is [V11]'s own discretization, Eqs. (22), (23):
-//! plain sums over evenly spaced latitudes, radii and azimuths. With its n = 100 the thirteenth
-//! radius is 5, just the shadow's edge, and half a cell is lit too little.
+//! [`SphereOverDisk::solve`] computes the inner integral in closed form. It computes the outer
+//! integrals by the midpoint rule over cells that end at the shadow's edge. Its error falls with
+//! the square of the cell size. [`SphereOverDisk::solve_sums`] is the discretization of [V11] Eqs.
+//! (22), (23): plain sums over evenly spaced latitudes, radii and azimuths. The paper uses n = 100.
+//! The thirteenth radius is then 5, exactly the shadow's edge, and half a cell receives too little
+//! light.
 //!
-//! The constants. The paper's text as we have it is damaged; what follows from it otherwise: Eq.
-//! (5) must be K = (1/π) cos / d², or the disk would give the sphere more light than there is; with
-//! r = 5, R = 40, h = 20, β = 0.9, μ = 0.9 the largest B⁺ is 0.577 and D* = βμ = 0.81, which is
-//! what the axes of its Figure 10 end above (0.6 and 1), while μ = 1 would not fit under 0.6. h is
-//! the height of the sphere's center.
+//! The text of the available copy of [V11] is damaged. The constants follow from these constraints:
+//!
+//! - Eq. (5) must be K = (1/π) cos / d². Otherwise the disk would send the sphere more light than
+//!   it has.
+//! - With r = 5, R = 40, h = 20, β = 0.9, μ = 0.9 the largest B⁺ is 0.577, and D* = βμ = 0.81. The
+//!   axes of the paper's Figure 10 end above these values (0.6 and 1). With μ = 1 the largest B⁺
+//!   would exceed 0.6.
+//! - h is the height of the sphere's center.
 
 use glam::{DVec2, DVec3, Vec3};
 use meshless_gi::Light;
@@ -29,15 +34,15 @@ use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Change between two iterations, relative to the direct light, at which the solution stands.
+/// Convergence threshold: change between two iterations, relative to the direct light.
 const STANDS: f64 = 1e-14;
-/// Iterations after which it is given up: with two reflections' gain below one half this is never
-/// reached.
+/// Maximum number of iterations. It is never reached, because the gain of two reflections is below
+/// one half.
 const MAX_ITERATIONS: usize = 1000;
-/// Cells at most: two kernels of this many squared numbers are kept.
+/// Maximum number of cells. The solver stores two kernels of the square of this number.
 const MAX_CELLS: usize = 8192;
 
-/// The scene. Its origin is the middle of the disk, +Y is up. Lengths in meters.
+/// Sphere over a disk. Its origin is the center of the disk, +Y is up. Lengths in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereOverDisk {
     /// Radius r of the sphere.
@@ -46,14 +51,14 @@ pub struct SphereOverDisk {
     pub disk: f64,
     /// Height h of the sphere's center over the disk.
     pub height: f64,
-    /// Reflectance β of both.
+    /// Reflectance β of both surfaces.
     pub albedo: f64,
     /// Irradiance μ of a surface that faces the light, W/m².
     pub light: f64,
 }
 
 impl Default for SphereOverDisk {
-    /// \[V11\]'s: r = 5, R = 40, h = 20, β = 0.9, μ = 0.9.
+    /// Returns the scene of \[V11\]: r = 5, R = 40, h = 20, β = 0.9, μ = 0.9.
     fn default() -> Self {
         Self {
             radius: 5.0,
@@ -65,16 +70,16 @@ impl Default for SphereOverDisk {
     }
 }
 
-/// Reason why there is no solution.
+/// Errors of the solver.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SphereOverDiskError {
-    /// A length, the reflectance or the light is out of range.
+    /// Length, reflectance or light out of range.
     #[error(
         "no such scene: 0 < radius < disk, radius < height, 0 ≤ albedo ≤ 1 and 0 ≤ light must hold, all finite, for {0:?}"
     )]
     Scene(SphereOverDisk),
-    /// Too few or too many cells.
+    /// Number of cells out of range.
     #[error("{0} cells: between 8 and {MAX_CELLS} are possible")]
     Cells(usize),
 }
@@ -82,29 +87,29 @@ pub enum SphereOverDiskError {
 /// Radiosities that solve the two equations.
 #[derive(Clone, Debug)]
 pub struct Solution {
-    /// The scene.
+    /// Scene of the solution.
     pub scene: SphereOverDisk,
-    /// The latitudes ζ at the middles of the cells, radians, ascending.
+    /// Latitudes ζ of the cell centers, radians, ascending.
     pub latitudes: Vec<f64>,
-    /// B(ζ) − B*(ζ) there, W/m².
+    /// B(ζ) − B*(ζ) at the latitudes, W/m².
     pub sphere: Vec<f64>,
-    /// The vector irradiance of the reflected light there, W/m²: outwards from the axis, and up.
-    /// Empty for [`SphereOverDisk::solve_sums`].
+    /// Vector irradiance of the reflected light at the latitudes, W/m²: outwards from the axis, and
+    /// up. Empty for [`SphereOverDisk::solve_sums`].
     pub vectors: Vec<DVec2>,
-    /// The radii u at the middles of the cells, meters, ascending.
+    /// Radii u of the cell centers, meters, ascending.
     pub radii: Vec<f64>,
-    /// D(u) − D*(u) there, W/m².
+    /// D(u) − D*(u) at the radii, W/m².
     pub disk: Vec<f64>,
-    /// Iterations of λ ← ε + Rλ that it took.
+    /// Number of iterations of λ ← ε + Rλ.
     pub iterations: usize,
 }
 
-/// A position on one of the two surfaces by the number that counts.
+/// Position on one of the two surfaces, by its coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Site {
-    /// On the sphere: its latitude, radians.
+    /// Latitude on the sphere, radians.
     Sphere(f64),
-    /// On the disk: its distance from the axis, meters.
+    /// Distance from the axis on the disk, meters.
     Disk(f64),
 }
 
@@ -124,13 +129,13 @@ impl SphereOverDisk {
         }
     }
 
-    /// B*(ζ) = βμ max(0, sin ζ) (\[V11\] Eq. (20)), W/m².
+    /// Returns B*(ζ) = βμ max(0, sin ζ) (\[V11\] Eq. (20)), W/m².
     #[must_use]
     pub fn direct_sphere(&self, latitude: f64) -> f64 {
         self.albedo * self.light * latitude.sin().max(0.0)
     }
 
-    /// D*(u): βμ outside of the sphere's shadow, 0 in it (\[V11\] Eq. (20)), W/m².
+    /// Returns D*(u), W/m²: βμ outside of the sphere's shadow, 0 in it (\[V11\] Eq. (20)).
     #[must_use]
     pub fn direct_disk(&self, u: f64) -> f64 {
         if self.radius < u && u < self.disk {
@@ -140,7 +145,7 @@ impl SphereOverDisk {
         }
     }
 
-    /// Radiosity by the light itself, W/m².
+    /// Returns the direct radiosity, W/m².
     #[must_use]
     pub fn direct(&self, site: Site) -> f64 {
         match site {
@@ -149,7 +154,7 @@ impl SphereOverDisk {
         }
     }
 
-    /// Surface that a position near one of them belongs to, and the point on it.
+    /// Returns the coordinate of a position on or near one of the surfaces.
     #[must_use]
     pub fn site(&self, x: Vec3) -> Site {
         let from_center = x.as_dvec3() - DVec3::Y * self.height;
@@ -162,7 +167,8 @@ impl SphereOverDisk {
         }
     }
 
-    /// Geometry for rays: the sphere, and the disk as the upper end of a flat cylinder.
+    /// Returns geometry for ray casts: the sphere, and the disk as the upper end of a flat
+    /// cylinder.
     #[must_use]
     pub fn geometry(&self) -> ImplicitScene {
         let object = |shape| ImplicitObject {
@@ -184,7 +190,7 @@ impl SphereOverDisk {
         ])
     }
 
-    /// The light: parallel, from straight above.
+    /// Returns the light: parallel, from straight above.
     #[must_use]
     pub fn lights(&self) -> Vec<Light> {
         vec![Light::Directional {
@@ -193,12 +199,12 @@ impl SphereOverDisk {
         }]
     }
 
-    /// ∮ (a + b cos τ) / |q − p|⁴ dτ over the azimuths τ at which the sphere's position at
-    /// `latitude` and the disk's at `u` see each other.
+    /// Computes ∮ (a + b cos τ) / |q − p|⁴ dτ. The azimuths τ are those at which the sphere's
+    /// position at `latitude` and the disk's position at `u` are visible from each other.
     ///
-    /// |q − p|² = c − e cos τ. With J = ∫ dτ / (c − e cos τ) = 2 / √(c² − e²) · atan(√((c + e) / (c − e)) tan(τ/2)) and s = sin τ / (c − e cos τ):
-    /// ∫ dτ / (c − e cos τ)² = (e s + c J) / (c² − e²) and ∫ cos τ dτ / (c − e cos τ)² = (c s + e
-    /// J) / (c² − e²).
+    /// With |q − p|² = c − e cos τ, J = ∫ dτ / (c − e cos τ) = 2 / √(c² − e²) · atan(√((c + e) / (c
+    /// − e)) tan(τ/2)) and s = sin τ / (c − e cos τ): ∫ dτ / (c − e cos τ)² = (e s + c J) / (c² −
+    /// e²) and ∫ cos τ dτ / (c − e cos τ)² = (c s + e J) / (c² − e²).
     fn ring(&self, latitude: f64, u: f64, a: f64, b: f64) -> f64 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
@@ -219,7 +225,7 @@ impl SphereOverDisk {
         2.0 * (a * (e * s + c * j) + b * (c * s + e * j)) / root
     }
 
-    /// ∮ F dτ, 1/m².
+    /// Computes ∮ F dτ, 1/m².
     fn form(&self, latitude: f64, u: f64) -> f64 {
         let (sine, cosine) = latitude.sin_cos();
         let y = (self.height + self.radius * sine) / PI;
@@ -227,8 +233,8 @@ impl SphereOverDisk {
         self.ring(latitude, u, a, u * cosine * y)
     }
 
-    /// Irradiance from a ring of the disk of one W/m² and one meter of circumference per radian on
-    /// the sphere's position as vector irradiance: outwards and up.
+    /// Computes the vector irradiance at the sphere's position, outwards and up. The source is a
+    /// ring of the disk with 1 W/m² and a circumference of one meter per radian.
     fn vector(&self, latitude: f64, u: f64) -> DVec2 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
@@ -236,7 +242,7 @@ impl SphereOverDisk {
         DVec2::new(outwards, self.ring(latitude, u, -y * y / PI, 0.0))
     }
 
-    /// F at one azimuth, 1/m².
+    /// Computes F at one azimuth, 1/m².
     fn form_at(&self, latitude: f64, u: f64, azimuth: f64) -> f64 {
         let (sine, cosine) = latitude.sin_cos();
         let p = DVec3::new(self.radius * cosine, self.height + self.radius * sine, 0.0);
@@ -245,15 +251,15 @@ impl SphereOverDisk {
         facing * p.y / (PI * way.length_squared().powi(2))
     }
 
-    /// The solution with `cells` latitudes and about as many radii.
+    /// Solves the equations with `cells` latitudes and about as many radii.
     ///
     /// # Errors
-    /// Returns an error if there is no such scene, or the number of cells is not between 8 and
+    /// Returns an error if the scene is out of range, or the number of cells is not between 8 and
     /// 8192.
     pub fn solve(&self, cells: usize) -> Result<Solution, SphereOverDiskError> {
         self.check()?;
         check_cells(cells)?;
-        // An even number: a cell ends at the equator, where B* has its kink.
+        // With an even number, a cell ends at the equator, where B* has its kink.
         let cells = cells.next_multiple_of(2);
         let latitudes = middles(-FRAC_PI_2, FRAC_PI_2, cells);
         let dark = (cells as f64 * self.radius / self.disk).ceil() as usize;
@@ -286,11 +292,11 @@ impl SphereOverDisk {
         Ok(solution)
     }
 
-    /// The solution by \[V11\] Eqs. (22), (23) with n = m = k = `n`: evenly spaced latitudes, radii
-    /// and azimuths, each at the middle of its cell.
+    /// Solves the equations by \[V11\] Eqs. (22), (23) with n = m = k = `n`: evenly spaced
+    /// latitudes, radii and azimuths, each at the center of its cell.
     ///
     /// # Errors
-    /// As [`solve`](Self::solve).
+    /// See [`solve`](Self::solve).
     pub fn solve_sums(&self, n: usize) -> Result<Solution, SphereOverDiskError> {
         self.check()?;
         check_cells(n)?;
@@ -310,8 +316,8 @@ impl SphereOverDisk {
         Ok(self.iterate(latitudes, radii, &form, &bands, &rings))
     }
 
-    /// λ ← ε + Rλ until it stands (\[V11\] §VII, Eq. (24)). `form[i][j]` is ∮ F dτ, `bands` and
-    /// `rings` the measures r² cos ζ dζ and u du.
+    /// Iterates λ ← ε + Rλ until it converges (\[V11\] §VII, Eq. (24)). `form[i][j]` is ∮ F dτ.
+    /// `bands` and `rings` are the measures r² cos ζ dζ and u du.
     fn iterate(
         &self,
         latitudes: Vec<f64>,
@@ -373,10 +379,10 @@ fn check_cells(cells: usize) -> Result<(), SphereOverDiskError> {
     }
 }
 
-/// The middles of `count` even cells.
+/// Returns the centers of `count` equal cells.
 fn middles(from: f64, to: f64, count: usize) -> Vec<f64> {
-    // The product first: the thirteenth of a hundred radii up to 40 is 5, and no rounding puts it
-    // beside the shadow's edge.
+    // The product comes first: the thirteenth of a hundred radii up to 40 is exactly 5, and
+    // rounding does not move it off the shadow's edge.
     let at = |k: usize| from + (k as f64 + 0.5) * (to - from) / count as f64;
     (0..count).map(at).collect()
 }
@@ -385,7 +391,7 @@ fn rows<T: Send>(latitudes: &[f64], row: impl Fn(f64) -> T + Sync) -> Vec<T> {
     latitudes.par_iter().map(|&z| row(z)).collect()
 }
 
-/// Linear between the positions, and beyond the outermost as between the last two.
+/// Interpolates linearly between the positions. Extrapolates linearly beyond the outermost ones.
 fn between<T>(positions: &[f64], values: &[T], at: f64) -> T
 where
     T: Copy
@@ -401,7 +407,7 @@ where
 }
 
 impl Solution {
-    /// Radiosity by reflected light, B⁺ or D⁺ of \[V11\] Figure 10, W/m².
+    /// Returns the radiosity of reflected light, B⁺ or D⁺ of \[V11\] Figure 10, W/m².
     #[must_use]
     pub fn indirect(&self, site: Site) -> f64 {
         match site {
@@ -410,15 +416,15 @@ impl Solution {
         }
     }
 
-    /// All radiosity, B or D, W/m².
+    /// Returns the total radiosity, B or D, W/m².
     #[must_use]
     pub fn total(&self, site: Site) -> f64 {
         self.indirect(site) + self.scene.direct(site)
     }
 
-    /// The vector irradiance of the reflected light at `x`, W/m²: what arrives over the hemisphere
-    /// of the position's own normal. On the disk, whose positions all face up, only the part that
-    /// faces up is returned.
+    /// Returns the vector irradiance of the reflected light at `x`, W/m², over the hemisphere of
+    /// the surface normal. On the disk the normal is up everywhere, and only the vertical component
+    /// is returned.
     #[must_use]
     pub fn vector(&self, x: Vec3) -> DVec3 {
         match self.scene.site(x) {
@@ -435,8 +441,9 @@ impl Solution {
         }
     }
 
-    /// The largest difference of the reflected light to a finer solution at this one's own
-    /// positions, relative to that solution's largest value: on the sphere, on the disk.
+    /// Returns the largest differences of the reflected light to a finer solution, on the sphere
+    /// and on the disk. They are measured at the positions of `self`, relative to the largest value
+    /// of `finer`.
     #[must_use]
     pub fn difference(&self, finer: &Self) -> [f64; 2] {
         let max = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));

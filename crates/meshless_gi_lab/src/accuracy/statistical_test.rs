@@ -1,21 +1,21 @@
-//! Test if two estimates agree. It is two-sided and uses the noise of both, for irradiances at many
+//! Two-sided test whether two estimates agree. It uses the noise of both, for irradiances at many
 //! positions.
 //!
 //! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²). Each color
 //! channel has three tests. The largest |z| finds a single position that is too far off (Šidák's
-//! rule for independent positions). Σz² against χ² tests all positions together. Σz / √k against
-//! the normal distribution finds a small bias that no single position shows. Channels share their
-//! paths and are not independent. So the smallest of the nine probabilities counts nine-fold
-//! (Bonferroni's rule, which holds for any dependence).
+//! correction for independent positions). Σz² against χ² tests all positions together. Σz / √k
+//! against the normal distribution finds a small bias that single positions do not show. Channels
+//! share their paths and are not independent. So the smallest of the nine probabilities is
+//! multiplied by nine (Bonferroni's correction, which holds for any dependence).
 //!
-//! A position that few paths light has a skewed estimate, and a standard error that is itself a
-//! guess (none at all where no path found the light). Such positions are summed up, in their order,
-//! until both sums are known to a tenth, which takes some hundred paths; a sum counts as one
-//! position.
+//! The estimate at a position that few paths light is skewed, and its standard error is unreliable.
+//! The standard error is zero if no path found the light. Such positions are summed in order until
+//! both sums have a relative error of at most 0.1, which takes some hundred paths. A sum counts as
+//! one position.
 
 use glam::Vec3;
 
-/// Relative standard error above which positions are summed up.
+/// Relative standard error above which positions are summed.
 const COARSE: f64 = 0.1;
 
 /// Values with their standard errors, of equal length.
@@ -23,31 +23,31 @@ const COARSE: f64 = 0.1;
 pub struct Estimates<'a> {
     /// One value per position.
     pub values: &'a [Vec3],
-    /// Standard errors, none below 0; 0 for what is exact.
+    /// Standard errors, at least 0. 0 for exact values.
     pub errors: &'a [Vec3],
 }
 
 /// Result of [`test_equality`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestStatistics {
-    /// Probability of such or larger differences if both estimate the same. 0 where a
-    /// value is not finite.
+    /// Probability of such or larger differences if both estimate the same. 0 if a value is not
+    /// finite.
     pub p: f64,
-    /// Positions and sums of positions compared, for each channel.
+    /// Number of compared positions and sums of positions, per channel.
     pub count: [usize; 3],
-    /// Mean of z over them.
+    /// Mean of z per channel.
     pub mean_z: [f64; 3],
-    /// Mean of z² over them: one if the standard errors are right.
+    /// Mean of z² per channel. It is one if the standard errors are right.
     pub mean_square_z: [f64; 3],
     /// Largest |z|.
     pub largest: f64,
-    /// The position it is at, or the last one of the sum.
+    /// Position of the largest |z|, or the last position of its sum.
     pub at: usize,
 }
 
-/// Compares two estimates. `known` is the relative difference that is no error, on top of noise:
-/// what rounding, or rays that start a little above the surface, are known to cost. Each difference
-/// is shortened by that part of the larger value first.
+/// Compares two estimates. `known` is a relative difference that is tolerated in addition to noise,
+/// such as rounding or ray offsets above the surface. Each difference is first reduced by this
+/// fraction of the larger value.
 ///
 /// # Panics
 /// Panics if lists differ in length.
@@ -89,7 +89,7 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
             min = 0.0;
             continue;
         }
-        // 1 − (1 − p)^k without loss where p is small.
+        // 1 − (1 − p)^k without loss of precision for small p.
         let any = -f64::exp_m1(count * f64::ln_1p(-two_sided(largest).min(1.0 - f64::EPSILON)));
         min = min
             .min(any)
@@ -100,7 +100,7 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
     out
 }
 
-/// Two values with their variances: of one position, or of several summed up.
+/// Two values with their variances, of one position or of a sum of positions.
 #[derive(Clone, Copy, Default)]
 struct Pair {
     values: [f64; 2],
@@ -121,21 +121,21 @@ impl Pair {
         self.values[0].abs().max(self.values[1].abs())
     }
 
-    /// True where both values are known to a tenth of the larger one, or exactly. What is not a
-    /// number stands alone.
+    /// Returns `true` if both values have a standard error of at most 0.1 of the larger one. Also
+    /// returns `true` if both are exact, and for NaN, which is not summed.
     fn is_fine(&self) -> bool {
         let max = COARSE * self.size();
         let exact = self.variances == [0.0; 2];
         exact || !self.variances.iter().any(|v| v.sqrt() > max) && !self.lacks_light()
     }
 
-    /// One estimate is positive, and the other is zero without variance.
+    /// Returns `true` if one estimate is positive and the other is zero without variance.
     fn lacks_light(&self) -> bool {
         (0..2).any(|k| self.values[k] == 0.0 && self.variances[k] == 0.0) && self.size() > 0.0
     }
 
-    /// z; 0 where the values are equal but for what is known, infinite where they differ without
-    /// noise or make no sense.
+    /// Returns z. 0 if the values are equal within the tolerance. Infinite if they differ without
+    /// noise or are invalid.
     fn standardised(&self, known: f64) -> f64 {
         let off = self.values[0] - self.values[1];
         let beyond = off.abs() - known * self.size();
@@ -150,7 +150,7 @@ impl Pair {
     }
 }
 
-/// Values to compare in channel `c`: positions, and sums of positions that are known coarsely.
+/// Returns the values to compare in channel `c`: positions, and sums of noisy positions.
 fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
     let mut out = Vec::new();
     let (mut open, mut summed): (Option<Pair>, Option<usize>) = (None, None);
@@ -173,7 +173,7 @@ fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
             open = Some(sum);
         }
     }
-    // What is left over joins the last sum, if there is one.
+    // The remainder joins the last sum if there is one.
     match (open, summed) {
         (Some(rest), Some(last)) => out[last] = out[last].plus(rest),
         (Some(rest), None) => out.push(rest),
@@ -182,13 +182,13 @@ fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
     out
 }
 
-/// Probability of a normal deviate beyond ±z.
+/// Returns the probability of a normal deviate beyond ±z.
 fn two_sided(z: f64) -> f64 {
     libm::erfc(z.abs() * core::f64::consts::FRAC_1_SQRT_2)
 }
 
-/// Probability of χ² above `x` with `k` degrees of freedom, by the cube root that makes it nearly
-/// normal (\[WH31\]).
+/// Returns the probability of χ² above `x` with `k` degrees of freedom, by the cube root that makes
+/// it approximately normal (\[WH31\]).
 fn above_chi_square(x: f64, k: f64) -> f64 {
     let v = 2.0 / (9.0 * k);
     let z = ((x / k).cbrt() - (1.0 - v)) / v.sqrt();
@@ -215,13 +215,14 @@ mod tests {
         }
     }
 
-    /// Deviates of variance one: a sum of twelve uniform numbers.
+    /// Returns deviates of variance one: a sum of twelve uniform numbers.
     fn noise(random: &mut Random) -> f32 {
         (0..12).map(|_| random.unit()).sum::<f32>() - 6.0
     }
 
-    /// Two noisy estimates of the same at 200 positions, the second off by `change` of a position's
-    /// standard error; all channels alike, as gray light has it.
+    /// Returns the test result for two noisy estimates of the same values at 200 positions. The
+    /// second is off by `change` standard errors of a position. All channels are equal, as for gray
+    /// light.
     fn p(run: u64, change: impl Fn(usize) -> f32) -> f64 {
         let mut random = Random::new(1, run, 2);
         let (mut a, mut b, mut s) = (Vec::new(), Vec::new(), Vec::new());
@@ -241,12 +242,13 @@ mod tests {
         let failed = |level: f64, change: &dyn Fn(usize) -> f32| {
             (0..runs).filter(|&run| p(run, change) < level).count()
         };
-        // Nine questions of which three count, counted nine-fold: at most the level, and not never.
+        // The smallest of nine probabilities, three of them independent, is multiplied by nine. The
+        // failure rate is at most the significance level and not zero.
         let by_chance = failed(0.15, &|_| 0.0);
         assert!((1..=60).contains(&by_chance), "{by_chance} of {runs}");
         assert_eq!(failed(1e-4, &|_| 0.0), 0);
-        // A bias of seven tenths of a standard error everywhere; noise that is half as large again
-        // as it says; and one position that is ten off.
+        // A bias of 0.7 standard errors everywhere. Noise 1.5 times as large as stated. One
+        // position that is off by 12 standard errors.
         let biased = failed(1e-3, &|_| 0.7);
         let noisier = failed(1e-3, &|i| if i % 2 == 0 { 1.5 } else { -1.5 });
         let single = failed(1e-3, &|i| if i == 77 { 12.0 } else { 0.0 });
@@ -257,7 +259,7 @@ mod tests {
         );
     }
 
-    /// Positions at which three paths of a thousand find light, as often as not none.
+    /// Positions at which three of a thousand paths find light. Often none finds it.
     #[test]
     fn equality_test_pools_rarely_lit_samples() {
         let found = |run: u64, brightness: f32| {
@@ -301,7 +303,7 @@ mod tests {
         assert_eq!(test_equality(exact(&a), exact(&b), 0.002).p, 1.0);
         let odd = [Vec3::ONE, Vec3::new(1.0, f32::NAN, 1.0)];
         assert_eq!(test_equality(exact(&a), exact(&odd), 0.1).p, 0.0);
-        // Found nothing, without any error, where the other one has light: a guess.
+        // The dark estimate has zero standard error, and the other one has light.
         let dark = Estimates {
             values: &none,
             errors: &none,

@@ -1,11 +1,11 @@
-//! Errors of indirect irradiance as a player sees them: visibly wrong pixels, the error without its
-//! worst positions, and light where there should be none.
+//! Visible errors of indirect irradiance: visibly wrong pixels, the error without its worst
+//! positions, and light leaks in dark areas.
 
 use super::metrics::errors;
 use super::render::srgb8;
 use glam::Vec3;
 
-/// Mean of the reference in a picture, over pixels and channels, after its exposure.
+/// Mean of the reference in an image, over pixels and channels, after its exposure.
 const MEAN: f64 = 0.2;
 /// Difference of an 8-bit sRGB channel above which a pixel is visibly wrong.
 const VISIBLE: u8 = 24;
@@ -15,7 +15,7 @@ const WORST: f64 = 0.005;
 const DARK: f64 = 0.01;
 /// Irradiance that a dark position may get, relative to the RMS of the reference.
 const DARK_LIMIT: f64 = 0.05;
-/// Number of standard errors of the reference that a dark position may exceed the limit by.
+/// Tolerance above the limit of a dark position, in standard errors of the reference.
 const SIGMAS: f64 = 3.0;
 /// Length of [`VisibleErrors::worst`].
 const LISTED: usize = 10;
@@ -24,12 +24,13 @@ const LISTED: usize = 10;
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct VisibleErrors {
-    /// Fraction of positions that are visibly wrong in a picture of white surfaces: 8-bit sRGB, the
-    /// mean of the reference at 0.2, any channel off by more than 24.
+    /// Fraction of positions that are visibly wrong in an image of white surfaces. The image is
+    /// 8-bit sRGB, with the mean of the reference at 0.2. A pixel is wrong if a channel is off by
+    /// more than 24.
     pub wrong_fraction: f64,
     /// [`Errors::nrmse`](super::Errors::nrmse).
     pub nrmse: f64,
-    /// The same without the 0.5 % of positions of largest error.
+    /// NRMSE without the 0.5 % of positions of largest error.
     pub nrmse_without_worst: f64,
     /// [`Errors::p99`](super::Errors::p99).
     pub p99: f64,
@@ -99,7 +100,7 @@ pub fn visible_errors(
 mod tests {
     use super::*;
 
-    /// A reference of `count` positions between 1 and 2 W/m², without noise.
+    /// Returns a reference of `count` positions between 1 and 2 W/m², without noise.
     fn reference(count: usize) -> [Vec<Vec3>; 2] {
         let at = |i: usize| Vec3::splat(1.0 + i as f32 / count as f32);
         [(0..count).map(at).collect(), vec![Vec3::ZERO; count]]
@@ -129,7 +130,7 @@ mod tests {
             found.worst[0], 999,
             "the brightest one has the largest error"
         );
-        // One more is not left out: the least of them, of 1.003 of an RMS of 1.527 W/m².
+        // The sixth error is not left out. It is the smallest: 1.003 of an RMS of 1.527 W/m².
         values[700].y = 0.0;
         let found = visible_errors(&values, &right, &noise);
         let one = 1.003 / (1.527 * (3.0f64 * 995.0).sqrt());
@@ -140,7 +141,7 @@ mod tests {
     fn small_differences_are_not_visible() {
         let [right, noise] = reference(1000);
         let scaled = |f: f32| -> Vec<Vec3> { right.iter().map(|r| f * *r).collect() };
-        // Mean 0.2 is code 124; 24 codes are a third of the light there.
+        // Mean 0.2 is code 124. 24 codes are a third of the light there.
         assert_eq!(
             visible_errors(&scaled(1.2), &right, &noise).wrong_fraction,
             0.0
@@ -160,7 +161,7 @@ mod tests {
         values[30..40].fill(Vec3::splat(0.01));
         let found = visible_errors(&values, &right, &noise);
         assert_eq!((found.dark_count, found.dark_wrong), (100, 30));
-        // A reference that is not sure allows it.
+        // The standard error of the reference allows the difference.
         noise[..10].fill(Vec3::splat(0.3));
         assert_eq!(visible_errors(&values, &right, &noise).dark_wrong, 20);
         values[99] = Vec3::NAN;

@@ -1,4 +1,4 @@
-//! Light of a bake as a frame displays it.
+//! Indirect light of a bake as displayed by a frame.
 
 use super::BOUNCES;
 use super::view_reference::ReferencePoint;
@@ -9,11 +9,11 @@ use rayon::prelude::*;
 /// Number of patches of a rectangle light.
 const PATCHES: u32 = 64;
 
-/// Values of a bake: its light after the solve of a frame.
+/// Indirect light of a bake after the solve of a frame.
 pub struct DisplayedLight<'a> {
     scene: &'a BakedScene,
-    /// One of the lights and the sky, and one of emissive surfaces, whose light takes one sweep
-    /// more for as many reflections.
+    /// Frames for lights and the sky, and for emissive surfaces. Emissive light takes one more
+    /// sweep for the same number of reflections.
     frames: [CpuFrame; 2],
 }
 
@@ -59,7 +59,7 @@ impl<'a> DisplayedLight<'a> {
         }
     }
 
-    /// Irradiance at the points, W/m². 0 where the bake has none.
+    /// Returns the irradiance at the points, W/m². 0 at points that the bake does not cover.
     #[must_use]
     pub fn at(&self, points: &[ReferencePoint]) -> Vec<Vec3> {
         let at = |point: &ReferencePoint| -> Vec3 {

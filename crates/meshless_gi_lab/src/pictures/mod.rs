@@ -1,8 +1,8 @@
 //! Indirect light of scenes at the pixels of their views and at random surface points: of a bake,
-//! beside the path tracer's.
+//! and of the path tracer.
 //!
-//! The light is what a frame adds to the direct light of its lights: light of lights after one to
-//! four reflections, and light of the sky and of emissive surfaces after none to four.
+//! It is the light that a frame adds to direct light. For lights, it includes one to four
+//! reflections. For the sky and emissive surfaces, it includes none to four.
 
 mod displayed_light;
 mod strip;

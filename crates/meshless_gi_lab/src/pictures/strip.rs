@@ -1,10 +1,10 @@
-//! Picture of a view: the reference, bakes beside it, and their differences below them.
+//! Image of a view: the reference, bakes next to it, and their differences below them.
 
 use super::view_reference::ReferencePoint;
 use crate::accuracy::Image;
 use glam::Vec3;
 
-/// Mean of the reference in a picture, over pixels and channels.
+/// Mean of the reference in an image, over pixels and channels.
 const MEAN: f32 = 0.2;
 /// Magnification of differences.
 const GAIN: f32 = 3.0;
@@ -13,7 +13,8 @@ const GRAY: f32 = 0.2;
 /// Brightness of pixels without a surface.
 const EMPTY: f32 = 0.02;
 
-/// Factor that gives the reference its mean brightness in pictures. 0 without light.
+/// Returns the exposure at which the reference has the mean brightness of images. Returns 0 without
+/// light.
 #[must_use]
 pub fn exposure(points: &[ReferencePoint]) -> f32 {
     let sum: f32 = points.iter().map(|p| p.irradiance.element_sum()).sum();
@@ -21,7 +22,7 @@ pub fn exposure(points: &[ReferencePoint]) -> f32 {
     if sum > 0.0 { MEAN * count / sum } else { 0.0 }
 }
 
-/// Pictures of one view side by side.
+/// Images of one view side by side.
 #[derive(Clone, Debug)]
 pub struct Strip {
     view: [u32; 2],
@@ -29,7 +30,7 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// Creates a strip with the picture of the reference. Its exposure is [`exposure`].
+    /// Creates a strip with the image of the reference. Its exposure is [`exposure`].
     #[must_use]
     pub fn new(view: [u32; 2], points: &[ReferencePoint]) -> Self {
         let mut strip = Self {
@@ -44,8 +45,8 @@ impl Strip {
         strip
     }
 
-    /// Adds the picture of `values` and, below it, the differences to the reference: magnified,
-    /// gray where there is none.
+    /// Adds the image of `values`, and below it the magnified differences to the reference. Pixels
+    /// without a difference are gray.
     pub fn add(&mut self, points: &[ReferencePoint], values: &[Vec3]) {
         let scale = exposure(points);
         let top = self.image(points, values.iter().map(|v| scale * *v));
@@ -67,7 +68,7 @@ impl Strip {
         pixels
     }
 
-    /// Returns the whole picture.
+    /// Returns the complete image.
     #[must_use]
     pub fn picture(&self) -> Image {
         let [width, height] = self.view.map(|s| s as usize);

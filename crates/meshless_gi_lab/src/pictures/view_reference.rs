@@ -1,8 +1,8 @@
 //! Reference of the indirect light of a scene, at the pixels of its views and at random surface
 //! points.
 //!
-//! The light is what a frame adds to the direct light of its lights: light of lights after one to
-//! four reflections, and light of the sky and of emissive surfaces after none to four.
+//! It is the light that a frame adds to direct light. For lights, it includes one to four
+//! reflections. For the sky and emissive surfaces, it includes none to four.
 
 use super::BOUNCES;
 use crate::accuracy::Camera;
@@ -14,16 +14,16 @@ use rayon::prelude::*;
 
 /// Vertical angle of view, radians.
 const ANGLE: f32 = 1.0;
-/// Number of paths that look for a view from a surface point, and of their vertices.
+/// Number of paths that search for a view from a surface point, and of their vertices.
 const WALKS: [u32; 2] = [16, 8];
 /// Number of paths of the pilot.
 const PILOT: u32 = 64;
-/// Number of independent estimates whose mean is the reference. Their spread is its standard error:
-/// that of single paths is too large, because lattices stratify them.
+/// Number of independent estimates whose mean is the reference. Their spread is its standard error.
+/// The standard error of single paths is too large, because lattices stratify them.
 const ESTIMATES: u32 = 8;
-/// Standard error that decides the number of paths, relative to the irradiance.
+/// Target standard error, relative to the irradiance. It determines the number of paths.
 const TOLERANCE: f32 = 0.05;
-/// Irradiance below which the tolerance gets no smaller, relative to the mean of all points.
+/// Irradiance below which the tolerance is constant, relative to the mean of all points.
 const DIM: f32 = 0.1;
 /// Seed of surface points and of the reference.
 const SEED: u64 = 0x7669_6577;
@@ -54,7 +54,7 @@ pub struct ReferencePoint {
     pub standard_error: Vec3,
 }
 
-/// Reference at the pixels of view `k` of a scene that show a lit side of a surface.
+/// Returns the reference at the pixels of view `k` of a scene that show a lit side of a surface.
 #[must_use]
 pub fn view_reference(
     scene: &TestScene,
@@ -86,8 +86,8 @@ pub fn view_reference(
     with_reference(scene, points, size.paths)
 }
 
-/// Reference at random points of the surface, uniform in area, from which a path of few reflections
-/// reaches the position of a view.
+/// Returns the reference at random points of the surface, uniform in area. A path of few
+/// reflections leads from each point to the position of a view.
 #[must_use]
 pub fn surface_reference(scene: &TestScene, size: &ViewReferenceSize) -> Vec<ReferencePoint> {
     let mesh = &scene.mesh;
@@ -100,7 +100,7 @@ pub fn surface_reference(scene: &TestScene, size: &ViewReferenceSize) -> Vec<Ref
     }
     let mut random = Random::new(SEED, 0, 0);
     let mut points = Vec::with_capacity(size.surface_points);
-    // A bound for scenes that hide nearly all of their surface.
+    // Limits the attempts in scenes in which almost no surface is reachable.
     for k in 0..1000 * size.surface_points as u64 {
         if points.len() == size.surface_points {
             break;
@@ -156,8 +156,8 @@ fn is_reached(scene: &TestScene, x: Vec3, n: Vec3, stream: u64) -> bool {
     })
 }
 
-/// Computes irradiance and standard error of the points, with as many paths each as its noise in a
-/// pilot asks for. The paths of the pilot are not used again, so the reference stays unbiased.
+/// Computes irradiance and standard error of the points. The noise of a point in a pilot determines
+/// its number of paths. The paths of the pilot are not used again, so the reference stays unbiased.
 fn with_reference(
     scene: &TestScene,
     points: Vec<ReferencePoint>,
@@ -198,7 +198,7 @@ fn with_reference(
     let pilot: Vec<ReferencePoint> = points.clone().map(|p| of(p, PILOT, SEED ^ 4)).collect();
     let sum: f32 = pilot.iter().map(|p| p.irradiance.max_element()).sum();
     let floor = DIM * sum / pilot.len().max(1) as f32;
-    // Square root of the number of paths that the tolerance takes.
+    // Square root of the number of paths that the tolerance requires.
     let needed = |p: &ReferencePoint| {
         let tolerance = TOLERANCE * p.irradiance.max_element().max(floor);
         let noise = p.standard_error.max_element() * (PILOT as f32).sqrt();
@@ -210,7 +210,7 @@ fn with_reference(
     };
     let mut all: Vec<f32> = pilot.iter().map(needed).collect();
     all.sort_by(f32::total_cmp);
-    // Few paths can miss all light. Such a point gets as many as most points.
+    // Few paths can miss all light. Such a point gets the median number of paths.
     let median = all.get(all.len() / 2).copied().unwrap_or(0.0);
     points
         .zip(&pilot)

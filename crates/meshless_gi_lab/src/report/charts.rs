@@ -1,4 +1,4 @@
-//! The charts of a report.
+//! Charts of a report.
 
 use super::measure::Row;
 use super::rules::{comparable, front};
@@ -7,10 +7,10 @@ use super::variant::Factor;
 use crate::accuracy::{Axis, Chart, Format, Mark, Series, Style, pareto_front};
 use meshless_gi::TransportMethod;
 
-/// Look of a front that belongs to no series: black.
+/// Index of the style of a front without a series: black.
 const BLACK: usize = 6;
 
-/// Errors to compare with: the axis names them.
+/// Errors that have a guide line with a label.
 const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
 /// Groups of factors that share a color.
@@ -39,7 +39,7 @@ const GROUPS: [(&str, &[Factor]); 7] = [
     ("method fmm, an octree of points", &[Factor::RuleFmm]),
 ];
 
-/// A chart and the name of its file.
+/// Chart with the name of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     /// File name.
@@ -48,7 +48,7 @@ pub struct Figure {
     pub chart: Chart,
 }
 
-/// All charts of a report on the scene `name`.
+/// Returns all charts of a report on the scene `name`.
 #[must_use]
 pub fn figures(name: &str, report: &Report) -> Vec<Figure> {
     let rows = &report.rows;
@@ -112,7 +112,8 @@ fn hint(row: &Row) -> String {
     )
 }
 
-/// Error against some cost: every bake in the color of what it changes, and the front of all.
+/// Returns a chart of the error against a cost. A bake has the color of its factor, and the front
+/// is that of all bakes.
 fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f64) -> Figure {
     let rows: Vec<&Row> = rows.iter().filter(|r| comparable(r)).collect();
     let positions: Vec<(f64, f64)> = rows.iter().map(|r| (cost(r), r.nrmse)).collect();
@@ -130,7 +131,7 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
                 .map(|(i, r)| Mark {
                     x: cost(r),
                     y: r.nrmse,
-                    // Users choose among the presets.
+                    // Presets always have a label, because users select them.
                     label: match front.contains(&i) || r.settings.factor == Factor::Preset {
                         true => r.settings.name.clone(),
                         false => String::new(),
@@ -163,8 +164,8 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
     }
 }
 
-/// Error against links: the default rule, the paper's, and bases of direct light where they were
-/// tried.
+/// Returns a chart of the error against links: the default method, `l08`, and `pca` if it was
+/// measured.
 fn links(name: &str, rows: &[Row]) -> Chart {
     let rules = [
         (TransportMethod::Bounded, "method bounded (the default)", 0),
@@ -221,7 +222,8 @@ fn links(name: &str, rows: &[Row]) -> Chart {
     }
 }
 
-/// Error against the light of all reflections, by how many the frame runs.
+/// Returns a chart of the error against the reference with all reflections, by the number of
+/// reflections of the frame.
 fn reflections(name: &str, report: &Report) -> Chart {
     let rows = &report.rows;
     let baked = |r: &Row| r.settings.name.ends_with("baked");

@@ -1,4 +1,4 @@
-//! Reports on several scenes as one document, with what holds on all of them first.
+//! Reports on several scenes as one document. It starts with results that hold for all of them.
 
 use super::charts::Figure;
 use super::format::{cell, error, how, megabytes, short, whole};
@@ -10,21 +10,21 @@ use super::variant::Factor;
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
-/// A scene's part of a document.
+/// Section of a document on one scene.
 #[derive(Clone, Debug)]
 pub struct SceneSection {
-    /// The scene's name.
+    /// Name of the scene.
     pub name: String,
     /// Measurements.
     pub report: Report,
-    /// Its charts.
+    /// Charts.
     pub figures: Vec<Figure>,
-    /// Prefix of the names of the charts' files, relative to the document: a folder with
-    /// its slash, a prefix.
+    /// Prefix of the chart files, relative to the document: a folder with a trailing slash, or a
+    /// file name prefix.
     pub charts: String,
 }
 
-/// The whole document. `command` is what printed it.
+/// Returns the document. `command` is the command that printed it.
 #[must_use]
 pub fn document(parts: &[SceneSection], command: &str) -> String {
     let mut out = format!(
@@ -52,7 +52,8 @@ pub fn document(parts: &[SceneSection], command: &str) -> String {
     out
 }
 
-/// A variant that every scene has: what can be advised for scenes that are not here.
+/// Returns the rows of a variant that all scenes have. It can be recommended for scenes outside of
+/// the document.
 fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>> {
     let same = |row: &&Row| how(row) == how(like) && comparable(row);
     parts
@@ -61,7 +62,7 @@ fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>>
         .collect()
 }
 
-/// Recommended choices for any scene, and for each of these.
+/// Returns the recommended choices for any scene, and for each scene of the document.
 fn advice(parts: &[SceneSection]) -> String {
     let mut out = String::new();
     let Some(first) = parts.first() else {
@@ -69,7 +70,7 @@ fn advice(parts: &[SceneSection]) -> String {
     };
     let names: Vec<&str> = parts.iter().map(|p| p.name.as_str()).collect();
     for max in [0.10, 0.05] {
-        // The least of the frame's time, each scene's in units of its own baseline.
+        // Shortest frame time, relative to the baseline of each scene.
         let best = first
             .report
             .rows
@@ -152,7 +153,7 @@ fn advice(parts: &[SceneSection]) -> String {
     out
 }
 
-/// The two rules on all scenes, in a table.
+/// Returns the comparison of both methods on all scenes, as a table.
 fn rules(parts: &[SceneSection]) -> String {
     let mut out = "Method `bounded` relative to `l08`, over the Pareto front of `l08` (below 1 `bounded` is better):\n\n\
      | scene | links at equal error | error at equal links |\n\

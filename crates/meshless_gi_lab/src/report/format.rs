@@ -1,9 +1,9 @@
-//! Numbers as a report writes them.
+//! Number formats of a report.
 
 use super::measure::Row;
 use super::variant::Factor;
 
-/// 0.0312 as "3.1 %".
+/// Formats a fraction as per cent: 0.0312 as "3.1 %".
 pub fn percent(share: f64) -> String {
     let v = 100.0 * share;
     let decimals = match v.abs() {
@@ -14,12 +14,12 @@ pub fn percent(share: f64) -> String {
     format!("{v:.decimals$} %").replace('-', "−")
 }
 
-/// A round share: 0.05 as "5 %".
+/// Formats a fraction as whole per cent: 0.05 as "5 %".
 pub fn whole(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
 }
 
-/// The error of a row.
+/// Formats the error of a row.
 pub fn error(row: &Row) -> String {
     if row.nrmse < row.nrmse_interval {
         format!("below {}", percent(row.nrmse_interval))
@@ -28,7 +28,7 @@ pub fn error(row: &Row) -> String {
     }
 }
 
-/// Options that select a row.
+/// Returns the options that select a row.
 pub fn how(row: &Row) -> String {
     match row.settings.factor {
         Factor::Tier => format!("`{}` at tier {}", row.settings.recipe, row.settings.tier),
@@ -36,7 +36,7 @@ pub fn how(row: &Row) -> String {
     }
 }
 
-/// Three digits or so.
+/// Formats a number with about three digits.
 pub fn short(v: f64) -> String {
     let decimals = match v.abs() {
         a if a >= 99.5 => 0,
@@ -58,7 +58,7 @@ pub fn count(n: u64) -> String {
     }
 }
 
-/// Text within a cell of a table.
+/// Escapes text for a cell of a table.
 pub fn cell(text: &str) -> String {
     text.replace('|', "\\|").replace(['\n', '\r'], " ")
 }

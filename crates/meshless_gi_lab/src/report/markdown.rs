@@ -1,4 +1,5 @@
-//! A report in words: what to choose and why, first; then charts, the two rules, and every row.
+//! Markdown of a report: recommended choices with reasons first, then charts, the comparison of
+//! methods, and all rows.
 
 use super::charts::Figure;
 use super::format::{cell, count, error, how, megabytes, percent, short, whole};
@@ -11,14 +12,13 @@ use super::variant::{BOUNCES, Factor};
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
-/// Errors that somebody may want to stay below.
+/// Error limits with a recommended choice.
 pub const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
-/// Bounds of the default rule relative to `l08`: links at equal error, and error at
-/// equal links.
+/// Goals of the default method relative to `l08`: links at equal error, and error at equal links.
 const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
-/// The cheapest row below an error by the default rule. The paper's rule is a baseline to compare
-/// with: reflections cannot be baked for it.
+/// Returns the cheapest row by the default method with an error of at most `max`. The method `l08`
+/// serves as a baseline only, because its reflections cannot be baked.
 pub fn cheapest(rows: &[Row], max: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
     cheapest_of(rows, TransportMethod::Bounded, max, cost)
 }
@@ -38,7 +38,7 @@ fn cheapest_of(
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// The whole text of a report on the scene `name`, with its charts beside it.
+/// Returns the text of a report on the scene `name`, with its charts.
 #[must_use]
 pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!("# Cost of accuracy: {}\n\n", cell(name));
@@ -46,8 +46,8 @@ pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     out
 }
 
-/// The same without a title, for a document of several scenes: charts are in the folder `charts`
-/// (with its slash), headings of this level.
+/// Returns the text without a title, as a section of a document on several scenes. The charts are
+/// in the folder `charts` (with a trailing slash). The headings have `heading` marks.
 #[must_use]
 pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize) -> String {
     let mut out = choice(&report.rows);
@@ -105,7 +105,7 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
     out
 }
 
-/// Recommended choices with reasons: the beginning of a report.
+/// Returns the recommended choices with reasons, the first part of a report.
 #[must_use]
 pub fn choice(rows: &[Row]) -> String {
     let mut out = String::new();
@@ -196,8 +196,8 @@ pub fn choice(rows: &[Row]) -> String {
     out
 }
 
-/// From the cheapest to the best of each factor, the baseline among them, and what lowers the error
-/// most for what it adds to the bake.
+/// Returns the effect of each factor from its cheapest to its best row, including the baseline.
+/// Also names the row with the largest decrease of the error relative to its additional bake time.
 fn factors(rows: &[Row]) -> String {
     let Some(base) = rows.first() else {
         return String::new();
@@ -215,7 +215,7 @@ fn factors(rows: &[Row]) -> String {
             .iter()
             .filter(|r| r.settings.factor == factor)
             .collect();
-        // Not one thing alone is changed.
+        // These variants change more than one setting.
         let alone = matches!(
             factor,
             Factor::RuleL08 | Factor::RulePca | Factor::RuleFmm | Factor::Plain
@@ -273,15 +273,15 @@ fn factors(rows: &[Row]) -> String {
     out
 }
 
-/// Number of times the error halves for each doubling of the bake's time. `None` if either hardly
-/// changes.
+/// Returns the number of times the error halves for each doubling of the bake time. Returns `None`
+/// if either is almost constant.
 fn gain(base: &Row, row: &Row) -> Option<f64> {
     let (error, time) = (base.nrmse / row.nrmse, row.bake_seconds / base.bake_seconds);
     (error > 1.05 && time > 1.2 && error.is_finite() && time.is_finite())
         .then(|| error.ln() / time.ln())
 }
 
-/// Cost and benefit of more bounces.
+/// Returns the cost and benefit of more bounces.
 fn reflections(rows: &[Row]) -> String {
     let mut all: Vec<&Row> = rows
         .iter()
@@ -322,7 +322,7 @@ fn ratio(r: Ratio) -> String {
     }
 }
 
-/// Both ratios at each position of the paper's front, and whether the goals are met.
+/// Returns both ratios at each position of the front of `l08`, and the result for the goals.
 fn rules(compared: &[Compared]) -> String {
     if compared.is_empty() {
         return "The method `l08` was not measured.\n".into();
@@ -372,8 +372,8 @@ fn rules(compared: &[Compared]) -> String {
     out
 }
 
-/// Bases of direct light (rule `pca`) beside links to senders, and which to use when; nothing where
-/// that rule was not tried.
+/// Returns the comparison of the method `pca` with links to senders, and a recommendation. Empty if
+/// that method was not measured.
 #[must_use]
 pub fn beside_bases(rows: &[Row]) -> String {
     let compared = compare_with(rows, TransportMethod::pca());

@@ -1,4 +1,4 @@
-//! One bake, measured: what it cost to make, what it costs to keep and to run, and how wrong it is.
+//! Measurements of one bake: its costs (bake time, file size, frame time) and its errors.
 
 use super::sweep::ExternalReference;
 use super::test_set::{TestScore, TestSet};
@@ -13,11 +13,11 @@ use meshless_gi::{
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
-/// Frames that the time of a frame is the median of, at most.
+/// Maximum number of frames of which the median time is taken.
 const FRAMES: usize = 9;
-/// Time after which no more frames are measured; three are in any case.
+/// Time after which no more frames are measured. At least three are measured.
 const LONG_ENOUGH: Duration = Duration::from_secs(2);
-/// Positions that the time of the display is measured on.
+/// Number of positions in the measurement of the display time.
 const DISPLAYED: usize = 20_000;
 
 /// Baked and measured configuration.
@@ -25,90 +25,90 @@ const DISPLAYED: usize = 20_000;
 pub struct RowSettings {
     /// Difference from the baseline.
     pub factor: Factor,
-    /// A few words.
+    /// Short name of the variant.
     pub name: String,
-    /// The recipe as a user writes it.
+    /// Recipe as a user writes it.
     pub recipe: String,
-    /// Tier of the operator that the frame used, from 1 on.
+    /// Operator tier of the frame, from 1.
     pub tier: u32,
-    /// Everything that followed from it. `bounces` is what the frame ran.
+    /// Settings of the bake after all defaults are applied. `bounces` is that of the frame.
     #[serde(flatten)]
     pub baked: BakeSettings,
 }
 
-/// A row of a report. All numbers are finite.
+/// Row of a report. All numbers are finite.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Baked and measured configuration.
     pub settings: RowSettings,
-    /// The whole bake, without reading the scene and writing the file.
+    /// Bake time, seconds, without reading the scene and writing the file.
     pub bake_seconds: f64,
-    /// A frame after one light has moved, on the CPU: projection, all reflections, the operator,
-    /// flattening. The median of several.
+    /// Median CPU time of a frame after one light has moved, milliseconds: projection, all
+    /// reflections, the operator, flattening.
     pub frame_ms: f64,
-    /// The display of a thousand positions, on one thread.
+    /// Display time of a thousand positions on one thread, milliseconds.
     pub splat_ms_per_1000: f64,
-    /// The container.
+    /// Size of the container, bytes.
     pub bytes: u64,
-    /// Links that the frame used.
+    /// Number of links that the frame used.
     pub links: u64,
-    /// Points of all levels.
+    /// Number of points of all levels.
     pub points: u64,
-    /// Those that send.
+    /// Number of senders.
     pub senders: u64,
-    /// Error of indirect irradiance against the reference with 4 reflections, its own noise
-    /// subtracted.
+    /// NRMSE of indirect irradiance against the reference with 4 reflections. The noise of the
+    /// reference is subtracted.
     pub nrmse: f64,
-    /// Half width of the 95 % confidence interval of it.
+    /// Half width of the 95 % confidence interval of `nrmse`.
     pub nrmse_interval: f64,
-    /// 99 % of the errors are below this, over the root mean square of the reference.
+    /// 99th percentile of the errors, over the root mean square of the reference.
     pub p99: f64,
     /// Mean error over the mean.
     pub bias: f64,
-    /// Error against the reference with all reflections.
+    /// NRMSE against the reference with all reflections.
     pub nrmse_all: f64,
-    /// Share of the positions that no basis function covers.
+    /// Fraction of the positions that no basis function covers.
     pub uncovered: f64,
-    /// The bake's own estimate.
+    /// NRMSE estimate of the bake itself.
     pub estimated_nrmse: f64,
-    /// Half width of the 95 % confidence interval of that.
+    /// Half width of the 95 % confidence interval of `estimated_nrmse`.
     pub estimated_nrmse_interval: f64,
-    /// Largest rounding of a link to half precision, over the largest link of its row.
+    /// Largest rounding error of a link in half precision, over the largest link of its row.
     pub link_error: f64,
-    /// Beside another program's truth, where there is one: presets only.
+    /// Comparisons with another program's ground truth, for presets only. Empty if there is none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<Beside>,
 }
 
-/// Errors beside another program's truth with as many reflections.
+/// Errors against another program's ground truth with the same number of reflections.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Beside {
-    /// Lights.
+    /// Name of the lights.
     pub name: String,
-    /// As those of a row.
+    /// [`Row::nrmse`] against this ground truth.
     pub nrmse: f64,
-    /// As those of a row.
+    /// [`Row::bias`] against this ground truth.
     pub bias: f64,
-    /// As those of a row.
+    /// [`Row::p99`] against this ground truth.
     pub p99: f64,
 }
 
-/// A bake to be measured under one or several runs.
+/// Bake that is measured under one or several runs.
 pub struct Measured<'a> {
-    /// The bake.
+    /// Baked scene.
     pub scene: &'a BakedScene,
-    /// Its statistics.
+    /// Statistics of the bake.
     pub stats: &'a BakeStats,
-    /// Its settings.
+    /// Settings of the bake.
     pub settings: &'a BakeSettings,
-    /// Bytes of its container.
+    /// Size of its container, bytes.
     pub bytes: u64,
-    /// Display of a thousand positions, milliseconds.
+    /// Display time of a thousand positions, milliseconds.
     pub splat_ms_per_1000: f64,
 }
 
 impl<'a> Measured<'a> {
-    /// Measures what does not depend on the run.
+    /// Measures the values that do not depend on the run.
     #[must_use]
     pub fn new(
         scene: &'a BakedScene,
@@ -171,7 +171,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// Compares the bake with what another program says of `scene`.
+    /// Compares the bake with the external reference `known` of its scene.
     #[must_use]
     pub fn compare(&self, mesh: &TriangleMesh, known: &ExternalReference) -> Beside {
         let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));
@@ -192,14 +192,13 @@ impl<'a> Measured<'a> {
 }
 
 impl Row {
-    /// The error, or what it is at most where the reference's positions and noise allow no better
-    /// answer.
+    /// Returns the error, or its upper bound if it is below the confidence interval.
     #[must_use]
     pub fn sure_error(&self) -> f64 {
         self.nrmse.max(self.nrmse_interval)
     }
 
-    /// Returns `true` if every value is a number. Reports require it.
+    /// Returns `true` if all values are finite. Reports require it.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         [
@@ -222,7 +221,7 @@ impl Row {
     }
 }
 
-/// Passes of a frame.
+/// Returns the settings of a frame.
 fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
     FrameSettings {
         baked_bounces: scene.info().bounces == run.bounces,
@@ -232,7 +231,7 @@ fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
     }
 }
 
-/// Milliseconds of a frame in which one light has moved.
+/// Measures the milliseconds of a frame in which one light has moved.
 fn frame_ms(scene: &BakedScene, settings: &FrameSettings, test_set: &TestSet) -> f64 {
     let Some(&Light::Point {
         position,
@@ -247,7 +246,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, test_set: &TestSet) ->
     let mut frame = CpuFrame::new(scene);
     let mut times = Vec::new();
     let began = Instant::now();
-    // The first frame allocates; it is not counted.
+    // The first frame allocates and is not counted.
     for k in 0..=FRAMES {
         if times.len() >= 3 && began.elapsed() > LONG_ENOUGH {
             break;
@@ -264,7 +263,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, test_set: &TestSet) ->
     median(&mut times)
 }
 
-/// Milliseconds for the display of a thousand positions.
+/// Measures the milliseconds of the display of a thousand positions.
 fn splat_ms_per_1000(scene: &BakedScene, test_set: &TestSet) -> f64 {
     let positions: Vec<_> = test_set.positions().collect();
     let frame = CpuFrame::new(scene);
@@ -273,7 +272,7 @@ fn splat_ms_per_1000(scene: &BakedScene, test_set: &TestSet) -> f64 {
         .map(|_| {
             let start = Instant::now();
             for &(x, n) in &positions {
-                // Used, so that no compiler leaves it out.
+                // Prevents the compiler from removing the evaluation.
                 std::hint::black_box(frame.irradiance(scene, x, n));
             }
             start.elapsed().as_secs_f64() * 1e6 / positions.len().max(1) as f64

@@ -1,11 +1,11 @@
-//! Cost of accuracy in time: one scene baked by many recipes, every bake examined against one
-//! reference, and what follows for who has to choose.
+//! Cost of accuracy in time: one scene is baked by many recipes, all bakes are compared with one
+//! reference, and a recommendation is derived.
 //!
-//! [`sweep`] computes the reference once, then bakes a baseline and its variants, one factor at a
-//! time, and measures each: seconds of the bake, milliseconds of a frame on the CPU, bytes, links,
-//! errors. [`figures`] draws errors against each cost with their Pareto fronts, `markdown` says
-//! what to choose. A row has its settings and its measurements and nothing of other rows: what is
-//! swept is the list in `variant.rs`.
+//! [`sweep`] computes the reference once. It then bakes a baseline and its variants, one factor at
+//! a time. It measures each: seconds of the bake, milliseconds of a frame on the CPU, bytes, links,
+//! errors. [`figures`] draws errors against each cost with their Pareto fronts. `markdown` writes
+//! the recommended choices. A row has its own settings and measurements and does not refer to other
+//! rows. The variants of a sweep are listed in `variant.rs`.
 
 mod charts;
 mod document;

@@ -1,5 +1,5 @@
-//! The octree of rule `fmm` beside links: what each of its bakes costs, and what the default rule
-//! takes for as little an error.
+//! Comparison of the method `fmm` with links: the cost of each of its bakes, and the cost of the
+//! default method at the same error.
 
 use super::format::{cell, count, megabytes, percent, short};
 use super::measure::Row;
@@ -7,7 +7,7 @@ use super::rules::comparable;
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
-/// Lowest cost among the bakes by `rule` with at most this error.
+/// Returns the lowest cost among the bakes by `rule` with at most this error.
 fn min(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
         comparable(r)
@@ -18,7 +18,8 @@ fn min(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -
     met.map(cost).min_by(f64::total_cmp)
 }
 
-/// Rule `fmm` beside `bounded`, and which to use when; nothing where it was not tried.
+/// Returns the comparison of `fmm` with `bounded`, and a recommendation. Empty if `fmm` was not
+/// measured.
 #[must_use]
 pub fn beside_octree(rows: &[Row]) -> String {
     let mut ours: Vec<&Row> = rows
@@ -40,7 +41,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
      | `fmm` | error | entries | file | bake, s | frame, ms | file of `bounded` | bake of `bounded`, s | frame of `bounded`, ms |\n\
      |---|---|---|---|---|---|---|---|---|\n"
         .to_string();
-    // In how many positions `bounded` is cheaper: file, bake, frame.
+    // Number of rows at which `bounded` is cheaper: file, bake, frame.
     let (mut cheaper, mut met) = ([0usize; 3], 0usize);
     for row in &ours {
         let costs: [fn(&Row) -> f64; 3] = [|r| r.bytes as f64, |r| r.bake_seconds, |r| r.frame_ms];

@@ -1,24 +1,25 @@
-//! The default rule beside others, that of \[L08\] as published and bases of direct light: links at
-//! equal error, and error at equal links, read off the two rules' Pareto fronts.
+//! Comparison of the default method `bounded` with the others, such as `l08` and `pca`. Links at
+//! equal error and error at equal links are interpolated on the Pareto fronts of both methods.
 
 use super::measure::Row;
 use super::variant::Factor;
 use crate::accuracy::{interpolate_log, pareto_front};
 use meshless_gi::TransportMethod;
 
-/// Values of `bounded` relative to those of `l08`.
+/// Value of `bounded` relative to that of the other method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ratio {
-    /// As its front has it.
+    /// Ratio at a position within the front of `bounded`.
     Is(f64),
-    /// At most so much: what `bounded` has was measured only where it does better still.
+    /// Upper bound of the ratio. The position lies beyond the end of the front of `bounded`. The
+    /// last value of the falling front bounds it.
     AtMost(f64),
-    /// No bake by `bounded` comes there.
+    /// Position that no bake by `bounded` reaches.
     NotReached,
 }
 
 impl Ratio {
-    /// The number; none where it was not reached.
+    /// Returns the ratio. Returns `None` if it was not reached.
     #[must_use]
     pub fn value(self) -> Option<f64> {
         match self {
@@ -28,25 +29,25 @@ impl Ratio {
     }
 }
 
-/// Two rules compared at one position of the other rule's front.
+/// Comparison of two methods at one position of the other method's front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
-    /// The row of the bake by the other rule.
+    /// Row of the bake by the other method.
     pub row: usize,
-    /// Its name.
+    /// Name of the row.
     pub name: String,
-    /// Its links.
+    /// Number of links of the row.
     pub links: f64,
-    /// Its NRMSE.
+    /// NRMSE of the row.
     pub error: f64,
     /// Links that `bounded` needs for the same error.
     pub links_ratio: Ratio,
-    /// Error that `bounded` has with as many links.
+    /// Error of `bounded` with the same number of links.
     pub error_ratio: Ratio,
 }
 
-/// Links and errors of the rows of a rule that run as many reflections as the reference, which rows
-/// those are, by links: the Pareto front.
+/// Returns the Pareto front of a method over comparable rows: row index, links and error, ordered
+/// by links.
 #[must_use]
 pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
     let of_rule: Vec<usize> = (0..rows.len())
@@ -63,21 +64,21 @@ pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
         .collect()
 }
 
-/// Returns `true` if a row's error is one of representation alone: it runs as many reflections as
-/// the reference has, by sweeps.
+/// Returns `true` if the row's number of reflections is that of the reference, computed by sweeps.
+/// Its error is then one of representation alone.
 #[must_use]
 pub fn comparable(row: &Row) -> bool {
     row.settings.factor != Factor::Bounces
 }
 
-/// Compares the default rule with that of \[L08\] at each position of its front, fewest links
+/// Compares the default method with `l08` at each position of the front of `l08`, fewest links
 /// first.
 #[must_use]
 pub fn compare(rows: &[Row]) -> Vec<Compared> {
     compare_with(rows, TransportMethod::L08)
 }
 
-/// Compares the default rule with `rule` at each position of its front, fewest links first.
+/// Compares the default method with `rule` at each position of its front, fewest links first.
 #[must_use]
 pub fn compare_with(rows: &[Row], rule: TransportMethod) -> Vec<Compared> {
     let ours: Vec<(f64, f64)> = front(rows, TransportMethod::Bounded)
@@ -98,7 +99,8 @@ pub fn compare_with(rows: &[Row], rule: TransportMethod) -> Vec<Compared> {
         .collect()
 }
 
-/// Value of a falling front at `x`, over `y`. Beyond its end the value there is an upper bound.
+/// Returns the value of a falling front at `x`, divided by `y`. Beyond the end of the front its
+/// last value is an upper bound.
 fn ratio(front: &[(f64, f64)], x: f64, y: f64) -> Ratio {
     match (interpolate_log(front, x), front.last()) {
         (Some(found), _) => Ratio::Is(found / y),
@@ -114,7 +116,7 @@ mod tests {
     #[test]
     fn front_ratios_are_interpolated_and_bounded_outside() {
         let ours = [(1e4, 0.2), (1e6, 0.02)];
-        // Half-way between, in logarithms.
+        // Midpoint on a logarithmic scale.
         assert!(matches!(ratio(&ours, 1e5, 0.4), Ratio::Is(r) if (r - 0.158).abs() < 1e-3));
         assert!(matches!(ratio(&ours, 1e7, 0.1), Ratio::AtMost(r) if (r - 0.2).abs() < 1e-9));
         assert_eq!(ratio(&ours, 1e3, 0.1), Ratio::NotReached);

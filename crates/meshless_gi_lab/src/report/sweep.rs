@@ -1,4 +1,5 @@
-//! The sweep: the reference once, then bake after bake, each measured, within a limit of time.
+//! Sweep of a report: computes the reference once, then bakes and measures variants within a time
+//! limit.
 
 use super::measure::{Measured, Row};
 use super::test_set::{TestSet, TestSetSize};
@@ -11,30 +12,31 @@ use meshless_gi::{
 };
 use std::time::{Duration, Instant};
 
-/// Names the variants to try, for the settings that the baseline got.
+/// Function that returns the variants for the settings of the baseline.
 pub type Choose = fn(&BakeSettings) -> Vec<Variant>;
 
 /// Extent of a report.
 #[derive(Clone, Debug)]
 pub struct Sweep {
-    /// The reference.
+    /// Size of the reference.
     pub test_set: TestSetSize,
-    /// Baseline: baked first, and all others are variants of it.
+    /// Baseline. It is baked first, and all other variants derive from it.
     pub baseline: Variant,
     /// Further variants, most important first.
     pub choose: Choose,
-    /// No bake begins that would probably end later than this after the start.
+    /// Time limit. A bake starts only if it will probably end within this time from the start of
+    /// the sweep.
     pub limit: Duration,
-    /// Ground truth of another program. Presets are compared with it too.
+    /// Ground truth of another program. Presets are also compared with it.
     pub known: Vec<ExternalReference>,
-    /// Positions from which light can be seen, as in a recipe; found where empty.
+    /// Viewpoints, as in a recipe. They are searched for if empty.
     pub viewpoints: Vec<[f32; 3]>,
-    /// Threads; 0 for one a processor.
+    /// Number of threads. 0 means one per processor.
     pub threads: usize,
 }
 
 impl Sweep {
-    /// A handful of bakes.
+    /// Returns a sweep with a few bakes.
     #[must_use]
     pub fn quick() -> Self {
         Self {
@@ -52,7 +54,7 @@ impl Sweep {
         }
     }
 
-    /// Everything.
+    /// Returns a sweep over all variants.
     #[must_use]
     pub fn full() -> Self {
         Self {
@@ -68,10 +70,10 @@ impl Sweep {
     }
 }
 
-/// Another program's truth of the scene under some lights.
+/// Ground truth of another program for the scene under some lights.
 #[derive(Clone, Debug)]
 pub struct ExternalReference {
-    /// A word for the lights.
+    /// Name of the lights.
     pub name: String,
     /// Lights.
     pub lights: Vec<Light>,
@@ -79,46 +81,46 @@ pub struct ExternalReference {
     pub truth: GroundTruth,
 }
 
-/// Reason why there is no report.
+/// Errors of a sweep.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// No light was found that lights anything.
+    /// Lights that reach no surface.
     #[error(
         "no light reaches a surface: the scene is empty, or its free space was not found; check the geometry or set `viewpoints`"
     )]
     Dark,
-    /// A bake failed.
+    /// Failed bake.
     #[error("{name}: {source}")]
     Bake {
         /// Name of the variant.
         name: String,
-        /// Reason.
+        /// Reason of the failure.
         source: BakeSceneError,
     },
-    /// A bake could not be written.
+    /// Bake that could not be written.
     #[error("{name}: {source}")]
     Write {
         /// Name of the variant.
         name: String,
-        /// Reason.
+        /// Reason of the failure.
         source: AssetError,
     },
-    /// A bake holds other settings than this version writes: a defect of this crate.
+    /// Settings in a bake that this version does not write: a defect of this crate.
     #[error("{name}: the bake's own settings: {source}")]
     Settings {
         /// Name of the variant.
         name: String,
-        /// Reason.
+        /// Reason of the failure.
         source: RecipeError,
     },
-    /// A measurement is no number: a defect of this crate. Please report it with the scene.
+    /// Measurement that is not finite: a defect of this crate. Please report it with the scene.
     #[error("{name}: the measured error is not finite")]
     NotFinite {
         /// Name of the variant.
         name: String,
     },
-    /// No threads to work on.
+    /// Failure to start threads.
     #[error("cannot start threads: {0}")]
     Threads(String),
 }
@@ -126,40 +128,40 @@ pub enum ReportError {
 /// Progress of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// Steps done.
+    /// Number of finished steps.
     pub done: usize,
-    /// Steps in all.
+    /// Total number of steps.
     pub steps: usize,
-    /// Current step.
+    /// Description of the current step.
     pub what: String,
 }
 
 /// Cost of accuracy on a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
-    /// All that was tried, the baseline first.
+    /// Rows of all measured variants, the baseline first.
     pub rows: Vec<Row>,
-    /// Names of what was not tried for lack of time.
+    /// Names of the variants that were skipped for lack of time.
     pub left_out: Vec<String>,
-    /// Reflections of the reference.
+    /// Number of reflections of the reference.
     pub bounces: u32,
-    /// Standard error of the reference over its values, with as many reflections and with all.
+    /// Standard error of the reference over its values, with `bounces` reflections and with all.
     pub noise: (f64, f64),
-    /// Positions and lights of the reference.
+    /// Number of positions of the reference.
     pub positions: usize,
-    /// See `positions`.
+    /// Number of lights of the reference.
     pub light_sources: usize,
-    /// Threads that baked and ran the frames.
+    /// Number of threads of bakes and frames.
     pub threads: usize,
-    /// Triangles of the scene.
+    /// Number of triangles of the scene.
     pub triangles: usize,
-    /// Seconds of the reference.
+    /// Time of the reference, seconds.
     pub reference_seconds: f64,
-    /// Seconds in all.
+    /// Total time, seconds.
     pub seconds: f64,
 }
 
-/// A finished bake and what it was made by: the next variant may want the same.
+/// Last bake and its recipe. The next variant reuses it if its recipe is the same.
 struct Last {
     recipe: Recipe,
     baked: Baked,
@@ -183,7 +185,7 @@ pub fn sweep(
     progress: &Progress,
     watch: &(dyn Fn(&Step) + Sync),
 ) -> Result<Report, ReportError> {
-    // One pool for all that is measured; bakes start as many threads of their own.
+    // One thread pool for all measurements. Bakes start the same number of threads of their own.
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(sweep.threads)
         .build()

@@ -6,7 +6,7 @@ use super::rules::comparable;
 use super::variant::{BOUNCES, Factor};
 use std::fmt::Write;
 
-/// Table of all comparable rows.
+/// Returns the table of all comparable rows.
 pub(super) fn table(rows: &[Row]) -> String {
     let mut out = "| bake | bake, s | frame, ms | display of 1000 points, ms | file | links | points | error | 99 % below | bias | own estimate |\n\
      |---|---|---|---|---|---|---|---|---|---|---|\n"
@@ -38,7 +38,8 @@ pub(super) fn table(rows: &[Row]) -> String {
     out
 }
 
-/// Section that compares the presets with another program's ground truth. Empty if there is none.
+/// Returns the section that compares the presets with another program's ground truth. Empty if
+/// there is none.
 pub(super) fn known(rows: &[Row], mark: &str) -> String {
     let mut out = String::new();
     for row in rows {

@@ -1,6 +1,6 @@
-//! Test set of a report, the same for every bake: irradiance at surface points under lights that no
-//! bake has seen, by the reference integrator. It is computed once for all bakes, so that they
-//! differ by their own errors and not by the reference's noise.
+//! Test set of a report: irradiance at surface points under lights that are not part of any bake,
+//! by the reference integrator. All bakes share it, so that they differ by their own errors and not
+//! by the noise of the reference.
 
 use crate::accuracy::{Errors, errors};
 use glam::Vec3;
@@ -12,31 +12,32 @@ use meshless_gi::{
 };
 use rayon::prelude::*;
 
-/// Drawn from by nothing else: no position or light of the test set is one of a bake's.
+/// Seed of the test set. Nothing else uses it, so the test set shares no position or light with a
+/// bake.
 const SEED: u64 = 0x65_78_61_6d;
-/// Free positions of which the one with the most room around it becomes a light.
+/// Number of candidate positions per light. The one with the largest clearance is taken.
 const TRIED: usize = 6;
-/// Paths that find out how noisy a position is. They count for nothing else.
+/// Paths of the pilot that estimates the noise of a position. Nothing else uses them.
 const PILOT: u32 = 256;
 
 /// Effort of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TestSetSize {
-    /// Lights, one shining at a time.
+    /// Number of lights. One is on at a time.
     pub light_sources: usize,
     /// Surface points for each light.
     pub positions: usize,
-    /// Paths of the reference for each position, in the mean: noisy positions get more of them.
+    /// Mean number of reference paths per position. Noisy positions get more of them.
     pub paths: u32,
 }
 
-/// One light, and what is true under it.
+/// Light with positions and their reference values.
 struct TestCase {
     light_source: Light,
     positions: Vec<(Vec3, Vec3)>,
-    /// After as many reflections as [`TestSet::bounces`].
+    /// Values after [`TestSet::bounces`] reflections.
     truth: ReferenceValues,
-    /// After all reflections.
+    /// Values after all reflections.
     all: ReferenceValues,
 }
 
@@ -52,7 +53,7 @@ impl ReferenceValues {
         )
     }
 
-    /// ‖standard errors‖ / ‖values‖.
+    /// Returns ‖standard errors‖ / ‖values‖.
     fn noise(all: &[&Self]) -> f64 {
         let square = |of: fn(&Self) -> &[Vec3]| -> f64 {
             let values = all.iter().flat_map(|t| of(t));
@@ -67,7 +68,7 @@ impl ReferenceValues {
     }
 }
 
-/// Positions, lights and what is true there.
+/// Positions and lights with reference values.
 pub struct TestSet {
     cases: Vec<TestCase>,
     bounces: u32,
@@ -76,22 +77,21 @@ pub struct TestSet {
 /// Score of a bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TestScore {
-    /// Against the reference with as many reflections as the test set has.
+    /// Errors against the reference with [`TestSet::bounces`] reflections.
     pub errors: Errors,
-    /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other
-    /// positions.
+    /// Half width of the 95 % confidence interval of the NRMSE over random positions.
     pub interval: f64,
-    /// Against the reference with all reflections.
+    /// Errors against the reference with all reflections.
     pub all: Errors,
-    /// Share of positions that no basis function covers; they count as dark.
+    /// Fraction of positions that no basis function covers. They count as dark.
     pub uncovered: f64,
 }
 
 impl TestSet {
-    /// Computes the truth for `bounces` reflections and for all of them. Lights are white points in
-    /// free space; each is as strong as makes the root mean square of its direct light 1 W/m², so
-    /// that they count alike. Emissive surfaces are taken as dark. None where no light lights
-    /// anything.
+    /// Computes the reference for `bounces` reflections and for all of them. Lights are white point
+    /// lights in the space between surfaces. The root mean square of the direct light of each is 1
+    /// W/m², so that they have equal weight. Emissive surfaces count as dark. Returns `None` if no
+    /// light reaches a surface.
     #[must_use]
     pub fn new(
         geometry: &dyn Geometry,
@@ -142,7 +142,7 @@ impl TestSet {
                         SEED + k,
                     )
                 };
-                // All reflections are for one chart of large errors.
+                // Only a chart of large errors needs all reflections, so fewer paths suffice.
                 let (some, all) = (truth(Some(bounces), &paths), truth(None, &few));
                 let direct: f32 = some.iter().map(|e| e.direct.length_squared() / 3.0).sum();
                 let strength = (positions.len() as f32 / direct).sqrt();
@@ -157,25 +157,25 @@ impl TestSet {
         (!cases.is_empty()).then_some(Self { cases, bounces })
     }
 
-    /// Reflections of the truth that is not of all of them.
+    /// Returns the number of reflections of the limited reference.
     #[must_use]
     pub fn bounces(&self) -> u32 {
         self.bounces
     }
 
-    /// Lights that light anything.
+    /// Returns the lights that reach a surface.
     #[must_use]
     pub fn light_sources(&self) -> Vec<Light> {
         self.cases.iter().map(|q| q.light_source).collect()
     }
 
-    /// All positions, those of one light after the other's: position in meters and unit normal.
+    /// Returns all positions in the order of the lights: position in meters and unit normal.
     pub fn positions(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
         self.cases.iter().flat_map(|q| q.positions.iter().copied())
     }
 
-    /// Standard error of the reference over its values, both as root mean squares: with as many
-    /// reflections as [`TestSet::bounces`], and with all.
+    /// Returns the standard error of the reference over its values, both as root mean squares. The
+    /// first has [`TestSet::bounces`] reflections, the second all.
     #[must_use]
     pub fn noise(&self) -> (f64, f64) {
         let of = |truth: fn(&TestCase) -> &ReferenceValues| {
@@ -224,9 +224,9 @@ impl TestSet {
     }
 }
 
-/// Number of paths of each position, `paths` in the mean: as many as its noise in a pilot asks for,
-/// which makes the least noise of all for so much work. The pilot's own paths are not used again,
-/// so that the reference stays unbiased.
+/// Returns the number of paths per position, `paths` in the mean. It is proportional to the noise
+/// in a pilot, which minimizes the total noise for a given number of paths. The pilot's own paths
+/// are not used again, so that the reference stays unbiased.
 fn allot(
     geometry: &dyn Geometry,
     light_source: Light,
@@ -247,14 +247,14 @@ fn allot(
     noise
         .iter()
         .map(|n| {
-            // No more than so many times the mean: a single position must not be all the work.
+            // The limits keep a single position from taking most of the paths.
             let share = if mean > 0.0 { n / mean } else { 1.0 };
             (paths as f32 * share.clamp(0.25, 16.0)) as u32
         })
         .collect()
 }
 
-/// The reference at all positions, with so many paths at each.
+/// Computes the reference at all positions with the number of paths of each.
 fn reference(
     geometry: &dyn Geometry,
     light_source: Light,
@@ -279,7 +279,7 @@ fn reference(
         .collect()
 }
 
-/// Half width of the 95 % confidence interval of an NRMSE over positions drawn at random.
+/// Returns the half width of the 95 % confidence interval of an NRMSE over random positions.
 fn interval(values: &[Vec3], truth: &ReferenceValues, nrmse: f64) -> f64 {
     let square = |v: Vec3| f64::from(v.length_squared());
     let count = values.len().max(2) as f64;
@@ -293,7 +293,7 @@ fn interval(values: &[Vec3], truth: &ReferenceValues, nrmse: f64) -> f64 {
         .collect();
     let mean = parts.iter().sum::<f64>() / count;
     let variance = parts.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / count / (count - 1.0);
-    // d√m = dm / 2√m; where m is within its own noise of zero, the root of that noise.
+    // d√m = dm / 2√m. If m is within its own noise of zero, the result is the root of that noise.
     let spread = 1.96 * variance.sqrt();
     if nrmse * nrmse > spread {
         spread / (2.0 * nrmse)

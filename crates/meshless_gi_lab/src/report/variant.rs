@@ -1,5 +1,5 @@
-//! Variants of a report: one factor at a time around a baseline, the presets, and the paper's rule
-//! beside ours.
+//! Variants of a report: one factor at a time around a baseline, the presets, and the method of
+//! \[L08\].
 
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::internals::transport::TIERS;
@@ -8,48 +8,48 @@ use meshless_gi::{
 };
 use serde::Serialize;
 
-/// Reflections that errors are measured for, and that a frame runs unless set otherwise: the
-/// recipes' default.
+/// Number of reflections at which errors are measured. It is the recipes' default and the default
+/// of a frame.
 pub const BOUNCES: u32 = 4;
 
 /// Factor that a variant changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Factor {
-    /// A preset as it is.
+    /// Preset without changes.
     Preset,
-    /// The threshold of the rule `bounded`, and with it the tolerance.
+    /// Threshold of the method `bounded`, and the tolerance that follows from it.
     Epsilon,
-    /// The same without added levels: on the points that the paper's rule has.
+    /// `Epsilon` without added levels: on the points of the method `l08`.
     Plain,
-    /// The paper's rule, by its threshold.
+    /// Method `l08`, by its threshold.
     RuleL08,
-    /// Bases of direct light, rule `pca`: vectors, clusters and threshold.
+    /// Method `pca`, bases of direct light: vectors, clusters and threshold.
     RulePca,
-    /// An octree of points, rule `fmm`: order, leaves, sources, and which levels send.
+    /// Method `fmm`, an octree of points: order, leaves, sources, and sender levels.
     RuleFmm,
-    /// Points of all levels.
+    /// Density of the points of all levels.
     Density,
-    /// Levels of the hierarchy.
+    /// Number of levels of the hierarchy.
     Levels,
-    /// Levels that are added where light asks for them.
+    /// Refinement levels.
     Added,
-    /// Rays a point.
+    /// Rays per point.
     Rays,
-    /// Levels that send.
+    /// Number of sender levels.
     Senders,
-    /// Positions that each sender is lit at.
+    /// Light samples per sender.
     SamplesPerSender,
-    /// More than one at once.
+    /// Several factors together.
     Several,
-    /// The operator's tier that a frame uses.
+    /// Operator tier of a frame.
     Tier,
-    /// Reflections, and where they are computed.
+    /// Number of reflections, and whether they are baked.
     Bounces,
 }
 
 impl Factor {
-    /// All of them, in the order of tables.
+    /// Factors in the order of tables.
     pub const ALL: [Self; 15] = [
         Self::Preset,
         Self::Epsilon,
@@ -68,7 +68,7 @@ impl Factor {
         Self::Bounces,
     ];
 
-    /// Words for people.
+    /// Returns the display name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -91,12 +91,12 @@ impl Factor {
     }
 }
 
-/// Choices of the frame, not of the bake.
+/// Settings of the frame that do not affect the bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Diffuse reflections.
     pub bounces: u32,
-    /// Tier of the operator, see [`FrameSettings::tier`].
+    /// Tier of the operator. See [`FrameSettings::tier`].
     pub tier: u32,
 }
 
@@ -109,19 +109,19 @@ impl Default for Run {
     }
 }
 
-/// One thing to try.
+/// Configuration to bake and measure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     /// Factor that it changes.
     pub factor: Factor,
-    /// A few words, for charts and tables.
+    /// Short name for charts and tables.
     pub name: String,
     /// Recipe of the bake.
     pub recipe: Recipe,
     /// Settings of the frame.
     pub run: Run,
-    /// About how long the bake takes, in bakes of the baseline: only to keep within a report's
-    /// time.
+    /// Approximate bake time relative to the baseline. It serves to keep within a report's time
+    /// limit.
     pub cost: f64,
 }
 
@@ -136,7 +136,7 @@ impl Variant {
         }
     }
 
-    /// The recipe as a user writes it: only what is not as the preset has it.
+    /// Returns the recipe as a user writes it, with only the fields that differ from the preset.
     #[must_use]
     pub fn recipe_text(&self) -> String {
         fn some<T: std::fmt::Debug>(out: &mut Vec<String>, name: &str, value: Option<T>) {
@@ -165,8 +165,8 @@ impl Variant {
     }
 }
 
-/// The transport method as a user writes it, with the parameters that are not the default. `None`
-/// for the default method.
+/// Returns the transport method as a user writes it, with only the parameters that differ from the
+/// default. Returns `None` for the default method.
 fn transport_text(transport: &TransportMethod) -> Option<String> {
     let mut out: Vec<String> = Vec::new();
     match transport {
@@ -209,7 +209,7 @@ fn transport_text(transport: &TransportMethod) -> Option<String> {
     ))
 }
 
-/// The baseline: quick to bake, so that many things around it can be tried.
+/// Returns the baseline. It bakes fast, so that many variants of it can be measured.
 #[must_use]
 pub fn baseline() -> Variant {
     Variant::new(Factor::Preset, "draft", 1.0, draft())
@@ -225,15 +225,14 @@ fn draft() -> Recipe {
 fn epsilon(value: f32, cost: f64) -> Variant {
     let recipe = Recipe {
         truncation_error: Some(value),
-        // As the presets have it.
+        // Same ratio as in the presets.
         receiver_tolerance: Some(2.0 * value),
         ..draft()
     };
     Variant::new(Factor::Epsilon, format!("ε {value}"), cost, recipe)
 }
 
-/// The default rule on the very points that the paper's rule gets: what differs then is the rule
-/// alone.
+/// Returns the method `bounded` on the points of the method `l08`, so that only the method differs.
 fn plain(value: f32, cost: f64) -> Variant {
     let mut variant = epsilon(value, cost);
     variant.factor = Factor::Plain;
@@ -251,7 +250,7 @@ fn l08(value: f32, cost: f64) -> Variant {
     Variant::new(Factor::RuleL08, format!("l08 ε {value}"), cost, recipe)
 }
 
-/// Bases of so many vectors for clusters of so many senders.
+/// Returns the method `pca` with this number of vectors and of senders per cluster.
 fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
     let recipe = Recipe {
         transport: TransportMethod::Pca(PcaRecipe {
@@ -265,7 +264,7 @@ fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
     Variant::new(Factor::RulePca, name, cost, recipe)
 }
 
-/// Rule `pca` as a preset has it.
+/// Returns the method `pca` with the settings of a preset.
 fn pca_preset(preset: Preset, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
@@ -276,7 +275,8 @@ fn pca_preset(preset: Preset, cost: f64) -> Variant {
     Variant::new(Factor::RulePca, name, cost, recipe)
 }
 
-/// Rule `fmm` with as many levels that send as a preset has, or more, from so many positions each.
+/// Returns the method `fmm` with the sender levels and light samples of a preset, or with other
+/// numbers of them.
 fn fmm(preset: Preset, sender_levels: Option<u32>, sources: Option<u32>, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
@@ -306,9 +306,9 @@ fn rays(count: u32) -> Variant {
     Variant::new(Factor::Rays, format!("{count} rays"), cost, recipe)
 }
 
-/// The baseline with so many times its points.
+/// Returns the baseline with its number of points multiplied by `times`.
 fn density(base: &BakeSettings, times: f32) -> Variant {
-    // Three digits do, and can be read.
+    // Rounds to three digits for readability.
     let radius = base.coarse_radius / times.sqrt();
     let unit = libm::powf(10.0, 2.0 - libm::floorf(libm::log10f(radius)));
     let recipe = Recipe {
@@ -334,8 +334,8 @@ fn bounces(count: u32) -> Variant {
     }
 }
 
-/// The tiers below all of them of a preset's bake, which needs no bake where it comes right after
-/// that.
+/// Returns the lower tiers of a preset's bake. They need no further bake if they come directly
+/// after it.
 fn tiers(preset: Preset) -> impl Iterator<Item = Variant> {
     (1..TIERS).map(move |tier| {
         let recipe = Recipe {
@@ -365,8 +365,8 @@ fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
     Variant::new(Factor::Several, name, cost, recipe)
 }
 
-/// A handful of bakes, most important first, for the settings that the baseline got. Those that
-/// need no bake of their own come first.
+/// Returns a few variants for the settings of the baseline, most important first. Those without a
+/// bake of their own come first.
 #[must_use]
 pub fn quick(base: &BakeSettings) -> Vec<Variant> {
     let mut all = vec![bounces(1), bounces(2), bounces(8)];
@@ -387,7 +387,7 @@ pub fn quick(base: &BakeSettings) -> Vec<Variant> {
     all
 }
 
-/// All that is swept, most important first, for the settings that the baseline got.
+/// Returns all variants for the settings of the baseline, most important first.
 #[must_use]
 pub fn full(base: &BakeSettings) -> Vec<Variant> {
     let with = |factor, name: &str, cost, recipe| Variant::new(factor, name, cost, recipe);
@@ -403,7 +403,7 @@ pub fn full(base: &BakeSettings) -> Vec<Variant> {
     all.extend([(3, 50), (10, 25), (20, 50), (10, 100), (30, 100)].map(|(k, n)| pca(k, n, 1.3)));
     all.extend([epsilon(0.1, 0.8), epsilon(0.05, 0.9), epsilon(0.015, 1.4)]);
     all.push(with(Factor::Preset, "medium", 15.0, Recipe::default()));
-    // As dear as the bake, so that they are left out with it.
+    // Same cost as the bake, so that they are left out together with it.
     all.extend(tiers(Preset::Medium).map(|v| Variant { cost: 15.0, ..v }));
     all.push(pca_preset(Preset::Medium, 16.0));
     all.push(epsilon(0.007, 2.0));

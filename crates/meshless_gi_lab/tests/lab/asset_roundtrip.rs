@@ -1,5 +1,5 @@
-//! The `.mgi` container: what is written is what is read, the same bytes every time, and files are
-//! replaced as a whole or not at all.
+//! The `.mgi` container: reading returns the written scene, the bytes are the same every time, and
+//! files are replaced as a whole or not at all.
 
 use super::support::{build, makes};
 use meshless_gi::internals::samples::GridSlot;
@@ -19,7 +19,7 @@ fn scenes_round_trip_bitwise() {
         let back = BakedScene::from_bytes(&bytes, &Limits::default()).unwrap();
         assert_eq!(back, scene, "seed {}", make.seed);
         assert_eq!(back.to_bytes().unwrap(), bytes);
-        // Must fail: the comparison notices one bit.
+        // Must fail: the comparison detects one bit.
         let mut other = back.clone();
         other.data_mut().points[0].position[0] =
             f32::from_bits(other.data().points[0].position[0].to_bits() ^ 1);
@@ -36,7 +36,7 @@ fn reproducible_grid_is_not_stored() {
     assert_eq!(sections(&stored), sections(&plain) + 4);
 }
 
-/// Breaks a valid scene in one position; validation must name that position.
+/// Breaks a valid scene in one position. Validation must name that position.
 #[test]
 fn validation_detects_each_broken_field() {
     type Break = fn(&mut BakedScene);
@@ -73,7 +73,7 @@ fn validation_detects_each_broken_field() {
         ("rows", |s| {
             s.data_mut().operator.rows[0].scale = f32::INFINITY
         }),
-        // Links that are no larger than any may be, but in sum more light than there is.
+        // Each link is within its limit, but the links in sum carry more light than exists.
         ("rows", |s| {
             let n = s.data().points[0].n();
             let row = s.data().operator.rows[0];
@@ -186,7 +186,7 @@ fn validation_detects_broken_octree() {
         ("octree entries", |o| o.entries[0].weight = f32::NAN),
         ("octree entries", |o| o.entries[0].weight = 1.5),
         ("octree entries", |o| o.entries.truncate(3)),
-        // A near entry of what is no leaf, a far one of the node itself.
+        // A near entry that is not a leaf, a far one of the node itself.
         ("octree entries", |o| {
             let at = o.nodes[leaf(o, 3)].near as usize;
             o.entries[at].source = 0;

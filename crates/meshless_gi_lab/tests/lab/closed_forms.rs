@@ -60,12 +60,12 @@ fn indirect(all: &[Irradiance]) -> Vec<(Vec3, Vec3)> {
     all.iter().map(|e| (e.indirect, e.indirect_error)).collect()
 }
 
-/// A closed form for each channel.
+/// Computes a closed form for each channel.
 fn channels(f: impl Fn(usize) -> f64) -> Vec3 {
     Vec3::from_array([0, 1, 2].map(|c| f(c) as f32))
 }
 
-/// The hollow of a ball of 2 m around the origin.
+/// Returns the inner surface of a sphere of 2 m around the origin.
 fn cavity(albedo: Vec3, radiance: Vec3) -> ImplicitScene {
     ImplicitScene::new(vec![ImplicitObject {
         shape: Shape::Cavity {
@@ -77,7 +77,7 @@ fn cavity(albedo: Vec3, radiance: Vec3) -> ImplicitScene {
     }])
 }
 
-/// Positions on the inside of a ball of 2 m around the origin.
+/// Returns positions on the inside of a sphere of 2 m around the origin.
 fn on_the_cavity(count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count)
         .map(|k| {
@@ -90,7 +90,7 @@ fn on_the_cavity(count: u64) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// A closed hall of 3 x 1.5 x 2 m that looks inwards.
+/// Returns a closed hall of 3 x 1.5 x 2 m with surfaces that face inward.
 fn hall(albedo: Vec3, radiance: Vec3) -> TriangleMesh {
     let size = Vec3::new(3.0, 1.5, 2.0);
     let at = |x: u8, y: u8, z: u8| size * Vec3::new(x.into(), y.into(), z.into());
@@ -109,8 +109,8 @@ fn hall(albedo: Vec3, radiance: Vec3) -> TriangleMesh {
     mesh_of_quads(&quads)
 }
 
-/// In a sphere and in a hall that emit and reflect alike everywhere, the light is M Σ ρ^i, at ρ =
-/// 0.99 a hundred times the emission.
+/// Sphere and hall with uniform emission and reflection: the light is M Σ ρ^i. At ρ = 0.99 it is a
+/// hundred times the emission.
 #[test]
 fn emitting_enclosures_match_geometric_series() {
     let radiance = Vec3::new(1.0, 0.5, 2.0);
@@ -147,7 +147,7 @@ fn emitting_enclosures_match_geometric_series() {
     }
 }
 
-/// Lights inside a sphere: whatever they shine at, reflected light is the same everywhere.
+/// Lights inside a sphere: reflected light is the same everywhere, for any direction of the lights.
 #[test]
 fn lights_in_sphere_give_uniform_irradiance() {
     let albedo = Vec3::new(0.8, 0.5, 0.9);
@@ -209,7 +209,7 @@ fn lights_in_sphere_give_uniform_irradiance() {
     }
 }
 
-/// A light between a floor and a ceiling without end.
+/// A light between an infinite floor and an infinite ceiling.
 #[test]
 fn light_under_ceiling_matches_closed_form() {
     let (room, below) = (3.0f32, 0.8f32);
@@ -240,7 +240,7 @@ fn light_under_ceiling_matches_closed_form() {
         aside.map(|s| closed_form::light_over_plane(3.0, (room - below).into(), s.into()));
     let straight = straight.map(|e| Vec3::splat(e as f32));
     check("light over a floor", &direct(&all), &straight, 1.01);
-    // The floor is black: one reflection is all there is.
+    // The floor is black: only one reflection exists.
     let returned = channels(|c| {
         closed_form::light_below_ceiling(3.0, albedo[c].into(), below.into(), room.into())
     });
@@ -395,8 +395,8 @@ fn rectangle_form_factors_match_closed_forms() {
             &[right],
             1.03,
         );
-        // Where they touch, 1/d² has no bounded variance for points on a light; rays have no such
-        // trouble.
+        // Where they touch, the variance of 1/d² is unbounded for points on a light. The variance
+        // of rays is bounded.
         if corner.y > 0.0 {
             check(
                 &format!("{what}, light"),

@@ -1,6 +1,6 @@
-//! The frame on the CPU against closed forms: geometric series of bounces, the lights' textbook
-//! irradiances, what is not done again, and the same bits for any number of threads. The GPU's
-//! frame is compared with this one in `twins.rs`.
+//! The frame on the CPU against closed forms: geometric series of bounces and the lights' textbook
+//! irradiances. It repeats no unnecessary work and computes the same bits for any number of
+//! threads. The GPU's frame is compared with this one in `twins.rs`.
 
 use meshless_gi_lab::fixtures::synthetic;
 
@@ -25,8 +25,8 @@ const EMISSION: f32 = 3.0;
 const SENDERS: usize = 4;
 const POINTS: usize = 12;
 
-/// A closed box in the abstract: every point sees one sender, and nothing else, in the direction of
-/// its normal. Or the sky.
+/// Returns an abstract closed box: from every point only one sender is visible, in the direction of
+/// its normal. With `to_sky` it is the sky.
 fn furnace(to_sky: bool) -> BakedScene {
     let normal = |i: usize| Vec3::new(0.6, if i.is_multiple_of(2) { 0.8 } else { -0.8 }, 0.0);
     let points: Vec<Point> = (0..POINTS)
@@ -84,8 +84,8 @@ fn furnace(to_sky: bool) -> BakedScene {
     scene
 }
 
-/// A sender's light is the mean over its positions: with one of four in the shadow it is three
-/// quarters, and none of its own point's.
+/// A sender's light is the mean over its positions: with one of four in shadow it is three
+/// quarters. The light at its own point does not count.
 #[test]
 fn sender_light_is_mean_over_samples() {
     let mut scene = furnace(false);
@@ -139,7 +139,7 @@ fn bounces_form_geometric_series() {
         let series: f32 = (0..bounces).map(|k| ALBEDO.powi(k as i32)).sum();
         for i in 0..POINTS {
             let e = irradiance(&scene, &frame, i);
-            // The links are halves.
+            // The links are 16-bit floats.
             assert!(
                 (e - EMISSION * series).abs() < 1e-3 * e,
                 "{bounces} bounces, point {i}: {e}"
@@ -224,7 +224,7 @@ fn frame_recomputes_only_changes() {
         (shining as u64 + 1, 3, 1)
     );
 
-    // The state is that of a frame that saw only the last lights.
+    // The state equals that of a frame that had only the last lights.
     let mut fresh = CpuFrame::new(&scene);
     fresh.set_lights(&scene, &lights);
     fresh.solve(&scene, &settings);
@@ -377,7 +377,7 @@ fn evaluation_of_uncovered_point_is_none_without_nan() {
     let mut frame = CpuFrame::new(&scene);
     frame.solve(&scene, &FrameSettings::bounces(1));
     let n = scene.data().points[0].n();
-    // All functions of this normal say the same: the quotient is that of one.
+    // All functions of this normal have the same value: the quotient is that of one.
     let e = frame
         .irradiance(&scene, Vec3::new(0.3, 0.1, 0.0), n)
         .unwrap();

@@ -12,7 +12,7 @@ use meshless_gi_lab::accuracy::{closed_form::polygon, errors};
 const DISTANCE: f32 = 5.0;
 /// Emitted radiance, W/(m² sr).
 const RADIANCE: Vec3 = Vec3::new(50.0, 30.0, 10.0);
-/// Corners of the sign, counterclockwise seen from the wall at z = 5 m.
+/// Corners of the sign, counterclockwise as viewed from the wall at z = 5 m.
 const SIGN: [Vec3; 4] = [
     Vec3::new(-0.15, 1.45, 0.0),
     Vec3::new(0.15, 1.45, 0.0),

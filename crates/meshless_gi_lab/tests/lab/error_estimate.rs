@@ -1,6 +1,6 @@
-//! A bake's own estimate of its error is honest: it holds what is measured against another
-//! program's truth, under that program's light, and it rises with an operator that was made wrong
-//! on purpose. `examples/accuracy.rs` prints the same for any scene and preset.
+//! A bake's own estimate of its error matches the error measured against another program's ground
+//! truth, under that program's light. It rises with a deliberately wrong operator.
+//! `examples/accuracy.rs` prints the same for any scene and preset.
 
 use meshless_gi::internals::bake::{ErrorEstimate, estimate_errors};
 use meshless_gi::internals::scene::SceneDescription;
@@ -28,7 +28,7 @@ fn test_scene(name: &'static str) -> TestScene {
     }
 }
 
-/// NRMSE under the truth's own light, four reflections.
+/// Returns the NRMSE under the light of the ground truth, four reflections.
 fn measured(test: &TestScene, scene: &BakedScene, tier: u32) -> f64 {
     let k = BOUNCES.iter().position(|&b| b == Some(4)).unwrap();
     let (meshes, lights) = (std::slice::from_ref(&test.mesh), &test.description.lights);
@@ -107,7 +107,7 @@ fn estimate_interval_contains_true_error_in_open_rooms() {
     is_honest("rooms_open");
 }
 
-/// A largest error makes a bake as fine as it must be, and no finer.
+/// A largest error makes a bake as fine as necessary, and not finer.
 #[test]
 fn target_error_is_met_at_lowest_quality_level() {
     let test = test_scene("cornell");
@@ -137,7 +137,7 @@ fn target_error_is_met_at_lowest_quality_level() {
     assert!(coarse.links < fine.links && coarse.gather_rays < fine.gather_rays);
     assert!(fine.estimated_nrmse < coarse.estimated_nrmse);
     assert!(2 * coarse.links < preset.stats.links);
-    // What cannot be met is said: here all care is fixed.
+    // An unreachable error is reported: here all quality parameters are fixed.
     let poor = bake(&Recipe {
         target_nrmse: Some(1e-3),
         coarse_radius: Some(1.2),

@@ -1,4 +1,4 @@
-//! A baked scene at single points, beside the reference integrator.
+//! A baked scene at single points, compared with the reference integrator.
 
 use glam::Vec3;
 use meshless_gi::internals::eval::irradiance_at_all;
@@ -42,7 +42,7 @@ fn emission_counts_as_direct_light() {
         seed: 5,
     };
     let reference = irradiance_at_all(&mesh, &lights, &positions, &settings);
-    // The block's top is small: what hits it by chance takes many paths to count.
+    // The block's top is small and paths hit it by chance, so many paths are needed.
     let unreflected = ReferenceSettings {
         paths: 1 << 16,
         bounces: Some(0),

@@ -11,7 +11,7 @@ use meshless_gi_lab::accuracy::errors;
 use room::{cornell, glow, lit, with_ball};
 use std::time::Instant;
 
-/// Root mean square of the difference over that of `right`.
+/// Returns the root mean square of the difference relative to that of `right`.
 fn difference(values: &[Vec3], right: &[Vec3]) -> f64 {
     errors(values, right, &vec![Vec3::ZERO; right.len()]).nrmse
 }
@@ -43,8 +43,8 @@ fn on_a_sphere(count: usize, radius: f32, at: Vec3, inward: bool) -> Vec<FmmPoin
         .collect()
 }
 
-/// The error falls with the order as separation^(order + 1) says, in a room where a third of all
-/// pairs look away from each other.
+/// The error falls with the order as separation^(order + 1), in a room where a third of all pairs
+/// face away from each other.
 #[test]
 fn fmm_converges_to_direct_sum() {
     let room = with_ball(6000);
@@ -75,7 +75,7 @@ fn fmm_converges_to_direct_sum() {
     }
 }
 
-/// From inside of a sphere every point sees every other, with the same kernel: E = B.
+/// Inside a sphere every point is visible from every other, with the same kernel: E = B.
 #[test]
 fn fmm_inside_of_sphere_is_uniform() {
     let count = 5000;
@@ -94,7 +94,7 @@ fn fmm_inside_of_sphere_is_uniform() {
     }
     let error = difference(&e, &vec![right; count]);
     assert!(error < 1e-4, "{error:e}");
-    // All bounces: E = ρ B / (1 − ρ) of what is emitted.
+    // All bounces: E = ρ B / (1 − ρ) of the emitted radiosity.
     let albedo = vec![Vec3::splat(0.5); count];
     let all = fmm.solve(&albedo, &radiosity, 100, 1e-6).unwrap();
     let right = radiosity[0] * 2.0;
@@ -107,8 +107,8 @@ fn fmm_inside_of_sphere_is_uniform() {
     assert!(part < 1e-3, "{part}");
 }
 
-/// From outside nobody sees anybody: without care for what looks away two wrong signs would make B
-/// arrive.
+/// Outside a sphere all points face away from each other. Without the test of the orientation two
+/// wrong signs would make B arrive.
 #[test]
 fn fmm_outside_of_sphere_is_dark() {
     let points = on_a_sphere(4000, 1.0, Vec3::ZERO, false);
@@ -178,8 +178,8 @@ fn fmm_any_thread_count_has_equal_bits() {
     }
 }
 
-/// The Cornell box as points, blocks in the way, lit by a light: many bounces against the reference
-/// integrator at the same positions.
+/// The Cornell box as points, with blocks as occluders, lit by a light: many bounces against the
+/// reference integrator at the same positions.
 #[test]
 fn fmm_cornell_box_matches_reference() {
     let room = cornell(8000);
@@ -228,7 +228,7 @@ fn fmm_cornell_box_matches_reference() {
         fmm.lists().counts
     );
     assert!(found.nrmse < 0.1, "{found:?}");
-    // Without what is in the way it is wrong.
+    // Without occluders the result is wrong.
     let open = Fmm::new(&room.points, &FmmSettings::default(), None).unwrap();
     let open = of(&open
         .solve(&room.albedo, &emission, 50, 1e-3)
@@ -275,8 +275,8 @@ fn fmm_degenerate_input_stays_finite() {
     assert!(pair[0] == pair[1] && pair[0].x > 0.0, "{pair:?}");
     let mut random = Random::new(1, 2, 3);
     let mut any = || Vec3::from_array([0; 3].map(|_| random.unit() - 0.5));
-    // In one position, looking everywhere: they exchange nothing, and are evenly lit by one that
-    // looks at them.
+    // All points at one position with all orientations: they exchange nothing, and a point that
+    // faces them lights them evenly.
     let mut spot: Vec<_> = (0..20_000).map(|_| point(Vec3::ONE, any())).collect();
     let dark = finite(&spot, "one place");
     assert!(dark.iter().all(|e| *e == Vec3::ZERO));
@@ -308,7 +308,7 @@ fn fmm_degenerate_input_stays_finite() {
             .iter()
             .all(|e| *e == Vec3::ZERO)
     );
-    // Wild scales: the light is the same, as the kernel has no length of its own.
+    // Extreme scales: the light is the same, as the kernel has no length of its own.
     let room = cornell(1500);
     let right = finite(&room.points, "a room");
     for scale in [1e-15f32, 1e-6, 1e6, 1e15] {
@@ -320,7 +320,7 @@ fn fmm_degenerate_input_stays_finite() {
         let error = difference(&finite(&scaled, "scaled"), &right);
         assert!(error < 1e-3, "scale {scale}: {error}");
     }
-    // A grain of dust beside a mountain.
+    // A small object next to a very large one.
     let mut both = room.points.clone();
     both.extend(room.points.iter().map(|p| FmmPoint {
         position: p.position * 1e-6,

@@ -1,5 +1,5 @@
-//! Light in fog: radiance that a position in the air scatters toward a camera, beside the reference
-//! integrator, and no light of the adjacent room.
+//! Light in fog: radiance that a position in the air scatters toward a camera, compared with the
+//! reference integrator. No light of the adjacent room arrives.
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::internals::basis::PROBE_OVERLAP;
@@ -84,9 +84,10 @@ impl Air {
         Self { shape, texels }
     }
 
-    /// Radiance of a position toward a camera whose ray has direction `d`, W/(m² sr).
+    /// Returns the radiance of a position toward a camera, W/(m² sr). The camera ray has direction
+    /// `d`.
     fn scattered(&self, x: Vec3, asymmetry: f32, d: Vec3) -> Vec3 {
-        // A distant camera, whose rays are all parallel to `d`.
+        // A distant camera: all rays are parallel to `d`.
         let parallel = FogView {
             view_from_clip: Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1).inverse(),
             world_from_view: Mat4::look_to_rh(x, d, d.any_orthonormal_vector()).inverse(),
@@ -212,7 +213,7 @@ fn fog_matches_reference() {
         let off: Vec<f64> = (found.iter().zip(&right))
             .map(|(f, r)| nrmse(f, r))
             .collect();
-        // Isotropic fog in its place.
+        // Isotropic fog instead.
         let even: Vec<f64> = right.iter().map(|r| nrmse(&found[0], r)).collect();
         println!(
             "{name} voxels ({}), asymmetry {asymmetries:?}: NRMSE {off:.3?}; isotropic: {even:.3?}",
@@ -240,7 +241,7 @@ fn fog_matches_reference() {
     }
 }
 
-/// Error of ray steps of one to eight voxels, beside steps of an eighth of a voxel.
+/// Error of ray steps of one to eight voxels, relative to steps of an eighth of a voxel.
 #[test]
 fn fog_ray_step_error_is_bounded() {
     let (mesh, lights, scene) = rooms();

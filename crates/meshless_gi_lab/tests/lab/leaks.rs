@@ -1,6 +1,6 @@
-//! Light that comes through walls: none into a sealed room, and beside an open door no more error
-//! behind a thin wall than before it. The same is measured for functions that do not stop at walls,
-//! as [L08]'s do not, and must fail there. `examples/leaks.rs` prints the table
+//! Light leaks through walls: none into a sealed room. Next to an open door the error behind a thin
+//! wall is not larger than the error before it. The same is measured for functions that do not stop
+//! at walls, as [L08]'s do not, and must fail there. `examples/leaks.rs` prints the table
 //! (docs/reports/leaks.md).
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
@@ -8,7 +8,7 @@ use meshless_gi_lab::fixtures::leaks as leak_support;
 use leak_support::{Door, Leak, Walled, open, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 
-/// Few rays: leaks are a matter of where functions reach.
+/// Measures with few rays: leaks depend on the support of functions.
 fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Leak {
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -30,7 +30,7 @@ fn stays_dark(scene: &Walled, rules: &[TransportMethod]) {
     for &rule in rules {
         let with = measure(scene, rule, true, 32);
         assert!(with.ratio <= 1e-4, "{rule:?}: {with:?}");
-        // Black is not the answer to everything.
+        // A black result must not pass.
         assert!(with.lit.bias.abs() < 0.15, "{rule:?}: {with:?}");
         assert_eq!(with.uncovered, [0, 0], "{rule:?}");
     }
@@ -52,7 +52,7 @@ fn room_behind_sheet_stays_dark() {
     stays_dark(&scene, &[TransportMethod::L08, TransportMethod::Bounded]);
 }
 
-/// In the units of the lit room's light: what is wrong behind the wall is less than what is wrong
+/// Relative to the light of the lit room, the error behind the wall is smaller than the error
 /// before it.
 #[test]
 fn room_behind_thin_wall_with_door_is_as_accurate_as_lit_room() {

@@ -1,7 +1,7 @@
-//! A door that is drawn as what moves is, in the opening between two rooms: its own pixels, and
-//! those of jambs and floor beside it, against the reference integrator with the door's mesh in the
-//! scene. Shut and half open, for occluders that enclose the mesh, equal it and lie inside of it,
-//! and for none. `MGI_TEST_PICTURES` names a folder for the pictures.
+//! A door that is drawn as a dynamic object, in the opening between two rooms. Its own pixels and
+//! those of the adjacent jambs and floor are compared with the reference integrator with the door's
+//! mesh in the scene. The door is shut and half open. The occluders enclose the mesh, equal it, lie
+//! inside of it, or are absent. `MGI_TEST_PICTURES` names a folder for the pictures.
 
 use glam::{Mat4, Quat, Vec2, Vec3};
 use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
@@ -21,13 +21,14 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The door's middle where it is shut, and half of its edges: a panel of 12 mm in a wall of 20 mm,
-/// so that some of the jambs is seen.
+/// Center of the shut door, and half of its edges: a panel of 12 mm in a wall of 20 mm, so that
+/// parts of the jambs are visible.
 const MIDDLE: Vec3 = Vec3::new(4.01, 1.0, 1.95);
 const HALF: Vec3 = Vec3::new(0.006, 1.0, 0.45);
 /// Half of the thickness of the occluders: thicker than the door, as thick, and inside of it.
 const BOXES: [(&str, f32); 3] = [("thicker", 0.06), ("equal", 0.006), ("thinner", 0.002)];
-/// Pixels of baked surfaces this near to the opening are its jambs and its foot, meters.
+/// Largest distance to the opening of pixels of baked surfaces that count as its jambs and its
+/// foot, meters.
 const BESIDE: f32 = 0.15;
 /// Pixels of a picture.
 const SIZE: [u32; 2] = [40, 36];
@@ -55,8 +56,8 @@ struct Pixel {
     right: Vec3,
 }
 
-/// The level, its lights, and the pixels of each view of a shut door and of one that is half open,
-/// with the light that is right.
+/// The scene, its lights, and the pixels of each view of a shut door and of a half open one, with
+/// their reference light.
 struct Stage {
     level: TriangleMesh,
     lights: Vec<meshless_gi::Light>,
@@ -146,8 +147,8 @@ fn pixel(
     Some(Pixel { x, n, part, right })
 }
 
-/// A bake with an occluder in place of the door, or without one: half of its thickness, and how far
-/// its middle lies from the door's.
+/// Returns a bake with an occluder at the door, or without one. `occluder` has half of the
+/// thickness, and the offset of its center from the door's.
 fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
     let shape = |(half, off): (f32, f32)| OccluderDesc {
         name: "door".into(),
@@ -202,12 +203,12 @@ fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
 struct Found {
     /// Root mean square of the error of the door's pixels over that of their light.
     nrmse: f32,
-    /// Pixels of door, jambs and floor that have less than half of their light, where that is more
+    /// Pixels of door, jambs and floor with less than half of their light, if that light is more
     /// than 5 % of the root mean square.
     dark: usize,
     /// The brightest of them.
     brightest: f32,
-    /// Root mean square of the door's light as it is right.
+    /// Root mean square of the door's reference light.
     rms: f32,
     pixels: [usize; 2],
 }
@@ -239,7 +240,7 @@ fn compare(name: &str, pixels: &[Option<Pixel>], frame: &CpuFrame, scene: &Baked
     }
 }
 
-/// Writes ours beside what is right where `MGI_TEST_PICTURES` names a folder.
+/// Writes the result next to the reference if `MGI_TEST_PICTURES` names a folder.
 fn keep(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
     let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") else {
         return;

@@ -1,7 +1,8 @@
-//! Soft shadows of rectangles from baked visibility, beside the reference integrator: at most ten
-//! per cent of error in the penumbra with fifty coefficients, for panels of several sizes and
-//! positions, and more with five coefficients. The bake has half of the points of its preset;
-//! `examples/pca` measures bakes of the usual size and a scene whose penumbrae lie behind a door.
+//! Soft shadows of rectangles from baked visibility, compared with the reference integrator. The
+//! error in the penumbra is at most ten percent with fifty coefficients, for panels of several
+//! sizes and positions. It is larger with five coefficients. The bake has half of the points of its
+//! preset. `examples/pca` measures bakes of the usual size and a scene with penumbrae behind a
+//! door.
 
 use glam::Vec3;
 use meshless_gi::internals::frame::soft_shadow::{self, SoftLight};

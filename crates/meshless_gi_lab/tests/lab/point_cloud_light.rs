@@ -1,6 +1,6 @@
-//! Light between points: closed rooms of points, evenly sampled and noisy, beside the closed form,
-//! and a statue of points in a room of triangles beside the reference integrator. The comparison
-//! with the integrator must fail at wrong positions.
+//! Light between points: closed rooms of points, evenly sampled and noisy, compared with the closed
+//! form. A statue of points in a room of triangles is compared with the reference integrator. The
+//! comparison with the integrator must fail at wrong positions.
 
 use meshless_gi_lab::fixtures::points as points_support;
 

@@ -1,5 +1,5 @@
-//! Light in free space: a ball that moves through a scene, beside the reference integrator; sealed
-//! rooms; closed forms; the file.
+//! Light between surfaces: a ball that moves through a scene, compared with the reference
+//! integrator. Also sealed rooms, closed forms and the file.
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::internals::asset::Probes;
@@ -58,7 +58,7 @@ fn draft() -> Recipe {
     }
 }
 
-/// Positions on balls of `radius` around `centers`, with their outward normals.
+/// Positions on spheres of `radius` around `centers`, with their outward normals.
 fn balls(centers: &[Vec3], radius: f32, each: u32) -> Vec<(Vec3, Vec3)> {
     centers
         .iter()
@@ -73,7 +73,8 @@ fn balls(centers: &[Vec3], radius: f32, each: u32) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Indirect light of `lights` at `positions`: ours, beside the reference's after four reflections.
+/// Compares the indirect light of `lights` at `positions` with the reference after four
+/// reflections.
 fn compare(
     scene: &BakedScene,
     mesh: &TriangleMesh,
@@ -100,7 +101,8 @@ fn compare(
     (errors(&values, &right, &noise), missing)
 }
 
-/// From the far corner of one room of `rooms_open` through the door, up and down, to the other's.
+/// Path from the far corner of one room of `rooms_open` through the door, up and down, to the far
+/// corner of the other.
 fn through_two_rooms() -> Vec<Vec3> {
     (0..100)
         .map(|k| {
@@ -156,8 +158,8 @@ fn moving_ball_through_two_rooms_matches_reference() {
     assert!(errors(&value(&wrong), &value(&right), &none).nrmse > 0.15);
 }
 
-/// `rooms_open` with its opening walled up: a ball on the same way has none of the lit room's light
-/// in the other.
+/// `rooms_open` with its opening walled up: a ball on the same path gets no light of the lit room
+/// in the other room.
 #[test]
 fn ball_in_sealed_room_stays_dark() {
     let (open, with_opening) = &*OPEN_ROOMS;
@@ -212,8 +214,8 @@ fn ball_in_sealed_room_stays_dark() {
     assert!(max <= 1e-4 * lit, "{max} of {lit}");
 }
 
-/// The six walls of a room, seen from within; what `shines` of them (0 to 5) emits 1 W/m² and
-/// reflects nothing.
+/// Returns the six walls of a room, visible from the inside. Walls (0 to 5) that `shines` selects
+/// emit 1 W/m² and reflect nothing.
 fn room(low: Vec3, high: Vec3, albedo: f32, shines: impl Fn(usize) -> bool) -> Vec<Quad> {
     let size = high - low;
     let axes = [Vec3::X, Vec3::Y, Vec3::Z];
@@ -238,8 +240,8 @@ fn room(low: Vec3, high: Vec3, albedo: f32, shines: impl Fn(usize) -> bool) -> V
         .collect()
 }
 
-/// The frame of `scene` under `lights`, with a sky of 1 W/(m² sr) and emission where `glow` says
-/// so.
+/// Solves a frame of `scene` under `lights`, with emission and a uniform sky of radiance `sky`,
+/// W/(m² sr).
 fn solved(scene: &BakedScene, lights: &[FrameLight], sky: f32, sweeps: u32) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, lights);
@@ -285,8 +287,8 @@ fn probes_behind_wall_of_any_thickness_stay_dark() {
     }
 }
 
-/// Behind a wall of two centimeters a volume is black, whatever its voxels; on the lit walls and in
-/// the air it is what the probes say, or the display of the walls. Also where the scene is turned.
+/// Behind a wall of two centimeters a volume is black for any voxel size. On the lit walls and in
+/// the air it equals the probes, or the display of the walls. The scene is also tested turned.
 #[test]
 fn volumes_match_room_and_stay_dark_behind_walls() {
     let scene = &*TWO_CLOSED_ROOMS;
@@ -322,7 +324,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         );
         let params = VolumeParams::new(&shape, &turn);
         let texels = volume_texels(&params, &weights, values);
-        // Normals are the world's, positions the bake's.
+        // Normals are in world space, positions in the space of the bake.
         let read = |x: Vec3, n: Vec3| {
             let at = (x - from) / shape.voxel();
             read_volume(
@@ -380,8 +382,8 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
     }
 }
 
-/// The light of each position by its shares beside the look-up that they stand for, and found in
-/// many calls beside all at once.
+/// Compares the light of each position from its shares with the lookup that they represent. The
+/// shares are also computed in many calls and in one call.
 fn shares_say_what_probes_say(
     weights: &VoxelWeights,
     scene: &BakedScene,
@@ -449,15 +451,15 @@ fn probes_match_closed_forms() {
             .expect("a probe reaches");
         let right = std::f32::consts::PI * 0.5 * (1.0 + n.y);
         let found = light.irradiance(n).x;
-        // What the floor hides at the probes' heights, and the part of a step that two degrees
-        // leave.
+        // Tolerance: the part that the floor hides at the probes' heights, and the part of a step
+        // that two degrees leave.
         assert!(
             (found - right).abs() < 0.06 * std::f32::consts::PI,
             "{n}: {found} {right}"
         );
     }
-    // A closed room that shines: E is π L for every normal and everywhere. With one wall only, what
-    // that wall's solid angle says.
+    // A closed room that emits: E is π L for every normal and position. With one emitting wall E
+    // follows from the wall's solid angle.
     for shines in [[true; 6], [false, false, true, false, false, false]] {
         let quads = room(Vec3::ZERO, Vec3::splat(2.0), 0.0, |k| shines[k]);
         let mesh = mesh_of_quads(&quads);
@@ -538,7 +540,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
             .probe_irradiance(&without, Vec3::Y, Vec3::Y)
             .is_none()
     );
-    // Whoever does not ask for them has the same bake.
+    // A bake without probes is the same.
     let plain = baked(
         &mesh,
         Recipe {

@@ -1,7 +1,7 @@
-//! One bounce from what moves, against the reference integrator's: reflective shadow maps drawn
-//! from the light, their virtual point lights, and the light of these on the walls. Beside it
-//! \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test lab rsm --
-//! --nocapture` prints the tables.
+//! One bounce from dynamic objects against the reference integrator: reflective shadow maps drawn
+//! from the light, their virtual point lights, and their light on the walls. \[N09\]'s own sampling
+//! and errors in hard cases are also measured. `cargo test --test lab rsm -- --nocapture` prints
+//! the tables.
 
 mod room;
 
@@ -16,7 +16,7 @@ use meshless_gi_lab::accuracy::errors;
 use room::{Aim, Grid, ORANGE, Room, ball, choose, cuboid, mesh};
 
 const PATHS: u32 = 16_384;
-/// Positions nearer to the object are compared by themselves, meters.
+/// Distance to the object below which positions are compared separately, meters.
 const NEAR: f32 = 0.5;
 
 fn light_source(position: Vec3) -> Light {
@@ -59,7 +59,7 @@ fn crate_room() -> Room {
     )
 }
 
-/// Two rooms with a door between them; the ball is lit in one of them, half of it in the shadow of
+/// Two rooms with a door between them. The ball is lit in one of them, half of it in the shadow of
 /// the wall.
 fn door_room() -> Room {
     let eye = Vec3::new(0.6, 2.2, 1.0);
@@ -116,7 +116,8 @@ struct Case {
     near: f64,
 }
 
-/// Raw errors (the reference's noise is in them) at positions far from the object, and at all.
+/// Returns raw errors (with the noise of the reference) at positions far from the object, and at
+/// all positions.
 fn nrmse(room: &Room, truth: &[(Vec3, Vec3)], values: &[Vec3]) -> [f64; 2] {
     let corners = || room.object.iter().flatten().copied();
     let (min, max) = (
@@ -196,7 +197,7 @@ fn rsm_bounce_matches_reference() {
                     without[0] < case.bounds[1],
                     with[1] < case.near,
                 ];
-                // What a ray to each light is for.
+                // Effect of the ray to each light.
                 let matters = case.name != "door" || without[0] > 20.0 * with[0];
                 if within != [true; 3] || !matters {
                     wrong.push((case.name, with, without));
@@ -224,8 +225,8 @@ fn rsm_bounce_matches_reference() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// A ball that goes a millimeter a frame, where a texel is two centimeters wide: the light on the
-/// walls changes as smoothly.
+/// A ball that moves a millimeter per frame, with texels of two centimeters: the light on the walls
+/// changes as smoothly.
 #[test]
 fn rsm_light_of_slowly_moving_object_is_stable() {
     let eye = Vec3::new(0.5, 2.5, 0.6);
@@ -252,8 +253,8 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
     // lights.
     let mut ours: Vec<Vec<Vec3>> = Vec::new();
     let mut grid: Vec<Vec<Vec3>> = Vec::new();
-    // Every texel a light of its own: what is left is the map's, whose texels are the object's or
-    // not.
+    // Every texel is a separate light. The remaining flicker is that of the map: a texel belongs to
+    // the object or does not.
     let mut all: Vec<Vec<Vec3>> = Vec::new();
     let mut lit = 0;
     for frame in 0..frames {
@@ -360,8 +361,7 @@ fn flux_of(lights: &[Vpl]) -> Vec3 {
     lights.iter().map(|l| Vec3::from_array(l.flux)).sum()
 }
 
-/// Strata keep all flux, whatever the numbers of texels and lights, and never share out what is not
-/// there.
+/// Strata keep all flux for any number of texels and lights, and never distribute absent flux.
 #[test]
 fn rsm_selection_conserves_flux() {
     let texels = ball_room().texels(64);
@@ -378,7 +378,7 @@ fn rsm_selection_conserves_flux() {
             assert!((sum(l) - 1.0).abs() < 1e-3, "{vpls}: {}", sum(l));
         }
     }
-    // One texel for all lights: each has a part of it, at the same position.
+    // One texel for all lights: each light has a part of it, at the same position.
     let mut one = vec![RsmTexel::default(); 4096];
     one[1234] = *texels.iter().find(|t| t.flux[0] > 0.0).unwrap();
     for l in choose(&one, 128) {
@@ -391,7 +391,7 @@ fn rsm_selection_conserves_flux() {
     }
 }
 
-/// Texels that a wall keeps the light from reflect nothing; those in front of it all they did.
+/// Texels that a wall shadows reflect nothing. Texels in front of it keep all their flux.
 #[test]
 fn rsm_is_shadowed_by_baked_walls() {
     let room = door_room();
@@ -438,8 +438,7 @@ fn rsm_degenerate_input_stays_finite() {
     let point = |color: Vec3| FrameLight::point(eye, color, f32::INFINITY);
     let usual = flux_of(&lights_of(&aim, &point(Vec3::ONE), &object, 32));
     assert!(usual.x > 0.0);
-    // Light that is no number shines nowhere, nor does light that takes away; black gives nothing
-    // back.
+    // Lights with NaN, infinite or negative color emit nothing. A black object reflects nothing.
     for color in [Vec3::NAN, Vec3::INFINITY, -Vec3::ONE, Vec3::ZERO] {
         assert_eq!(
             flux_of(&lights_of(&aim, &point(color), &object, 32)),
@@ -460,7 +459,7 @@ fn rsm_degenerate_input_stays_finite() {
     );
     let near = Vec3::from_array(one[0].position).distance(center);
     assert!((near - 0.5).abs() < 0.01 && one[0].square > 0.0, "{near}");
-    // The brightest light there is: finite, and halves stay below infinity.
+    // The brightest possible light: the result is finite, and 16-bit floats stay below infinity.
     let huge = lights_of(&aim, &point(Vec3::splat(1e30)), &object, 32);
     assert!(flux_of(&huge).x > 1e12);
     let view = VplViewParams {
@@ -486,7 +485,7 @@ fn rsm_degenerate_input_stays_finite() {
     let largest = pixel(&huge, 0.05, [0.0; 4]);
     assert_eq!(largest[0], LARGEST_HALF);
     assert!(largest.iter().all(|v| v.is_finite()));
-    // Sky stays as it was, and so does what gets nothing.
+    // Sky pixels and pixels without light stay unchanged.
     assert_eq!(
         pixel(&huge, 0.0, [0.1, 0.2, 0.3, 1.0]),
         [0.1, 0.2, 0.3, 1.0]
@@ -496,7 +495,8 @@ fn rsm_degenerate_input_stays_finite() {
         pixel(&none, 0.05, [0.1, 0.2, 0.3, 0.0]),
         [0.1, 0.2, 0.3, 0.0]
     );
-    // A light a millimeter off the ball, and one inside of it: no more than the light gives.
+    // A light a millimeter off the ball, and one inside of it: the flux is at most that of the
+    // light.
     for out in [0.501, 0.2] {
         let position = center + Vec3::new(0.0, out, 0.0);
         let light = FrameLight::point(position, Vec3::ONE, f32::INFINITY);
@@ -512,11 +512,11 @@ fn rsm_degenerate_input_stays_finite() {
     }
 }
 
-/// Far from the world's origin, in a space whose origin is near by, the lights are the same.
+/// Far from the world's origin, in a space with a nearby origin, the lights are the same.
 #[test]
 fn rsm_far_from_origin_is_unchanged() {
-    // A power of two, so that the test's own camera is not rounded: positions there are known to 8
-    // mm.
+    // A power of two, so that the test's own camera is not rounded. Positions there have a
+    // precision of 8 mm.
     let far = Vec3::new(131_072.0, 0.0, -131_072.0);
     let (eye, center) = (Vec3::new(0.5, 2.5, 0.75), Vec3::new(2.25, 1.0, 2.0));
     let object = mesh(ball(center, 0.5), ORANGE);

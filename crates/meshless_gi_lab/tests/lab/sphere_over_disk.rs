@@ -34,7 +34,7 @@ fn sites() -> Vec<Site> {
     sphere.chain(disk.iter().map(|&u| Site::Disk(u))).collect()
 }
 
-/// The largest |z| of direct and indirect irradiance against Monte Carlo.
+/// Returns the largest |z| of direct and indirect irradiance against Monte Carlo.
 fn largest_z(solution: &Solution, truth: &[Irradiance]) -> f64 {
     let scene = &solution.scene;
     let mut max = 0.0f64;
@@ -49,7 +49,7 @@ fn largest_z(solution: &Solution, truth: &[Irradiance]) -> f64 {
         ];
         for (radiosity, mean, error) in pairs {
             let off = f64::from(mean.x) - radiosity / scene.albedo;
-            // What single precision can say of the light itself, which has no noise.
+            // Single-precision limit of the light itself, which has no noise.
             max = max.max(off.abs() / f64::from(error.x).max(1e-5));
         }
     }
@@ -67,8 +67,7 @@ fn monte_carlo_matches_closed_form_and_rejects_other_constants() {
     let truth = irradiance_at_all(&V11.geometry(), &V11.lights(), &positions, &settings);
     assert!(truth.iter().filter(|t| t.indirect_error.x > 0.0).count() >= 9);
     let z = |scene: SphereOverDisk| largest_z(&scene.solve(400).expect("a scene"), &truth);
-    // The paths' first directions are a lattice: their error is below what independent paths would
-    // have.
+    // The paths' first directions are a lattice: their error is below that of independent paths.
     let right = z(V11);
     assert!(right < 3.0, "{right}");
     for wrong in [
@@ -109,8 +108,8 @@ fn cells_converge_and_hundred_cells_exceed_half_percent_error() {
         rings[1] < 0.3 * rings[0] && rings[2] < 0.3 * rings[1],
         "{rings:?}"
     );
-    // The thirteenth radius of a hundred is the shadow's edge: a hundred and one are no better, two
-    // hundred end a cell there.
+    // The thirteenth radius of a hundred is the shadow's edge. A hundred and one are not better,
+    // and two hundred end a cell there.
     let sums = [100, 101, 200].map(|n| error(&V11.solve_sums(n).expect("a scene")));
     assert!((0.002..0.0101).contains(&sums[0]), "{sums:?}");
     assert!((0.002..0.0101).contains(&sums[1]), "{sums:?}");
@@ -119,8 +118,8 @@ fn cells_converge_and_hundred_cells_exceed_half_percent_error() {
 
 #[test]
 fn sphere_over_disk_matches_closed_forms_of_figure_10() {
-    // Without further reflection the lowest position sees a disk of 40 m less one of 5 m from 15 m:
-    // F = R²/(R² + d²) − r²/(r² + d²).
+    // Without further reflection the lowest position receives light of a disk of 40 m less one of 5
+    // m from 15 m: F = R²/(R² + d²) − r²/(r² + d²).
     let faint = SphereOverDisk {
         albedo: 1e-4,
         light: 1.0,

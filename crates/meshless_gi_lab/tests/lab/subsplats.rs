@@ -1,7 +1,6 @@
-//! Subsplats on the CPU (\[N09\]): what they show beside full resolution, what they cost, where
-//! they refine, and that light neither crosses edges nor pops. Bounds are measured, with room; at
-//! these small sizes edges take a larger share of the pixels than at those of a screen
-//! (docs/reports/subsplats.md).
+//! Subsplats on the CPU (\[N09\]): error against full resolution, cost, refined regions, no light
+//! across edges and no popping. Bounds are measured, with a margin. At these small sizes edges take
+//! a larger share of the pixels than at screen sizes (docs/reports/subsplats.md).
 
 use meshless_gi_lab::fixtures::TestScene;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
@@ -73,7 +72,7 @@ fn finite(shown: &Subsplats) {
     }
 }
 
-/// Largest difference from full resolution, in parts of white.
+/// Returns the largest difference from full resolution, relative to white.
 fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
     let pairs = shown.texels.iter().zip(&view.full);
     pairs
@@ -81,7 +80,7 @@ fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
         .fold(0.0, f32::max)
 }
 
-/// Everything that was evaluated against full resolution: the largest error, in parts of the light
+/// Returns the largest error of all evaluated nodes against full resolution, relative to the light
 /// there.
 fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> f32 {
     let params = view.params(settings);
@@ -115,8 +114,8 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
     max
 }
 
-/// FLIP and share at most these; without refinement by depth, normal and light the picture is far
-/// worse.
+/// Asserts that FLIP and share are at most these. Without refinement by depth, normal and light the
+/// picture is far worse.
 fn holds(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
     for &i in views {
         let view = stage.view(i, SIZE);
@@ -188,10 +187,10 @@ fn subsplats_in_clutter_match_full_resolution_in_motion() {
     pops_at_most(&stage, 2, 0.06, 0.015, 0.0012);
 }
 
-/// A camera that goes 2 mm a frame: how much more a position that stays in view changes from one
-/// frame to the next than it does at full resolution, in parts of white: what a picture of
-/// subsplats flickers by. The largest of all, the largest but for one position in a thousand, and
-/// the root mean square.
+/// Asserts bounds on the flicker of subsplats with a camera that moves 2 mm per frame. Flicker is
+/// the change of a visible position from frame to frame in excess of full resolution, relative to
+/// white. The bounds are the largest value, the largest value without one position in a thousand,
+/// and the root mean square.
 fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
@@ -228,9 +227,9 @@ fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
                     continue;
                 }
                 let q = view.index([(u * size[0] as f32) as u32, (v * size[1] as f32) as u32]);
-                // Still in view: not hidden by what is nearer.
+                // Still visible: not hidden by nearer surfaces.
                 if (view.drawn.depth[q] / ndc.z - 1.0).abs() < 0.01 {
-                    // Where full resolution itself changes, that is no pop of ours.
+                    // A change at full resolution does not count as a pop.
                     let full = view.full[q][1] - before.full[p][1];
                     let shown = now[q] - error + full;
                     let beyond = (shown.abs() - full.abs()).max(0.0);
@@ -254,7 +253,7 @@ fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
     assert!(pops[pops.len() - 1] <= largest);
 }
 
-/// A bright wall behind dark things, one of them a pixel wide, and the other way round.
+/// A bright wall behind dark objects, one of them a pixel wide, and the reverse.
 #[test]
 fn subsplats_do_not_leak_across_depth_edges() {
     let near = |x: f32, width: f32| quad(Vec3::new(x, -0.7, -1.0), width * Vec3::X, 1.4 * Vec3::Y);
@@ -283,8 +282,8 @@ fn subsplats_do_not_leak_across_depth_edges() {
     }
 }
 
-/// A table top over the floor, seen from far away by parallel rays, and through a lens of five
-/// degrees: the distance is hundreds of times what lies between them.
+/// A table top over the floor from far away, in parallel projection and through a lens of five
+/// degrees. The distance is hundreds of times the gap between them.
 #[test]
 fn subsplats_do_not_leak_across_distant_edges() {
     let top = |at: Vec3, edge: f32| quad(at, edge * Vec3::X, -edge * Vec3::Z);
@@ -338,7 +337,7 @@ fn subsplats_do_not_leak_across_distant_edges() {
     }
 }
 
-/// Bumps in the dark: light that is not there needs no evaluation of every pixel.
+/// Bumps in the dark: absent light does not require evaluation of every pixel.
 #[test]
 fn subsplats_of_dark_bumps_stay_coarse() {
     let ridge = |i: i32| {
@@ -382,7 +381,7 @@ fn subsplats_of_flat_view_stay_coarse() {
     assert!(worst(&view, &shown) < 2.0 * HALF * view.splat.scale);
 }
 
-/// No basis is asked where there is nothing: what is listed are the nodes of the two coarsest
+/// An empty view evaluates no basis function. The list contains only the nodes of the two coarsest
 /// levels.
 #[test]
 fn subsplats_of_sky_are_zero_without_evaluation() {
@@ -405,8 +404,7 @@ fn subsplats_of_sky_are_zero_without_evaluation() {
     );
 }
 
-/// \[N09\] §5.2: a cell is divided too where a diagonal neighbor is not continuous, and nowhere
-/// else.
+/// \[N09\] §5.2: a cell is also divided if a diagonal neighbor is not continuous, and only there.
 #[test]
 fn subsplats_divide_cells_diagonal_to_edge() {
     let scene = clutter();
@@ -500,7 +498,7 @@ fn depth_tests_detect_steps_and_accept_planes() {
     let slant = |depth| broken(&slanted, depth, NO_NORMAL[0]);
     assert_eq!(slant(tests[0]), 0);
     assert!(slant(tests[1]) > 500, "{}", slant(tests[1]));
-    // What the whole list is shorter by.
+    // Reduction of the length of the whole list.
     let total = |depth| {
         let settings = SubsplatSettings {
             depth,
@@ -515,7 +513,7 @@ fn depth_tests_detect_steps_and_accept_planes() {
 
 #[test]
 fn normal_tests_detect_creases() {
-    // A step of depth is none of their business; floor and wall meet without one.
+    // Normal tests ignore steps of depth. Floor and wall meet without one.
     let back = quad(Vec3::new(-20.0, -1.0, -4.0), 40.0 * Vec3::X, 20.0 * Vec3::Y);
     let ground = quad(Vec3::new(-20.0, -1.0, 5.0), 40.0 * Vec3::X, -9.0 * Vec3::Z);
     let stage = ahead(mesh_of_quads(&[back, ground]), even);
@@ -614,12 +612,12 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
             assert_eq!(shown.texels.len(), (size[0] * size[1]) as usize);
             let missing = shown.texels.iter().zip(&view.full);
             let missing = missing.filter(|(a, b)| a[3] != b[3]).count();
-            // Where nothing around is alike a pixel is evaluated by itself, as long as there is
-            // room.
+            // A pixel without similar neighbors is evaluated directly while capacity remains.
             let room = view.params(settings).levels().cells(0);
             let full = shown.counts.evaluated[0] == room;
             assert!(missing == 0 || full, "{size:?} {settings:?} {missing}");
-            // What is evaluated one by one is never more than the pixels and the room for holes.
+            // The number of directly evaluated pixels is at most the pixels plus the capacity for
+            // holes.
             let max = view.full.len() as u32 * 5 / 4 + 1;
             assert!(
                 shown.counts.total() <= max,
@@ -628,7 +626,7 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
             );
         }
     }
-    // Everything refined, everything right.
+    // Full refinement gives the exact result.
     let view = View::new(&stage, eye, target, [120, 68]);
     let all = view.subsplats(&SubsplatSettings {
         radiance_threshold: f32::NAN,

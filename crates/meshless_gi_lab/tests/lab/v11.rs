@@ -1,5 +1,5 @@
-//! [V11]'s experiment on a few hundred points: which basis writes light down how well, with bounds
-//! that were measured and have room, and that another reference breaks.
+//! [V11]'s experiment on a few hundred points: accuracy of each basis. The bounds are measured with
+//! a margin, and another reference violates them.
 
 use meshless_gi_lab::accuracy::{
     Basis, ComparisonRow, PointSet, Quantity, Solution, SphereOverDisk, compare_bases,
@@ -19,8 +19,8 @@ fn row(rows: &[ComparisonRow], basis: Basis, quantity: Quantity) -> &ComparisonR
     found.expect("was compared")
 }
 
-/// Properties of the table at the paper's own density, for any point set; the first thing that does
-/// not.
+/// Tests properties of the table at the paper's own density, for any point set. Returns the first
+/// violated property as an error.
 fn check(rows: &[ComparisonRow]) -> Result<(), String> {
     let is = |true_: bool, what: &str| {
         if true_ {
@@ -44,7 +44,7 @@ fn check(rows: &[ComparisonRow]) -> Result<(), String> {
     is(ours.sphere.rmse < 0.7 * single.sphere.rmse, "vectors help")?;
     is(ours.disk.rmse < single.disk.rmse, "less blur")?;
     is(single.disk.rmse < 0.06, "Lehtinen's level on the disk")?;
-    // What vectors cost: see docs/reports/v11.md.
+    // Cost of vectors: see docs/reports/v11.md.
     is(
         (-0.07..-0.01).contains(&ours.sphere.bias),
         "bias of vectors",
@@ -54,7 +54,7 @@ fn check(rows: &[ComparisonRow]) -> Result<(), String> {
         reflected(Basis::Shepard).disk.rmse > 4.0 * ours.disk.rmse,
         "Shepard's spikes",
     )?;
-    // Where the Gaussians are better, and what they pay for it.
+    // Advantages of the Gaussians, and their cost.
     let half = reflected(Basis::HalfGaussian);
     is(half.disk.rmse < 0.5 * ours.disk.rmse, "smooth light")?;
     is(half.sphere.rmse > ours.sphere.rmse, "few points that curve")?;

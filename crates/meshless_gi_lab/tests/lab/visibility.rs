@@ -52,7 +52,8 @@ fn panel() -> SoftLight {
     )
 }
 
-/// Visible fractions from memory and by rays, at all points that the light shines on.
+/// Returns visible fractions from baked visibility and by rays, at all points that the light
+/// reaches.
 fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<(f32, f32)> {
     let visibility = scene.data().visibility.as_ref().unwrap();
     let params = SoftShadowParams::new(visibility, extent(scene.data()), 1);
@@ -86,7 +87,7 @@ fn pca_visibility_matches_rays_and_round_trips() {
     let mesh = level();
     let scene = baked(2);
     assert_eq!(scene, baked(1), "threads change the bake");
-    // Balls too.
+    // Spherical lights too.
     let ball = SoftLight::sphere(Vec3::new(0.2, 1.6, 0.1), 0.2, Vec3::ONE, 9.0, 25);
     let balls = fractions(&scene, &mesh, &ball);
     let off: f32 = balls.iter().map(|(m, r)| (m - r).powi(2)).sum();
@@ -119,7 +120,7 @@ fn pca_visibility_matches_rays_and_round_trips() {
         rms < 0.06 && acne < 0.015 && leaks < 0.05,
         "{rms} {acne} {leaks}"
     );
-    // Must fail: what others see.
+    // Must fail: visibility of other points.
     let mut swapped = scene.clone();
     let visibility = swapped.data_mut().visibility.as_mut().unwrap();
     visibility.scales.reverse();
@@ -143,7 +144,7 @@ fn pca_visibility_matches_rays_and_round_trips() {
     damaged(&scene, &bytes);
 }
 
-/// Each damage is found.
+/// Asserts that each damage is detected.
 fn damaged(scene: &BakedScene, bytes: &[u8]) {
     let perturb = |what: &str, perturb: &dyn Fn(&mut Visibility)| {
         let mut wrong = scene.clone();
@@ -191,7 +192,7 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
     });
     perturb("an infinite scale", &|v| v.scales[0] = f32::INFINITY);
     perturb("a scale below zero", &|v| v.scales[1] = -1.0);
-    // Checksums find what is damaged by chance; no damage may panic.
+    // Checksums detect random damage. No damage may panic.
     let mut random = Random::new(4, 0, 0);
     for _ in 0..40 {
         let mut wrong = bytes.to_vec();
@@ -244,7 +245,7 @@ fn light_source(at: Vec3) -> SoftLight {
 
 #[test]
 fn pca_visibility_of_rank_zero_clusters_matches_rays() {
-    // Points at one position have one row, and nothing is left when the mean is taken off.
+    // Points at one position have one row, and subtraction of the mean leaves nothing.
     let mesh = level();
     let position = Vec3::new(-0.5, 0.0, 0.6);
     let by_rays = |light: &SoftLight| {
@@ -271,7 +272,7 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
             assert!(by_rays(&above) == 0.0 && seen(&visibility, &points, i, &above) < 0.01);
         }
     }
-    // Nothing to meet but the sky.
+    // Only the sky is visible.
     let nothing = TriangleMesh::new(Vec::new(), Vec::new(), vec![Material::default()]);
     let points = [
         (Vec3::ZERO, Vec3::Y),
@@ -306,14 +307,14 @@ fn cancelled_bake_returns_early() {
         asked.fetch_add(1, Ordering::Relaxed) < 5
     });
     assert_eq!(found.err(), Some(VisibilityError::Stopped));
-    // Each thread asks once more at most.
+    // Each thread calls it at most once more.
     let asked = asked.into_inner() as usize;
     assert!(asked <= 6 + rayon::current_num_threads(), "{asked}");
 }
 
 #[test]
 fn points_in_dome_receive_only_inner_lights() {
-    // Constant depth, and lights at the horizon and inside of what is solid.
+    // Constant depth, and lights at the horizon and inside of solids.
     let ball = |radius: f32| {
         let at = |i: usize, j: usize| {
             let (a, b) = (
@@ -351,8 +352,8 @@ fn points_in_dome_receive_only_inner_lights() {
             }
         }
     }
-    // In one of the blocks of the room, below the floor's horizon, and just above it where nothing
-    // is in the way.
+    // Inside one of the blocks of the room, below the floor's horizon, and just above it without an
+    // occluder.
     let mesh = level();
     let points: Vec<(Vec3, Vec3)> = (0..100)
         .map(|i| {
@@ -385,7 +386,7 @@ fn points_in_dome_receive_only_inner_lights() {
 #[test]
 fn pca_components_are_prefix_of_larger_bake() {
     let mesh = level();
-    // The floor, so that clusters have rank: what is seen beside and over the blocks changes from
+    // The floor, so that clusters have rank: visibility next to and above the blocks changes from
     // point to point.
     let points: Vec<(Vec3, Vec3)> = (0..300)
         .map(|i| {
@@ -418,7 +419,7 @@ fn pca_components_are_prefix_of_larger_bake() {
         first.coefficients.len(),
     );
     assert_eq!((basis, scales, words), found);
-    // Root mean squares of how far depths and errors are apart, and of the errors.
+    // Root mean squares of the differences of depths and errors, and of the errors.
     let compare = |a: &Visibility, b: &Visibility| {
         let mut sums = [0.0f64; 3];
         for i in 0..points.len() {
@@ -454,7 +455,7 @@ fn soft_shadow_of_degenerate_lights_stays_finite() {
     let points = [
         (Vec3::new(0.0, 0.0, 0.0), Vec3::Y),
         (Vec3::new(0.5, 0.0, 0.8), Vec3::Y),
-        // Within a wall, and looking out of the scene.
+        // Within a wall, and facing out of the scene.
         (Vec3::new(0.0, -0.01, 0.0), Vec3::Y),
         (Vec3::new(0.3, 0.3, 0.9), Vec3::Z),
     ];
@@ -485,7 +486,7 @@ fn soft_shadow_of_degenerate_lights_stays_finite() {
                 let _ = seen(&visibility, &points, i, &edge);
             }
         }
-        // Nearer than the first thing, in plain sight.
+        // Nearer than the first occluder, unoccluded.
         assert!(
             seen(
                 &visibility,
@@ -548,7 +549,7 @@ fn unoccluded_panel_matches_lambert_polygon() {
     }
     let got = f64::from(soft_shadow::unshadowed(&light, x, n, 4.0));
     assert!((got / sum - 1.0).abs() < 2e-3, "{got} {sum}");
-    // From behind there is nothing.
+    // No light arrives from behind.
     assert_eq!(
         soft_shadow::unshadowed(&light, Vec3::new(0.0, 3.0, 0.0), -Vec3::Y, 4.0),
         0.0
@@ -604,9 +605,9 @@ fn hall() -> TriangleMesh {
     TriangleMesh::new(triangles, vec![0; count], vec![Material::default()])
 }
 
-/// Error of each cluster: the root mean square of what is wrong with e, over its points and over
-/// directions as irradiance counts them, and that of each of its points by the error that stands
-/// beside it.
+/// Returns the error of each cluster and of each of its points. The error of a cluster is the root
+/// mean square of the error of e over its points and over cosine-weighted directions. The error of
+/// a point comes with its stored error estimate.
 fn wrong(
     mesh: &TriangleMesh,
     points: &[(Vec3, Vec3)],
@@ -644,7 +645,7 @@ fn wrong(
 #[test]
 fn high_error_clusters_are_split_and_errors_stored() {
     let mesh = hall();
-    // Beside a row of pillars: what lies behind them moves from step to step.
+    // Next to a row of pillars: visibility behind them changes from step to step.
     let points: Vec<(Vec3, Vec3)> = (0..500)
         .map(|i| {
             let (a, b) = ((i % 50) as f32, (i / 50) as f32);
@@ -711,8 +712,8 @@ fn pca_visibility_of_large_hall_matches_rays() {
         Vec3::ONE,
         25,
     );
-    // How far memory and rays are apart, how much light the rays let through, and how much memory
-    // adds to it.
+    // Difference between baked visibility and rays, light that the rays let through, and light that
+    // baked visibility adds to it.
     let apart = |error| {
         let scene = bake_scene(&mesh, &recipe(error), 0, &Progress::default())
             .unwrap()

@@ -1,6 +1,5 @@
-//! Gloss of virtual lights on the CPU (\[N09\] §3.3.1): per-light refinement beside one list and
-//! full resolution, and that nothing is lost, crosses edges or is no number. Bounds are measured,
-//! with room.
+//! Gloss of virtual lights on the CPU (\[N09\] §3.3.1): per-light refinement against one list and
+//! full resolution. No light is lost, crosses edges or is NaN. Bounds are measured, with a margin.
 
 use meshless_gi_lab::fixtures::gloss as gloss_support;
 
@@ -20,8 +19,8 @@ fn finite(texels: &[[f32; 4]]) {
     }
 }
 
-/// FLIP 0.01 against full resolution with a tenth of its evaluations; one list for all lights takes
-/// twice as many for a FLIP that is hardly less.
+/// FLIP is 0.01 against full resolution with a tenth of its evaluations. One list for all lights
+/// takes twice as many evaluations, and its FLIP is hardly lower.
 #[test]
 fn specular_adaptive_evaluation_matches_full_resolution() {
     let mesh = room();
@@ -51,8 +50,8 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
     }
 }
 
-/// If every light visible around a node is evaluated, the sum of changes is the sum of
-/// the lights. A light that all nodes around see dark is not asked: few notice.
+/// The sum of changes equals the sum of the lights if every light visible around a node is
+/// evaluated. A light that is dark at all nodes around is not evaluated, which affects few nodes.
 #[test]
 fn specular_full_refinement_equals_sum_of_lights() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 40), 0.25);
@@ -76,9 +75,9 @@ fn specular_full_refinement_equals_sum_of_lights() {
         }
     }
     println!("{checked} nodes, {off} not exact");
-    // Halves round at every level.
+    // 16-bit floats round at every level.
     assert!(checked > 500 && off * 100 < checked, "{off} of {checked}");
-    // One light's color is wrong: seen.
+    // One light's color is wrong: the test detects it.
     let mut wrong = Scene::new(SMALL, scene.vpls.clone(), 0.25);
     wrong.view.scale = scene.view.scale;
     wrong.vpls[7].flux[0] *= 3.0;
@@ -121,7 +120,7 @@ fn specular_rough_or_unlit_pixels_are_not_evaluated() {
     let found = scene.run(&SpecularSettings::default());
     assert_eq!(found.evaluated.iter().sum::<u64>(), 0);
     assert!(found.texels.iter().all(|t| *t == [0.0; 4]));
-    // What is half dull shows a part: no step where roughness crosses the bound.
+    // Half-dull surfaces show a part: no step where roughness crosses the bound.
     let params = scene.params(&SpecularSettings::default()).1;
     let of = |roughness| {
         shown(

@@ -48,8 +48,8 @@ fn decisions_cited(text: &str) -> BTreeSet<u32> {
         .collect()
 }
 
-/// Relative links of a Markdown text that lead nowhere. Pictures are left out, for pages are read
-/// without them too.
+/// Returns relative links of a Markdown text without a target. Pictures are exempt because pages
+/// are also read without them.
 fn dead_links(text: &str, exists: impl Fn(&str) -> bool) -> Vec<String> {
     let mut dead = Vec::new();
     for (i, _) in text.match_indices("](") {
@@ -104,7 +104,7 @@ fn preset(source: &str, name: &str) -> Vec<f64> {
         .collect()
 }
 
-/// The numbers of the table row of a Markdown text whose first cell is `name` in code type.
+/// Returns the numbers of the row of a Markdown table with `name` in code type in its first cell.
 fn row(text: &str, name: &str) -> Vec<f64> {
     let head = format!("| `{name}` |");
     text.lines()
@@ -130,7 +130,7 @@ fn citations_are_defined_in_the_bibliography() {
         ("docs", ["md"]),
     ] {
         for (path, text) in files(folder, &endings) {
-            // This file's bad examples are none of its citations.
+            // The bad examples of this file do not count as citations.
             if path.contains("tests/repository/") {
                 continue;
             }

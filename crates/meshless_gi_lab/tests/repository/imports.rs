@@ -20,7 +20,7 @@ fn order(lib: &str) -> Vec<String> {
         .collect()
 }
 
-/// The module that a file of a `src/` belongs to; none for `lib.rs`.
+/// Returns the module of a file of a `src/`. Returns `None` for `lib.rs`.
 fn module_of(path: &str) -> Option<&str> {
     let (_, path) = path.split_once("src/")?;
     let first = path.split('/').next()?;
@@ -48,7 +48,7 @@ fn named_after<'a>(code: &'a str, prefix: &str) -> Vec<(usize, &'a str)> {
             names.push((line, word(rest)));
             continue;
         };
-        // A group: its items on the first level.
+        // A group: its items at nesting depth 0.
         let mut depth = 0;
         let mut item = 0;
         for (i, c) in group.char_indices() {
@@ -71,7 +71,7 @@ fn named_after<'a>(code: &'a str, prefix: &str) -> Vec<(usize, &'a str)> {
     names
 }
 
-/// Uses of a module that stands further down in `order`. Unit tests may use what they like.
+/// Returns uses of a module further down in `order`. Unit tests may use any module.
 fn imports_upwards(path: &str, text: &str, order: &[String]) -> Vec<String> {
     let Some(own) = module_of(path).filter(|_| !path.ends_with("/tests.rs")) else {
         return Vec::new();
@@ -163,7 +163,7 @@ fn import_check_detects_violations() {
     assert_eq!(check("src/scene/mod.rs", "use super::frame::X;"), 1);
     assert_eq!(check("src/scene/b/c.rs", "use super::super::frame::X;"), 1);
     assert_eq!(check("src/elsewhere/a.rs", ""), 1);
-    // What is allowed, or no code.
+    // Allowed imports, or text that is not code.
     assert_eq!(check("src/gpu/a.rs", "use crate::frame::X;"), 0);
     assert_eq!(
         check(
@@ -180,7 +180,7 @@ fn import_check_detects_violations() {
         check("src/scene/a.rs", r#"let s = "\"crate::gpu"; let c = '"'; "#),
         0
     );
-    // Quotes and lifetimes do not hide what follows.
+    // Quotes and lifetimes do not hide the code after them.
     assert_eq!(
         check(
             "src/scene/a.rs",

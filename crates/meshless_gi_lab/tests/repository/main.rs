@@ -1,4 +1,4 @@
-//! Rules of the repository. The checks read text only. Each one also fails on a bad example.
+//! Checks of the repository. They read text only. Each one also fails on a bad example.
 //!
 //! | module | rules |
 //! |---|---|

@@ -63,7 +63,7 @@ const REFUSED_NAMES: [(&str, &str); 20] = [
     ("free_places", "sample_light_positions"),
 ];
 
-/// Former members: a field or function in a file whose name ends so, with its replacement.
+/// Former members: a field or function in a file with this name ending, and its replacement.
 const REFUSED_MEMBERS: [(&str, &str, &str); 14] = [
     ("frame/subsplat.rs", "coarsest", "coarsest_level"),
     ("frame/subsplat.rs", "finest", "finest_level"),
@@ -101,7 +101,7 @@ fn wrong_openers(path: &str, text: &str) -> Vec<String> {
     found
 }
 
-/// Comments in which code does what people do.
+/// Returns comments that describe code with verbs of people.
 fn people(path: &str, text: &str) -> Vec<String> {
     text.lines()
         .enumerate()
@@ -181,7 +181,7 @@ fn refused(path: &str, text: &str) -> Vec<String> {
     found
 }
 
-/// All texts that the rules hold for. This file has the words as examples.
+/// Returns all texts that the writing rules apply to. This file has the words as examples.
 fn texts() -> Vec<(String, String)> {
     let mut all = Vec::new();
     for folder in ["src", "crates", "shaders", "examples", "tests", "docs"] {

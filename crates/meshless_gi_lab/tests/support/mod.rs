@@ -33,7 +33,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Below `n`; 0 for n = 0.
+    /// Returns a number below `n`. Returns 0 for n = 0.
     pub fn below(&mut self, n: usize) -> usize {
         if n == 0 {
             0
@@ -42,7 +42,7 @@ impl Random {
         }
     }
 
-    /// In [0, 1).
+    /// Returns a number in [0, 1).
     pub fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / (1u64 << 24) as f32
     }
@@ -63,19 +63,19 @@ pub struct Make {
     /// Cells larger than the bake makes them, so that the grid has to be stored.
     pub own_grid: bool,
     pub triangles: usize,
-    /// An octree, with links beside it or instead.
+    /// Octree, in addition to links or instead of them.
     pub octree: Option<bool>,
     /// Links to the terms of a sky that varies.
     pub sky: bool,
     /// Materials that change.
     pub live: bool,
-    /// Doors.
+    /// `true` if the scene has occluders.
     pub occluded: bool,
-    /// Points have visibility data.
+    /// `true` if points have visibility data.
     pub remembers: bool,
 }
 
-/// One scene of each sort.
+/// Returns one scene of each sort.
 pub fn makes() -> Vec<Make> {
     let plain = Make {
         seed: 1,
@@ -161,7 +161,7 @@ pub fn makes() -> Vec<Make> {
     ]
 }
 
-/// Facts about a bake of so many triangles.
+/// Returns facts about a bake of `triangles` triangles.
 fn info(triangles: u64) -> BakeInfo {
     let mut info = BakeInfo::default();
     info.version = "0.0.0".into();
@@ -425,8 +425,8 @@ fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
         .0
 }
 
-/// Two occluders, of one triangle each; half of every third link passes the first, and one way or
-/// another the second.
+/// Adds two occluders of one triangle each. Half of every third link passes the first occluder, and
+/// in one way or another the second.
 fn occlude(scene: &mut BakedScene) {
     let count = scene.data().bvh.triangles.len();
     for (k, triangle) in scene.data_mut().bvh.triangles[count - 2..]
@@ -463,8 +463,8 @@ fn occlude(scene: &mut BakedScene) {
     });
 }
 
-/// An octree whose four lists all have entries, over a position that has nothing to do with the
-/// scene: two walls that face each other, and a floor.
+/// Returns an octree with entries in all four lists, over positions unrelated to the scene: two
+/// walls that face each other, and a floor.
 fn octree(scene: &BakedScene) -> FmmOperator {
     let r = &mut Random(99);
     let (finest, senders) = (scene.data().finest_senders(), scene.data().senders());
@@ -505,8 +505,8 @@ fn octree(scene: &BakedScene) -> FmmOperator {
     operator
 }
 
-/// Clusters of three senders and what is left, with the constant vector and one more of length one
-/// each; the sky's column behind them.
+/// Returns clusters of three senders and a cluster of the remaining ones. Each has the constant
+/// vector and one more of length one. The sky's column follows them.
 fn columns(own: Vec<u32>, senders: u32) -> Compression {
     let mut out = Compression::default();
     let mut push = |member: usize, halves: &[u32], scale: f32| {
@@ -539,7 +539,7 @@ fn columns(own: Vec<u32>, senders: u32) -> Compression {
     out
 }
 
-/// A tree that takes one triangle off at each level.
+/// Returns a tree that splits off one triangle per tree depth.
 fn chain(triangles: usize) -> Vec<BvhNode> {
     let node = |first: u32, count: u32| BvhNode {
         min: [-1.1; 3],

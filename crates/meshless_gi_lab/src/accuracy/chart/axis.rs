@@ -1,29 +1,28 @@
-//! Axes of a chart: which part of the numbers they show, where they have ticks, and what is written
-//! there.
+//! Axes of a chart: range, ticks and their text.
 
 /// Mapping of an axis from numbers to lengths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scale {
-    /// Equal differences are equal lengths.
+    /// Linear scale: equal differences are equal lengths.
     #[default]
     Linear,
-    /// Equal ratios are equal lengths. Shows what is above 0.
+    /// Logarithmic scale: equal ratios are equal lengths. Numbers must be above 0.
     Log,
 }
 
 /// Number format of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Format {
-    /// As they are; very large and very small ones with an exponent.
+    /// Plain numbers. Very large and very small ones have an exponent.
     #[default]
     Number,
-    /// Shares as per cent: 0.05 is 5 %.
+    /// Fractions as per cent: 0.05 is 5 %.
     Percent,
-    /// With k, M and G for thousands, millions and billions.
+    /// Numbers with k, M and G for thousands, millions and billions.
     Si,
 }
 
-/// An axis of a chart.
+/// Axis of a chart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
     /// Title with the unit: "bake time, s".
@@ -32,13 +31,13 @@ pub struct Axis {
     pub scale: Scale,
     /// Number format.
     pub format: Format,
-    /// From where to where; as the data are where this is none or makes no sense. What lies beyond
-    /// is cut off.
+    /// Range of the axis. Data beyond it are cut off. If it is `None` or invalid, the range of the
+    /// data is used.
     pub range: Option<(f64, f64)>,
 }
 
 impl Axis {
-    /// A linear axis.
+    /// Creates a linear axis.
     #[must_use]
     pub fn linear(label: impl Into<String>, format: Format) -> Self {
         Self {
@@ -48,7 +47,7 @@ impl Axis {
         }
     }
 
-    /// A logarithmic axis.
+    /// Creates a logarithmic axis.
     #[must_use]
     pub fn log(label: impl Into<String>, format: Format) -> Self {
         Self {
@@ -58,23 +57,22 @@ impl Axis {
     }
 }
 
-/// Numbers beyond this, or its inverse on a logarithmic axis, are left out: nothing that is
-/// measured reaches it, and differences stay finite.
+/// Limit of the numbers on an axis. Larger numbers, and on a logarithmic axis those below its
+/// inverse, are left out. No measurement reaches it, and differences stay finite.
 const MAX: f64 = 1e100;
 
-/// An axis with the range of its data.
+/// Axis fitted to its data.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     scale: Scale,
-    /// Ends in the scale's own measure (the logarithm, or the number itself); the second is the
-    /// greater.
+    /// Ends of the axis, the smaller one first. They are logarithms on a logarithmic axis.
     ends: (f64, f64),
     /// Positions of the ticks and their text. A tick without text is small.
     pub ticks: Vec<(f64, String)>,
 }
 
 impl Fitted {
-    /// Fits `axis` to the numbers of `data` that it can show.
+    /// Fits `axis` to the valid numbers of `data`.
     pub fn new(axis: &Axis, data: impl Iterator<Item = f64>) -> Self {
         let given = axis
             .range
@@ -101,7 +99,8 @@ impl Fitted {
         }
     }
 
-    /// Relative position of `v` between the ends: 0 to 1 within them. `None` if it cannot be shown.
+    /// Returns the relative position of `v` between the ends: 0 to 1 within them. Returns `None` if
+    /// the axis cannot show `v`.
     pub fn at(&self, v: f64) -> Option<f64> {
         let (from, to) = self.ends;
         Some((measure(self.scale, v)? - from) / (to - from))
@@ -115,7 +114,7 @@ fn measure(scale: Scale, v: f64) -> Option<f64> {
     }
 }
 
-/// The ends of what `data` show, with some room around it.
+/// Returns the range of the valid numbers of `data`, with a margin.
 fn span(scale: Scale, data: impl Iterator<Item = f64>) -> (f64, f64) {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in data.filter_map(|v| measure(scale, v)) {
@@ -128,16 +127,16 @@ fn span(scale: Scale, data: impl Iterator<Item = f64>) -> (f64, f64) {
     let room = match (scale, high - low) {
         (Scale::Log, width) => 0.06 * width.max(1.0),
         (Scale::Linear, width) if width > 1e-9 * low.abs().max(high.abs()) => 0.04 * width,
-        // All the same number.
+        // All numbers are equal.
         (Scale::Linear, _) if low == 0.0 => 1.0,
         (Scale::Linear, _) => 0.5 * low.abs(),
     };
-    // Nothing is below nothing, unless there is.
+    // The range extends below 0 only if the data do.
     let below = match scale {
         Scale::Linear if low >= 0.0 => (low - room).max(0.0),
         _ => low - room,
     };
-    // Ticks at the ends must not lie beyond what can be shown.
+    // Keeps ticks at the ends within the limit.
     let max = match scale {
         Scale::Linear => MAX,
         Scale::Log => libm::log10(MAX),
@@ -145,8 +144,8 @@ fn span(scale: Scale, data: impl Iterator<Item = f64>) -> (f64, f64) {
     (below.max(-max), (high + room).min(max))
 }
 
-/// Ticks at multiples of 1, 2 or 5 times a power of ten, five to ten of them; the ends go on to the
-/// next ticks unless they are fixed.
+/// Returns the ends and five to ten ticks at multiples of 1, 2 or 5 times a power of ten. The ends
+/// are extended to the next ticks unless they are fixed.
 fn linear((low, high): (f64, f64), fixed: bool) -> ((f64, f64), Vec<(f64, bool)>) {
     let rough = (high - low) / 6.0;
     let power = libm::pow(10.0, libm::floor(libm::log10(rough)));
@@ -162,7 +161,7 @@ fn linear((low, high): (f64, f64), fixed: bool) -> ((f64, f64), Vec<(f64, bool)>
             libm::floor(high / step + 1e-9),
         ),
     };
-    // Far from zero, steps may be too fine for the numbers.
+    // Far from zero, the step may be below the precision of the numbers.
     if !(last - first <= 20.0 && (first + 1.0) * step > first * step) {
         return ((low, high), vec![(low, true), (high, true)]);
     }
@@ -176,8 +175,8 @@ fn linear((low, high): (f64, f64), fixed: bool) -> ((f64, f64), Vec<(f64, bool)>
     (ends, ticks)
 }
 
-/// Ticks of a logarithmic axis: named ones at powers of ten, and at 2 and 5 times those, or at
-/// more, where there are few powers; small ones at all multiples.
+/// Returns the ticks of a logarithmic axis. Ticks with text are at powers of ten. With few powers,
+/// they are also at 2 and 5 times those, or at more multiples. Small ticks are at all multiples.
 fn log((low, high): (f64, f64)) -> Vec<(f64, bool)> {
     const SETS: [&[f64]; 3] = [&[1.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 5.0, 7.0]];
     let (first, last) = (libm::floor(low) as i32, libm::ceil(high) as i32);
@@ -196,12 +195,12 @@ fn log((low, high): (f64, f64)) -> Vec<(f64, bool)> {
         .map(|set| of(set))
         .find(|ticks| ticks.len() >= 4)
         .unwrap_or_else(|| {
-            // Less than half a power of ten: as on a linear axis.
+            // Ranges below half a power of ten have the ticks of a linear axis.
             let (low, high) = (libm::pow(10.0, low), libm::pow(10.0, high));
             let (_, ticks) = linear((low, high), true);
             ticks.into_iter().map(|t| t.0).collect()
         });
-    // No more than fit.
+    // At most ten ticks have text.
     let every = named.len().div_ceil(10);
     let mut ticks: Vec<(f64, bool)> = named.iter().step_by(every).map(|v| (*v, true)).collect();
     if last - first <= 8 {
@@ -217,12 +216,12 @@ fn log((low, high): (f64, f64)) -> Vec<(f64, bool)> {
     ticks
 }
 
-/// k · 10^e, without what multiplying would round.
+/// Returns k · 10^e without the rounding of a multiplication.
 fn power(k: f64, e: i32) -> f64 {
     format!("{k}e{e}").parse().unwrap_or(f64::NAN)
 }
 
-/// Number of decimals that distinguish the ticks of an axis.
+/// Returns the number of decimals that distinguish the ticks of an axis.
 fn decimals(ticks: &[f64], format: Format) -> usize {
     let scale = if format == Format::Percent {
         100.0
@@ -241,7 +240,7 @@ fn decimals(ticks: &[f64], format: Format) -> usize {
 }
 
 fn write(v: f64, format: Format, scale: Scale, decimals: usize) -> String {
-    // On a logarithmic axis each number has as many decimals as it needs.
+    // On a logarithmic axis, each number has its own number of decimals.
     let fixed = |v: f64| match scale {
         Scale::Linear => format!("{v:.decimals$}"),
         Scale::Log => {
@@ -313,7 +312,7 @@ mod tests {
             found.contains(&"10 k".into()) && found.contains(&"1 M".into()),
             "{found:?}"
         );
-        // Hardly a range at all.
+        // An almost empty range.
         assert!(named(&log, &[0.0201, 0.0202]).len() >= 3);
     }
 

@@ -1,11 +1,11 @@
 //! Charts as SVG text: measurements and curves on linear or logarithmic axes, readable in light and
 //! dark viewers.
 //!
-//! A chart is data; [`Chart::svg`] draws it. The same data gives the same text, with coordinates to
-//! a tenth of a pixel, so that charts in a repository differ by what was measured. Colors are those
-//! of Okabe and Ito, which are distinct with any kind of color vision, and each series has its
-//! own marker as well. What cannot be drawn (a number that is none, nothing or less on a
-//! logarithmic axis) is left out and counted below the chart.
+//! [`Chart`] holds the data, and [`Chart::svg`] draws them. The same data give the same text, and
+//! coordinates are rounded to a tenth of a pixel. Charts in a repository then change only if the
+//! measurements do. The colors are those of Okabe and Ito, which are distinct with any kind of
+//! color vision. Each series has its own marker as well. Points that cannot be drawn are left out
+//! and counted below the chart. Examples are NaN, and numbers of at most 0 on a logarithmic axis.
 
 mod axis;
 mod labels;
@@ -13,12 +13,12 @@ mod svg;
 
 pub use axis::{Axis, Format, Scale};
 
-/// A chart.
+/// Chart with axes and series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Chart {
-    /// Headline.
+    /// Title.
     pub title: String,
-    /// A line below it: what was measured, and how to read it. May be empty.
+    /// Caption below the title: the measured quantities and advice for reading. May be empty.
     pub caption: String,
     /// Horizontal axis.
     pub x: Axis,
@@ -26,56 +26,54 @@ pub struct Chart {
     pub y: Axis,
     /// Series in drawing order: later ones cover earlier ones.
     pub series: Vec<Series>,
-    /// Horizontal lines to compare with: their height on the y axis, and what to write on them, if
-    /// anything.
+    /// Horizontal guide lines: height on the y axis, and label, which may be empty.
     pub guides: Vec<(f64, String)>,
 }
 
-/// One series of a chart, with its own color, marker and entry in the legend.
+/// Series of a chart with its own color, marker and entry in the legend.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
-    /// The legend's text.
+    /// Text of the legend.
     pub name: String,
     /// Drawing style.
     pub style: Style,
-    /// Its positions, in the order in which a line joins them.
+    /// Points in the order in which a line joins them.
     pub points: Vec<Mark>,
-    /// Color and marker of the series of this number, instead of its own: for a front or a fit that
-    /// belongs to another series.
+    /// Index of the series whose color and marker are used, such as for a front or a fit of that
+    /// series. `None` means its own color and marker.
     pub like: Option<usize>,
 }
 
-/// A position on a chart.
+/// Point of a series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mark {
-    /// On the horizontal axis.
+    /// Coordinate on the horizontal axis.
     pub x: f64,
-    /// On the vertical axis.
+    /// Coordinate on the vertical axis.
     pub y: f64,
-    /// Written beside it, where that is not empty and there is room.
+    /// Text next to the point. It is drawn if it is not empty and there is enough space.
     pub label: String,
-    /// Shown by viewers that show such things when the pointer rests on the marker; the label,
-    /// where this is empty.
+    /// Tooltip of the marker in viewers that support it. If it is empty, the label is used.
     pub hint: String,
 }
 
 /// Drawing style of a series.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Style {
-    /// Markers.
+    /// Markers only.
     #[default]
     Points,
-    /// A line.
+    /// Line without markers.
     Line,
-    /// A line with markers.
+    /// Line with markers.
     LineAndPoints,
-    /// A Pareto front: steps that bound what is not better anywhere, with a ring around each
-    /// position. Give it the positions of the front alone, see [`super::pareto_front`].
+    /// Pareto front: steps that bound the dominated region, with a ring around each point. All
+    /// points must be on the front. See [`super::pareto_front`].
     Front,
 }
 
 impl Mark {
-    /// A position without a label.
+    /// Creates a point without a label.
     #[must_use]
     pub fn new(x: f64, y: f64) -> Self {
         Self {
@@ -85,7 +83,7 @@ impl Mark {
         }
     }
 
-    /// The same position with a label.
+    /// Returns the point with a label.
     #[must_use]
     pub fn labeled(self, label: impl Into<String>) -> Self {
         Self {
@@ -96,7 +94,7 @@ impl Mark {
 }
 
 impl Series {
-    /// A series of positions without labels.
+    /// Creates a series of points without labels.
     #[must_use]
     pub fn new(
         name: impl Into<String>,
@@ -113,7 +111,7 @@ impl Series {
 }
 
 impl Chart {
-    /// The chart as an SVG document.
+    /// Returns the chart as an SVG document.
     #[must_use]
     pub fn svg(&self) -> String {
         svg::draw(self)

@@ -1,27 +1,27 @@
-//! A chart drawn as SVG text.
+//! SVG output of a chart.
 
 use super::axis::Fitted;
 use super::labels::{self, Area};
 use super::{Chart, Mark, Series, Style};
 use std::fmt::Write;
 
-/// Size of the picture, pixels.
+/// Size of the image, pixels.
 const SIZE: (f64, f64) = (900.0, 560.0);
-/// Room for the legend on the right.
+/// Width of the legend on the right, pixels.
 const LEGEND: f64 = 190.0;
-/// The frame of the data: left, top, right, bottom.
+/// Frame of the data, pixels: left, top, right, bottom.
 const FRAME: Area = Area(82.0, 72.0, SIZE.0 - LEGEND - 16.0, SIZE.1 - 74.0);
-/// Colors that are distinct with any kind of color vision, after Okabe and Ito; their yellow
-/// is too light on white.
+/// Colors that are distinct with any kind of color vision, after Okabe and Ito. Their yellow is
+/// left out, because it is too light on white.
 const COLORS: [&str; 7] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000",
 ];
-/// Dashes of lines, so that they differ where colors do not show.
+/// Dash patterns that distinguish lines without color.
 const DASHES: [&str; 4] = ["", "7 3", "2 3", "9 3 2 3"];
 const INK: &str = "#222222";
 const FAINT: &str = "#666666";
 
-/// A series on the picture.
+/// Series with positions in the image.
 struct Placed<'a> {
     series: &'a Series,
     look: usize,
@@ -29,10 +29,10 @@ struct Placed<'a> {
     at: Vec<Option<(f64, f64)>>,
 }
 
-/// The chart as an SVG document.
+/// Returns the chart as an SVG document.
 pub fn draw(chart: &Chart) -> String {
     let all = || chart.series.iter().flat_map(|s| &s.points);
-    // What one axis cannot show does not stretch the other.
+    // Points that one axis cannot show do not affect the range of the other.
     let probe = |axis| Fitted::new(axis, std::iter::empty());
     let (any_x, any_y) = (probe(&chart.x), probe(&chart.y));
     let shown = |m: &&Mark| any_x.at(m.x).is_some() && any_y.at(m.y).is_some();
@@ -40,7 +40,7 @@ pub fn draw(chart: &Chart) -> String {
     let y = Fitted::new(&chart.y, all().filter(shown).map(|m| m.y));
     let across = |t: f64| FRAME.0 + t * (FRAME.2 - FRAME.0);
     let up = |t: f64| FRAME.3 - t * (FRAME.3 - FRAME.1);
-    // Far outside is as good as farther, and stays a short number.
+    // Clamps coordinates far outside of the frame, which keeps the numbers short.
     let position_of = |m: &Mark| {
         let far = |t: f64| t.clamp(-20.0, 20.0);
         Some((across(far(x.at(m.x)?)), up(far(y.at(m.y)?))))
@@ -76,13 +76,13 @@ pub fn draw(chart: &Chart) -> String {
     out
 }
 
-/// A coordinate to a tenth of a pixel.
+/// Formats a coordinate to a tenth of a pixel.
 fn n(v: f64) -> String {
     // Adding zero turns −0 into 0.
     format!("{:.1}", (v * 10.0).round() / 10.0 + 0.0)
 }
 
-/// Text that XML takes for text, whatever is in it.
+/// Escapes text for XML and removes characters that XML does not allow.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -128,7 +128,7 @@ fn head(out: &mut String, chart: &Chart) {
     );
 }
 
-/// Lines and texts of the ticks, and the frame.
+/// Draws the grid lines and texts of the ticks, and the frame.
 fn grid(
     out: &mut String,
     x: &Fitted,
@@ -190,7 +190,7 @@ fn grid(
     *out += &names;
 }
 
-/// Title, caption and the names of the axes.
+/// Draws the title, the caption and the names of the axes.
 fn words(out: &mut String, chart: &Chart) {
     let Area(left, top, right, bottom) = FRAME;
     text(
@@ -242,7 +242,7 @@ fn color(look: usize) -> &'static str {
     COLORS[look % COLORS.len()]
 }
 
-/// The line of a series, where it has one.
+/// Draws the line of a series if it has one.
 fn line(out: &mut String, placed: &Placed) {
     if placed.series.style == Style::Points {
         return;
@@ -257,7 +257,7 @@ fn line(out: &mut String, placed: &Placed) {
                 let _ = write!(path, "M{} {}", n(*x), n(*y));
                 before = true;
             }
-            // What costs as much as this position is as good as the one before it.
+            // A front is a step function: constant up to the next point.
             Some((x, y)) if front => {
                 let _ = write!(path, "H{}V{}", n(*x), n(*y));
             }
@@ -302,7 +302,7 @@ fn markers(out: &mut String, placed: &Placed) {
     }
 }
 
-/// One marker; each look has its own shape.
+/// Draws a marker. Each style index has its own shape.
 fn marker(out: &mut String, style: Style, look: usize, (x, y): (f64, f64), hint: &str) {
     let color = color(look);
     let r = 5.0;
@@ -351,7 +351,7 @@ fn marker(out: &mut String, style: Style, look: usize, (x, y): (f64, f64), hint:
     };
 }
 
-/// The labels of the positions.
+/// Draws the labels of the points.
 fn texts(out: &mut String, placed: &[Placed]) {
     let mut taken: Vec<Area> = placed
         .iter()
@@ -360,7 +360,7 @@ fn texts(out: &mut String, placed: &[Placed]) {
         .filter(|at| inside(**at))
         .map(|at| Area::around(*at, 6.0))
         .collect();
-    // The steps of fronts, as thin boxes.
+    // Thin boxes around the steps of fronts.
     for p in placed.iter().filter(|p| p.series.style == Style::Front) {
         for pair in p.at.windows(2) {
             if let [Some((x0, y0)), Some((x1, y1))] = *pair {
@@ -377,7 +377,7 @@ fn texts(out: &mut String, placed: &[Placed]) {
             let Some(at) = labels::put(&mark.label, at, &FRAME, &mut taken) else {
                 continue;
             };
-            // A white rim keeps them readable over lines.
+            // A white outline keeps them readable over lines.
             let rim = " paint-order=\"stroke\" stroke=\"#ffffff\" stroke-width=\"3\" stroke-linejoin=\"round\"";
             text(out, at, labels::HEIGHT, rim, &mark.label);
         }
@@ -411,7 +411,7 @@ fn legend(out: &mut String, placed: &[Placed]) {
     }
 }
 
-/// `text` in lines of at most `max` pixels, where its spaces allow it.
+/// Wraps `text` at its spaces into lines of at most `max` pixels.
 fn wrapped(text: &str, max: f64, size: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split(' ') {
@@ -426,7 +426,7 @@ fn wrapped(text: &str, max: f64, size: f64) -> Vec<String> {
     lines
 }
 
-/// Number of missing points.
+/// Draws the number of missing points.
 fn foot(out: &mut String, placed: &[Placed]) {
     let all = || placed.iter().flat_map(|p| &p.at);
     let missing = all().filter(|at| at.is_none()).count();

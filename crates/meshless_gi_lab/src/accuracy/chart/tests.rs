@@ -1,8 +1,8 @@
-//! Tests of a chart's text, for any content.
+//! Tests of the SVG text of charts.
 
 use super::*;
 
-/// Numbers of all attributes that hold coordinates.
+/// Returns the numbers of all attributes that hold coordinates.
 fn numbers(svg: &str) -> Vec<f64> {
     let mut found = Vec::new();
     for name in ["d", "points", "x", "y", "cx", "cy", "width", "height"] {
@@ -18,7 +18,7 @@ fn numbers(svg: &str) -> Vec<f64> {
     found
 }
 
-/// The texts of a document; a panic where it is no XML.
+/// Returns the texts of a document. Panics if it is not XML.
 fn texts(svg: &str) -> Vec<String> {
     let document = roxmltree::Document::parse(svg).unwrap_or_else(|why| panic!("{why}: {svg}"));
     assert_eq!(document.root_element().tag_name().name(), "svg");
@@ -72,7 +72,7 @@ fn chart_is_valid_xml_with_all_series() {
     }
     assert!(svg.contains("#ffffff"));
     assert!(!svg.contains("far") && !svg.contains("not shown") && !svg.contains("no data"));
-    // The front goes over, then down.
+    // The front is drawn horizontally, then vertically.
     let front = svg.lines().find(|l| l.contains("stroke-opacity=\"0.55\""));
     let front = front.expect("a front");
     assert!(front.contains('H') && front.contains('V') && front.contains("#0072b2"));
@@ -103,7 +103,7 @@ fn chart_positions_match_axes() {
         .filter(|l| l.starts_with("<circle"))
         .map(|l| l.split(" r=").next().unwrap_or_default())
         .collect();
-    // The last is the legend's.
+    // The last marker belongs to the legend.
     assert_eq!(
         at[..3],
         [

@@ -1,4 +1,4 @@
-//! Closed rooms that reflect nearly all light, where every error of a reflection comes back a
+//! Closed rooms that reflect nearly all light, which amplify every error of a reflection a
 //! hundredfold: the furnace, B = M / (1 − ρ).
 
 use super::support::{baked, closed, irradiances, mean, mesh, small};
@@ -9,18 +9,18 @@ use meshless_gi::{
 };
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// A room of 2 m whose walls emit 1 W/m² and reflect `albedo`.
+/// Bakes a room of 2 m with walls that emit 1 W/m² and reflect `albedo`.
 fn furnace(albedo: f32, recipe: &Recipe) -> BakedScene {
     let glowing = Material::emissive(Vec3::splat(albedo), Vec3::splat(FRAC_1_PI));
     baked(&closed(glowing), recipe).scene
 }
 
-/// Σ ρ^k over the first `count` terms: what arrives after so many steps.
+/// Returns Σ ρ^k over the first `count` terms: the light after `count` steps.
 fn series(albedo: f32, count: u32) -> f32 {
     (0..count).map(|k| albedo.powi(k as i32)).sum()
 }
 
-/// Largest deviation of any point's light from `right`, relative to it.
+/// Returns the largest deviation of any point's light from `right`, relative to it.
 fn off(frame: &CpuFrame, scene: &BakedScene, right: f32) -> f32 {
     let values = irradiances(frame, scene);
     let off = values
@@ -43,7 +43,7 @@ fn furnace_converges_to_geometric_series() {
             let off = off(&frame, &scene, series(albedo, sweeps + 1));
             assert!(off < 1e-4, "ρ {albedo}, {sweeps} sweeps: off by {off}");
         }
-        // A frame's largest number of sweeps is not enough where walls reflect 99 %: 7.6 % are
+        // A frame's largest number of sweeps is not enough if walls reflect 99 %: 7.6 % are
         // missing.
         let whole = 1.0 / (1.0 - albedo);
         let missing = off(&frame, &scene, whole);
@@ -76,7 +76,7 @@ fn converged_bounces_match_infinite_series() {
     }
 }
 
-/// However much is truncated, a row keeps its mass; so does the series in the bake.
+/// A row keeps its mass under any truncation, and so does the series in the bake.
 #[test]
 fn truncation_and_baked_bounces_conserve_energy() {
     for (epsilon, bounce_mode) in [(0.5, BounceMode::Runtime), (0.03, BounceMode::Baked)] {
@@ -100,8 +100,8 @@ fn truncation_and_baked_bounces_conserve_energy() {
     }
 }
 
-/// Subdivided octahedron, radius 1, faces toward the inside; every face is a triangle of `rounds`
-/// halvings.
+/// Returns a subdivided octahedron of radius 1 with faces toward the inside. Every face is a
+/// triangle of `rounds` halvings.
 fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     let mut out = Vec::new();
@@ -121,8 +121,8 @@ fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
     out
 }
 
-/// Inside a sphere every position gets the same of what any other reflects: whatever the light's
-/// position, E = ρ Φ / (A (1 − ρ)) everywhere.
+/// Inside a sphere reflected light is the same everywhere: E = ρ Φ / (A (1 − ρ)) for any position
+/// of the light.
 #[test]
 fn light_in_sphere_gives_uniform_irradiance() {
     let triangles = sphere(4);
@@ -160,8 +160,8 @@ fn light_in_sphere_gives_uniform_irradiance() {
     );
 }
 
-/// Lossless reflection has no solution: the bake lowers what the walls reflect
-/// to 99.9 %, and says so.
+/// Lossless reflection has no solution: the bake lowers the albedo of the walls to 99.9 % and
+/// reports it.
 #[test]
 fn lossless_walls_get_lowered_albedo() {
     let white = Material::emissive(Vec3::ONE, Vec3::splat(FRAC_1_PI));
@@ -198,8 +198,9 @@ fn lossless_walls_get_lowered_albedo() {
     }
 }
 
-/// The same walls with one side open: light leaves, and nothing needs to be lowered. The rows at
-/// the back see no opening, so that their sums prove nothing; the iterated bound does.
+/// The same walls with one side open: light leaves, and the bake lowers no albedo. The opening is
+/// not visible from the back, so the row sums there prove nothing. The iterated bound proves
+/// convergence.
 #[test]
 fn open_room_with_lossless_walls_keeps_albedo() {
     let mut triangles = super::support::room(Vec3::ZERO, Vec3::splat(2.0));

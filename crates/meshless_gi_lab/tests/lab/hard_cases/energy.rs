@@ -7,7 +7,7 @@ use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Recipe, TransportMethod,
 };
 
-/// Σ_j F_ij·n_i of point `i` over all links, the sky's among them.
+/// Returns Σ_j F_ij·n_i of point `i` over all links, including those to the sky.
 fn row_sum(scene: &BakedScene, i: usize) -> f64 {
     let row = &scene.data().operator.rows[i];
     let n = scene.data().points[i].n().as_dvec3();
@@ -34,7 +34,7 @@ fn transport_rows_sum_to_hemisphere() {
         assert!(worst < 1e-6 && energy.row_deviation < 1e-6);
         assert!(energy.row_deviation_rms <= energy.row_deviation);
     }
-    // The paper's rule drops links, and its rows miss what they held: the same figure says so.
+    // The paper's method drops links, and its rows lose their mass: the same figure shows it.
     let paper = Recipe {
         transport: TransportMethod::L08,
         ..small()
@@ -44,7 +44,7 @@ fn transport_rows_sum_to_hemisphere() {
     assert!(energy.row_deviation_rms > 0.01, "{energy:?}");
 }
 
-/// By how much light that bounces grows from sweep to sweep in the end: the change of the senders'
+/// Returns the asymptotic growth of reflected light from sweep to sweep: the change of the senders'
 /// light between two numbers of sweeps.
 fn growth(scene: &BakedScene) -> f64 {
     let mut frame = CpuFrame::new(scene);
@@ -81,7 +81,7 @@ fn spectral_radius_bound_holds_and_is_tight() {
             growth <= f64::from(energy.spectral_radius_bound) * 1.001,
             "{growth} {energy:?}"
         );
-        // Signs leave the paper's rule only the row sums.
+        // Signs leave only the row sums to the paper's method.
         let near = if rule == TransportMethod::Bounded {
             0.9
         } else {

@@ -1,5 +1,5 @@
-//! Levels as artists' tools and broken files make them: what is no triangle is left out and
-//! counted, what is an odd one changes no light.
+//! Scenes with the defects of artists' tools and broken files: invalid triangles are left out and
+//! counted, odd ones change no light.
 
 use super::support::{
     Triangles, baked, closed, cornell, irradiances, lit, mesh, quick, room, small, square,
@@ -34,7 +34,7 @@ fn half() -> Material {
 
 #[test]
 fn sliver_and_duplicate_triangles_change_nothing() {
-    // Strips down to a micrometer, a thousandth of what their neighbors measure, and fans of
+    // Strips down to a micrometer, a thousandth of the size of their neighbors, and fans of
     // needles.
     let strips = walls(|a, u, v| {
         let cuts = [0.0, 0.3, 0.300_000_5, 0.300_5, 0.7, 0.700_000_1, 1.0];
@@ -86,7 +86,7 @@ fn invalid_triangles_are_skipped_and_counted() {
     let problems = dirty.problems();
     assert_eq!((problems.no_area, problems.not_finite), (3, 12));
     let (a, b) = (baked(&clean, &small()).scene, baked(&dirty, &small()).scene);
-    // Bit by bit what the clean level has.
+    // Bit by bit equal to the clean scene.
     assert!(
         a.data().operator == b.data().operator
             && a.data().points == b.data().points
@@ -314,8 +314,8 @@ fn thin_sheets_are_lit_per_side() {
     assert!(e.nrmse < 0.12 && e.bias.abs() < 0.04 && none == 0, "{e:?}");
 }
 
-/// A leaf that hangs in the room under the light: bright above, and below it has what the floor
-/// sends.
+/// A leaf that hangs in the room under the light: its upper side is bright, and its lower side gets
+/// the light of the floor.
 #[test]
 fn sheet_under_light_has_only_floor_light_below() {
     let mut triangles = room(Vec3::ZERO, Vec3::splat(2.0));

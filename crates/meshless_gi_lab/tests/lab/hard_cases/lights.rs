@@ -1,4 +1,4 @@
-//! Lights where they should not be, too strong, and too many.
+//! Lights at invalid positions, too strong, and too many.
 
 use super::support::{baked, closed, cornell, irradiances, mean, mesh, room, small};
 use glam::Vec3;
@@ -13,8 +13,9 @@ fn light_source(x: Vec3, intensity: f32) -> FrameLight {
     FrameLight::point(x, Vec3::splat(intensity), f32::INFINITY)
 }
 
-/// Mean of the light that was reflected once, over that of a light of 1 W/sr in a closed room of 2
-/// m that reflects half of it: ρ Φ / A, wherever the light is.
+/// Returns the mean of the light reflected once, relative to that of a light of 1 W/sr in a closed
+/// room. The room has 2 m edges and reflects half of the light: ρ Φ / A for any position of the
+/// light.
 fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
     frame.set_lights(scene, &[light_source(x, 1.0)]);
     frame.solve(scene, &FrameSettings::bounces(1));
@@ -47,15 +48,15 @@ fn light_near_surface_conserves_energy() {
         assert!((mean - 1.0).abs() < 0.03, "{height}: {mean}");
         assert!(min > 0.85 && max < 1.15, "{height}: {min} to {max}");
     }
-    // In the very plane of the floor it shines past it: the other half of its light. Behind it, on
-    // nothing.
+    // In the plane of the floor the light emits half of its flux past the floor. Behind the floor
+    // it lights nothing.
     let (mean, min, max) = along(0.0);
     assert!((mean - 0.5).abs() < 0.02 && max - min < 0.02, "{mean}");
     assert_eq!(along(-1e-3).2, 0.0);
 }
 
-/// Each of the walls of a corner is lit as if the light were in the middle of it: what shines on
-/// the others is lost, and never gained.
+/// Each of the walls of a corner is lit as if the light were in the middle of it. Light toward the
+/// other walls is lost, and never gained.
 #[test]
 fn light_in_corner_loses_only_mutual_wall_light() {
     let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
@@ -69,7 +70,7 @@ fn light_in_corner_loses_only_mutual_wall_light() {
     }
 }
 
-/// Two rooms with 1 cm between them: a light in the gap, in a wall's very plane or a millimeter
+/// Two rooms with 1 cm between them: a light in the gap, in the plane of a wall or a millimeter
 /// behind one, lights nothing of the room beyond.
 #[test]
 fn light_behind_wall_gives_zero_in_front() {
@@ -113,7 +114,7 @@ fn light_contrast_of_million_fits_f16() {
         light_source(x, 1.0),
         light_source(Vec3::new(0.5, 0.2, 0.9), 1e6),
     ]);
-    // What the screen gets at an exposure that just holds the bright one.
+    // Screen value at an exposure that just holds the bright one.
     let max = bright.iter().map(|e| e.max_element()).fold(0.0, f32::max);
     let exposure = 60_000.0 / max;
     let mut compared = 0;
@@ -122,7 +123,7 @@ fn light_contrast_of_million_fits_f16() {
         assert!((b - 1e6 * a).abs() <= 1e-5 * b.abs());
         assert!((both[k].y - (far[k].y + a)).abs() <= 1e-5 * far[k].y.abs().max(a.abs()));
         let half = half::f16::from_f32(exposure * a).to_f32();
-        // The smallest normal half is 6e-5: what is darker keeps fewer digits.
+        // The smallest normal half is 6e-5: darker values keep fewer digits.
         if exposure * a > 6.2e-5 {
             compared += 1;
             assert!((half / (exposure * a) - 1.0).abs() < 1e-3);
@@ -132,7 +133,7 @@ fn light_contrast_of_million_fits_f16() {
     assert!(2 * compared > dim.len(), "{compared} of {}", dim.len());
 }
 
-/// Light of a pixel stays within the range of halves and is never NaN, for any brightness.
+/// Light of a pixel stays within the range of 16-bit floats and is never NaN, for any brightness.
 #[test]
 fn bright_lights_stay_finite_in_f16() {
     let glare = Material::emissive(Vec3::splat(0.9), Vec3::splat(f32::MAX));
@@ -188,7 +189,7 @@ fn bright_lights_stay_finite_in_f16() {
         let found = evaluator.at(x, Vec3::Y, 0);
         assert!(found.direct.is_finite() && found.indirect.unwrap_or_default().is_finite());
     }
-    // As bright as they come, on the screen.
+    // The brightest lights, on the screen.
     frame.set_lights(&scene, &lights(1e30));
     frame.solve(&scene, &FrameSettings::bounces(4));
     let e = splat::splat(

@@ -1,5 +1,5 @@
-//! Cases in which light transport is known to fail: what is done about each, and that it holds.
-//! `docs/reports/robustness.md` lists them with what was measured.
+//! Known failure cases of light transport, and tests of the remedy for each.
+//! `docs/reports/robustness.md` lists them with the measurements.
 
 mod closed_rooms;
 mod energy;

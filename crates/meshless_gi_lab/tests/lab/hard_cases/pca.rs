@@ -1,5 +1,5 @@
-//! Rule `pca`: bases of direct light that are whole, small, of nothing, and of clusters of one; and
-//! that bakes by it are sound and all alike.
+//! Method `pca`: bases of direct light that are complete, small, empty, and of clusters of one. Its
+//! bakes are sound and all alike.
 
 use super::support::{baked, closed, cornell, irradiances, quick, small};
 use glam::Vec3;
@@ -24,7 +24,7 @@ fn pca() -> Recipe {
     }
 }
 
-/// Irradiance at all points, under three lights of one color each.
+/// Returns the irradiance at all points, under three lights of one color each.
 fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
     let mut frame = CpuFrame::new(scene);
     let light_source = |x: Vec3, color| FrameLight::point(x, color, f32::INFINITY);
@@ -40,7 +40,7 @@ fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
     irradiances(&frame, scene)
 }
 
-/// Root mean square of the difference, over that of what is right.
+/// Returns the root mean square of the difference, relative to that of `right`.
 fn off(values: &[Vec3], right: &[Vec3]) -> f32 {
     let square = |v: Vec3| v.length_squared();
     let differences = values.iter().zip(right).map(|(a, b)| square(a - b));
@@ -62,8 +62,8 @@ fn pca_error_falls_with_vectors() {
             ..parameters()
         })
     };
-    // A hundred lights span clusters of forty: a change of basis, that loses nothing but what
-    // sixteen bits do.
+    // A hundred lights span clusters of forty: a change of basis that loses only the rounding to
+    // sixteen bits.
     let whole = baked(&level, &of(with(1000))).scene;
     let senders = baked(&level, &of(TransportMethod::Bounded)).scene;
     let few = [1, 4, 12].map(|k| baked(&level, &of(with(k))));
@@ -78,7 +78,7 @@ fn pca_error_falls_with_vectors() {
         eprintln!(
             "{bounces} reflections, 1, 4 and 12 coefficients: {errors:.4?}; by links to senders {other:.4}"
         );
-        // Those hand over what the noise of 64 rays hides, even at ε = 0.
+        // Links to senders transfer the light that the noise of 64 rays hides, even at ε = 0.
         assert!(other < 0.06, "{other}");
         assert!(errors.is_sorted_by(|a, b| a > b), "{errors:?}");
         assert!(errors[2] < 0.5 * errors[0] && errors[0] < 1.0, "{errors:?}");
@@ -126,7 +126,7 @@ fn pca_uniform_light_is_exact() {
                 (stats.clusters, stats.components > 100),
                 (stats.components, true)
             ),
-            // Six walls face six ways.
+            // Six walls with six normals.
             _ => assert!(stats.clusters >= 6 && stats.clusters < 16),
         }
     }

@@ -1,5 +1,5 @@
-//! Clouds of points as scanners and broken files make them, baked by links and by the octree of
-//! rule `fmm`: in a closed room of points each has the light of the closed form.
+//! Point clouds as scanners and broken files produce them, baked by links and by the octree of
+//! method `fmm`. In a closed room each cloud has the light of the closed form.
 
 use super::support::{baked, irradiances, lit, mesh, room, small};
 use glam::{Vec2, Vec3};
@@ -30,7 +30,7 @@ fn by(rule: TransportMethod) -> Recipe {
     }
 }
 
-/// Bakes by both rules, looks at every number, and at the light of the room.
+/// Bakes by both methods, and tests every number and the light of the room.
 fn closed_form(name: &str, mesh: &TriangleMesh, scale: f32, max: f32) {
     for rule in [TransportMethod::Bounded, TransportMethod::fmm()] {
         let recipe = Recipe {
@@ -92,8 +92,8 @@ fn duplicate_points_and_zero_normals_change_little() {
     closed_form("no normals", &cloud(none), 1.0, 0.1);
 }
 
-/// A scanner that stood still: ten times as many points as the room has, within a tenth of a
-/// millimeter, looking everywhere.
+/// A stationary scanner: ten times as many points as the room has, within a tenth of a millimeter,
+/// with all orientations.
 #[test]
 fn dense_point_spot_changes_room_little() {
     let mut all = points();
@@ -135,7 +135,7 @@ fn coplanar_points_exchange_no_light() {
             .fold(0.0, f32::max);
         eprintln!("a plane, {rule:?}: at most {max:e}");
         assert!(max < 1e-6, "{rule:?}: {max}");
-        // What it sends is not nothing.
+        // It sends light.
         assert!(frame.senders().iter().flatten().any(|c| *c > 0.01));
     }
 }

@@ -1,20 +1,20 @@
-//! The whole chain again in double precision, from the same baked data: how many digits single
-//! precision loses at each stage.
+//! The whole chain again in double precision, from the same baked data. The tests count the digits
+//! that single precision loses at each stage.
 //!
-//! Stage by stage each gets the single-precision result of the one before, so that its own loss
-//! shows alone; in the end the chain runs in double precision from the light to the position. A
-//! digit lost is a factor of ten over half a unit in the last position, 6e-8.
+//! Each stage gets the single-precision result of the stage before, so that its own loss is
+//! isolated. At the end the chain runs in double precision from the light to the position. A digit
+//! lost is a factor of ten over half a unit in the last position, 6e-8.
 
 use super::support::{baked, cornell, irradiances, small};
 use glam::{DVec3, DVec4, Vec3};
 use meshless_gi::internals::samples::F_SQUASH;
 use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings, Recipe};
 
-/// Half a unit in the last place of single precision.
+/// Half a unit in the last digit of single precision.
 const ROUNDING: f64 = 5.960_464_5e-8;
 
-/// Root mean square of the difference over that of `right`, and the largest difference over the
-/// same.
+/// Returns the root mean square of the difference and the largest difference, both relative to the
+/// root mean square of `right`.
 fn off(found: &[f64], right: &[f64]) -> (f64, f64) {
     assert_eq!(found.len(), right.len());
     let power: f64 = right.iter().map(|r| r * r).sum();
@@ -26,7 +26,7 @@ fn off(found: &[f64], right: &[f64]) -> (f64, f64) {
     ((squares / power).sqrt(), largest / size)
 }
 
-/// Prints what a stage lost, and holds it against its bound in digits.
+/// Prints the loss of a stage and compares it with its bound in digits.
 fn stage(name: &str, found: &[f64], right: &[f64], max: f64) {
     let (rms, largest) = off(found, right);
     let lost = (rms / ROUNDING).max(1.0).log10();
@@ -34,7 +34,7 @@ fn stage(name: &str, found: &[f64], right: &[f64], max: f64) {
     assert!(lost <= max, "{name}: {lost} digits lost, at most {max}");
 }
 
-/// Red irradiance of the light at a position, shadows left out.
+/// Returns the red irradiance of the light at a position, without shadows.
 fn unshadowed(light_source: DVec3, x: DVec3, n: DVec3) -> f64 {
     let to = light_source - x;
     n.dot(to).max(0.0) / to.length().powi(3)
@@ -54,8 +54,7 @@ impl Exact<'_> {
         self.scene.data().points[i].n().as_dvec3()
     }
 
-    /// Light at the senders' positions; what `visible` says is dark in single precision is dark
-    /// here.
+    /// Returns the light at the senders' positions. It is zero if `single` is dark.
     fn project(&self, light_source: DVec3, single: &[f32]) -> Vec<f64> {
         let scene = self.scene;
         let count = scene.data().light_samples.per_sender as usize;
@@ -145,7 +144,7 @@ impl Exact<'_> {
         (numerator / denominator).dot(normal).max(0.0)
     }
 
-    /// A whole reflection: what the senders get back of their own light.
+    /// Returns the light that the senders receive of their own light after one reflection.
     fn reflected(&self, senders: &[f64]) -> Vec<f64> {
         let mut values = self.apply(senders);
         self.flatten(&mut values);
@@ -184,7 +183,7 @@ fn single_precision_error_is_bounded() {
     };
     let flat = |v: &[DVec3]| -> Vec<f64> { v.iter().flat_map(|v| v.to_array()).collect() };
 
-    // Project: senders that lie whole in the light, for a shadow's edge is no matter of digits.
+    // Project: only fully lit senders, because a shadow's edge does not depend on digits.
     let single = frame.projected(0).to_vec();
     let light = exact.project(light_source.as_dvec3(), &single);
     let whole: Vec<usize> = (0..light.len())
@@ -247,8 +246,8 @@ fn single_precision_error_is_bounded() {
     };
     stage("splat", &shown(&frame), &right(&found), 1.5);
 
-    // Everything, after one reflection, eight, and all of 256. Shadows' edges are single
-    // precision's, so the chain starts behind them.
+    // The whole chain after 1, 8 and 256 reflections. Shadow edges come from single precision, so
+    // the chain starts after them.
     for bounces in [1, 8, 256] {
         frame.solve(&scene, &FrameSettings::bounces(bounces));
         let mut direct: Vec<f64> = (0..scene.data().senders())
@@ -278,7 +277,7 @@ fn single_precision_error_is_bounded() {
     irradiances(&frame, &scene);
 }
 
-/// A comparison that cannot fail says nothing: light that is off by a part in ten thousand has lost
+/// The comparison must be able to fail: light with an error of one part in ten thousand has lost
 /// three digits.
 #[test]
 fn precision_comparison_detects_lost_digit() {

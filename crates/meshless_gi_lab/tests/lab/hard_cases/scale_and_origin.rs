@@ -1,4 +1,4 @@
-//! Levels of any size, anywhere: 0.1 mm and 10 km, and 100 km from the origin.
+//! Scenes of any size and position: 0.1 mm and 10 km, and 100 km from the origin.
 
 use super::support::{baked, cornell, cornell_places, quick};
 use glam::Vec3;
@@ -9,7 +9,7 @@ use meshless_gi::{
 };
 use meshless_gi_lab::accuracy::{Errors, errors};
 
-/// A light in the Cornell box, scaled and moved with it: its irradiance stays what it was.
+/// Returns a light in the Cornell box, scaled and moved with it. Its irradiance stays the same.
 fn light_source(scale: f32, by: Vec3) -> [Light; 1] {
     [Light::Point {
         position: scale * Vec3::new(0.1, 1.7, 0.2) + by,
@@ -70,7 +70,7 @@ fn scene_scale_does_not_change_light() {
             indirect.bias
         );
         assert!(direct.nrmse < 5e-4, "{scale}: {direct:?}");
-        // The reference's own noise is in it.
+        // The value includes the reference's own noise.
         assert!(
             indirect.nrmse < 0.08 && indirect.bias.abs() < 0.03,
             "{scale}: {indirect:?}"
@@ -113,7 +113,7 @@ fn excessive_origin_distance_is_rejected() {
         error.to_string().contains("move it to its origin"),
         "{error}"
     );
-    // A level of ten kilometers may have its corner in the origin.
+    // A scene of ten kilometers may have its corner at the origin.
     let wide = Recipe {
         coarse_radius: Some(2500.0),
         ..quick()

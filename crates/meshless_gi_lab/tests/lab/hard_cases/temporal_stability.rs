@@ -1,4 +1,4 @@
-//! Light that moves: a light on a smooth path gives light without jumps.
+//! Moving lights: a light on a smooth path gives light without jumps.
 
 use glam::Vec3;
 use meshless_gi::{
@@ -45,8 +45,8 @@ fn roughness(scene: &BakedScene) -> f32 {
     (bends / light).sqrt() as f32
 }
 
-/// If senders are lit at one position each, a shadow's edge jumps from one to the next as the light
-/// moves, and all light with it; \[L08\] has it so.
+/// Senders that are lit at one position each, as in \[L08\], make a shadow's edge jump from one to
+/// the next as the light moves. All light jumps with it.
 #[test]
 fn smoothly_moving_light_gives_smooth_irradiance() {
     let [one, eight] = [1, 8].map(|samples| roughness(&cornell(samples)));

@@ -1,5 +1,4 @@
-//! A room that stands still, an object that moves in it, and the map that a light draws of the
-//! object.
+//! A static room, a moving object in it, and the reflective shadow map of the object from a light.
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
@@ -15,7 +14,7 @@ pub type Triangles = Vec<[Vec3; 3]>;
 
 pub const ORANGE: Vec3 = Vec3::new(0.8, 0.3, 0.1);
 
-/// A box from corner to corner; its faces look inwards where `inwards`.
+/// Returns a box from corner to corner. Its faces point inward if `inwards`.
 pub fn cuboid(min: Vec3, max: Vec3, inwards: bool) -> Triangles {
     let mut out = Vec::new();
     for axis in 0..3 {
@@ -43,7 +42,7 @@ pub fn cuboid(min: Vec3, max: Vec3, inwards: bool) -> Triangles {
     out
 }
 
-/// A ball of triangles.
+/// Returns a sphere of triangles.
 pub fn ball(center: Vec3, radius: f32) -> Triangles {
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     let mut out = Vec::new();
@@ -71,7 +70,7 @@ pub fn mesh(triangles: Triangles, albedo: Vec3) -> TriangleMesh {
     TriangleMesh::new(triangles, material_of, vec![Material::diffuse(albedo)])
 }
 
-/// View of a light: a camera at the light, or beside infinity.
+/// View of a light: a camera at the light, or a parallel projection.
 #[derive(Clone, Copy)]
 pub struct Aim {
     pub world_from_view: Mat4,
@@ -79,7 +78,7 @@ pub struct Aim {
 }
 
 impl Aim {
-    /// From a light, `angle` wide.
+    /// Creates the view of a light, `angle` wide.
     pub fn light_source(eye: Vec3, target: Vec3, angle: f32) -> Self {
         let up = (target - eye).normalize().any_orthonormal_vector();
         Self {
@@ -88,7 +87,7 @@ impl Aim {
         }
     }
 
-    /// Along parallel rays, `width` meters wide.
+    /// Creates a parallel projection, `width` meters wide.
     pub fn parallel(eye: Vec3, target: Vec3, width: f32) -> Self {
         let up = (target - eye).normalize().any_orthonormal_vector();
         let h = 0.5 * width;
@@ -140,7 +139,7 @@ impl Room {
         FrameLight::expand(&self.light, 1)[0]
     }
 
-    /// One reflection at the object alone: the walls are black.
+    /// Returns the reference with one reflection at the object alone: the walls are black.
     pub fn truth(&self, paths: u32) -> Vec<Irradiance> {
         let mut triangles: Triangles = (0..self.walls.len())
             .filter_map(|i| self.walls.triangle(i))
@@ -168,7 +167,7 @@ impl Room {
         (max - min).max_element()
     }
 
-    /// The lit texels of a map, with the walls' shadows on them.
+    /// Returns the lit texels of a map, with the walls' shadows on them.
     pub fn texels(&self, side: u32) -> Vec<RsmTexel> {
         let light = self.slot();
         let drawn = self.aim.draw(&mesh(self.object.clone(), self.color), side);
@@ -180,12 +179,12 @@ impl Room {
         texels
     }
 
-    /// Virtual point lights from a map.
+    /// Returns virtual point lights from a map.
     pub fn lights(&self, side: u32, vpls: u32) -> Vec<Vpl> {
         choose(&self.texels(side), vpls)
     }
 
-    /// Their light at the positions.
+    /// Returns the light of `lights` at the positions.
     pub fn light_of(&self, lights: &[Vpl], visibility: bool) -> Vec<Vec3> {
         let count = lights.len() as u32;
         let params = match visibility {
@@ -214,7 +213,7 @@ pub fn choose(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
     rsm::select_vpls(&params, texels)
 }
 
-/// Positions on triangles, as many a square meter everywhere; a hair's breadth off them.
+/// Returns positions on triangles with equal density, slightly above the surface.
 fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
     let area = |t: &[Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
     let all: f32 = triangles.iter().map(area).sum();
@@ -242,15 +241,15 @@ fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// \[N09\]'s own choice, to compare with: a fixed grid of texels, all with the same solid angle (or
-/// cross-section); r² at least a constant.
+/// \[N09\]'s own sampling, for comparison: a fixed grid of texels, all with the same solid angle
+/// (or cross-section). r² is at least a constant.
 pub struct Grid {
     pub lights: Vec<Vpl>,
     pub min: f32,
 }
 
 impl Grid {
-    /// `count`² of the map's texels.
+    /// Creates a grid of `count`² of the map's texels.
     pub fn new(room: &Room, side: u32, count: u32) -> Self {
         let light = room.slot();
         let params = room.aim.params(&light, side);
