@@ -32,8 +32,8 @@ impl BounceSelection {
     #[must_use]
     pub fn reason(&self) -> String {
         match (self.forced, self.gain) {
-            (true, _) => "so many are asked for".into(),
-            (false, None) => "the bake does not say what surfaces return".into(),
+            (true, _) => "requested".into(),
+            (false, None) => "the bake stores no gain".into(),
             (false, Some(gain)) => format!(
                 "surfaces return {:.0} % of the light at most, and more would add {:.1} % at most",
                 100.0 * gain,
@@ -63,8 +63,8 @@ pub fn bounces_for_spectral_radius(gain: f32) -> u32 {
     }
 }
 
-/// Selects the number of reflections of one scene with one bake, frame by frame. Live materials
-/// raise the number at once and never lower it, so nothing flickers.
+/// Selects the number of reflections of one scene with one bake, frame by frame. Dynamic
+/// materials raise the number in the same frame and never lower it, so nothing flickers.
 #[derive(Clone, Debug, Default)]
 pub struct BounceSelector {
     /// Largest gain that was requested so far.
@@ -171,7 +171,7 @@ mod tests {
             "7 reflections: surfaces return 58 % of the light at most, and more would add 2.2 % at most"
         );
         let requested = picked(2, true, Some(0.58)).to_string();
-        assert_eq!(requested, "2 reflections: so many are asked for");
-        assert!(picked(4, false, None).reason().contains("does not say"));
+        assert_eq!(requested, "2 reflections: requested");
+        assert!(picked(4, false, None).reason().contains("stores no gain"));
     }
 }

@@ -19,11 +19,11 @@ pub struct ChangeDetector<K, V = ()> {
     bake: Weak<BakedScene>,
     /// Light slots, as projected and applied.
     pub slots: SlotTable<K>,
-    /// Settings of the last solve, and the requested color mode; `None` before the first solve.
+    /// Settings of the last solve, and the requested color mode. `None` before the first solve.
     pub solved: Option<(FrameSettings, GiColorMode)>,
-    /// Uploaded factors of the materials; empty for those of the bake.
+    /// Uploaded factors of the materials. Empty for those of the bake.
     pub factors: Vec<MaterialFactors>,
-    /// Transmittance of the occluders; empty for all open.
+    /// Transmittance of the occluders. Empty if all are open.
     pub gains: Vec<f32>,
     /// Lights with soft shadows, as shadowed. `None` if the device holds no shadows.
     pub soft_lights: Option<Vec<SoftLight>>,
@@ -228,7 +228,7 @@ mod tests {
             channels: Channels::One(Vec3::ONE),
             ..now
         };
-        // Selected channels are no change, forced ones are.
+        // Only forced channels count as a change.
         assert!(!changes.settings_changed(&one, GiColorMode::Auto, false));
         assert!(changes.settings_changed(&one, GiColorMode::Auto, true));
         // Unknown occluders are open.

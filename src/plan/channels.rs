@@ -83,8 +83,8 @@ impl ColorModeSelector {
             }
         };
         let (channels, why) = match requested {
-            GiColorMode::Rgb => (Channels::Three, "they are asked for"),
-            GiColorMode::Monochrome => (Channels::One(found.hue), "it is asked for"),
+            GiColorMode::Rgb => (Channels::Three, "requested"),
+            GiColorMode::Monochrome => (Channels::One(found.hue), "requested"),
             GiColorMode::Auto => match (self.now, found.colors) {
                 (Some(Some(hue)), _) => (
                     Channels::One(hue),
@@ -193,7 +193,7 @@ mod tests {
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
             let one = picker.pick(GiColorMode::Monochrome, chromaticity_of(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
-            assert_eq!(one.to_string(), "one channel: it is asked for");
+            assert_eq!(one.to_string(), "one channel: requested");
         }
         assert_eq!(auto(&mut picker, ColorUniformity::Lights), Channels::Three);
     }

@@ -3,9 +3,9 @@
 //!
 //! Passes that are recorded into one another are timed as one ([`TimingScope`]). The rate of a
 //! group is its milliseconds divided by its work. The rate of a stage is the mean over its groups,
-//! and it predicts groups without a measurement. Before any measurement there is no prediction, and
-//! the plan states it. Milliseconds and work have separate running means. Timestamps that arrive
-//! some frames late thus still give the right rate.
+//! and it predicts groups without a measurement. The plan has no prediction before the first
+//! measurement, and states it. Milliseconds and work have separate running means. Timestamps that
+//! arrive some frames late thus still give the right rate.
 //!
 //! [`SolveCost`] predicts the solves of one scene with other numbers of links, for the selection of
 //! its tier.
@@ -276,7 +276,7 @@ impl CostModel {
     }
 
     /// Adds a measurement of one of the last frames, ms. Ignores scopes that no plan had, and
-    /// values that are no valid time.
+    /// invalid times.
     pub fn record_time(&mut self, timed: TimingScope, ms: f32) {
         let Some((means, _)) = self.groups.get_mut(&timed) else {
             return;

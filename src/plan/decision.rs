@@ -14,7 +14,7 @@ use std::fmt;
 /// about a kind.
 pub const LOG_DEBOUNCE_FRAMES: u64 = 120;
 
-/// Looks up the name of a scene or a view by its number; `None` prints the number.
+/// Looks up the name of a scene or a view by its number. `None` prints the number.
 pub type NameOf<'a> = &'a dyn Fn(u64) -> Option<String>;
 
 /// Subject of a decision.
@@ -81,7 +81,7 @@ pub struct Decision {
     pub choice: String,
     /// The reason. Figures in it may change from frame to frame.
     pub why: String,
-    /// The setting that decided alone; `None` if the plan decided.
+    /// Setting that decided alone. `None` if the plan decided.
     pub forced: Option<&'static str>,
     /// Cost of the passes that this decision causes, with all passes in the same timing scope.
     /// Empty if none of them ran or none is timed.
@@ -111,7 +111,7 @@ impl fmt::Display for Decision {
 }
 
 impl SkipReason {
-    /// The setting that alone keeps this from running; `None` if the reason is in the world or the
+    /// Setting that alone keeps this from running. `None` if the reason is in the world or the
     /// device.
     #[must_use]
     pub fn forced_reason(self) -> Option<&'static str> {
@@ -165,7 +165,7 @@ impl Plan {
             push(kind, "links".into(), why.to_string(), None);
         }
         for (scene, sky) in &self.skies {
-            let why = "the scene's sky says so".into();
+            let why = "the sky of the scene".into();
             push(DecisionKind::Sky(*scene), sky.to_string(), why, None);
         }
         for &(view, display) in &self.displays {
@@ -225,7 +225,7 @@ impl Plan {
 /// State of the log for one kind.
 #[derive(Clone, Debug)]
 struct Standing {
-    /// The choice that was reported last; `None` after its end was reported.
+    /// Choice that was reported last. `None` after its end was reported.
     reported: Option<String>,
     /// The last decision, and its frame.
     last: Decision,
@@ -250,8 +250,8 @@ impl DecisionLog {
         Self::default()
     }
 
-    /// Adds one frame's decisions. Returns one line per change, with names of scenes and views;
-    /// most frames return none.
+    /// Adds one frame's decisions. Returns one line per change, with names of scenes and views.
+    /// Most frames return none.
     pub fn observe(&mut self, decisions: Vec<Decision>, name: NameOf<'_>) -> Vec<String> {
         self.frame += 1;
         let now = self.frame;
@@ -279,7 +279,8 @@ impl DecisionLog {
                 standing.quiet_until = now + standing.silence;
                 standing.silence = standing.silence.saturating_mul(2);
             }
-            // No change for the length of the silence: the next change is reported at once.
+            // Without a change for the length of the silence, the next change is reported in its
+            // frame.
             let calm = standing.quiet_until.saturating_add(standing.silence);
             let settled = standing.reported.is_some() == here;
             if settled && now >= calm {

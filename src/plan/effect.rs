@@ -1,8 +1,8 @@
 //! [`Effect`]: a row of the table of effects.
 //!
 //! An effect is a part of the simulation that a scene may or may not need. It reads the
-//! [`FrameState`] and adds the passes that it needs to the [`Plan`], each with a reason. Effects
-//! run in the order of their table, so a later one may read the passes of an earlier one.
+//! [`FrameState`] and adds the passes that it needs to the [`Plan`], each with a reason. Passes run
+//! in the order of the table. No effect reads the passes of another one.
 //!
 //! The type parameter `R` describes the recording of a pass. The plan never uses it: the caller
 //! that owns the table also owns the recorder.

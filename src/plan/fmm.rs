@@ -1,5 +1,5 @@
-//! Limits of a device for the octree of rule `fmm`. If it exceeds one, frames use the links on the
-//! same points, if the bake has any.
+//! Limits of a device for the octree of method `fmm`. If it exceeds one, frames use the links on
+//! the same points, if the bake has any.
 
 use meshless_gi::BakedScene;
 use meshless_gi::internals::frame::fmm_layout::MAX_FMM_ORDER;

@@ -24,12 +24,12 @@ pub struct ChangeCounts {
 /// Kind of the skies of the baked scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SkyKind {
-    /// No sky shines.
+    /// All skies are black.
     #[default]
     None,
-    /// All skies that shine are uniform.
+    /// All skies with radiance are uniform.
     Uniform,
-    /// At least one sky varies with the direction.
+    /// One sky or more varies with the direction.
     Varied,
 }
 
@@ -189,8 +189,13 @@ impl fmt::Display for Inventory {
                 "changed",
             ),
             (self.doors, "door", self.doors_moved, "moved"),
-            (self.reflectors, "thing to bounce light", 0, ""),
-            (self.bouncing_lights, "light asks for that bounce", 0, ""),
+            (self.reflectors, "dynamic reflector", 0, ""),
+            (
+                self.bouncing_lights,
+                "light that casts reflective shadow maps",
+                0,
+                "",
+            ),
             (self.normal_maps, "material with a normal map", 0, ""),
             (self.fogs, "fog volume", 0, ""),
         ];

@@ -4,7 +4,7 @@
 //! device. A caller describes the frame as a [`FrameState`], gets a [`Plan`], and records exactly
 //! the passes that the plan lists.
 //!
-//! Rules, each with a test:
+//! Passes by state of the frame, each with a test:
 //!
 //! | the frame | what runs |
 //! |---|---|
@@ -17,7 +17,7 @@
 //! | a light requests a bounce off dynamic objects, and one is in its reach | its maps, and its virtual point lights over each view |
 //! | a light casts soft shadows on a bake with visibility | the shadowed irradiance, when it changed, which is subtracted from each view |
 //! | no light casts soft shadows, or the bake has no visibility | nothing: no visibility on the device, no pass |
-//! | a volume for forward cameras is requested, and one of them sees the scene | its voxels, when the light changed |
+//! | a volume for forward cameras is requested, and the scene is in the view of one of them | its voxels, when the light changed |
 //! | a camera sees fog in a scene with a volume | the volume's voxels, when the light changed, and the fog's light in that camera's picture |
 //! | no fog is there, or it is outside such scenes | nothing: no pass, no buffer |
 //! | no dynamic object is in the light's reach, or the light is off | no map, no camera that draws it, no buffer |

@@ -46,11 +46,13 @@ impl fmt::Display for RunReason {
             Self::OccludersMoved(n) => write!(f, "{n} occluder(s) opened or shut"),
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),
-            Self::Asked => f.write_str("the coefficients were asked for"),
+            Self::Asked => f.write_str("the coefficients are inspected"),
             Self::SoftLightsChanged(n) => write!(f, "soft shadows changed, {n} light(s) cast them"),
             Self::NewVolume => f.write_str("the volume does not hold this light yet"),
             Self::FogInView(n) => write!(f, "{n} fog volume(s) of the view lie in the scene"),
-            Self::Moving(maps) => write!(f, "what moves is in reach, {maps} map(s) show it"),
+            Self::Moving(maps) => {
+                write!(f, "dynamic objects are in range, {maps} map(s) show them")
+            }
         }
     }
 }
@@ -74,7 +76,7 @@ pub enum SkipReason {
     },
     /// The device lacks another limit that the scene needs.
     BeyondLimits,
-    /// No camera with indirect light sees the scene.
+    /// The scene is in the view of no camera with indirect light.
     NotInView,
     /// The view's settings turn indirect light off.
     ViewDisabled,
@@ -82,9 +84,9 @@ pub enum SkipReason {
     NoGbuffer,
     /// Nothing changed since the last time.
     AtRest,
-    /// A light requests a bounce off dynamic objects, and nothing moves.
+    /// A light has a reflective shadow map, and nothing moves.
     NothingMoves,
-    /// No dynamic object is in the light's reach.
+    /// The light's range has no dynamic object.
     OutOfReach,
     /// The light is off.
     LightDark,
@@ -109,9 +111,11 @@ impl fmt::Display for SkipReason {
                 )
             }
             Self::BeyondLimits => {
-                f.write_str("the device's limits do not hold the scene: the log says which")
+                f.write_str("the scene exceeds a limit of the device, see the log")
             }
-            Self::NotInView => f.write_str("no camera that asks for indirect light sees the scene"),
+            Self::NotInView => {
+                f.write_str("the scene is in the view of no camera with indirect light")
+            }
             Self::ViewDisabled => f.write_str("indirect light is off in the view's settings"),
             Self::NoGbuffer => f.write_str("the view draws no G-buffer"),
             Self::AtRest => f.write_str("nothing changed"),
@@ -121,7 +125,7 @@ impl fmt::Display for SkipReason {
             Self::NoVisibility => {
                 f.write_str("a light casts soft shadows, and the bake holds no visibility")
             }
-            Self::NoFreeSpace => f.write_str("a volume is asked for, and the bake has no probes"),
+            Self::NoFreeSpace => f.write_str("the scene has a volume, but the bake has no probes"),
             Self::NoMaps => f.write_str("lights of this kind cast no reflective shadow maps"),
         }
     }

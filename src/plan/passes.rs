@@ -32,7 +32,8 @@ pub struct Plan {
     pub skies: Vec<(SceneId, SkyUse)>,
     /// Pixels at which the views with indirect light evaluate it.
     pub displays: Vec<(ViewId, DisplayUse)>,
-    /// Scenes whose buffers are released: no view has seen them for long, or their bake is gone.
+    /// Scenes whose buffers are released, because no view contained them for long or their bake is
+    /// gone.
     pub release: Vec<SceneId>,
     /// Costs of the passes, one entry per timing scope, in the order of the passes.
     pub costs: Vec<(TimingScope, Cost)>,

@@ -26,7 +26,7 @@ pub enum GiQuality {
     /// 95 % confidence interval counts. All links if no tier meets it.
     MaxError(f32),
     /// Highest tier whose solves take at most this GPU time. Needs Bevy's
-    /// `RenderDiagnosticsPlugin` and timestamp queries; without them all links are used.
+    /// `RenderDiagnosticsPlugin` and timestamp queries. Without them all links are used.
     GpuBudget(Duration),
 }
 

@@ -41,7 +41,7 @@ pub struct ViewId(pub u64);
 /// Change of a light slot since the device last computed it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SlotChange {
-    /// No change.
+    /// Same light as before.
     #[default]
     None,
     /// Another color or intensity. The projection stays valid.
@@ -70,7 +70,7 @@ pub struct SoftState {
 pub struct VolumeState {
     /// `true` if the scene is to have a volume and there is a texture for it.
     pub requested: bool,
-    /// `true` if one of those cameras sees the scene, or any camera sees fog in it.
+    /// `true` if the scene is in the view of one of those cameras, or fog in it of any camera.
     pub is_visible: bool,
     /// `true` if the texture holds the light of an earlier frame for the current volume.
     pub held: bool,
@@ -183,7 +183,7 @@ impl fmt::Display for SkyUse {
         f.write_str(match self {
             Self::Uniform => "a uniform sky",
             Self::Terms => "eight terms of a sky that varies",
-            Self::Mean => "the mean of its sky: the bake knows a uniform one only",
+            Self::Mean => "the mean of its sky: the bake stores a uniform sky only",
         })
     }
 }
@@ -215,7 +215,7 @@ impl DisplayUse {
     pub fn description(self) -> &'static str {
         match self {
             Self::Subsplats => "light varies less than pixels do",
-            Self::Full => "it is asked for",
+            Self::Full => "requested",
             Self::NoRoom => "the device has no room for subsplats",
         }
     }
@@ -272,7 +272,7 @@ pub struct BounceState {
 /// Fog in a camera's view, in a scene with a volume. The camera needs no display settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FogState {
-    /// Camera that sees the fog.
+    /// Camera with the fog in its view.
     pub view: ViewId,
     /// Scene of the fog.
     pub scene: SceneId,

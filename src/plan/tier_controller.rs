@@ -30,17 +30,17 @@ const SETTLE_SAMPLES: u32 = 4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TierCandidate {
     /// Number of links that a solve reads, with those of the sweeps counted once per sweep. For the
-    /// octree of rule `fmm`, the number of links that take about the same time.
+    /// octree of method `fmm`, the number of links that take about the same time.
     pub work: u64,
     /// Estimated NRMSE at the upper end of its confidence interval.
     pub error: f32,
-    /// `true` if the octree of rule `fmm` replaces the links.
+    /// `true` if the octree of method `fmm` replaces the links.
     pub octree: bool,
 }
 
 impl TierCandidate {
     /// Returns the tiers of a bake, tier 1 first, for solves with this number of sweeps. The octree
-    /// of rule `fmm` is above all links.
+    /// of method `fmm` is above all links.
     #[must_use]
     pub fn all_of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
         let mut work = vec![0u64; scene.data().link_tiers() as usize];
@@ -148,8 +148,8 @@ impl TierController {
         self.changes
     }
 
-    /// Adds the measured cost of a solve, ms. Only a budget uses it. Values that are no valid time
-    /// are ignored.
+    /// Adds the measured cost of a solve, ms. Only a budget uses it. Invalid times are
+    /// ignored.
     pub fn record_sample(&mut self, ms: f32) {
         let GiQuality::GpuBudget(budget) = self.request else {
             return;
@@ -196,8 +196,8 @@ impl TierController {
         let here = self.tiers.get(self.tier as usize - 1);
         let error = here.map_or(f32::INFINITY, |t| t.error);
         let why = match (self.request, self.cost.mean()) {
-            (GiQuality::Full, _) => "nothing less was asked for".into(),
-            (GiQuality::Tier(n), _) if n == self.tier => "it was asked for".into(),
+            (GiQuality::Full, _) => "full quality is requested".into(),
+            (GiQuality::Tier(n), _) if n == self.tier => "requested".into(),
             (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
             (GiQuality::MaxError(max), _) if error <= max => format!(
                 "the lowest with an error of at most {:.1} %: {:.1} %",

@@ -10,7 +10,7 @@ pub struct TierSelection {
     pub tier: u32,
     /// Number of tiers.
     pub tiers: u32,
-    /// `true` for the octree of rule `fmm`, `false` for some or all links.
+    /// `true` for the octree of method `fmm`, `false` for some or all links.
     pub octree: bool,
     /// Number of links that a solve reads ([`TierCandidate::work`](super::TierCandidate::work)).
     pub work: u64,

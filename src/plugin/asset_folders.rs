@@ -13,7 +13,7 @@ pub(crate) struct AssetFolders {
     source: Option<PathBuf>,
     /// Bakes that were made before. `None` if the app processes no assets.
     pub store: Option<BakeStore>,
-    /// True if the app's asset processor bakes recipes again whenever their input changes.
+    /// `true` if the app's asset processor bakes recipes again when their input changes.
     pub processing: bool,
 }
 

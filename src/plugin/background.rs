@@ -66,7 +66,8 @@ impl<T: Send + 'static> Future for Background<T> {
     type Output = T;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<T> {
-        // First the waker, then the look: a thread that ends in between wakes.
+        // The waker is stored before the state is read, so a thread that ends in between wakes the
+        // task.
         if let State::Running(waker) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner) {
             *waker = Some(context.waker().clone());
         }

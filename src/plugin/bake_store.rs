@@ -2,8 +2,8 @@
 //!
 //! Bevy's asset processor truncates an asset's output before its processor runs, and it bakes again
 //! whenever the hash of an input's `.meta` changes, which depends on the loaders of the app. The
-//! build step and every app of a project therefore look here first. A bake is found by its key
-//! alone, and an entry that is damaged counts as none.
+//! build step and every app of a project therefore search here first. The key alone identifies a
+//! bake. A damaged entry counts as missing.
 
 use super::asset_folders::source_file;
 use bevy::asset::AssetPath;

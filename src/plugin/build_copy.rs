@@ -1,8 +1,8 @@
 //! Files that the build step does not bake: copied so that every app loads them.
 //!
 //! The step has none of the app's loaders, so it writes no `.meta` of its own for such a file: Bevy
-//! then picks the loader by type and extension, as for unprocessed assets. A `.meta` that somebody
-//! put beside the source is copied where it names a loader. The output of an app's own asset
+//! then picks the loader by type and extension, as for unprocessed assets. A `.meta` next to the
+//! source is copied if it names a loader. The output of an app's own asset
 //! processor stays as it is while it is not older than its source.
 
 use super::process_assets::GiProcessAssetsError;
@@ -74,8 +74,8 @@ pub(crate) fn meta_path(file: &Path) -> PathBuf {
 }
 
 /// Copies `source` to `output` if they differ, with the `.meta` next to it if that names a loader.
-/// Returns `false` if `meta`, the `.meta` of the source, says that it is no asset. There is no
-/// output then.
+/// Returns `false` if `meta`, the `.meta` of the source, declares no asset. Then there is no
+/// output.
 pub(crate) fn copy_asset(
     source: &Path,
     output: &Path,

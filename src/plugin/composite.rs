@@ -43,7 +43,7 @@ pub(crate) fn composite(
         prepass.deferred_lighting_pass_id.as_ref(),
     ) else {
         warn_once!(
-            "a camera asks for indirect light but drew no G-buffer: it has no deferred materials in view, or not all prepasses"
+            "a camera with indirect light has no G-buffer: it has no deferred materials in view, or not all prepasses"
         );
         return;
     };

@@ -1,4 +1,4 @@
-//! Counters of what the frame did, from the render world to Bevy's `DiagnosticsStore`.
+//! Counters of the work of a frame, from the render world to Bevy's `DiagnosticsStore`.
 //!
 //! | path | what |
 //! |---|---|

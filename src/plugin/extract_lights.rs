@@ -1,7 +1,7 @@
 //! Reads lights out of the main world.
 //!
-//! Lights are read from their own components. Bevy's extracted lights lack every light that no
-//! camera sees. A light that `InheritedVisibility` hides is off. Units follow bevy_pbr: point and
+//! Lights are read from their own components. Bevy's extracted lights lack every light outside of
+//! all views. A light that `InheritedVisibility` hides is off. Units follow bevy_pbr: point and
 //! spot lights give lumens / (4π) in every direction, directional lights their lux, rectangles
 //! lumens / (π · area).
 

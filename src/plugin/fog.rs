@@ -106,7 +106,7 @@ fn rgb(color: Color) -> Vec3 {
     LinearRgba::from(color).to_vec3()
 }
 
-/// Converts Bevy's fog to the type of the core. `None` if it is no fog.
+/// Converts Bevy's fog to the type of the core. Returns `None` if it has no fog.
 fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
     let affine = transform.affine();
     let found = Fog {

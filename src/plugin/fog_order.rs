@@ -65,7 +65,7 @@ impl ScheduleBuildPass for FogFirst {
     }
 }
 
-/// All that runs before a system.
+/// Returns the systems that run before a system.
 fn leads_to(graph: &DiGraph<SystemKey>, system: SystemKey) -> HashSet<SystemKey> {
     let (mut found, mut next) = (HashSet::default(), vec![system]);
     while let Some(system) = next.pop() {

@@ -161,7 +161,7 @@ impl DeferredMesh<'_> {
 pub(crate) struct BorrowedPhases(Vec<RetainedViewEntity>);
 
 /// Gives the phases of a G-buffer to views that draw a prepass and no G-buffer: Bevy adds deferred
-/// meshes to them without asking whether they exist.
+/// meshes to them without a test that they exist.
 pub(crate) fn open_phases(
     mut borrowed: ResMut<BorrowedPhases>,
     prepasses: Res<ViewBinnedRenderPhases<Opaque3dPrepass>>,

@@ -1,7 +1,7 @@
 //! Debug drawings of a bake, off by default.
 //!
 //! Turn them on with `GizmoConfigStore`: `store.config_mut::<GiGizmos>().0.enabled = true`, and
-//! choose in the group what to draw. Points come from the baked asset. The green dots of [L08]
+//! select the drawn data in the group. Points come from the baked asset. The green dots of [L08]
 //! Figure 1, the non-zero coefficients, are those that the device computed for this frame's lights:
 //! while they are on, the vector irradiances are read back, some frames late.
 

@@ -42,7 +42,7 @@ pub enum GiLoadError {
     /// The bytes could not be read.
     #[error("the file could not be read: {0}")]
     Io(#[from] std::io::Error),
-    /// The bytes are no whole bake.
+    /// The bytes are not a complete bake.
     #[error("this is no usable bake: {0}")]
     Asset(#[from] AssetError),
     /// The file has no bytes: an asset processor leaves such a file after a failed bake.

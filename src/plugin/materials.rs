@@ -38,7 +38,7 @@ pub(crate) struct ResolvedMaterials {
 }
 
 impl ResolvedMaterials {
-    /// Looks names up where they are not those of the frame before.
+    /// Resolves the names that differ from those of the last frame.
     fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&GiDynamicMaterials>) {
         let named = named.map_or(&[][..], |n| &n.0);
         if self.bake.as_ptr() == Arc::as_ptr(bake) && self.named == named {

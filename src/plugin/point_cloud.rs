@@ -73,7 +73,7 @@ pub enum GiPointCloudLoadError {
     /// The file could not be read.
     #[error("the points could not be read: {0}")]
     Io(#[from] std::io::Error),
-    /// The file's content is not valid, or its points are no surface.
+    /// The file's content is not valid, or its points do not form a surface.
     #[error(transparent)]
     Scene(#[from] SceneError),
 }

@@ -114,7 +114,7 @@ pub enum GiProcessAssetsError {
         /// Error of the operating system, or of the text.
         source: io::Error,
     },
-    /// It took too long. The recipe that was being baked has no output.
+    /// Processing exceeded the time limit. The recipe of the running bake has no output.
     #[error("asset processing did not finish within {0:?}")]
     TimeLimit(Duration),
 }

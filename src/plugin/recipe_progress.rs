@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// Share of a stage that the log reports at a time.
 const LOGGED_SHARE: f32 = 0.1;
-/// Time between two looks of the log at a bake.
+/// Minimum time between two progress lines of a bake.
 const LOG_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Progress message of a recipe, sent by its loader or by the app's asset processor. It is sent

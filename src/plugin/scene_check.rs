@@ -43,8 +43,8 @@ impl GiSceneCheck {
     }
 }
 
-/// Loaded bakes that are stale, by path, and what differs. Each is reported once in the log, as
-/// soon as an entity uses it, and again if it was baked or loaded anew and differs otherwise.
+/// Loaded bakes that are stale, by path, with their differences. Each is reported once in the log,
+/// as soon as an entity uses it, and again if it was baked or loaded anew and differs otherwise.
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Clone, Debug)]
@@ -173,7 +173,7 @@ impl SceneChecker {
             }
             reports.push(report);
         };
-        // Without a thread there is no comparison; the next start makes it.
+        // Without a thread, the comparison is left to the next start.
         let _ = std::thread::Builder::new()
             .name("meshless gi scene check".into())
             .spawn(compare);

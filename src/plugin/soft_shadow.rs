@@ -102,7 +102,7 @@ pub(crate) fn extract_soft(
             push(&parts, LightKind::Point, sphere(&core, light.radius, soft));
         }
     }
-    // Of more than these Bevy draws some, and nobody can add_warnings which.
+    // With more rectangles Bevy draws an unspecified part of them.
     let few = all_rects.iter().filter(|v| v.get()).count() <= MAX_RECT_LIGHTS;
     if few && drawn {
         for (parts, light, soft) in &rects {

@@ -45,7 +45,7 @@ use std::sync::Arc;
 /// Surfaces away from walls are lit by interpolation between voxels, which is coarser. Walls of any
 /// thickness block light of the next room. For this, the plugin replaces Bevy's shader module for
 /// irradiance volumes as soon as the component exists. The replacement leaves out voxels behind
-/// walls, and other volumes look as before. Pipelines are compiled once more, so add the component
+/// walls, and other volumes do not change. Pipelines are compiled once more, so add the component
 /// while a scene loads. On devices that sample one volume at a time, only the nearest one counts.
 /// Use one volume per room there.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
@@ -249,14 +249,14 @@ impl ExtractedVolume {
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedVolumes {
     all: Vec<ExtractedVolume>,
-    /// Cameras of the main world with our display, and whether they show a volume. Empty if there
-    /// are no volumes.
+    /// Cameras of the main world with the plugin's display, `true` for those that show a volume.
+    /// Empty without volumes.
     displays: Vec<(Entity, bool)>,
 }
 
 impl ExtractedVolumes {
-    /// Returns `true` if this camera of the main world shows a volume. `None` if it has no display
-    /// of ours, or there are no volumes.
+    /// Returns `true` if this camera of the main world shows a volume. `None` if it lacks the
+    /// plugin's display, or without volumes.
     pub fn display(&self, camera: Entity) -> Option<bool> {
         let found = self.displays.iter().find(|(id, _)| *id == camera);
         found.map(|(_, sees)| *sees)

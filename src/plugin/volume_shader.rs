@@ -2,7 +2,7 @@
 //! Bevy's module and takes walls between voxels into account
 //! (`shaders/engine/irradiance_volume.wgsl`; twin:
 //! [`read_volume`](meshless_gi::internals::frame::volume_sample::read_volume)). Volumes of the game
-//! look as before.
+//! do not change.
 //!
 //! Bevy supports this at run time: the asset is replaced, and pipelines that import it are rebuilt.
 //! A module that differs from the supported release is kept, with a warning. Light then leaks
@@ -15,9 +15,9 @@ use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
 use bevy::shader::{Shader, ShaderImport, Source};
 
-/// The module of ours.
+/// Source of the plugin's module.
 const OURS: &str = include_str!("../../shaders/engine/irradiance_volume.wgsl");
-/// Under which name Bevy's shaders import it.
+/// Import name of the module in Bevy's shaders.
 const MODULE: &str = "bevy_pbr::irradiance_volume";
 /// Call in Bevy's module, without spaces.
 const CALLED: &str = "fnirradiance_volume_light(world_position:vec3<f32>,N:vec3<f32>,clusterable_object_index_ranges:ptr<function,ClusterableObjectIndexRanges>,)->vec3<f32>{";
@@ -30,12 +30,12 @@ const DISPLAY: &str = "MESHLESS_GI_DISPLAY";
 /// State of the module.
 #[derive(Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) enum Module {
-    /// It is Bevy's.
+    /// Bevy's module.
     #[default]
     Theirs,
-    /// It is Bevy's and stays so: it looks unlike the one that this was written for.
+    /// Bevy's module, kept because it differs from the supported release.
     Unknown,
-    /// Our module, with or without the display of forward cameras.
+    /// The plugin's module, with or without the display of forward cameras.
     Ours { display: bool },
 }
 

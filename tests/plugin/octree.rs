@@ -119,7 +119,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     // It fits: solved again in each frame in which the light moves, by the octree.
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
-    let reason = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");
+    let reason = format!("with tier {tiers} of {tiers}, the octree: full quality is requested");
     assert!(plan.contains(&reason) && dispatched == walked, "{plan}");
     let found = picture(&mut stand.app, &stand.image);
     assert_alike("octree", &by_octree, &found);
@@ -175,7 +175,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
-    let reason = format!("with tier {links} of {links}: nothing less was asked for");
+    let reason = format!("with tier {links} of {links}: full quality is requested");
     assert!(plan.contains(&reason), "{plan}");
     let reason = "with its links: the octree's order is 7, the kernels take 6";
     assert!(plan.contains(reason), "{plan}");

@@ -63,7 +63,7 @@ fn requested_tier_matches_cpu() {
         assert!(
             c.plan
                 .to_string()
-                .contains(&format!("with tier {n} of 4: it was asked for")),
+                .contains(&format!("with tier {n} of 4: requested")),
             "{}",
             c.plan
         );

@@ -18,7 +18,7 @@ fn state() -> FrameState {
             tier: Some(TierSelection {
                 tier: 2,
                 tiers: 4,
-                why: "it was asked for".into(),
+                why: "requested".into(),
                 forced: true,
                 ..TierSelection::default()
             }),
@@ -57,7 +57,7 @@ fn decision_forced_by_setting_states_it() {
     let tier = tier.expect("a tier").to_string();
     assert_eq!(
         tier,
-        "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
+        "tier of scene 1: 2 of 4 (requested); set by the quality setting"
     );
     // No pass runs at rest. A light that moves costs the transport.
     let tier_of = |plan: &Plan| {
@@ -68,7 +68,7 @@ fn decision_forced_by_setting_states_it() {
     let mut plan = plan_frame(&moved(true));
     assert_eq!(
         tier_of(&plan),
-        "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
+        "tier of scene 1: 2 of 4 (requested); set by the quality setting"
     );
     let apply = plan
         .costs
@@ -78,7 +78,7 @@ fn decision_forced_by_setting_states_it() {
     (cost.predicted, cost.measured) = (Some(1.5), Some(1.25));
     assert_eq!(
         tier_of(&plan),
-        "tier of scene 1: 2 of 4 (it was asked for); apply: 0 links, 1.50 ms expected, 1.25 ms measured; \
+        "tier of scene 1: 2 of 4 (requested); apply: 0 links, 1.50 ms expected, 1.25 ms measured; \
          set by the quality setting"
     );
     // Passes over a view's pixels. The composite is an entry of its own.
@@ -221,7 +221,7 @@ fn decision_of_color_mode_requires_links() {
     let picked = ColorModeSelection {
         channels: Channels::One(glam::Vec3::ONE),
         forced: true,
-        why: "it is asked for",
+        why: "requested",
     };
     now.scenes[0].channels = Some(picked);
     let kind = DecisionKind::Channels(A);
@@ -229,12 +229,12 @@ fn decision_of_color_mode_requires_links() {
     let decision = found.iter().find(|d| d.kind == kind);
     assert_eq!(
         decision.expect("decided").to_string(),
-        "channels of scene 1: one channel (it is asked for); set by the channel setting"
+        "channels of scene 1: one channel (requested); set by the channel setting"
     );
     assert!(
         plan_frame(&now)
             .to_string()
-            .contains("use  scene 1 in one channel: it is asked for")
+            .contains("use  scene 1 in one channel: requested")
     );
     // An octree takes all three channels.
     now.scenes[0].tier.as_mut().expect("a tier").octree = true;
@@ -265,7 +265,7 @@ fn decision_of_view_names_pixel_mode() {
     now.views[0].display = DisplayUse::Full;
     assert_eq!(
         logged(&now),
-        by("every pixel (it is asked for); set by the display setting")
+        by("every pixel (requested); set by the display setting")
     );
     assert!(
         plan_frame(&now)

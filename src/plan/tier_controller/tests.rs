@@ -46,7 +46,7 @@ fn tier_is_selected_by_number_or_error() {
     for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
         let picked = of(GiQuality::Tier(n));
         assert_eq!(picked.tier, tier);
-        assert_eq!(picked.why == "it was asked for", n == tier, "{picked}");
+        assert_eq!(picked.why == "requested", n == tier, "{picked}");
     }
     for (error, tier) in [
         (1.0, 1),
@@ -126,7 +126,7 @@ fn tier_follows_load_steps_both_ways() {
         load(i) * work * (1.0 + 0.2 * noise(i))
     });
     assert_eq!((seen[1999], seen[11_999]), (4, 4));
-    // 30, 15, 7.5 ms: the third tier from above, at once.
+    // 30, 15, 7.5 ms: the third tier from above, without steps.
     assert!(
         seen[2010..6000].iter().all(|&t| t == 2),
         "{:?}",

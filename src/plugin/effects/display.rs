@@ -1,10 +1,9 @@
 //! Effect `display`: indirect light at the pixels of each view.
 //!
-//! Reads: the views, the scenes that they see, and where they evaluate light. The layers of a view
-//! (surface irradiance, probe irradiance, virtual lights) are evaluated together, by
+//! Reads: the views, the scenes in them, and the pixels at which they evaluate light. The layers of
+//! a view (surface irradiance, probe irradiance, virtual lights) are evaluated together, by
 //! multiresolution splatting ([N09]) or at every pixel. Kernels: `splat`, `pyramid`, `refine`,
-//! `upsample`; the draw
-//! `composite`.
+//! `upsample`; the draw `composite`.
 
 use super::{Effect, PassKind, Record, Recording, probes, rsm};
 use crate::gpu;

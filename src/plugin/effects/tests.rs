@@ -238,7 +238,7 @@ fn dynamic_objects_need_no_bake() {
         RunReason::Moving(2)
     );
     let words = plan.to_string();
-    assert!(words.contains("rsm of light 5.0 (rsm): what moves is in reach"));
+    assert!(words.contains("rsm of light 5.0 (rsm): dynamic objects are in range"));
     assert!(
         words.contains("composite of the world in view 7"),
         "{words}"

@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn volume_is_written_on_light_change() {
         let mut state = at_rest();
-        // There is no volume and no camera.
+        // Without a volume and a camera.
         assert_eq!(stages(&state), []);
         assert_eq!(
             plan_frame(&state).skipped,

@@ -15,7 +15,7 @@ use meshless_gi::internals::frame::{SubsplatParams, VplParams, VplViewParams};
 
 pub(super) const EFFECT: Effect = Effect {
     name: "vpl_specular",
-    summary: "shows dynamic objects in glossy surfaces, in the views that ask for it",
+    summary: "shows dynamic objects in glossy surfaces, in the views that enable it",
     schedule,
     passes: &[PassKind {
         stage: FrameStage::VPL_SPECULAR,

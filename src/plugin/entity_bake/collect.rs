@@ -44,7 +44,7 @@ pub(super) struct Instance {
     pub(super) mesh: usize,
     /// Index into [`Collected::materials`].
     pub(super) material: usize,
-    /// From the mesh's space to that of the root.
+    /// Transform from the mesh's space to that of the root.
     pub(super) to_root: DMat4,
     /// Index into [`Collected::nodes`].
     pub(super) node: u32,

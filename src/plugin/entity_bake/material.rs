@@ -17,7 +17,7 @@ pub(super) struct SurfaceMaterial {
     /// Factors of the material. Its texture indices are not set.
     pub(super) material: Material,
     pub(super) textures: [Option<SurfaceTexture>; 3],
-    /// From the mesh's texture coordinates to those of the textures.
+    /// Transform from the mesh's texture coordinates to those of the textures.
     pub(super) uv_transform: Affine2,
 }
 

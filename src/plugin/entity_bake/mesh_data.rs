@@ -8,9 +8,9 @@ use bevy::mesh::{Indices, Mesh, MeshAccessError, PrimitiveTopology, VertexAttrib
 pub(super) enum MeshProblem {
     /// Its data is in the render world alone.
     InRenderWorld,
-    /// It consists of points or lines.
+    /// The mesh consists of points or lines.
     NoTriangles(PrimitiveTopology),
-    /// Anything else.
+    /// Other reason.
     Unreadable(String),
 }
 

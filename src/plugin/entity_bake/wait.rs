@@ -15,9 +15,9 @@ use bevy::world_serialization::{
 /// State of a scene or an asset.
 pub(super) enum State {
     Ready,
-    /// It may come.
+    /// The data may still arrive.
     Pending,
-    /// It never comes, and why.
+    /// The data never arrives, with the reason.
     Missing(String),
 }
 

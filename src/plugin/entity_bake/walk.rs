@@ -31,7 +31,7 @@ pub(super) struct Walk {
 pub(super) struct StaticMesh {
     pub(super) entity: Entity,
     pub(super) mesh: Handle<Mesh>,
-    /// From the mesh's space to that of the root.
+    /// Transform from the mesh's space to that of the root.
     pub(super) to_root: DMat4,
     /// Index into [`Walk::nodes`].
     pub(super) node: u32,
@@ -112,7 +112,7 @@ fn is_point_cloud(_: EntityRef) -> bool {
     false
 }
 
-/// Returns `true` if an entity below the root, with all below it, is no part of the bake.
+/// Returns `true` if the bake excludes an entity below the root and its descendants.
 fn is_left_out(entity: EntityRef) -> bool {
     entity.contains::<GiBakeExclude>()
         || entity.contains::<GiReflector>()

@@ -1,7 +1,7 @@
 //! Recording of a plan: walks the passes in their order and calls the recording of each.
 //!
 //! Bevy records a frame schedule by schedule, and a pass belongs to one of these [`FramePoint`]s. A
-//! system of each schedule hands its part of the world to the walk of its point. The walk selects
+//! system of each schedule passes its part of the world to the walk of its point. The walk selects
 //! the passes of the plan by their kind, and decides nothing else.
 //!
 //! | point | walk | called by | runs |

@@ -21,7 +21,7 @@ use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
 
 pub(super) const EFFECT: Effect = Effect {
     name: "rsm",
-    summary: "draws dynamic objects from the lights that ask for it, and creates virtual point lights",
+    summary: "draws dynamic objects from lights with reflective shadow maps, and creates virtual point lights",
     schedule,
     passes: &[
         PassKind {

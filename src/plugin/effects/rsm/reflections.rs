@@ -228,7 +228,7 @@ impl Reflections {
     }
 }
 
-/// From the space about `origin` to a bake's local space.
+/// Returns the transform from the space about `origin` to a bake's local space.
 fn local_from_space(local_from_world: DMat4, origin: Vec3) -> Mat4 {
     (local_from_world * DMat4::from_translation(origin.as_dvec3())).as_mat4()
 }
