@@ -160,7 +160,7 @@ fn rsm_cameras_follow_reflectors() {
             };
             app.world_mut().entity_mut(ball).insert(shown);
         }),
-        ("no camera that asks", |app, _, _, off| {
+        ("no camera with indirect light", |app, _, _, off| {
             let mut cameras = app.world_mut().query::<&mut GiCamera>();
             for mut camera in cameras.iter_mut(app.world_mut()) {
                 camera.enabled = !off;
