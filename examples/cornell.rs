@@ -17,7 +17,7 @@
 //! | B | the light that the ball reflects, on and off |
 //! | D | indirect light at a fraction of the pixels, or at every pixel |
 //! | V | the picture, indirect light alone, or irradiance |
-//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | G | gizmos: points of the bake, radii of a level, non-zero coefficients, none |
 //! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
 //! | H | help on and off |
@@ -79,7 +79,7 @@ fn usage(why: &str) -> ExitCode {
 #[derive(Component)]
 struct Ball;
 
-/// The light is a panel with soft shadows instead of a point light with a shadow map.
+/// `true` if the light is a panel with soft shadows instead of a point light with a shadow map.
 #[derive(Resource)]
 struct Soft(bool);
 
@@ -153,7 +153,7 @@ const BALL: f32 = 0.18;
 /// Ends of the ball's path on the floor, in front of the small block at a distance of 4 cm.
 const WAY: (Vec3, Vec3) = (Vec3::new(-0.7, BALL, 0.57), Vec3::new(0.6, BALL, 0.98));
 
-/// Position of the ball at a time. It starts in the middle of its path.
+/// Returns the position of the ball at a time. It starts in the middle of its path.
 fn ball_at(seconds: f32) -> Vec3 {
     WAY.0.lerp(WAY.1, 0.5 + 0.5 * (0.7 * seconds).sin())
 }

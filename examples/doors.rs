@@ -17,7 +17,7 @@
 //! | Space | indirect light on and off |
 //! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
-//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | G | gizmos: points of the bake, radii of a level, non-zero coefficients, none |
 //! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
 //! | H | help on and off |
@@ -199,7 +199,8 @@ fn set_up(
 /// Seconds of one round.
 const ROUND: f32 = 17.0;
 
-/// Position on the path through the door to the left and back, in meters, and rotation in radians.
+/// Returns the position on the path through the door to the left and back, in meters, and the
+/// rotation in radians.
 fn way(seconds: f32) -> (f32, f32) {
     let t = seconds.rem_euclid(ROUND);
     let there = (t / 6.0).clamp(0.0, 1.0);
@@ -208,13 +209,13 @@ fn way(seconds: f32) -> (f32, f32) {
     (3.0 - 6.0 * there + 6.0 * back, PI * turned)
 }
 
-/// Transmittance of the door. It closes behind the character and opens in front of it.
+/// Returns the transmittance of the door. It closes behind the character and opens in front of it.
 fn transmittance(seconds: f32) -> f32 {
     let t = seconds.rem_euclid(ROUND);
     1.0 - between(4.2, 5.4, t) + between(8.5, 9.7, t)
 }
 
-/// Smooth step from 0 at `from` to 1 at `to`.
+/// Returns the smooth step from 0 at `from` to 1 at `to`.
 fn between(from: f32, to: f32, t: f32) -> f32 {
     let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
     s * s * (3.0 - 2.0 * s)

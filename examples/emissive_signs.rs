@@ -12,10 +12,10 @@
 //! | M | pause and continue |
 //! | Left, Right | change the time |
 //! | L | the signs off and on |
-//! | Space | indirect light on and off: without it, there is none |
+//! | Space | indirect light on and off (there is no other light) |
 //! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
-//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | G | gizmos: points of the bake, radii of a level, non-zero coefficients, none |
 //! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
 //! | H | help on and off |
@@ -113,7 +113,7 @@ const SIGNS: [Sign; 7] = [
     },
 ];
 
-/// Fraction of a sign's emission at a time, per color channel.
+/// Returns the fraction of a sign's emission at a time, per color channel.
 fn strength(sign: usize, t: f32) -> Vec3 {
     match sign {
         // Cycles through the colors.

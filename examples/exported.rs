@@ -1,6 +1,5 @@
 //! A room with baked light in a Bevy app without this crate's plugin: a Bevy irradiance volume
-//! loaded from two files. For devices without compute shaders, and for games whose lights never
-//! change.
+//! loaded from two files. This suits devices without compute shaders, and games with static lights.
 //!
 //! ```text
 //! cargo run --release --example exported
@@ -38,7 +37,7 @@ use std::process::ExitCode;
 /// Light of the room: position in meters, and luminous intensity in cd.
 const LIGHT: (Vec3, f32) = (Vec3::new(0.0, 1.7, 0.2), 4800.0);
 
-/// Intensity of the irradiance volume while it is on.
+/// Placement of the irradiance volume, with its intensity while it is on.
 #[derive(Resource)]
 struct Placement(VolumePlacement);
 
@@ -166,7 +165,7 @@ fn setup(
     ));
 }
 
-/// Space switches the volume.
+/// Switches the volume on Space.
 fn switch(
     keys: Res<ButtonInput<KeyCode>>,
     placement: Res<Placement>,

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! The Cornell box is made in code and baked first. `--direct` turns indirect light off. `--budget`
-//! moves light and camera along a path first, limits the GPU time of indirect light per frame, and
-//! prints the times and the tier of the bake.
+//! limits the GPU time of indirect light per frame. It moves light and camera along a path first,
+//! and prints the times and the tier of the bake.
 
 mod common;
 

@@ -17,7 +17,7 @@
 //! | Space | indirect light on and off |
 //! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
-//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | G | gizmos: points of the bake, radii of a level, non-zero coefficients, none |
 //! | P | the plan of the frame: passes, reasons, times |
 //! | H | help on and off |
 //!
@@ -167,7 +167,7 @@ fn set_up(
     );
 }
 
-/// Position of the light at a time: around the statue, up and down.
+/// Returns the position of the light at a time: around the statue, up and down.
 fn light_at(seconds: f32) -> Vec3 {
     let angle = 0.6 * seconds + 0.9;
     Vec3::new(

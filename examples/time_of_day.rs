@@ -11,11 +11,11 @@
 //! |---|---|
 //! | M | pause and continue |
 //! | Left, Right | change the time |
-//! | F | mist over the court, which the sun and the scene's indirect light fill; and none |
-//! | Space | indirect light on and off: without it, sky and walls give none |
+//! | F | mist over the court, lit by the sun and by indirect light, on and off |
+//! | Space | indirect light of sky and walls on and off |
 //! | Tab | one view, or direct light alone on the left |
 //! | V | the picture, indirect light alone, or irradiance |
-//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | G | gizmos: points of the bake, radii of a level, non-zero coefficients, none |
 //! | P | the plan of the frame: passes, reasons, times |
 //! | F1 | the tuning panel |
 //! | H | help on and off |
@@ -130,7 +130,7 @@ fn set_up(
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[3.0, 1.6, 3.0], [-6.5, 1.6, 0.0], [6.5, 1.6, 0.0]],
-        // Arcades see the court between columns: four times the preset's rays.
+        // The court is visible from the arcades between columns only: four times the preset's rays.
         rays_per_point: Some(1024),
         sky: SkyModel::Harmonics,
         // Probes, for the mist.
@@ -160,7 +160,8 @@ fn set_up(
     ));
 }
 
-/// Mist: Bevy's volumetric fog with sunlight and indirect light. Removed entirely while it is off.
+/// Switches the mist: Bevy's volumetric fog with sunlight and indirect light. Removes it entirely
+/// while it is off.
 fn mist(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
@@ -203,15 +204,15 @@ fn mist(
     }
 }
 
-/// Unit vector to the sun at an hour. It rises in the east (+X) at 6 and is highest at noon in the
-/// south (+Z).
+/// Returns the unit vector to the sun at an hour. It rises in the east (+X) at 6 and is highest at
+/// noon in the south (+Z).
 fn sun_at(hour: f32) -> Vec3 {
     let (high, east) = (PI * (hour - 6.0) / 12.0).sin_cos();
     Vec3::new(east, 0.83 * high, 0.56 * high).normalize()
 }
 
-/// Fraction of sunlight that passes the air, linear RGB: less and redder at low elevation, 0 below
-/// the horizon.
+/// Returns the fraction of sunlight that passes the air, linear RGB. It is lower and redder at low
+/// elevation, and 0 below the horizon.
 fn through_air(sun: Vec3) -> Vec3 {
     let rises = ((sun.y + 0.02) / 0.06).clamp(0.0, 1.0);
     let way = 1.0 / (sun.y.max(0.0) + 0.06);
@@ -221,8 +222,8 @@ fn through_air(sun: Vec3) -> Vec3 {
 /// Illuminance of the sun above the atmosphere, in lux.
 const SUN: f32 = 120_000.0;
 
-/// Luminance of the sky in a direction, in cd/m²: blue by day, warm around a low sun, faint at
-/// night.
+/// Returns the luminance of the sky in a direction, in cd/m²: blue by day, warm around a low sun,
+/// faint at night.
 fn sky(sun: Vec3, way: Vec3) -> Vec3 {
     let day = ((sun.y + 0.1) / 0.5).clamp(0.0, 1.0).powi(2);
     let up = way.y.max(0.0);
@@ -232,12 +233,12 @@ fn sky(sun: Vec3, way: Vec3) -> Vec3 {
     let beside = (0.5 + 0.5 * way.dot(Vec3::new(sun.x, 0.0, sun.z).normalize_or_zero())).powi(2);
     let warm = low * beside * (1.0 - up).powi(2) * Vec3::new(5200.0, 2000.0, 600.0);
     let night = Vec3::new(0.6, 0.9, 2.0);
-    // Below the horizon is ground in the sky's light.
+    // Below the horizon is ground, lit by the sky.
     let share = if way.y < 0.0 { 0.25 } else { 1.0 };
     share * (day * blue + warm + night)
 }
 
-/// Nine coefficients of the sky, from directions spread evenly over the sphere.
+/// Returns the 9 coefficients of the sky, from directions spread evenly over the sphere.
 fn nine(sun: Vec3) -> SkyRadiance {
     const DIRECTIONS: usize = 512;
     let golden = TAU * 0.618_034;
@@ -250,7 +251,7 @@ fn nine(sun: Vec3) -> SkyRadiance {
     }))
 }
 
-/// Exposure for the illuminance of the court.
+/// Returns the exposure for the illuminance of the court.
 fn exposure(sun: Vec3) -> Exposure {
     let light = (SUN * through_air(sun) * sun.y.max(0.0)).max_element()
         + 3.0 * sky(sun, Vec3::Y).max_element();

@@ -4,7 +4,7 @@
 struct FogInscatterParams {
     world_from_voxels: mat4x4f,
     eye: vec4f,
-    // For each side the step from a voxel to the voxel whose light it stores.
+    // Step per side from a voxel to the voxel that provides its light.
     steps: array<vec4i, 6>,
     size: vec3u,
     asymmetry: f32,

@@ -1,8 +1,8 @@
 // volume: probe irradiance in the format of Bevy's irradiance volumes, for forward rendering. Twin:
 // crates/meshless_gi/src/frame/volume.rs. The twin computes for each side of a voxel the other
-// voxel whose light it reads. Here the thread of that voxel sums its light once and writes it to
-// all sides that read it. A side whose normal matches a wall next to its voxel has the wall's
-// light. The voxel's own thread writes it. Every texel has one writer.
+// voxel that provides its light. Here the thread of that voxel sums its light once and writes it to
+// all sides that read it. A side with the normal of a wall next to its voxel has the wall's light.
+// The voxel's own thread writes it. Every texel has one writer.
 
 struct VolumeParams {
     size: vec3u,
@@ -136,8 +136,8 @@ fn scaled(scale: f32, e: VectorIrradiance) -> VectorIrradiance {
     return VectorIrradiance(scale * e.x, scale * e.y, scale * e.z);
 }
 
-// Mean of the voxels around the voxel ahead, for a side whose own voxel and voxel ahead have no
-// light.
+// Mean of the voxels around the voxel ahead, for a side without light in its own voxel and in the
+// voxel ahead.
 fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     var sum = vec3f(0.0);
     var count = 0.0;

@@ -1,5 +1,5 @@
-//! Log lines of the plugin over a run. One test alone in its file: systems log from many threads,
-//! so the subscriber is the process's.
+//! Log lines of the plugin over a run. The file has only one test: systems log from many threads,
+//! so the subscriber is global to the process.
 
 mod support;
 
@@ -17,7 +17,7 @@ use support::app::{camera, headless_plugins, ready, run, target};
 use support::scenes::cornell;
 use support::stage::{indirect, spawn_baked, spawn_light_source, view};
 
-/// Lines of the crate, of all levels.
+/// Log lines of the crate at all levels.
 #[derive(Clone, Default)]
 struct Lines(Arc<Mutex<Vec<(Level, String)>>>);
 
@@ -115,7 +115,7 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
         assert!(line.len() <= 120, "{line}");
     }
 
-    // The plan: every decision once, with names.
+    // The plan lists every decision once, with names.
     let debug = lines.at(Level::DEBUG);
     println!("{}", debug.join("\n"));
     let label = format!("\"Room\" ({named})");
@@ -141,7 +141,7 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
     assert_eq!(info.len(), 3, "{info:?}");
     assert!(info[2].contains("\"Room\""), "{info:?}");
 
-    // No line twice, no unknown costs, no bits in place of entities, no warning.
+    // No repeated line, no unknown costs, no entity bits instead of names, no warning.
     let all = lines.0.lock().unwrap().clone();
     let different: BTreeSet<&String> = all.iter().map(|(_, line)| line).collect();
     assert_eq!(different.len(), all.len(), "{all:#?}");

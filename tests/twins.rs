@@ -71,8 +71,8 @@ fn cpu(scene: &BakedScene, lights: &[FrameLight], settings: &FrameSettings) -> C
     frame
 }
 
-/// Solves a frame on the device from the CPU's projection. A shadow ray that grazes an edge thus
-/// does not affect the kernels after `project`.
+/// Solves a frame on the device from the CPU's projection. A shadow ray that grazes an edge does
+/// not affect the kernels after `project`.
 fn solved(
     harness: &HeadlessDevice,
     kernels: &KernelPipelines,
@@ -153,7 +153,7 @@ fn project_kernel_matches_twin() {
     let lights = synthetic::lights();
     let twin = cpu(&scene, &lights, &settings(0, false));
     let shadowed = (0..lights.len()).any(|s| {
-        // The coarser senders, which are lit at their own points.
+        // The coarser senders, which are lit at their own positions.
         let own = &scene.data().points[..scene.data().finest_senders().start];
         let pairs = twin.projected(s).iter().zip(own);
         pairs
@@ -162,7 +162,7 @@ fn project_kernel_matches_twin() {
     });
     assert!(shadowed, "the scene has no shadows");
 
-    // Capacity for three slots at first. More slots follow, and the existing projection stays.
+    // The capacity is three slots at first. When it grows, the existing projection stays.
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 3).unwrap();
     frame
         .set_lights(&kernels, &harness.queue, &lights[..3])
@@ -180,8 +180,8 @@ fn project_kernel_matches_twin() {
 
     let count = lights.len() * scene.data().senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
-    // Only tolerance: a ray that passes an edge within rounding may be on either side of it. Of
-    // 2970 rays at most two do.
+    // Only tolerance: a ray that passes an edge within rounding may be on either side of it. At
+    // most two of 2970 rays differ.
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
     assert!(
         differing == flips && flips <= 2,
@@ -216,7 +216,7 @@ fn project_kernel_matches_twin() {
     assert!(differing > flips, "a moved place is not noticed");
 }
 
-/// More slots than one dispatch takes, from rectangles with many patches and many lights.
+/// Projects more slots than one dispatch holds, from rectangles with many patches and many lights.
 #[test]
 fn project_above_dispatch_limit_matches_twin() {
     let harness = harness();
@@ -335,7 +335,7 @@ fn frame_of_averages_matches_twin() {
             (VALUES, |s| bend(s, 99)),
             (VALUES, |s| s.data_mut().operator.rows[20].scale *= 1.001),
             (VALUES, |s| {
-                // The last point without a row of its own.
+                // The last point without its own row.
                 let inactive = (0..s.data().points.len())
                     .rev()
                     .find(|&i| s.data().operator.rows[i].tier == 0);
@@ -434,7 +434,8 @@ fn runtime_bounces_match_twin() {
     }
 }
 
-/// Returns the scene with averages, lit by a varying sky: some links refer to its terms.
+/// Returns the scene with averages under a directional sky. Some links refer to the terms of the
+/// sky.
 fn under_a_sky() -> BakedScene {
     let mut scene = synthetic::scene(SenderForm::Averages);
     let mut dice = synthetic::Dice::new(7);
@@ -682,8 +683,9 @@ fn cornell_box_bakes_match_twin() {
     }
 }
 
-/// An octree carries the light alone. If the device does not hold it, the links on the same points
-/// replace it, if there are any.
+/// Tests the fallback of an octree, which transports all light without links. If the octree exceeds
+/// a device limit, links on the same points replace it. Without such links, the frame is not
+/// created.
 #[test]
 fn octree_above_limit_falls_back_to_links() {
     use bevy_meshless_gi::internals::plan::{FmmLimit, falls_back};
@@ -707,13 +709,13 @@ fn octree_above_limit_falls_back_to_links() {
         matches!(why, Some(FmmLimit::TooLarge { has: 65536, .. })),
         "{why:?}"
     );
-    // An order that exceeds any workgroup.
+    // An order that is too large for a workgroup.
     scene.data_mut().fmm.as_mut().unwrap().order = 7;
     let why = falls_back(&scene, 128 << 20);
     assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
-    // No links to replace it.
+    // Without links, no fallback exists.
     scene.data_mut().operator.rows.fill(Row::default());
     scene.data_mut().operator.links.clear();
     let error = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap_err();
@@ -738,7 +740,7 @@ fn only_components_are_compressed() {
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
     let other = synthetic::scene(SenderForm::Averages);
     let other = GpuFrame::new(&kernels, &harness.queue, &other, 8).unwrap();
-    // The matrix, in three arrays, and its product with the senders.
+    // The matrix has three arrays, and its product with the senders is the fourth.
     assert_eq!(frame.buffers().count(), other.buffers().count() + 4);
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
@@ -754,7 +756,7 @@ fn only_components_are_compressed() {
             Pass::Averages
         ]
     );
-    // Only before each use of the operator.
+    // The compression runs before each use of the operator only.
     let counters = frame.counters();
     assert_eq!(counters.dispatches_of(Pass::Compress), 3);
     assert_eq!(counters.dispatches_of(Pass::Apply), 3);

@@ -44,11 +44,11 @@ pub struct Capture {
     while_baking: bool,
     /// Clock time of the picture.
     pub at: Option<f32>,
-    /// Presses, one after another, each a set of keys.
+    /// Successive presses. Each is a set of keys.
     keys: Vec<Vec<KeyCode>>,
 }
 
-/// Bevy's plugins, with a window or, for a picture, without one.
+/// Returns Bevy's plugins, with a window or, for a picture, without one.
 pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     match capture {
         None => DefaultPlugins.build(),
@@ -56,7 +56,7 @@ pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     }
 }
 
-/// Bevy's plugins without a window. A frame is drawn before the next one begins.
+/// Returns Bevy's plugins without a window. A frame is drawn before the next one begins.
 pub fn windowless() -> PluginGroupBuilder {
     DefaultPlugins
         .set(WindowPlugin {

@@ -4,7 +4,7 @@
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 
-/// Time of an example. It starts when the light is on, and stands still for a picture. M stops and
+/// Time of an example. It starts when the light is on, and stops for a picture. M stops and
 /// continues it.
 #[derive(Resource, Clone)]
 pub struct Clock {
@@ -12,9 +12,9 @@ pub struct Clock {
     pub now: f32,
     /// Units per second.
     speed: f32,
-    /// Left and Right change the time.
+    /// `true` if Left and Right change the time.
     by_hand: bool,
-    /// The clock runs.
+    /// `true` if the clock runs.
     pub on: bool,
 }
 
@@ -23,7 +23,7 @@ pub struct Clock {
 pub struct ClockSystems;
 
 impl Clock {
-    /// Creates a clock that runs from `start`, or stands at `at`.
+    /// Creates a clock that runs from `start`, or stops at `at`.
     pub fn new(start: f32, speed: f32, at: Option<f32>) -> Self {
         Self {
             now: at.unwrap_or(start),

@@ -2,11 +2,11 @@
 //!
 //! | section | sets |
 //! |---|---|
-//! | view | `GiCamera::view` of all cameras |
+//! | view | `GiCamera::debug_view` of all cameras |
 //! | reflections | `GiSolver::bounces` of all scenes |
 //! | quality | `GiQuality` of all scenes, with the tiers that their bakes have |
 //! | display | `GiSplatting` of all cameras |
-//! | preset, "bake again" | nothing by itself: the example handles [`BakeAgain`], and offers it by the resource [`PanelPreset`] |
+//! | preset, "bake again" | triggers [`BakeAgain`] (examples with resource [`PanelPreset`]) |
 //! | lights | `GiLight::enabled` of each light |
 //!
 //! F1 shows and hides the panel. It starts hidden with `--screenshot`.
@@ -175,7 +175,7 @@ type Lights<'w, 's> = Query<
     )>,
 >;
 
-/// The sections of the panel for a number of tiers and these lights.
+/// Returns the sections of the panel for a number of tiers and these lights.
 fn sections(tiers: u32, lights: &Lights, preset: bool) -> Vec<Section> {
     let named = |pairs: &[(&str, Control)]| -> Vec<(String, Control)> {
         let pairs = pairs.iter();
@@ -229,7 +229,7 @@ fn sections(tiers: u32, lights: &Lights, preset: bool) -> Vec<Section> {
     all
 }
 
-/// Builds the controls, again when tiers or lights changed.
+/// Builds the controls, again after a change of tiers or lights.
 fn build(
     mut commands: Commands,
     panel: Single<&Node, With<TuningPanel>>,
@@ -332,7 +332,7 @@ fn change(
     }
 }
 
-/// Marks the controls whose values are set.
+/// Marks the controls of the current values.
 fn mark(
     mut commands: Commands,
     controls: Query<(Entity, &Control, Has<Checked>)>,
@@ -341,7 +341,7 @@ fn mark(
     lights: Query<&GiLight>,
     preset: Option<Res<PanelPreset>>,
 ) {
-    // In addition to the example's camera there may be one
+    // A second camera can have indirect light disabled. The enabled one counts.
     let camera = cameras.iter().max_by_key(|(c, _)| c.enabled);
     let scene = scenes.iter().next();
     for (entity, control, checked) in &controls {

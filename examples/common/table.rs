@@ -64,7 +64,7 @@ fn tell(
     *frame += 1;
 }
 
-/// The plan with names in place of the numbers of scenes, views and lights.
+/// Replaces the numbers of scenes, views and lights in the plan by names.
 fn named(plan: &str, names: &Query<Option<&Name>>) -> String {
     let mut out = String::with_capacity(plan.len());
     let mut number_follows = false;
@@ -85,14 +85,14 @@ fn named(plan: &str, names: &Query<Option<&Name>>) -> String {
     out
 }
 
-/// The plan, then what it took.
+/// Returns the plan and its measured times.
 pub fn words(
     status: &GiFrameStats,
     diagnostics: &DiagnosticsStore,
     names: &Query<Option<&Name>>,
 ) -> String {
     let seen = status.get();
-    // The font has no such sign.
+    // The font has no × sign.
     let mut out = named(&status.plan_text(), names).replace('×', "x");
     let dispatches = seen.dispatches.iter();
     let dispatches: Vec<String> = dispatches

@@ -51,9 +51,9 @@ impl Eye {
     }
 }
 
-/// After a bake, moves the camera to a viewpoint with clearance, turns it to where most of the
-/// scene is visible and lit, and sets its exposure. Also moves the light of a scene without lights.
-/// A camera that was moved by hand stays.
+/// Moves the camera to a viewpoint with clearance after a bake. Turns it to the direction in which
+/// most of the scene is visible and lit, and sets its exposure. Also moves the light of a scene
+/// without lights. A camera that was moved by hand stays.
 pub fn look_at_light(
     event: On<GiBakeFinished>,
     mut scenes: Query<(&GiScene, &mut GiEnvironment)>,
@@ -139,7 +139,7 @@ fn directions() -> impl Iterator<Item = Vec3> {
     (0..DIRECTIONS).map(|i| Quat::from_rotation_y(i as f32 * TAU / DIRECTIONS as f32) * Vec3::NEG_Z)
 }
 
-/// Approximate distance from a position to the nearest surface, in meters.
+/// Returns the approximate distance from a position to the nearest surface, in meters.
 fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
     const RAYS: usize = 48;
     let ray = |i: usize| {
@@ -152,8 +152,8 @@ fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
     (0..RAYS).map(ray).fold(far, f32::min)
 }
 
-/// Distance from a position to the first surface in a direction, to 0.1 % of `far`. Returns `far`
-/// if there is none.
+/// Returns the distance from a position to the first surface in a direction, to 0.1 % of `far`.
+/// Returns `far` if there is none.
 fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     let meets = |distance| bvh.occluded(&Ray::segment(from, toward, distance));
     if !meets(far) {
@@ -171,7 +171,7 @@ fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     open
 }
 
-/// Lit points of the bake: positions, normals and luminances in cd/m².
+/// Points of the bake that receive light: positions, normals and luminances in cd/m².
 struct Lit(Vec<(Vec3, Vec3, f32)>);
 
 impl Lit {
@@ -200,7 +200,7 @@ impl Lit {
         Self(points.collect())
     }
 
-    /// Directions and luminances of the points that are visible from a position.
+    /// Returns directions and luminances of the points that are visible from a position.
     fn seen(&self, scene: &BakedScene, from: Vec3) -> Vec<(Vec3, f32)> {
         let visible = |(x, n, luminance): &(Vec3, Vec3, f32)| {
             let distance = x.distance(from);
@@ -234,13 +234,14 @@ impl Lit {
     }
 }
 
-/// Luminances of the points around a direction.
+/// Returns the luminances of the points around a direction.
 fn around(seen: &[(Vec3, f32)], toward: Vec3) -> Vec<f32> {
     let inside = seen.iter().filter(|(way, _)| way.dot(toward) > VIEW);
     inside.map(|(_, luminance)| *luminance).collect()
 }
 
-/// Exposure (EV100) that maps mean luminance to middle gray. `None` in the dark.
+/// Returns the exposure (EV100) that maps mean luminance to middle gray. Returns `None` in the
+/// dark.
 fn exposure_of(luminances: &[f32]) -> Option<f32> {
     let lit: Vec<f32> = (luminances.iter().copied())
         .filter(|luminance| *luminance > 1e-4)
@@ -253,7 +254,7 @@ fn exposure_of(luminances: &[f32]) -> Option<f32> {
     Some((mean.exp() / (1.2 * GRAY)).log2().clamp(-4.0, 16.0))
 }
 
-/// Returns 1, −1 or 0 by two keys.
+/// Returns 1, −1 or 0 from two keys.
 pub fn axis(keys: &ButtonInput<KeyCode>, plus: KeyCode, minus: KeyCode) -> f32 {
     f32::from(u8::from(keys.pressed(plus))) - f32::from(u8::from(keys.pressed(minus)))
 }

@@ -16,7 +16,7 @@
 //! | Up, Down | sunlight stronger and weaker |
 //! | Space | indirect light on and off |
 //! | Ctrl+S | saves the bake next to the scene, as `level.mgi` |
-//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | G | gizmos: points of the bake, radii of a level, non-zero coefficients, none |
 //! | F1 | the tuning panel, with a button that bakes again |
 //! | P | the plan of the frame: passes, reasons, times |
 //!
@@ -94,7 +94,7 @@ fn usage() -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Scenes can be in any folder: assets are loaded by absolute paths.
+/// Returns an asset plugin that loads from any folder, by absolute paths.
 pub fn assets() -> AssetPlugin {
     AssetPlugin {
         unapproved_path_mode: UnapprovedPathMode::Allow,

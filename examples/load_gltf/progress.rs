@@ -53,8 +53,8 @@ pub fn set_up(mut commands: Commands) {
     ));
 }
 
-/// Completed fraction of the bake, 0 to 1, from a stage and its fraction. Stages that a recipe
-/// leaves out are skipped.
+/// Returns the completed fraction of the bake, 0 to 1, from a stage and its fraction. Stages that a
+/// recipe leaves out are skipped.
 pub fn overall(stage: BakeStage, done: f32) -> f32 {
     let [from, to] = match stage {
         BakeStage::Waiting => [0.0, 0.0],

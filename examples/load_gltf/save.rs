@@ -11,7 +11,7 @@ use std::path::PathBuf;
 #[derive(Resource)]
 pub struct Saving(Task<String>);
 
-/// Ctrl+S: starts to write `level.mgi` next to `level.glb`. The file is replaced atomically.
+/// Starts to write `level.mgi` next to `level.glb` on Ctrl+S. The file is replaced atomically.
 pub fn start(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,

@@ -1,7 +1,7 @@
-//! Cost and error of irradiance in fewer numbers per point. Compares vector irradiance in three
-//! channels (48 bytes per point) with irradiance at the point's normal and with vector irradiance
-//! in one channel (16 bytes each), and the kernel `apply_one` with `apply`. Prints bytes, times and
-//! differences for a box of flat walls, without and with a ball.
+//! Cost and error of irradiance in fewer numbers per point. The reference is vector irradiance in
+//! three channels (48 bytes per point). The alternatives are irradiance at the point's normal and
+//! vector irradiance in one channel (16 bytes each). Also compares the kernel `apply_one` with
+//! `apply`. Prints bytes, times and differences for a box of flat walls, without and with a ball.
 //!
 //! ```text
 //! cargo run --example precision -- draft|medium
@@ -27,7 +27,7 @@ use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 /// Number of positions at which the display is evaluated.
 const PLACES: usize = 20_000;
-/// Runs. The minimum counts.
+/// Number of runs. The minimum counts.
 const RUNS: usize = 40;
 const BALL: (Vec3, f32) = (Vec3::new(-0.15, 1.25, 0.25), 0.35);
 
@@ -198,7 +198,8 @@ fn scalar(scene: &BakedScene, values: &[[f32; 4]], x: Vec3, n: Vec3) -> Option<V
     Some((e.truncate() / of).max(Vec3::ZERO))
 }
 
-/// Returns the minimum seconds of each, run alternately so that other load affects all alike.
+/// Returns the minimum seconds of each function. They run alternately, so that other load affects
+/// all alike.
 fn fastest<const N: usize>(mut all: [&mut dyn FnMut(); N]) -> [f64; N] {
     let mut min = [f64::INFINITY; N];
     for _ in 0..RUNS {
@@ -347,13 +348,13 @@ fn solve(
     ))
 }
 
-/// Kernel without changes.
+/// Returns the source of a kernel without changes.
 fn kernel(name: &str) -> Result<String, Box<dyn Error>> {
     let kernel = KERNELS.iter().find(|k| k.name == name);
     Ok(kernel.ok_or("no such kernel")?.source.into())
 }
 
-/// `apply` for arrays of one channel: one number per coefficient, three per value.
+/// Returns `apply` for arrays of one channel: one number per coefficient, three per value.
 fn alone() -> Result<String, Box<dyn Error>> {
     let mut source = kernel("apply")?;
     for (from, to) in [

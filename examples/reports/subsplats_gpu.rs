@@ -6,8 +6,8 @@
 //! cargo run --release --example subsplats_gpu -- [--bakes FOLDER] [LEVEL_FOLDER...]
 //! ```
 //!
-//! Without a folder, only the cluttered room at `Draft`. `FOLDER/NAME.mgi` replaces a bake. Each
-//! time is the minimum of several submissions.
+//! Without a folder, only the cluttered room at `Draft` is measured. `FOLDER/NAME.mgi` replaces a
+//! bake. Each time is the minimum of several submissions.
 
 #[path = "../../tests/twins/depth.rs"]
 mod depth;
@@ -30,7 +30,7 @@ use subsplat_support::{LitScene, Source, View, clutter};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [1920, 1080];
-/// Submissions. The minimum time counts.
+/// Number of submissions. The minimum time counts.
 const RUNS: usize = 3;
 
 fn main() -> Result<(), Box<dyn Error>> {

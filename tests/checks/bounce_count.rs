@@ -21,7 +21,7 @@ fn draft() -> Recipe {
     }
 }
 
-/// Sums the light of all points, each for its own normal.
+/// Returns the sum of the irradiance of all points, each at its own normal.
 fn light(frame: &CpuFrame, scene: &BakedScene) -> f64 {
     (frame.vector_irradiance().iter().zip(&scene.data().points))
         .map(|(e, point)| f64::from(e.dot(point.n()).element_sum()))
@@ -69,13 +69,13 @@ fn automatic_bounce_count_truncation_is_small() {
             (0.0..=f64::from(MAX_TRUNCATED_FRACTION)).contains(&left),
             "{name}: {left}"
         );
-        // A number that suffices for one scene is too small for another.
+        // A number that is large enough for one scene is too small for another.
         assert!(missing[3] > fixed, "{name}: {}", missing[3]);
     }
 }
 
-/// A box whose walls reflect a tenth of the light takes two reflections. A setting fixes its own
-/// number, within the limits of a frame.
+/// Tests that a box of albedo 0.1 needs at most two reflections. `GiBounceCount::Fixed` sets the
+/// number, clamped to the limits of a frame.
 #[test]
 fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     let wall = |origin: Vec3, [u, v]: [Vec3; 2]| Quad {

@@ -1,7 +1,7 @@
-//! Rule `fmm` from recipe to frame: against the reference integrator on triangles, on points and on
-//! both in one room, beside rule `bounded`; tiers with links below the octree, energy, threads, the
-//! file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail
-//! there.
+//! Transport method `fmm` from recipe to frame. Compared with the reference integrator on
+//! triangles, on points and on both in one room, and with method `bounded`. Also tests link tiers
+//! below the octree, energy, thread counts, the file, and invalid recipes. Comparisons are repeated
+//! with a wrong input, and must fail.
 
 use bevy_meshless_gi::GiQuality;
 use bevy_meshless_gi::internals::plan::{TierCandidate, TierController};
@@ -26,7 +26,8 @@ fn light_source() -> [Light; 1] {
     }]
 }
 
-/// Positions visible to a camera in front of the open side and to one below the ceiling.
+/// Returns positions and normals visible to a camera in front of the open side and to a camera
+/// below the ceiling.
 fn samples(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     let seen = |k: u64| {
         let mut r = Random::new(4, 4, k);
@@ -42,7 +43,7 @@ fn samples(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count).filter_map(seen).collect()
 }
 
-/// Two references whose noise is independent.
+/// Pair of references with independent noise.
 type ReferencePair = [Vec<Irradiance>; 2];
 
 fn reference(mesh: &TriangleMesh, samples: &[(Vec3, Vec3)]) -> ReferencePair {
@@ -80,7 +81,7 @@ fn indirect(scene: &BakedScene, mesh: &TriangleMesh, samples: &[(Vec3, Vec3)]) -
     samples.iter().enumerate().map(at).collect()
 }
 
-/// ‖values − truth‖ / ‖truth‖; in products of the one reference with the other their noise cancels.
+/// Returns ‖values − truth‖ / ‖truth‖. Products of one reference with the other cancel their noise.
 fn nrmse(values: &[Vec3], truth: &ReferencePair) -> f64 {
     let (mut square, mut power) = (0.0f64, 0.0f64);
     for (i, x) in values.iter().enumerate() {
@@ -91,7 +92,7 @@ fn nrmse(values: &[Vec3], truth: &ReferencePair) -> f64 {
     (square.max(0.0) / power).sqrt()
 }
 
-/// A red ball of points above the floor of a room of triangles.
+/// Returns a room of triangles with a red ball of points above its floor.
 fn room_with_ball() -> TriangleMesh {
     let of = |i: u64| {
         let mut r = Random::new(8, 8, i);
@@ -147,13 +148,14 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
         });
         assert!(fmm.2 < max, "{name}: {}, at most {max}", fmm.2);
         assert!(bounded.2 < max, "{name}: {}", bounded.2);
-        // There are no links, and the octree is what carried the light.
+        // The bake has no links, so the light is from the octree.
         assert!(fmm.0.data().operator.links.is_empty() && fmm.0.data().fmm.is_some());
         assert_eq!((fmm.0.data().tiers(), fmm.0.data().link_tiers()), (1, 0));
         let turned: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
         assert!(nrmse(&turned, &truth) > 0.2);
         if name.contains("ball") {
-            // The ball reddens the floor below it: without it the same positions are less red.
+            // The ball colors the floor below it. Without the ball, the same positions are less
+            // red.
             let below = |(x, _): &&(Vec3, Vec3)| {
                 x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < 0.7
             };
@@ -169,8 +171,8 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
                 tints[0], tints[1]
             );
             assert!(floor.len() > 5 && tints[0] > 1.2 * tints[1]);
-            // And the walls of triangles color the points of the ball: red on one side, green on
-            // the other.
+            // The walls of triangles color the points of the ball, red on one side and green on the
+            // other.
             let side = |left: bool| {
                 let center = Vec3::new(0.1, 0.6, 0.1);
                 let facing = |(x, n): &&(Vec3, Vec3)| {
@@ -187,7 +189,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
     }
 }
 
-/// A recipe that bakes in a second.
+/// Returns a recipe that bakes in a second.
 fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
     Recipe {
         transport: match rule {
@@ -228,7 +230,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
         frame.solve(scene, &settings);
         frame.vector_irradiance().to_vec()
     };
-    // Lower tiers are those of rule `bounded`; the octree is another way to nearly the same light.
+    // Lower tiers equal those of method `bounded`. The octree gives nearly the same light.
     assert!(values(&both, tiers) == values(&links, tiers));
     let (octree, linked) = (values(&both, u32::MAX), values(&both, tiers));
     let (mut square, mut power) = (0.0, 0.0);
@@ -240,7 +242,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
     let apart = (square / power).sqrt();
     println!("octree and links are {apart:.3} apart");
     assert!(apart > 1e-3 && apart < 0.2, "{apart}");
-    // A budget that the octree does not keep goes down to the links.
+    // With a budget that the octree exceeds, the controller selects a tier of links.
     let choices = TierCandidate::all_of(&both, 3);
     assert_eq!(choices.len() as u32, tiers + 1);
     let mut picker = TierController::new(
@@ -274,8 +276,8 @@ fn fmm_bake_any_thread_count_writes_equal_bytes() {
     assert!(bytes(1) == bytes(3));
 }
 
-/// Inside of a closed box of radiosity one all around, E = 1; with all reflections 1 / (1 − ρ) of
-/// what walls emit.
+/// Tests the irradiance inside a closed box. Walls of radiosity 1 give E = 1. With all reflections,
+/// E is 1 / (1 − ρ) times the emitted radiosity.
 #[test]
 fn fmm_closed_room_conserves_energy() {
     let furnace = |albedo: f32| {
@@ -288,7 +290,7 @@ fn fmm_closed_room_conserves_energy() {
                 let axis = Vec3::AXES[k / 2] * if k % 2 == 0 { 1.0 } else { -1.0 };
                 let (u, v) = (axis.any_orthonormal_vector(), axis);
                 let w = v.cross(u);
-                // Seen from inside.
+                // The front sides face the inside.
                 let at = |a: f32, b: f32| axis + a * u + b * w;
                 Quad {
                     corners: [at(-1.0, -1.0), at(-1.0, 1.0), at(1.0, 1.0), at(1.0, -1.0)],

@@ -1,4 +1,5 @@
-//! Tests without a device and a window: layouts, rules of the plan, and the package.
+//! Tests without a device and a window: shader layouts, bounce counts, transport method `fmm`, and
+//! the published package.
 
 mod bounce_count;
 mod fmm_rule;

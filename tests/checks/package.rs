@@ -1,4 +1,4 @@
-//! The package that is published: what it needs to build and no more.
+//! Contents of the published package: the files that a build needs, and no others.
 
 use std::process::Command;
 

@@ -516,7 +516,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
 
 fn parse(name: &str, source: &str) -> Result<(naga::Module, ModuleInfo), String> {
     let module = wgsl::parse_str(source).map_err(|e| e.emit_to_string_with_path(source, name))?;
-    // No capability beyond WebGPU's, to which `unpack2x16float` belongs.
+    // Only capabilities of WebGPU, which include `unpack2x16float`.
     let info = Validator::new(
         ValidationFlags::all(),
         Capabilities::SHADER_FLOAT16_IN_FLOAT32,

@@ -1,10 +1,10 @@
-//! README's programs in one executable, linked with the libraries that the tests use.
+//! Programs of README in one executable, linked with the libraries that the tests use.
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Crates that the programs and `measure.rs` name.
+/// Crates that the programs and `measure.rs` import.
 const CRATES: [&str; 6] = [
     "bevy",
     "bevy_meshless_gi",
@@ -14,16 +14,16 @@ const CRATES: [&str; 6] = [
     "image",
 ];
 
-/// The built executable; its folder is removed with the value.
+/// Built executable. Dropping the value removes its folder.
 pub struct Executable {
     _folder: tempfile::TempDir,
     program: PathBuf,
 }
 
 impl Executable {
-    /// Builds `programs`, pairs of a name and a program's text, as modules of one executable. Its
-    /// first argument names the program. The plugin of `measure.rs` is added to each; nothing else
-    /// is changed.
+    /// Builds `programs`, pairs of a name and a program's text, as modules of one executable. The
+    /// first argument of the executable is the name of a program. The plugin of `measure.rs` is
+    /// added to each program. The rest of the text is unchanged.
     pub fn build(programs: &[(&str, &str)]) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let measure = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/first_game/measure.rs");
@@ -58,13 +58,14 @@ impl Executable {
         }
     }
 
-    /// The path of the executable.
+    /// Returns the path of the executable.
     pub fn path(&self) -> &Path {
         &self.program
     }
 }
 
-/// `text` with the one `from` in it replaced.
+/// Returns `text` with its only `from` replaced by `to`. Panics if `from` does not occur exactly
+/// once.
 #[track_caller]
 fn replace_one(text: &str, from: &str, to: &str) -> String {
     assert_eq!(text.matches(from).count(), 1, "one `{from}` in\n{text}");
@@ -80,7 +81,7 @@ fn succeed(command: &mut Command) -> Output {
     output
 }
 
-/// Arguments of the compiler that name the libraries with which this test was built.
+/// Returns the compiler arguments that name the libraries with which this test was built.
 fn library_arguments() -> Vec<String> {
     let test = std::env::current_exe().expect("the test has a path");
     let target = test.ancestors().nth(3).expect("target/debug/deps/test");

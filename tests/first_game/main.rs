@@ -1,6 +1,6 @@
-//! The first hour of a Bevy developer, as a test: the programs of README.md are compiled against
-//! the libraries of the tests, run in a window under Xvfb, and must show the light that `CpuFrame`
-//! computes from the same bake.
+//! Test of the first hour of a Bevy developer. The programs of README.md are compiled against the
+//! libraries of the tests and run in a window under Xvfb. Their light must match the light that
+//! `CpuFrame` computes from the same bake.
 //!
 //! `MGI_TEST_PICTURES` names a folder that keeps the pictures.
 
@@ -22,7 +22,7 @@ use support::scenes::{Quad, Room};
 /// Largest mean FLIP between the plugin's indirect light and the CPU's.
 const MAX_FLIP: f32 = 0.02;
 
-/// The programs, built once.
+/// Returns the executable with all programs, which is built once.
 fn programs() -> &'static Executable {
     static BUILT: OnceLock<Executable> = OnceLock::new();
     BUILT.get_or_init(|| {
@@ -43,7 +43,7 @@ fn programs() -> &'static Executable {
     })
 }
 
-/// A hall around README's light and camera: a red wall, a green one, a block.
+/// Returns a hall around README's light and camera, with a red wall, a green wall and a block.
 fn hall() -> Room {
     let quad = |corner: [f32; 3], u: [f32; 3], v: [f32; 3], color: [f32; 3]| Quad {
         corner: corner.into(),
@@ -61,7 +61,7 @@ fn hall() -> Room {
         quad([-3.0, 0.0, -4.0], y, z, [0.65, 0.05, 0.05]),
         quad([3.0, 0.0, -4.0], z, y, [0.1, 0.5, 0.1]),
     ];
-    // The block of the Cornell room stands beside the light.
+    // The block of the Cornell room stands next to the light.
     quads.extend(Room::cornell().0.split_off(5).into_iter().map(|q| Quad {
         corner: 1.5 * q.corner + Vec3::new(-0.6, 0.0, -1.2),
         u: 1.5 * q.u,
@@ -71,7 +71,7 @@ fn hall() -> Room {
     Room(quads)
 }
 
-/// A folder with the level and the recipe that README shows.
+/// Creates a folder with the scene and the recipe of README.
 fn level_folder() -> tempfile::TempDir {
     let root = tempfile::tempdir().expect("a folder");
     let assets = root.path().join("assets");
@@ -81,7 +81,7 @@ fn level_folder() -> tempfile::TempDir {
     root
 }
 
-/// A field of the line that a program printed.
+/// Returns a field of the line that a program printed.
 fn field(line: &str, name: &str) -> f32 {
     line.split_whitespace()
         .find_map(|word| word.strip_prefix(&format!("{name}=")))
@@ -148,7 +148,7 @@ fn first_game_from_shipped_assets_is_lit() {
     };
     let recipes = process_assets(&build).expect("the recipe bakes");
     assert_eq!(recipes.baked, [PathBuf::from("level.gi.ron")]);
-    // What a player gets: the program and the processed assets, without their sources.
+    // The shipped files: the program and the processed assets, without their sources.
     let shipped = tempfile::tempdir().expect("a folder");
     let program = shipped.path().join("game");
     std::fs::copy(programs().path(), &program).expect("the program is copied");

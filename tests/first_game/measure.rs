@@ -1,10 +1,9 @@
-//! The one plugin that the test adds to a first game. It waits until a bake lights the scene,
-//! writes a screenshot of the window and compares the plugin's indirect light with that of
-//! `CpuFrame`.
+//! Plugin that the test adds to a first game. It waits until a bake lights the scene and writes a
+//! screenshot of the window. It compares the plugin's indirect light with that of `CpuFrame`.
 //!
-//! A second camera with the pose of the game's camera draws indirect light alone, scene-linear, to
-//! an image. The CPU's picture takes its geometry from the meshes of the running game, so that it
-//! fits any game: surfaces are flat-shaded, without textures, and lights are point lights.
+//! A second camera with the transform of the game's camera draws indirect light alone,
+//! scene-linear, to an image. The CPU's picture uses the meshes of the running game, so it fits any
+//! game. Surfaces are flat-shaded and have no textures, and lights are point lights.
 //!
 //! Output in the folder `MGI_FIRST_GAME`: `window.png`, `pictures.png` (plugin, CPU), and one line
 //! on standard output: `FIRST_GAME flip=… nrmse=… mean=… covered=…`.
@@ -26,15 +25,15 @@ use meshless_gi::Light;
 use std::f32::consts::PI;
 use std::path::PathBuf;
 
-/// Size of the compared pictures, pixels. Rows are a multiple of 256 bytes.
+/// Size of the compared pictures in pixels. Rows are a multiple of 256 bytes.
 const WIDTH: u32 = 160;
 const HEIGHT: u32 = 96;
 /// Frames between the first solve and the measurement.
 const SETTLE_FRAMES: u32 = 20;
-/// Frames after which the game is given up.
+/// Frames after which the measurement fails.
 const MAX_FRAMES: u32 = 4000;
 
-/// Compares the game's indirect light with the CPU's, and ends the game.
+/// Plugin that compares the game's indirect light with the CPU's and ends the game.
 pub struct MeasurePlugin;
 
 impl Plugin for MeasurePlugin {
@@ -46,8 +45,8 @@ impl Plugin for MeasurePlugin {
     }
 }
 
-/// Reduces the window to a quarter of its width and height: software devices take most of the time
-/// for its pixels. Pictures that are kept have the game's own size.
+/// Reduces the window to a quarter of its width and height, because software devices take most of
+/// the time for its pixels. Pictures that are kept have the game's own size.
 fn shrink_window(mut windows: Query<&mut Window>) {
     if std::env::var_os("MGI_TEST_PICTURES").is_none() {
         for mut window in &mut windows {
@@ -66,7 +65,7 @@ struct Measurement {
     waits: u32,
 }
 
-/// The pixels of the second camera.
+/// Stores the pixels of the second camera.
 fn receive(event: On<ReadbackComplete>, mut measurement: ResMut<Measurement>) {
     let half = |at: usize| {
         let bits = [event.data[at], event.data[at + 1]];
@@ -80,7 +79,7 @@ fn receive(event: On<ReadbackComplete>, mut measurement: ResMut<Measurement>) {
     );
 }
 
-/// Runs once a frame.
+/// Advances the measurement. Runs once per frame.
 fn measure(world: &mut World) {
     let mut state = world.remove_resource::<Measurement>().unwrap_or_default();
     state.frames += 1;
@@ -92,7 +91,8 @@ fn measure(world: &mut World) {
     } else if state.lit_frames == SETTLE_FRAMES {
         state.target = Some(spawn_second_camera(world));
     } else if state.lit_frames == 2 * SETTLE_FRAMES {
-        // The screenshot must not show the measurement: it is taken of the game's own camera.
+        // The second camera does not draw to the window, so the screenshot shows the game's own
+        // camera.
         let target = state.target.clone().expect("the second camera has a target");
         world.spawn(Readback::texture(target));
         let file = folder().join("window.png");
@@ -112,14 +112,14 @@ fn measure(world: &mut World) {
     world.insert_resource(state);
 }
 
-/// The folder of the output.
+/// Returns the folder of the output.
 fn folder() -> PathBuf {
     std::env::var_os("MGI_FIRST_GAME")
         .expect("MGI_FIRST_GAME names the folder of the output")
         .into()
 }
 
-/// The game's camera: the active one that draws to a window.
+/// Returns the transform of the game's active camera that draws to a window.
 fn game_camera(world: &mut World) -> Transform {
     let mut cameras =
         world.query_filtered::<(&GlobalTransform, &RenderTarget), (With<Camera3d>, With<Camera>)>();
@@ -130,7 +130,8 @@ fn game_camera(world: &mut World) -> Transform {
         .expect("the game has a camera")
 }
 
-/// A camera with the pose of the game's, which draws indirect light alone.
+/// Spawns a camera with the transform of the game's camera that draws indirect light alone. Returns
+/// its target.
 fn spawn_second_camera(world: &mut World) -> Handle<Image> {
     let transform = game_camera(world);
     let size = Extent3d {
@@ -166,7 +167,7 @@ fn spawn_second_camera(world: &mut World) -> Handle<Image> {
     target
 }
 
-/// A triangle of the running game with its diffuse reflectance.
+/// Triangle of the running game with its diffuse reflectance.
 struct Triangle {
     corners: [Vec3; 3],
     normal: Vec3,
@@ -174,7 +175,7 @@ struct Triangle {
     culled: bool,
 }
 
-/// All triangles that the game draws, in the world.
+/// Returns all triangles that the game draws, in world space.
 fn triangles(world: &mut World) -> Vec<Triangle> {
     let mut drawn = world.query::<(
         &Mesh3d,
@@ -217,8 +218,8 @@ fn triangles(world: &mut World) -> Vec<Triangle> {
     triangles
 }
 
-/// The first triangle that a ray meets: its distance, its normal on the side of the ray, its
-/// albedo.
+/// Returns the first triangle that a ray hits: its distance, its normal on the side of the ray, and
+/// its albedo.
 fn cast(triangles: &[Triangle], origin: Vec3, direction: Vec3) -> Option<(f32, Vec3, Vec3)> {
     let mut best: Option<(f32, Vec3, Vec3)> = None;
     for triangle in triangles {
@@ -240,7 +241,7 @@ fn cast(triangles: &[Triangle], origin: Vec3, direction: Vec3) -> Option<(f32, V
     best
 }
 
-/// The point lights of the game, for the CPU.
+/// Returns the point lights of the game as lights of `CpuFrame`.
 fn lights(world: &mut World) -> Vec<FrameLight> {
     let mut others = world.query_filtered::<(), Or<(With<SpotLight>, With<DirectionalLight>)>>();
     assert_eq!(others.iter(world).count(), 0, "point lights alone");
@@ -260,7 +261,7 @@ fn lights(world: &mut World) -> Vec<FrameLight> {
         .collect()
 }
 
-/// The CPU's picture of indirect light, and the share of pixels that the bake covers.
+/// Returns the CPU's picture of indirect light, and the fraction of pixels that the bake covers.
 fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     let camera = game_camera(world);
     let triangles = triangles(world);
@@ -303,7 +304,7 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     (pixels, covered as f32 / drawn.max(1) as f32)
 }
 
-/// Compares and prints.
+/// Compares the pictures and prints the result.
 fn report(world: &mut World, ours: &[Vec3]) {
     let (cpu, covered) = cpu_picture(world);
     let picture = |pixels: &[Vec3]| LinearImage {
@@ -315,7 +316,7 @@ fn report(world: &mut World, ours: &[Vec3]) {
     let error: f32 = cpu.iter().zip(ours).map(|(a, b)| (*a - *b).length_squared()).sum();
     let power: f32 = cpu.iter().map(|a| a.length_squared()).sum();
     let mean = cpu.iter().map(|p| p.element_sum()).sum::<f32>() / (3 * cpu.len()) as f32;
-    // The comparison distinguishes pictures: one upside down is far off.
+    // The comparison distinguishes pictures. A reversed picture has a large error.
     let mut turned = ours.to_vec();
     turned.reverse();
     let perturbed = flip(&picture(&cpu), &picture(&turned));
@@ -327,7 +328,7 @@ fn report(world: &mut World, ours: &[Vec3]) {
     );
 }
 
-/// Plugin and CPU, side by side.
+/// Writes the pictures of the plugin and of the CPU next to each other.
 fn write_pictures(ours: &[Vec3], cpu: &[Vec3]) {
     let srgb = |v: f32| Color::linear_rgb(v.clamp(0.0, 1.0), 0.0, 0.0).to_srgba().red;
     let mut bytes = Vec::new();

@@ -1,8 +1,8 @@
-//! The programs and the recipe that README.md shows, taken from its text.
+//! Programs and recipe of README.md, read from its text.
 
 const README: &str = include_str!("../../README.md");
 
-/// The code blocks of a language, in order.
+/// Returns the code blocks of a language in order.
 fn blocks(language: &str) -> impl Iterator<Item = &'static str> {
     README
         .split("\n```")
@@ -15,7 +15,7 @@ fn blocks(language: &str) -> impl Iterator<Item = &'static str> {
         })
 }
 
-/// The first complete program that contains `part`.
+/// Returns the first complete program that contains `part`.
 pub fn program(part: &str) -> String {
     blocks("rust")
         .find(|code| code.contains("fn main()") && code.contains(part))
@@ -23,7 +23,7 @@ pub fn program(part: &str) -> String {
         .to_string()
 }
 
-/// The first recipe.
+/// Returns the first recipe.
 pub fn recipe() -> &'static str {
     blocks("ron").next().expect("README.md has a recipe")
 }

@@ -1,10 +1,10 @@
-//! A virtual screen, and programs that run on it.
+//! Virtual screen, and programs that run on it.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// An X server without a monitor. It ends with its value.
+/// X server without a monitor. Dropping the value stops the server.
 struct Screen {
     server: Child,
     display: String,
@@ -37,8 +37,8 @@ impl Drop for Screen {
     }
 }
 
-/// Runs an executable with one argument to its end and returns what it printed. Bevy reads assets
-/// from `asset_root`, or from the folder of the executable.
+/// Runs an executable with one argument to its end and returns its output. Bevy reads assets from
+/// `asset_root`, or from the folder of the executable.
 pub fn run(program: &Path, argument: &str, asset_root: Option<&Path>, out: &Path) -> String {
     let screen = Screen::start();
     let mut command = Command::new(program);

@@ -1,5 +1,5 @@
-//! Baked assets in Bevy: loading, hot reload, baking in the background, and a plugin that stays
-//! inert where there is nothing to draw with.
+//! Baked assets in Bevy: loading, hot reload, background bakes, and a plugin that is inert without
+//! a renderer or on an unsupported device.
 
 use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
 use crate::support::assets::{bake_threads, bare_app, until, until_ended};
@@ -39,7 +39,7 @@ fn plugin_without_renderer_loads_assets_only() {
         "nothing was drawn"
     );
 
-    // Baked again, and reloaded, as a file watcher would have it.
+    // The room is baked again and reloaded, as by a file watcher.
     let again = room.recolored(|c| 0.5 * c).bake(3);
     std::fs::write(&file, again.to_bytes().unwrap()).unwrap();
     app.world().resource::<AssetServer>().reload("room.mgi");
@@ -48,7 +48,7 @@ fn plugin_without_renderer_loads_assets_only() {
     });
     assert_eq!(*second, *again);
 
-    // Damage is an error, and leaves the bake that was there.
+    // A damaged or empty file is an error that names the file.
     let mut damaged = again.to_bytes().unwrap();
     let middle = damaged.len() / 2;
     damaged[middle] ^= 0x40;
@@ -149,7 +149,7 @@ fn quick() -> Recipe {
     }
 }
 
-/// Ends of bakes.
+/// Results of bakes.
 #[derive(Resource, Default)]
 struct Ends(Vec<GiBakeFinished>);
 
@@ -224,7 +224,8 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
         assert!(!app.world().entity(entity).contains::<GiBakeProgress>());
     }
 
-    // Bevy's pools stay free, for its pipelines for instance, however small they are.
+    // Running bakes block no thread of Bevy's pools, which pipelines also use. This holds for pools
+    // of any size.
     let pool = bevy::tasks::AsyncComputeTaskPool::get();
     let slow = Recipe {
         rays_per_point: Some(60_000),
@@ -249,6 +250,6 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
         app.world_mut().despawn(baking);
     }
 
-    // Bakes that would take minutes stop when their entities go.
+    // Bakes that would take minutes stop after their entities are despawned.
     until_ended(&mut app, &running);
 }

@@ -1,5 +1,5 @@
-//! The running plugin and what a game does to it: lights that switch, layers, textures, windows
-//! that change their size, things that come and go, and who may see what.
+//! Changes by a game in the running plugin: switched lights, render layers, textures, resized
+//! targets, added and removed entities, and camera requirements.
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
 use crate::support::flip::flip;
@@ -125,7 +125,7 @@ fn eighty_lights_plus_forty_grow_slots() {
     let all: Vec<Light> = (0..120).map(|i| dim(position(i))).collect();
     assert_alike("many_lights", &cpu(&all), &picture(&mut app, &image));
 
-    // One moves, and then all but three go.
+    // One light moves. Then all but three are despawned.
     let bytes = counters(&app).bytes;
     let to = Vec3::new(0.0, 0.4, 0.6);
     app.world_mut()
@@ -242,7 +242,8 @@ fn hidden_or_removed_scene_frees_memory() {
         }
     }
 
-    // A camera: its parameters and textures go at once, the scene's buffers after a while.
+    // A despawned camera frees its parameters and textures in the next frame. The scene's buffers
+    // are freed some frames after the last camera is gone.
     let image = target(&mut app);
     let second = app
         .world_mut()
@@ -263,7 +264,7 @@ fn hidden_or_removed_scene_frees_memory() {
     run(&mut app, 6);
     assert_eq!(holds(&app), (0, 0, 0), "the camera has gone");
 
-    // The scene, with coefficients that the gizmos asked for.
+    // Read-back coefficients for gizmos are removed with the scene.
     app.world_mut().spawn((camera(&image, view()), indirect()));
     let mut store = app
         .world_mut()
@@ -328,7 +329,7 @@ fn resized_target_is_followed() {
     }
 }
 
-/// One texel.
+/// Creates an image of one texel.
 fn texel(app: &mut App, rgba: [u8; 4], format: TextureFormat) -> Handle<Image> {
     let size = Extent3d {
         width: 1,
@@ -435,7 +436,7 @@ fn indirect_light_precedes_transparency_and_tonemapping() {
     }
     assert_alike("glass", &through, &picture(&mut app, &image));
 
-    // x / (1 + x) of the sum: after the pane, and after indirect light.
+    // Reinhard: x / (1 + x) of the sum, after the pane and after indirect light.
     app.world_mut()
         .entity_mut(eye)
         .insert((Tonemapping::Reinhard, Exposure { ev100: 7.7 }));
@@ -458,7 +459,7 @@ fn gi_camera_adds_requirements_and_warns_on_removal() {
     let mut app = app();
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
-    // Bevy's own choice of samples must not win.
+    // `GiCamera` must override Bevy's default sample count.
     let eye = app
         .world_mut()
         .spawn((camera(&image, view()), Msaa::Sample4, GiCamera::default()))

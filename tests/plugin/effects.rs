@@ -1,6 +1,5 @@
-//! Scenes get what they call for and nothing else: the thirteen scenes of the example `pass_costs`
-//! in the running plugin, each with the stages that it names, and with no pipeline or buffer of any
-//! other.
+//! Scenes use only required resources: runs the thirteen scenes of the example `pass_costs` in the
+//! plugin. Each scene runs exactly its listed stages, with no pipeline or buffer of other stages.
 
 #[path = "../../examples/reports/pass_costs/scenes.rs"]
 mod scenes;
@@ -52,19 +51,18 @@ fn scene_runs_only_required_effects() {
             scene.name, found.buffers, found.bytes
         );
         assert_eq!(ran, expected, "{}:\n{}", scene.name, found.plan);
-        // One channel where all is gray, and only there.
+        // Only gray scenes use one channel.
         let one = |c: &ColorModeSelection| matches!(c.channels, Channels::One(_));
         let channels = &found.plan.channels;
         assert_eq!(channels.len(), 1);
         assert_eq!(one(&channels[0].1), scene.gray, "{}", found.plan);
         seen.push(found);
     }
-    // A light at rest: no more on the device whether or not anything changes; what moves costs no
-    // buffer, and a bake that could do more only what is shown of it.
+    // Changes of the light add no pipeline, buffer or byte to a scene with one light.
     let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
     assert_eq!(of(0), of(2));
     assert_eq!(of(0), of(3));
-    // One channel takes the position of three.
+    // A gray scene has as many pipelines and buffers as a colored scene.
     assert_eq!((of(4).0, of(4).1), (of(3).0, of(3).1));
     let everything = seen.len() - 1;
     for k in 0..everything {

@@ -1,5 +1,5 @@
-//! Bakes from entities: the meshes below a root become its light. What is collected, what is left
-//! out and named, what replaces and cancels a bake, and files that are used again.
+//! Bakes from entities: the meshes below a root become its bake. Tests collected and skipped meshes
+//! with their warnings, replaced and canceled bakes, and reuse of saved files.
 
 #[path = "../../examples/minimal.rs"]
 #[allow(dead_code, reason = "its `main` opens a window")]
@@ -27,7 +27,7 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, OccluderDesc, Progress, bake_scene, load_gltf};
 use std::time::Duration;
 
-/// The parts of a bake that its file has, without its request.
+/// Returns a bake without its request.
 fn without_request(scene: &BakedScene) -> BakedScene {
     let mut scene = scene.clone();
     scene.data_mut().info.request.clear();
@@ -49,7 +49,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     ready(&mut app);
     let scene = GltfAssetLabel::Scene(0).from_asset("room.glb");
     let scene = app.world().resource::<AssetServer>().load(scene);
-    // Nothing is there yet. The root's own position is not part of the bake.
+    // The scene is not loaded yet. The root's own transform is not part of the bake.
     let position = Transform::from_xyz(3.0, -7.0, 0.5).with_rotation(Quat::from_rotation_y(0.3));
     let root = app
         .world_mut()
@@ -77,18 +77,19 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
             .map(|f| (f.base_color.map(f32::to_bits), f.emissive.map(f32::to_bits)))
             .collect();
         all.sort_unstable();
-        // Equal materials are one here, and the reader has one more for meshes without any.
+        // The bake from entities merges equal materials. The glTF reader adds a material for meshes
+        // without one.
         all.dedup();
         all.retain(|(color, _)| color.map(f32::from_bits) != [1.0; 3]);
         all
     };
     assert_eq!(factors(&ours), factors(&theirs));
-    // The order of triangles differs; the light does not.
+    // The order of triangles differs, but the points are equal.
     assert_eq!(ours.data().points, theirs.data().points);
     let (a, b) = (ours.info().estimated_nrmse, theirs.info().estimated_nrmse);
     println!("estimated NRMSE: entities {a}, file {b}");
     assert!(a > 0.0 && (a - b).abs() < 1e-3 * b, "{a} {b}");
-    // The assets of the scene are named, so that light follows them.
+    // The scene's materials are in `GiDynamicMaterials`, so that light follows their changes.
     let named = app.world().get::<GiDynamicMaterials>(root).unwrap();
     assert!(!named.0.is_empty());
     let live = ours.data().materials.as_ref().unwrap();
@@ -172,7 +173,7 @@ fn unusable_meshes_are_named_and_skipped() {
         RenderAssetUsages::default(),
     );
     let bare = spawn_mesh(&mut app, root, bare, plain(), still);
-    // These are left out silently.
+    // The next meshes are skipped without a warning.
     let skinned = spawn_mesh(&mut app, root, small(inside), plain(), still);
     app.world_mut()
         .entity_mut(skinned)
@@ -188,7 +189,7 @@ fn unusable_meshes_are_named_and_skipped() {
     spawn_mesh(&mut app, hidden, small(inside), plain(), still);
     let undrawn = spawn_mesh(&mut app, root, small(inside), plain(), still);
     (app.world_mut().entity_mut(undrawn)).remove::<MeshMaterial3d<StandardMaterial>>();
-    // A lid that is visible below what is hidden, and a root that is hidden while it loads.
+    // Spawns a visible lid below a hidden parent, and hides the root during the bake.
     let lid = spawn_mesh(&mut app, hidden, small(inside), plain(), still);
     app.world_mut().entity_mut(lid).insert(Visibility::Visible);
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
@@ -245,7 +246,7 @@ fn entity_bake_without_usable_meshes_returns_named_error() {
     assert!(!app.world().entity(root).contains::<GiScene>());
     assert!(!app.world().entity(root).contains::<GiBakeRequest>());
     assert!(!app.world().entity(root).contains::<GiBakeProgress>());
-    // Found on the bake's thread: all triangles are unusable.
+    // The bake's thread detects that all triangles are unusable.
     let root = app.world_mut().spawn_empty().id();
     spawn_mesh(&mut app, root, nan, plain, default());
     app.world_mut().entity_mut(root).bake_gi(quick());
@@ -295,13 +296,14 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
         app.world().resource::<Ends>().0.is_empty(),
         "one end in all"
     );
-    // Requests in one command queue, of which the last counts; and one for an entity that is gone.
+    // Of two requests in one command queue the last one counts. A request for a despawned entity
+    // has no effect.
     let mut commands = app.world_mut().commands();
     commands.entity(replaced).bake_gi(slow()).bake_gi(quick());
     commands.entity(despawned).bake_gi(quick());
     app.world_mut().flush();
     end_of(&mut app, replaced).unwrap();
-    // Cancelled bakes end, so that nothing delays the end of the app.
+    // Canceled bakes end, so that they do not delay the end of the app.
     until_ended(&mut app, &slow_bakes);
     drop(app);
 }
@@ -337,7 +339,7 @@ fn mirrored_and_instanced_meshes_keep_front_faces() {
         let parts = (Mesh3d(mesh.clone()), MeshMaterial3d(material), turned);
         app.world_mut().spawn((parts, ChildOf(parent)));
     }
-    // The root's position, mirrored or not, is not part of the bake.
+    // The root's transform, mirrored or not, is not part of the bake.
     (app.world_mut().entity_mut(root)).insert(mirror.with_translation(Vec3::splat(5.0)));
     let (summary, scene) = bake(&mut app, root, quick());
     assert_eq!((summary.triangles, summary.warnings.len()), (22, 0));
@@ -364,7 +366,8 @@ fn mirrored_and_instanced_meshes_keep_front_faces() {
     }
 }
 
-/// A floor of two triangles from (-1, 0, -1) to (1, 0, 1), with texture coordinates along x and z.
+/// Creates a floor of two triangles from (-1, 0, -1) to (1, 0, 1), with texture coordinates along x
+/// and z.
 fn floor() -> Mesh {
     let corners = [
         [-1.0, 0.0, -1.0],
@@ -385,7 +388,7 @@ fn floor() -> Mesh {
     .with_inserted_indices(Indices::U32(vec![0, 1, 2, 0, 2, 3]))
 }
 
-/// A recipe whose finest level has points on both halves of the floor.
+/// Returns a recipe with points of the finest hierarchy level on both halves of the floor.
 fn fine() -> Recipe {
     Recipe {
         max_refinement_points: None,
@@ -393,7 +396,8 @@ fn fine() -> Recipe {
     }
 }
 
-/// Mean albedo and emission of the points on the floor with x below (first) and above zero.
+/// Returns the mean albedo and emission of the points on the floor, for x below zero and x above
+/// zero.
 fn halves(scene: &BakedScene) -> [(Vec3, Vec3); 2] {
     let mut sums = [(Vec3::ZERO, Vec3::ZERO, 0.0); 2];
     let finest = *scene.data().level_starts.iter().rev().nth(1).unwrap() as usize;
@@ -405,7 +409,7 @@ fn halves(scene: &BakedScene) -> [(Vec3, Vec3); 2] {
         .skip(finest)
     {
         let p = point.x();
-        // Points on walls can be as low.
+        // Points on walls can have the same height.
         if p.y.abs() < 1e-3 && point.n().y > 0.5 && p.x.abs() > 0.1 {
             let sum = &mut sums[usize::from(p.x > 0.0)];
             sum.0 += Vec3::from(surface.albedo);
@@ -438,7 +442,7 @@ fn two_texels(left: [u8; 4], right: [u8; 4]) -> Image {
     )
 }
 
-/// [`Room::cornell`] without its floor, and another one instead.
+/// Spawns [`Room::cornell`] with another floor.
 fn room_with_floor(app: &mut App, mesh: Mesh, material: StandardMaterial) -> Entity {
     let mut room = Room::cornell();
     room.0.remove(0);
@@ -464,12 +468,12 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     let [left, right] = halves(&scene);
     assert!(left.0.x > 0.5 && right.0.x < 0.3, "{left:?} {right:?}");
     near(left.0 / left.0.x, Vec3::new(1.0, 0.5, 0.25));
-    // The other way round.
+    // Flipped texture coordinates.
     material.flip(true, false);
     let root = room_with_floor(&mut app, floor(), material.clone());
     let [left, right] = halves(&bake(&mut app, root, fine()).1);
     assert!(right.0.x > 0.5 && left.0.x < 0.3, "{left:?} {right:?}");
-    // Emission: black elsewhere.
+    // An emission texture. Its black texel emits no light.
     let root = room_with_floor(
         &mut app,
         floor(),
@@ -485,7 +489,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
         "{left:?} {right:?}"
     );
 
-    // Colors of vertices: the left half is bright, the right one dark.
+    // Vertex colors: the left half is bright and the right half is dark.
     let half = |x: f32| {
         floor()
             .scaled_by(Vec3::new(0.5, 1.0, 1.0))
@@ -505,7 +509,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     near(left.0, Vec3::new(1.0, 0.5, 0.25));
     near(right.0, Vec3::new(0.2, 0.1, 0.05));
 
-    // A floor that is cut away whole: nothing is there.
+    // A floor with a mask that is transparent everywhere is not in the bake.
     let holes = two_texels([255, 255, 255, 0], [255, 255, 255, 0]);
     let holes = app.world_mut().resource_mut::<Assets<Image>>().add(holes);
     let root = room_with_floor(
@@ -616,7 +620,7 @@ fn saved_bake_is_loaded_if_matching_and_else_replaced() {
     assert!(!bake(&mut app, root, request(finer.clone())).0.loaded);
     assert!(bake(&mut app, root, request(finer.clone())).0.loaded);
 
-    // Damage is named and mended.
+    // A damaged file gives a warning and is replaced.
     std::fs::write(&file, b"no bake").unwrap();
     let (mended, _) = bake(&mut app, root, request(finer.clone()));
     assert!(!mended.loaded);
@@ -625,7 +629,7 @@ fn saved_bake_is_loaded_if_matching_and_else_replaced() {
         [GiBakeWarning::NotLoaded { path, .. }] if *path == file
     ));
     assert_eq!(read().info().triangles, 21);
-    // A file that can't be written: the light is there all the same.
+    // A file that cannot be written gives a warning. The bake itself succeeds.
     let below_a_file = file.join("room.mgi");
     let unsaved = GiBakeRequest::new(finer).save_to(&below_a_file);
     let (summary, _) = bake(&mut app, root, unsaved);
@@ -736,7 +740,8 @@ fn occluder_entities_are_found_by_name_or_component() {
     let is_open = |w: &GiBakeWarning| matches!(w, GiBakeWarning::OpenOccluder { .. });
     assert!(!summary.warnings.iter().any(is_open), "both are shut");
 
-    // The bake takes the meshes where they stand: an open door is named.
+    // The bake uses the current transforms of the meshes. An open door gives a warning with its
+    // name.
     let mut door = app.world_mut().get_mut::<GiOccluder>(by_component).unwrap();
     door.transmittance = 0.6;
     let recipe = Recipe {
@@ -782,7 +787,7 @@ fn dynamic_materials_keep_app_names() {
     }
 }
 
-/// A material of the app's own.
+/// Custom material of an app.
 #[derive(Asset, AsBindGroup, TypePath, Clone, Default)]
 struct Paint {}
 
@@ -792,7 +797,7 @@ impl Material for Paint {}
 fn custom_material_is_gray_and_named() {
     let mut app = bare_app(&std::env::temp_dir());
     app.init_asset::<Paint>();
-    // As `MaterialPlugin` does.
+    // Same registration as by `MaterialPlugin`.
     app.register_type::<MeshMaterial3d<Paint>>();
     let root = room_with_floor(&mut app, floor(), default());
     let paint = app

@@ -1,4 +1,4 @@
-//! The tuning panel of the examples: its controls change the components, show what is set, and
+//! Tuning panel of the examples: its controls change the components, show the current values, and
 //! follow lights and tiers.
 
 use crate::common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
@@ -14,11 +14,11 @@ use meshless_gi::Preset;
 
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 
-/// The presets that were asked for.
+/// Requested presets.
 #[derive(Resource, Default)]
 struct Asked(Vec<Preset>);
 
-/// An app with the panel: scene, camera and light.
+/// Creates an app with the panel. Returns it with scene, camera and light.
 fn app_with_panel() -> (App, Entity, Entity, Entity) {
     let mut app = App::new();
     app.add_plugins((
@@ -44,7 +44,7 @@ fn find(app: &mut App, control: Control) -> Option<(Entity, bool)> {
     found.next().map(|(entity, _, checked)| (entity, checked))
 }
 
-/// Sends the event of a control: what its widget sends when it is clicked.
+/// Triggers the event that the control's widget sends for a click, and runs two frames.
 #[track_caller]
 fn press(app: &mut App, control: Control) {
     let (entity, checked) = find(app, control).unwrap_or_else(|| panic!("no {control:?}"));
@@ -92,7 +92,7 @@ fn panel_pressed_controls_change_components() {
 fn panel_marks_follow_component_changes() {
     let (mut app, root, eye, light_source) = app_with_panel();
     let marked = |app: &mut App, control| find(app, control).expect("a control").1;
-    // The tests' cameras show every pixel, and indirect light alone.
+    // The tests' cameras evaluate every pixel and show indirect light only.
     assert!(marked(&mut app, Control::Full(true)));
     assert!(marked(&mut app, Control::View(GiDebugView::IndirectOnly)));
     assert!(!marked(&mut app, Control::View(GiDebugView::Final)));

@@ -9,7 +9,8 @@ use std::process::Command;
 const WIDTH: u32 = 480;
 const HEIGHT: u32 = 270;
 
-/// Builds an example as the tests are built, so that nothing is built twice, and returns its path.
+/// Builds an example with the options of the tests, so that nothing is built twice. Returns its
+/// path.
 fn program(example: &str) -> PathBuf {
     let built = Command::new(env!("CARGO"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
@@ -19,7 +20,7 @@ fn program(example: &str) -> PathBuf {
     let text = String::from_utf8_lossy(&built.stderr);
     assert!(built.status.success(), "{text}");
     let test = std::env::current_exe().unwrap();
-    // The test lies in `target/debug/deps`.
+    // The test is in `target/debug/deps`.
     let folder = test.ancestors().nth(2).unwrap().join("examples");
     folder.join(format!("{example}{}", std::env::consts::EXE_SUFFIX))
 }
@@ -51,7 +52,8 @@ fn drawn(example: &str, options: &[&str]) -> RgbImage {
     image::open(&file).unwrap().into_rgb8()
 }
 
-/// Fraction of bright pixels, such as letters, from `low` to `high` (0 to 1 along each edge).
+/// Returns the fraction of bright pixels, such as letters, from `low` to `high` (0 to 1 along each
+/// edge).
 fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
     let at = |part: f32, edge: u32| (part * edge as f32) as u32;
     let (w, h) = picture.dimensions();
@@ -113,7 +115,8 @@ fn time_of_day_example_lights_atrium() {
     assert_runs("time_of_day", &["--at", "6", "--press", "P"]);
 }
 
-/// Without the plugin: the first run bakes and exports, the second one loads the files.
+/// The volume lights the room without the plugin: the first run bakes and exports, the second run
+/// loads the files.
 #[test]
 fn exported_volume_example_lights_room_without_plugin() {
     let data = tempfile::TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
@@ -123,7 +126,8 @@ fn exported_volume_example_lights_room_without_plugin() {
         assert!(data.path().join(file).exists(), "no {file}");
     }
     let direct = drawn("exported", &["--data", folder, "--press", "Space"]);
-    // Two sides of the blocks get no direct light: one faces the red wall, the other the green one.
+    // Two sides of the blocks get no direct light: one faces the red wall, the other the green
+    // wall.
     let patch = |picture: &RgbImage, [left, top]: [u32; 2]| {
         let pixels = (0..40).map(|i| picture.get_pixel(left + i % 2, top + i / 2).0);
         pixels.fold([0.0; 3], |sum, p| {

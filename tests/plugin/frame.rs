@@ -1,5 +1,5 @@
-//! The running plugin, headless: its pictures are those of the CPU's frame, and it does no work
-//! that a frame does not call for.
+//! Running plugin without a window: its pictures match those of the CPU's frame. A frame runs only
+//! required stages.
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
@@ -66,7 +66,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
     assert!(flip(&still, &moved) > MAX, "the light's move shows");
     assert_alike("moved", &moved, &picture(&mut app, &image));
 
-    // The root moves, turns and grows.
+    // The root is translated, rotated and scaled.
     let placed = Transform {
         translation: Vec3::new(0.4, -0.3, -0.5),
         rotation: Quat::from_euler(EulerRot::YXZ, 0.35, 0.1, -0.2),
@@ -188,7 +188,7 @@ fn picture_is_sum_of_direct_and_indirect_light() {
     assert!(flip(&direct, &lit) > MAX, "indirect light shows");
 }
 
-/// Eight lights around the room.
+/// Spawns eight lights around the room.
 fn eight_lights(app: &mut App) -> Vec<Entity> {
     (0..8)
         .map(|i| {
@@ -265,8 +265,8 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     );
     assert!(moved.dispatches_of(FrameStage::APPLY) > 0);
 
-    // A color projects nothing; a light that is hidden goes dark, and comes back without being
-    // projected.
+    // A new color needs no projection. A hidden light goes dark, and returns without a new
+    // projection.
     app.world_mut()
         .get_mut::<PointLight>(light_sources[0])
         .unwrap()
@@ -296,7 +296,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
         );
     }
 
-    // A root that moves with all its lights changes nothing in the bake's space.
+    // Motion of the root together with all lights causes no change in the bake's space.
     for light_source in &light_sources {
         app.world_mut()
             .entity_mut(*light_source)
@@ -312,7 +312,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     let carried = counters(&app);
     assert_eq!(work(&carried), [0; 4], "{}", carried.plan);
 
-    // The counters reach Bevy's diagnostics.
+    // Bevy's diagnostics contain the counters.
     run(&mut app, 1);
     let store = app.world().resource::<bevy::diagnostic::DiagnosticsStore>();
     let value = |path: &str| {
@@ -327,7 +327,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     assert_eq!(value("meshless_gi/scenes/active"), 1.0);
     assert!(value("meshless_gi/buffers") > 10.0 && value("meshless_gi/pipelines") > 5.0);
 
-    // A light goes: the transport runs once more.
+    // After removal of a light the transport runs once.
     app.world_mut().despawn(light_sources[7]);
     run(&mut app, 1);
     assert!(counters(&app).dispatches_of(FrameStage::APPLY) > 0);
@@ -378,7 +378,8 @@ fn app_without_scenes_has_no_gpu_resources() {
     run(&mut app, 2);
     nothing(&app, "the asset is not loaded");
 
-    // It comes, and goes again: so do its buffers and pipelines, after a while.
+    // After the asset is loaded, the scene has buffers and pipelines. A scene that is hidden for a
+    // few frames keeps them. A despawned scene frees them.
     let (_, bake) = cornell();
     let asset = app
         .world_mut()
@@ -422,8 +423,8 @@ fn new_bake_replaces_old_in_next_frame() {
     run(&mut app, 3);
     let old = picture(&mut app, &image);
 
-    // The same room with walls that reflect less, under the same handle: the surfaces on the screen
-    // stay.
+    // A bake of the same room with darker walls replaces the asset of the same handle. The drawn
+    // surfaces are unchanged.
     let darker = room.recolored(|c| 0.5 * c).bake(2);
     let handle = app.world().get::<GiScene>(root).unwrap().0.clone();
     let asset = GiBakedScene {
@@ -473,7 +474,7 @@ fn new_bake_replaces_old_in_next_frame() {
     assert_alike("baked_before", &before, &old);
 }
 
-/// The mean of the pixels in the middle.
+/// Returns the mean of 4 × 4 pixels in the middle.
 fn middle(p: &Picture) -> [f32; 3] {
     let mut sum = [0.0; 3];
     let (w, h) = (p.width, p.height);
@@ -491,8 +492,8 @@ fn middle(p: &Picture) -> [f32; 3] {
 fn white_wall_under_sky_matches_bevy_light() {
     let mut app = app();
     let room = Room::wall(0.8);
-    // A sky of L everywhere in front of the wall gives it E = πL, as a light of πL lux along the
-    // normal does.
+    // A uniform sky of radiance L in front of the wall has the irradiance E = πL. A light of πL lux
+    // along the normal has the same irradiance.
     let radiance = 700.0;
     let bake = meshless_gi::Recipe {
         viewpoints: vec![[0.0, 0.0, 1.0]],
@@ -681,7 +682,7 @@ fn two_baked_scenes_add_up_in_one_camera() {
     let image = target(&mut app);
     let far = Transform::from_xyz(0.05, 1.1, 6.5).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
     app.world_mut().spawn((camera(&image, far), indirect()));
-    // A light in each. Each bake has its own walls only, and both lights.
+    // One light in each room. Each bake contains only its own walls and receives both lights.
     let positions = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
     for position in positions {
         app.world_mut()
@@ -802,7 +803,7 @@ fn every_light_type_is_extracted_and_can_opt_out() {
     app.world_mut().spawn((spot, aimed));
     app.world_mut().spawn((directional, sun));
     app.world_mut().spawn((rect, panel));
-    // Two that take no part: one for direct light only, one that is not there for light at all.
+    // Two excluded lights: one for direct light only, and a hidden one.
     let only_direct = GiLight {
         enabled: false,
         ..default()
@@ -865,7 +866,7 @@ fn every_light_type_is_extracted_and_can_opt_out() {
         );
     }
 
-    // Irradiance as white surfaces would show it.
+    // The debug view shows irradiance on white surfaces.
     app.world_mut().get_mut::<GiCamera>(eye).unwrap().debug_view = GiDebugView::Irradiance;
     run(&mut app, 1);
     let white = cpu_indirect(

@@ -1,6 +1,6 @@
-//! The running plugin and what nobody should do to it: numbers that make no sense, scenes that come
-//! and go in one frame, a thousand lights, settings that change under way. It may be dark
-//! meanwhile; it must not fail, and must be right again afterwards.
+//! Invalid input of the running plugin: non-finite values, entities replaced in one frame, a
+//! thousand lights, and settings changed at run time. Frames with invalid input can be dark. They
+//! must not fail, and later frames must match the CPU.
 
 use crate::support::app::{app, camera, picture, run};
 use crate::support::flip::{Picture, flip};
@@ -22,7 +22,7 @@ use meshless_gi::Light;
 
 const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);
 
-/// A room, a camera that shows indirect light alone, its target, and a light at [`PLACE`].
+/// Spawns a room, a camera that shows indirect light only, its target, and a light at [`PLACE`].
 fn stage(app: &mut App) -> (Entity, Entity, Handle<Image>, Entity) {
     lit_room(app, PLACE)
 }
@@ -69,7 +69,8 @@ fn invalid_values_leave_no_trace() {
     run(&mut app, 1);
     assert_alike("after_lights", &right, &picture(&mut app, &image));
 
-    // Lights that point nowhere; hidden, for Bevy's own renderer does not bear them in view.
+    // Lights without a direction. They are hidden, because Bevy's renderer does not support visible
+    // ones.
     let nowhere = (Transform::from_scale(Vec3::ZERO), Visibility::Hidden);
     let others = [
         app.world_mut()
@@ -130,7 +131,7 @@ fn respawned_roots_and_cameras_render_again() {
     run(&mut app, 2);
     let (bytes, pipelines) = (counters(&app).bytes, counters(&app).pipelines);
     for i in 0..6 {
-        // Both in one frame.
+        // Despawn and spawn occur in one frame.
         app.world_mut().despawn(root);
         root = spawn_room(&mut app, Transform::IDENTITY);
         run(&mut app, 1);
@@ -262,7 +263,7 @@ fn camera_that_regains_prepasses_renders_again() {
     let again = picture(&mut app, &image);
     assert_alike("regained", &cpu(&[light_source(PLACE)]), &again);
 
-    // Several samples a pixel, under way: Bevy takes them back from a deferred camera.
+    // Multisampling set at run time: Bevy removes it from a deferred camera.
     app.world_mut().entity_mut(eye).insert(Msaa::Sample4);
     run(&mut app, 3);
     assert_eq!(app.world().get::<Msaa>(eye), Some(&Msaa::Off));
@@ -275,7 +276,7 @@ fn jittered_camera_reconstructs_surface_positions() {
     let mut app = app();
     let (_, eye, image, _) = stage(&mut app);
     run(&mut app, 2);
-    // Far more than antialiasing jitters by: to the side by an eighth of the picture.
+    // Horizontal shift by an eighth of the picture, much more than the jitter of antialiasing.
     let shift = 16;
     app.world_mut().entity_mut(eye).insert(TemporalJitter {
         offset: Vec2::new(shift as f32, 0.0),
@@ -288,7 +289,7 @@ fn jittered_camera_reconstructs_surface_positions() {
     let moved_right = jittered.columns(shift, width);
     let moved_left = jittered.columns(0, width);
     assert!(flip(&left, &right) > MAX, "the jitter shows");
-    // Whichever side is Bevy's positive one.
+    // The test accepts both signs of Bevy's jitter.
     if flip(&left, &moved_right) < flip(&right, &moved_left) {
         assert_alike("jittered", &left, &moved_right);
     } else {
@@ -303,7 +304,7 @@ fn every_double_counting_is_reported() {
     run(&mut app, 1);
     let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), []);
-    // Images that have not arrived yet; the warning does not wait for them.
+    // The images are not loaded yet. The warning does not wait for them.
     let pending = app.world().resource::<Assets<Image>>().reserve_handle();
     let map = || EnvironmentMapLight {
         diffuse_map: pending.clone(),
@@ -336,7 +337,7 @@ fn every_double_counting_is_reported() {
         found(&app)[2..],
         [GiWarning::IrradianceVolume, GiWarning::ForwardMaterials]
     );
-    // All warnings are still there, and none is logged again.
+    // All warnings are kept, and none is logged again.
     run(&mut app, 3);
     assert_eq!(found(&app).len(), 4);
 
@@ -384,7 +385,8 @@ fn gizmos_are_drawn_only_when_enabled() {
     let nothing = show(&|_| ());
     assert_eq!((pure(&nothing, red), pure(&nothing, blue)), (0, 0));
 
-    // All levels; one of them; and crosses, strokes and circles differ.
+    // All levels together are red and blue, the coarsest level is red. Crosses (points), strokes
+    // (normals) and circles (radii) differ.
     let all = show(&|g| (g.points, g.size) = (true, 0.3));
     assert!(pure(&all, red) > 20 && pure(&all, blue) > 20);
     let coarsest = show(&|g| (g.points, g.size, g.level) = (true, 0.3, Some(0)));

@@ -1,7 +1,7 @@
-//! Tests of the running plugin, headless, on any GPU adapter (a software one is enough): assets,
+//! Tests of the running plugin, headless, on any GPU adapter, software adapters included: assets,
 //! bakes, changes of the world, the plan and its costs. They are one program, because each further
-//! one would link Bevy again. Tests of images are in `plugin_views`: a software driver keeps memory
-//! of each view until the program ends.
+//! program would link Bevy again. Tests of images are in `plugin_views`, because a software driver
+//! keeps the memory of each view until the program ends.
 
 #[path = "../../examples/common/mod.rs"]
 mod common;

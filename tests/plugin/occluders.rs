@@ -1,5 +1,5 @@
-//! A screen across a room that opens and shuts, in the running plugin: pictures are those of the
-//! CPU's frame, in the frame of the change, and nothing runs in a frame without one.
+//! Screen across a room that opens and closes in the running plugin. Pictures match the CPU's frame
+//! in the frame of the change. Frames without a change run neither transport nor occluder updates.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
@@ -13,12 +13,14 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, CpuFrame, OccluderBox, OccluderDesc, ProbeSettings, Recipe};
 use std::sync::Arc;
 
-/// The Cornell room with a screen from floor to ceiling across its middle, which no camera sees.
+/// Returns the Cornell room and a bake with a screen from floor to ceiling across its middle. The
+/// screen is not drawn.
 fn cornell() -> (Room, Arc<BakedScene>) {
     cornell_with(0.01, None)
 }
 
-/// The same with a screen of this thickness, halved, and light for what moves.
+/// Returns [`cornell`] with a screen of half thickness `half`, in meters, and with optional probes
+/// for dynamic objects.
 fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedScene>) {
     let room = Room::cornell();
     let screen = OccluderDesc {
@@ -45,12 +47,12 @@ fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedSce
 /// Position of the light: in the small part, behind the screen.
 const PLACE: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
 
-/// The CPU's picture where so much passes the screen.
+/// Draws the CPU's picture for the transmittance `gain` of the screen.
 fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     lit_from(PLACE, room, bake, gain)
 }
 
-/// The same with the light elsewhere.
+/// Draws [`right`] with the light at `position`.
 fn lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     let mut frame = CpuFrame::new(bake);
     frame.set_occluders(bake, &[gain]);
@@ -74,12 +76,12 @@ fn lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Pictur
     )
 }
 
-/// A room with its bake, a light and a camera, a few frames old.
+/// Creates an app with a room, its bake, a light and a camera, and runs three frames.
 fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     stage_lit_from(PLACE, room, scene)
 }
 
-/// The same with the light elsewhere.
+/// Creates the app of [`stage`] with the light at `position`.
 fn stage_lit_from(position: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     let mut app = app();
     let asset = app
@@ -106,7 +108,8 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     let open = right(&room, &bake, 1.0);
     assert_alike("open", &open, &picture(&mut app, &image));
 
-    // Somebody names it and leaves it open; somebody else names what is not there.
+    // One entity names the screen and leaves it open. Another entity names an occluder that does
+    // not exist.
     let say = |app: &mut App, name: &str, transmittance: f32| {
         let name = name.into();
         let occluder = GiOccluder {
@@ -142,7 +145,8 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     }
     assert!(flip(&last, &open) < 1e-6, "open again");
 
-    // Of two that say something of it the least open counts; who goes away leaves it open.
+    // Of two entities with the same name the smallest transmittance applies. After both are
+    // despawned, the screen is open.
     let other = say(&mut app, "screen", 0.0);
     run(&mut app, 1);
     assert_eq!(counters(&app).dispatches_of(FrameStage::OCCLUDE), 1);
@@ -155,8 +159,8 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     assert_alike("gone", &open, &picture(&mut app, &image));
 }
 
-/// The light stands before a screen that is drawn in the farther half of an occluder three times as
-/// thick.
+/// A closed screen matches the CPU if it is drawn in the farther half of an occluder three times as
+/// thick. The light is in front of it.
 #[test]
 fn door_in_thick_occluder_is_lit_from_faced_side() {
     let (mut room, bake) = cornell_with(0.06, Some(ProbeSettings::default()));
@@ -183,7 +187,7 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
     run(&mut app, 2);
     let shut = lit_from(position, &room, &bake, 0.0);
     assert_alike("drawn door", &shut, &picture(&mut app, &image));
-    // With planes that do not lean the screen is black.
+    // With clip planes that do not shift with the normal, the screen is black.
     let mut upright = (*bake).clone();
     let arrays = upright.data_mut();
     let probes = &mut arrays.probes.as_mut().unwrap().planes;

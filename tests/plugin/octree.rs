@@ -1,7 +1,6 @@
-//! A bake by rule `fmm` with links on the same points, in the running plugin under a light that
-//! moves: the octree solves while the plan says that it fits, the links do where a budget or the
-//! device says that it does not, and the plan names the reason. Costs are given by the test, for no
-//! test is decided by a clock.
+//! Bake of method `fmm` with links on the same points, in the running plugin under a moving light.
+//! The octree solves while it fits the budget and the device. Otherwise the links solve, and the
+//! plan contains the reason. The test provides the costs, so that no test depends on a clock.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::scenes::{Room, cpu_indirect};
@@ -19,7 +18,7 @@ use std::time::Duration;
 const FROM: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 const TO: Vec3 = Vec3::new(0.4, 1.4, 0.2);
 
-/// The room, baked by rule `fmm` with links below the octree.
+/// Returns the room and its bake of method `fmm`, with links as the lower tiers.
 fn baked(order: u32) -> (Room, Arc<BakedScene>) {
     let room = Room::cornell();
     let bake = room.bake_as(&Recipe {
@@ -68,7 +67,7 @@ fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
 }
 
 impl Stand {
-    /// Moves the light, frame by frame, and leaves it at `TO`.
+    /// Moves the light in each of `frames` frames. The last position is `TO`.
     fn walk(&mut self, frames: usize) {
         for k in 1..=frames {
             let position = FROM.lerp(TO, k as f32 / frames as f32);
@@ -81,8 +80,7 @@ impl Stand {
         }
     }
 
-    /// The last frame's plan, and how often what carries light from senders to receivers was
-    /// dispatched in it.
+    /// Returns the last frame's plan and the number of its transport dispatches.
     fn solved(&self) -> (String, u32) {
         let c = counters(&self.app);
         assert_eq!(c.solved.len(), 1, "the light moved: {}", c.plan);
@@ -110,13 +108,13 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
         )
     };
     let [by_octree, by_links] = [tiers, links].map(cpu);
-    // For each reflection up and down all levels of the octree, and the positions; links take one
-    // dispatch for each.
+    // Per bounce the octree takes two dispatches for each of its levels (up and down) and one for
+    // the points. Links take one dispatch per bounce.
     let levels = bake.data().fmm.as_ref().expect("an octree").levels() as u32;
     let reflections = settings().sweeps + 1;
     let walked = reflections * (2 * levels + 1);
 
-    // It fits: solved again in each frame in which the light moves, by the octree.
+    // The octree fits: it solves in each frame in which the light moves.
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     let reason = format!("with tier {tiers} of {tiers}, the octree: full quality is requested");
@@ -126,8 +124,8 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let own = found.nrmse(&by_octree);
     assert!(found.nrmse(&by_links) > 2.0 * own, "{own}");
 
-    // It takes too long: the links on the same points, and the plan says what the octree would
-    // take. A solve by all links takes 2 ms, by the octree ten times as long.
+    // The octree is too slow: the links on the same points solve, and the plan contains the
+    // octree's cost. A solve takes 2 ms with all links and 20 ms with the octree.
     let choices = TierCandidate::all_of(&bake, settings().sweeps);
     let work = choices[links as usize - 1].work;
     stand
@@ -158,7 +156,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let own = found.nrmse(&by_links);
     assert!(found.nrmse(&by_octree) > 2.0 * own, "{own}");
 
-    // With time enough the octree stays.
+    // With a sufficient budget the octree is used.
     ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(40)));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
@@ -168,7 +166,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
 
 #[test]
 fn device_below_octree_limits_uses_links_with_reason() {
-    // No workgroup holds the expansions of this order.
+    // Expansions of this order do not fit into a workgroup.
     let (room, bake) = baked(7);
     let links = bake.data().link_tiers();
     let mut stand = stand(&room, &bake);
@@ -194,8 +192,8 @@ fn device_below_octree_limits_uses_links_with_reason() {
     );
     assert_alike("no octree", &cpu, &picture(&mut stand.app, &stand.image));
 
-    // A budget chooses among what runs: with 2 ms for all links, half of them below, and 3 ms to
-    // spend, all links stay.
+    // A budget selects among the available tiers. The cost is 2 ms for all links and proportional
+    // to the number of links. A budget of 3 ms selects all links.
     let choices = TierCandidate::all_of(&bake, settings.sweeps);
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
@@ -211,9 +209,9 @@ fn device_below_octree_limits_uses_links_with_reason() {
     let plan = ask(&mut stand, 3.0);
     let reason = "2.00 ms a solve, within 3 ms; there is no higher one";
     assert!(plan.contains(reason), "{plan}");
-    // And what is too much goes down one tier, not to the least.
+    // A slightly smaller budget selects the next lower tier, not the lowest one.
     let below = 2.0 * choices[links as usize - 2].work as f32 / work as f32;
-    // Where the tier below takes four fifths of the budget at most.
+    // The lower tier takes at most 4/5 of the budget.
     let budget = 0.5 * (below / 0.8 + 2.0);
     assert!(below < 0.8 * budget && budget < 2.0, "{below}");
     let plan = ask(&mut stand, budget);

@@ -1,4 +1,4 @@
-//! Bakes whose level, recipe or bake version has changed since: what the loader reports, and when.
+//! Bakes of a changed scene, recipe or bake version: content and time of the loader's reports.
 
 use crate::support::app::ready;
 use crate::support::assets::until;
@@ -19,14 +19,14 @@ use std::sync::{Arc, Mutex};
 const RECIPE: &str =
     r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.6, levels: 3, rays: 64)"#;
 
-/// The room after somebody has moved its block.
+/// Returns the room with a shifted block.
 fn moved() -> Room {
     let mut room = Room::cornell();
     room.0[5..].iter_mut().for_each(|quad| quad.corner.x -= 0.4);
     room
 }
 
-/// Writes a level, its recipe and its bake to a folder of assets.
+/// Writes a scene, its recipe and its bake to a folder of assets.
 fn write_level(root: &Path) -> PathBuf {
     let assets = root.join("assets");
     std::fs::create_dir_all(&assets).unwrap();
@@ -43,7 +43,7 @@ fn write_level(root: &Path) -> PathBuf {
     assets
 }
 
-/// Notifies an app of a changed file.
+/// Sender of file changes to an app.
 #[derive(Clone, Default)]
 struct Changes(Arc<Mutex<Option<Sink>>>);
 
@@ -59,7 +59,8 @@ struct NoWatcher;
 
 impl AssetWatcher for NoWatcher {}
 
-/// App without a renderer that watches its assets, with one entity that uses the bake `path`.
+/// Creates an app without a renderer that watches its assets, with one entity that uses the bake
+/// `path`.
 fn app_with(assets: AssetPlugin, path: &str, changes: &Changes) -> App {
     let changes = changes.0.clone();
     let source =
@@ -113,7 +114,7 @@ fn load(app: &mut App) {
     app.update();
 }
 
-/// Inputs that differ.
+/// Returns the changed inputs of the bake `path`. `None` if it is not stale.
 fn stale(app: &App, path: &str) -> Option<String> {
     let mut stale = app.world().resource::<GiStaleBakes>().iter();
     let found = stale.find(|(bake, _)| **bake == AssetPath::from(path.to_owned()));
@@ -134,7 +135,7 @@ fn changed_scene_is_reported_once() {
     assert_eq!(stale(&app, "room.mgi"), None);
     assert!(lines.is_empty() && findings(&app).is_empty(), "{lines:?}");
 
-    // Bevy sees the level change, and loads the bake again.
+    // After the scene file changes, Bevy reloads the bake.
     std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
     changes.tell("room.glb");
     let (found, lines) = warnings(|| {
@@ -154,7 +155,7 @@ fn changed_scene_is_reported_once() {
     }
     assert_eq!(findings(&app), [GiWarning::StaleBake]);
 
-    // The same geometry in another file is the same level.
+    // The same geometry in another file format is not a change.
     let (json, binary) = gltf(&Room::cornell(), "room.bin");
     std::fs::write(assets.join("room.bin"), binary).unwrap();
     std::fs::write(assets.join("room.glb"), json).unwrap();
@@ -169,7 +170,7 @@ fn unchecked_scene_is_not_reported() {
     let root = tempfile::tempdir().unwrap();
     let assets = write_level(root.path());
     std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
-    // The second is an earlier name.
+    // `check_level` is an earlier name of `check_scene`.
     let meta = |check: &str| {
         let text = format!(
             r#"(meta_format_version: "1.0", asset: Load(loader: "bevy_meshless_gi::plugin::loader::GiBakedSceneLoader", settings: ({check})))"#
@@ -185,7 +186,7 @@ fn unchecked_scene_is_not_reported() {
     let found = until(&mut app, "the comparison", |app| stale(app, "room.mgi"));
     assert!(found.contains("content"), "{found}");
 
-    // Without the level there is nothing to compare.
+    // Without the scene file, the bake is not compared.
     std::fs::remove_file(assets.join("room.glb")).unwrap();
     let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
     load(&mut app);

@@ -63,7 +63,7 @@ fn inventory_follows_world() {
     assert_eq!((found.skies, found.normal_maps), (SkyKind::None, 0));
     assert_eq!(found.colors, ColorUniformity::Surfaces);
 
-    // One moves and one changes its color, each for one frame.
+    // One light moves and the other changes its color, each in one frame.
     move_to(&mut app, light_source, PLACE + 0.1 * Vec3::X);
     let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
     light.color = Color::linear_rgb(1.0, 0.5, 0.5);
@@ -112,7 +112,8 @@ fn inventory_follows_world() {
     assert_eq!((cameras.deferred, cameras.off), (0, 1));
 }
 
-/// The test provides the cost of solves: the cost of one tier predicts that of the other.
+/// The measured cost of one tier predicts the cost of another tier. The test provides the cost of
+/// solves.
 #[test]
 fn costs_are_measured_and_predict_other_tier() {
     let mut app = app();
@@ -154,7 +155,7 @@ fn costs_are_measured_and_predict_other_tier() {
         "{seen}"
     );
 
-    // A setting forces another tier with fewer links, which is predicted to be cheaper.
+    // A setting forces a tier with fewer links. Its predicted cost is lower.
     let world = app.world_mut();
     world.entity_mut(root).insert(GiQuality::Tier(1));
     run(&mut app, 1);
@@ -168,7 +169,8 @@ fn costs_are_measured_and_predict_other_tier() {
     assert!(!close(found.predicted, all), "{found}");
 }
 
-/// A forced tier changes nothing but the tier, and later frames have the same decisions.
+/// A forced tier changes only the decision about the tier, and later frames have the same
+/// decisions.
 #[test]
 fn forced_tier_changes_only_tier_decision() {
     let mut app = app();
@@ -177,12 +179,12 @@ fn forced_tier_changes_only_tier_decision() {
     let standing = |app: &App| {
         let mut found = plan(app).decisions();
         found.retain(|d| !matches!(d.kind, DecisionKind::Effect("lights" | "transport", ..)));
-        // The cost of a choice in a frame is not compared.
+        // Costs of a decision in a frame are not compared.
         found.iter_mut().for_each(|d| d.costs.clear());
         found
     };
     let before = standing(&app);
-    // The test's cameras request every pixel, and its rooms a fixed number of reflections.
+    // The test's cameras request every pixel, and its rooms a fixed number of bounces.
     let forced: Vec<&DecisionKind> = (before.iter())
         .filter(|d| d.forced.is_some())
         .map(|d| &d.kind)
@@ -210,7 +212,7 @@ fn forced_tier_changes_only_tier_decision() {
         run(&mut app, 1);
         assert_eq!(standing(&app), forced, "frame {k}");
     }
-    // A camera that is off shows nothing, whatever else exists.
+    // If the only camera is off, the plan is empty.
     let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
@@ -263,8 +265,8 @@ fn gpu_timings_reach_plan() {
     assert!(cost(&found, FrameStage::SPLAT).work == Work::Pixels(128 * 96));
 }
 
-/// A room is solved with the number of reflections that its surfaces need, or with the number of a
-/// setting.
+/// The solve uses the number of bounces for the surface albedo with `Auto`, and the set number with
+/// `Fixed`. Both match the CPU.
 #[test]
 fn bounce_count_follows_surface_albedo() {
     let mut app = app();
@@ -309,7 +311,7 @@ fn bounce_count_follows_surface_albedo() {
         "{many}"
     );
     assert_eq!(many.gain, Some(gain));
-    // The omitted light is hardly visible, and two reflections are not enough.
+    // The truncation error is below the bound, and two bounces are not enough.
     let settings = FrameSettings {
         sweeps: 4 * many.bounces,
         ..settings()
@@ -331,7 +333,8 @@ fn bounce_count_follows_surface_albedo() {
     );
 }
 
-/// Gray room under a light of one color, and the CPU's result in three channels.
+/// A gray room under lights of one color uses one channel and matches the CPU's result in three
+/// channels.
 #[test]
 fn gray_room_uses_monochrome_until_colored_light() {
     let gray = Room::cornell().recolored(|c| Vec3::splat(c.max_element()));
@@ -375,7 +378,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(matches!(cost(&first, FrameStage::APPLY).work, Work::OneChannel(n) if n > 1000));
     let warm = right(&[(PLACE, WARM)]);
     assert_alike("one_channel", &warm, &picture(&mut app, &image));
-    // Another color for all lights: one channel, in the same frame.
+    // Another color of all lights still uses one channel, in the same frame.
     paint(&mut app, BLUE);
     run(&mut app, 1);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
@@ -383,7 +386,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(flip(&warm, &blue) > MAX);
     assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
 
-    // A second light in another color: three channels at once.
+    // A second light in another color switches to three channels in the same frame.
     let position = PLACE + 0.6 * Vec3::X;
     let second = spawn_light_source(&mut app, position);
     run(&mut app, 1);
@@ -394,7 +397,8 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(flip(&blue, &both) > MAX);
     assert_alike("two_colors", &both, &picture(&mut app, &image));
 
-    // After its removal, one channel returns after a while, without a solve.
+    // After its removal, one channel returns after `MONOCHROME_HYSTERESIS_FRAMES` frames, without a
+    // solve.
     app.world_mut().despawn(second);
     run(&mut app, 1);
     assert!(work(&app) > 0);
@@ -409,7 +413,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert_alike("blue_again", &blue, &picture(&mut app, &image));
 
-    // A setting decides alone, and the light follows.
+    // A setting forces the channels, and the light follows in the same frame.
     let ask = |app: &mut App, channels| {
         let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
         solver.color_mode = channels;

@@ -1,5 +1,5 @@
-//! Point clouds in the running plugin: a room as points, from a `.ply` file, beside the same room
-//! as meshes, lit directly and indirectly; and what broken files do.
+//! Point clouds in the running plugin: a room as points from a `.ply` file, compared with the same
+//! room as meshes in direct and indirect light. Also tests invalid files.
 
 use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::{Picture, flip};
@@ -61,7 +61,7 @@ fn app_in(folder: &Path) -> App {
     app
 }
 
-/// The room's picture with a bake of `mesh`, drawn as `spawn` says.
+/// Returns the room's picture with a bake of `mesh`. `spawn` spawns the drawn room.
 fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -> Picture {
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -133,8 +133,9 @@ fn point_room_picture_matches_triangle_room() {
     assert!(dimmer.nrmse(&expected) > 0.06);
 }
 
-/// More points than one mesh should hold: the cloud's entity draws the first part and children the
-/// others, with its material, and they go when the cloud is another.
+/// A cloud with more points than one mesh should hold is split into parts. The cloud's entity draws
+/// the first part and children draw the others, with its material. A new cloud removes the
+/// children.
 #[test]
 fn large_point_cloud_is_split_into_parts() {
     let folder = tempfile::tempdir().unwrap();
@@ -213,7 +214,7 @@ fn large_point_cloud_is_split_into_parts() {
     let (vertices, materials) = draw(&mut app, small);
     assert_eq!((vertices.len(), materials), (1, vec![id]));
     assert!(vertices[0] < 10_000);
-    // No cloud any more.
+    // Without a cloud nothing is drawn.
     assert_eq!(draw(&mut app, large).0.len(), 4);
     (app.world_mut().entity_mut(entity)).remove::<GiPointCloud>();
     run(&mut app, 2);

@@ -1,5 +1,5 @@
-//! Processing of assets: the build step, apps with and without an asset processor of their own, and
-//! apps that load processed assets.
+//! Asset processing: the build step, apps with and without their own asset processor, and apps that
+//! load processed assets.
 
 use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
 use crate::support::assets::{bare_app_with, shipped, until};
@@ -29,7 +29,7 @@ use std::time::Duration;
 const RECIPE: &str =
     r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.6, levels: 3, rays: 64)"#;
 
-/// Assets of [`write_game`], as an app loads them.
+/// Assets of [`write_game`] by their paths in an app.
 const ASSETS: [&str; 6] = [
     "levels/room.glb#Scene0",
     "levels/room.gi.ron",
@@ -39,7 +39,7 @@ const ASSETS: [&str; 6] = [
     "intro.talk",
 ];
 
-/// Asset of kinds that only the test's apps have a loader for.
+/// Asset of file kinds with a loader only in the test's apps.
 #[derive(Asset, TypePath)]
 struct Bytes(Vec<u8>);
 
@@ -67,8 +67,8 @@ impl AssetLoader for BytesLoader {
     }
 }
 
-/// Writes the sources of a game below `root`: a level with an external texture, a font, a sound, a
-/// file of a kind of the game's own, and a recipe.
+/// Writes the sources of a game below `root`: a scene with an external texture, a font, a sound, a
+/// file of a game-specific kind, and a recipe.
 fn write_game(root: &Path) {
     let assets = root.join("assets");
     for folder in ["levels", "fonts", "sounds"] {
@@ -93,7 +93,7 @@ fn write_game(root: &Path) {
     write("intro.talk", b"Hello.");
 }
 
-/// Folders of the project below `root`, by absolute paths.
+/// Returns the absolute folders of the project below `root`.
 fn build(root: &Path) -> GiProcessAssetsOptions {
     GiProcessAssetsOptions {
         source: root.join("assets"),
@@ -102,7 +102,7 @@ fn build(root: &Path) -> GiProcessAssetsOptions {
     }
 }
 
-/// All files below `folder` with their bytes.
+/// Returns all files below `folder` with their bytes.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -132,7 +132,7 @@ fn load_all(app: &App) -> Vec<UntypedHandle> {
     ]
 }
 
-/// Updates until all of them have loaded. One that fails ends the test.
+/// Updates until all of `handles` have loaded. Panics if one fails.
 fn wait_for(app: &mut App, handles: &[UntypedHandle]) {
     until(app, "loading", |app| {
         let server = app.world().resource::<AssetServer>();
@@ -154,10 +154,11 @@ fn load_bake(app: &mut App, path: &str) -> std::sync::Arc<BakedScene> {
     })
 }
 
-/// Name of the environment variable that makes [`process_assets_in_child_process`] work.
+/// Environment variable that enables [`process_assets_in_child_process`] and selects its action.
 const PROCESS: &str = "MGI_TEST_PROCESS";
 
-/// No test of its own: [`process`] runs it in a process with another asset root and another log.
+/// Does nothing without the environment variable. [`process`] runs it in a child process with
+/// another asset root and another log.
 #[test]
 fn process_assets_in_child_process() {
     let Some(kind) = std::env::var_os(PROCESS) else {
@@ -175,7 +176,7 @@ fn process_assets_in_child_process() {
     }
 }
 
-/// A game that processes its assets itself, with loaders for all of them, and loads them.
+/// Runs a game that processes its assets, with loaders for all of them, and loads them.
 fn run_game() {
     let mut app = App::new();
     app.add_plugins((
@@ -191,7 +192,7 @@ fn run_game() {
         WorldSerializationPlugin,
         GltfPlugin::default(),
     ))
-    // Without a renderer nobody else registers it, and the processor would wait for it.
+    // Without a renderer no plugin registers this loader, and the processor would wait for it.
     .register_asset_loader(ImageLoader::new(CompressedImageFormats::NONE))
     .init_asset::<Mesh>()
     .init_asset::<StandardMaterial>()
@@ -213,7 +214,7 @@ fn run_game() {
     println!("LOADED");
 }
 
-/// An app that loads the recipe unprocessed, and prints the progress of its bake.
+/// Runs an app that loads the unprocessed recipe, and prints the progress of its bake.
 fn load_unprocessed() {
     let mut app = bare_app_with(AssetPlugin::default());
     app.add_systems(Update, |mut news: MessageReader<GiRecipeProgress>| {
@@ -225,7 +226,7 @@ fn load_unprocessed() {
     println!("GIVEN {}", scene.info().given_recipe);
 }
 
-/// Runs [`process_assets_in_child_process`] for the project at `root` and returns what it printed.
+/// Runs [`process_assets_in_child_process`] for the project at `root` and returns its output.
 fn process(kind: &str, root: &Path) -> String {
     let output = Command::new(std::env::current_exe().unwrap())
         .args([
@@ -312,7 +313,7 @@ fn process_assets_before_and_after_game_bakes_once() {
             assert_eq!(std::fs::read(&output).unwrap(), container);
         }
 
-        // A level that changes is baked once more, whoever comes first.
+        // A changed scene is baked exactly once, in any order of game and build step.
         let level = root.path().join("assets/levels/room.glb");
         let darker = Room::cornell().recolored(|c| 0.5 * c);
         std::fs::write(&level, textured_glb(&darker, "wall.png")).unwrap();
@@ -322,7 +323,7 @@ fn process_assets_before_and_after_game_bakes_once() {
         assert_ne!(std::fs::read(&output).unwrap(), container);
         assert_eq!(bakes(&process(first, root.path())), 0);
 
-        // The processed folder may go: bakes are kept beside it.
+        // The processed folder can be deleted: bakes are cached in a folder next to it.
         let container = std::fs::read(&output).unwrap();
         std::fs::remove_dir_all(root.path().join("imported_assets/Default")).unwrap();
         let text = process(second, root.path());
@@ -353,7 +354,7 @@ fn process_assets_time_limit_leaves_no_output() {
         "{error}"
     );
     assert!(!output.exists() && !output.with_extension("ron.meta").exists());
-    // Without a bake there is nothing to wait for.
+    // The limit does not apply without a new bake.
     std::fs::write(&recipe, RECIPE).unwrap();
     process_assets(&limited).unwrap();
     assert!(output.exists());
@@ -432,7 +433,7 @@ fn unprocessed_recipe_without_preset_is_baked_at_draft() {
             "{warning}"
         );
         assert_eq!(warning.contains("Draft"), says, "{warning}");
-        // Its progress is a message of the main world.
+        // The progress is a message in the main world.
         let progress: Vec<&str> = text.lines().filter(|l| l.starts_with("PROGRESS")).collect();
         assert!(!progress.is_empty(), "{text}");
         for line in progress {
@@ -475,13 +476,13 @@ fn process_assets_changed_input_is_baked_again() {
     let first = load(&output);
     assert_eq!(first.info().triangles, 20);
 
-    // Nothing changed: nothing is baked. The level changes: it is.
+    // Without a change nothing is baked. A changed scene is baked again.
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 0);
     std::fs::write(levels.join("room.glb"), glb(&room.recolored(|c| 0.5 * c))).unwrap();
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 1);
     assert_ne!(load(&output).info().fingerprint, first.info().fingerprint);
 
-    // So do the recipe, and a file that a level names.
+    // A changed recipe, or a changed file that a scene references, causes a new bake.
     let finer = RECIPE.replace("rays: 64", "rays: 96");
     std::fs::write(levels.join("room.gi.ron"), &finer).unwrap();
     let text = process("step", root.path());
@@ -508,7 +509,7 @@ fn process_assets_changed_input_is_baked_again() {
 
     let last = load(&output);
 
-    // Levels that cannot be baked: each error says what and where, and no output is left.
+    // Scenes that cannot be baked: each error contains file and cause, and no output remains.
     std::fs::write(levels.join("broken.glb"), b"not a level").unwrap();
     std::fs::write(levels.join("broken.gi.ron"), r#"(scene: "broken.glb")"#).unwrap();
     std::fs::write(levels.join("missing.gi.ron"), r#"(scene: "nowhere.glb")"#).unwrap();
@@ -548,7 +549,7 @@ fn process_assets_changed_input_is_baked_again() {
         );
     }
 
-    // And back again.
+    // After the errors are fixed, the output is the same as before.
     for name in ["broken", "missing", "typo"] {
         std::fs::remove_file(levels.join(format!("{name}.gi.ron"))).unwrap();
     }

@@ -1,6 +1,5 @@
-//! The tier of the operator that the running plugin uses: by number, by error, and within a time
-//! that holds while camera and light move. The time is given by the test, for no test is decided by
-//! a clock.
+//! Tier of the operator in the running plugin: selected by number, by error, and by a GPU budget
+//! while camera and light move. The test provides the time, so that no test depends on a clock.
 
 use crate::support::app::{app, drawable, headless_plugins, picture, ready, run};
 use crate::support::scenes::{cornell, cpu_indirect};
@@ -46,7 +45,8 @@ fn tier(app: &App, stage: &Stage) -> (u32, String) {
     (picked.tier, picked.why)
 }
 
-/// Each tier is what the CPU makes of it; and the plan says which and why.
+/// Each requested tier matches the CPU's picture of that tier, and the plan contains the tier and
+/// the reason.
 #[test]
 fn requested_tier_matches_cpu() {
     let mut app = app();
@@ -83,21 +83,21 @@ fn requested_tier_matches_cpu() {
         assert_alike(&format!("tier_{n}"), &cpu, &found);
         seen.push((found, cpu));
     }
-    // Each is nearest to its own twin.
+    // Each picture is closest to the CPU's picture of its own tier.
     for (i, (found, own)) in seen.iter().enumerate() {
         for (j, (_, other)) in seen.iter().enumerate() {
             let (near, far) = (found.nrmse(own), found.nrmse(other));
             assert!(i == j || far > 2.0 * near, "{i}, {j}: {far} and {near}");
         }
     }
-    // Nothing moves: a change of the tier is one solve.
+    // Without motion, a change of the tier causes one solve.
     ask(&mut app, &stage, GiQuality::Tier(3));
     run(&mut app, 1);
     assert_eq!(counters(&app).solved.values().collect::<Vec<_>>(), [&3]);
     run(&mut app, 1);
     assert!(counters(&app).solved.is_empty());
 
-    // By error: what the bake says of its tiers.
+    // Selection by error: the bake stores the error of each tier.
     let upper: Vec<f32> = TierCandidate::all_of(&bake, 3)
         .iter()
         .map(|t| t.error)
@@ -123,8 +123,8 @@ fn shrink_target(app: &mut App, stage: &Stage) {
     app.world_mut().entity_mut(stage.eye).insert(target);
 }
 
-/// A budget holds while light and camera move and the load changes under it, and the tier does not
-/// flip.
+/// The budget is met while light and camera move and the load changes, and the tier does not
+/// oscillate.
 #[test]
 fn gpu_budget_is_met_while_light_and_camera_move() {
     let mut app = app();
@@ -133,7 +133,7 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
     let (_, bake) = cornell();
     let choices = TierCandidate::all_of(&bake, 3);
     let all = choices[3].work as f32;
-    // Thousandths of a millisecond that all links take.
+    // Time of a solve with all links, in microseconds.
     let load = Arc::new(AtomicU32::new(2_000));
     let (given, count) = (load.clone(), Arc::new(AtomicU32::new(0)));
     let requested = count.clone();
@@ -184,14 +184,14 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
     );
     load.store(8_000, Ordering::Relaxed);
     let heavy = go(&mut app, 30);
-    // What fits is found at once, and kept.
+    // The controller finds the fitting tier within 12 frames, and keeps it.
     let fits = (1..=4)
         .rev()
         .find(|&t| 8.0 * choices[t as usize - 1].work as f32 / all <= 0.8 * BUDGET);
     let fits = fits.unwrap_or(1);
     assert!(heavy[12..].iter().all(|&t| t == fits), "{fits}: {heavy:?}");
     load.store(2_000, Ordering::Relaxed);
-    // Each step up waits for sixty solves.
+    // Each step to a higher tier waits for 60 solves.
     let again = go(&mut app, 70);
     assert!(*again.last().unwrap() > fits, "{:?}", tier(&app, &stage));
     let changes = app
@@ -202,15 +202,15 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
     assert!((2..=5).contains(&changes), "{changes}");
     assert!(over <= 12, "{over} solves over the budget");
     assert!(count.load(Ordering::Relaxed) > 100);
-    // At rest nothing is solved, and nothing is asked for its cost.
+    // At rest nothing is solved, and no cost is requested.
     run(&mut app, 3);
     let before = count.load(Ordering::Relaxed);
     run(&mut app, 5);
     assert_eq!(count.load(Ordering::Relaxed), before);
 }
 
-/// Bevy's timestamps reach the picker where the device has them. How long anything takes is not
-/// looked at, but that no time at all is too little.
+/// GPU timestamps reach the tier controller if the device supports them. The test does not check
+/// their values, except that a budget of 1 ns is exceeded.
 #[test]
 fn gpu_timings_reach_tier_controller() {
     let mut app = App::new();

@@ -1,6 +1,6 @@
-//! Inspectors: every component, resource, event and setting of the plugin is in the type registry,
-//! with all its fields. The lists are those of the plugin: of its sources and of the world that it
-//! builds.
+//! Reflection for inspectors: every component, resource, event and setting of the plugin is in the
+//! type registry with all fields. The lists of types come from the plugin's sources and from the
+//! world that it builds.
 
 use crate::support::app::{app, camera, run, target};
 use crate::support::scenes::cornell;
@@ -20,7 +20,7 @@ use meshless_gi::{Preset, Recipe, cornell_box, mesh_of_quads};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Types without a default: only the plugin makes them, or a function starts them.
+/// Types without a default. Only the plugin or a function creates them.
 const MADE: [&str; 4] = [
     "GiRsmCamera",
     "GiBakeTask",
@@ -28,7 +28,7 @@ const MADE: [&str; 4] = [
     "GiRecipeProgress",
 ];
 
-/// Returns `true` if the root of the library exports this type.
+/// Returns `true` if the root of the library exports the type `name`.
 fn is_public(name: &str) -> bool {
     let root = include_str!("../../src/lib.rs");
     let mut words = root.split(|c: char| !c.is_alphanumeric() && c != '_');
@@ -45,7 +45,7 @@ fn files_below(folder: &Path, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// The plugin's sources.
+/// Returns the texts of the plugin's source files.
 fn sources() -> Vec<String> {
     let mut files = Vec::new();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -55,7 +55,7 @@ fn sources() -> Vec<String> {
     texts.collect()
 }
 
-/// Names of the public types of a source file that derive `of`.
+/// Adds the names of the public types of a source file that derive `of` to `out`.
 fn deriving_in(text: &str, of: &str, out: &mut BTreeSet<String>) {
     let mut derived = false;
     for line in text.lines().map(str::trim) {
@@ -75,7 +75,7 @@ fn deriving_in(text: &str, of: &str, out: &mut BTreeSet<String>) {
     }
 }
 
-/// Names of the exported types whose source derives one of `traits`.
+/// Returns the names of the exported types with a source that derives one of `traits`.
 fn deriving(traits: &[&str]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for text in sources() {
@@ -87,9 +87,10 @@ fn deriving(traits: &[&str]) -> BTreeSet<String> {
     found
 }
 
-/// Components and resources of this crate in the world that its registry lacks. `of` starts the
-/// paths of the crate's types. The compiler collects the types that derive `Reflect`. Types that
-/// do not derive it have no name without Bevy's feature `debug`.
+/// Counts the components and resources of this crate in the world, and returns the names missing
+/// from its registry. `of` is the prefix of the type paths of the crate. The compiler collects the
+/// types that derive `Reflect`. Types that do not derive it have no name without Bevy's feature
+/// `debug`.
 fn unregistered(world: &World, of: &str, is_public: impl Fn(&str) -> bool) -> (usize, Vec<String>) {
     let mut reflected = TypeRegistry::new();
     reflected.register_derived_types();
@@ -110,8 +111,8 @@ fn unregistered(world: &World, of: &str, is_public: impl Fn(&str) -> bool) -> (u
     (count, missing)
 }
 
-/// An app without renderer. Its registry holds what plugins registered by name, and nothing that
-/// the compiler collected.
+/// Creates an app without renderer. Its registry contains only types that plugins register by name,
+/// and none that the compiler collected.
 fn app_of_registrations() -> App {
     let mut app = App::new();
     app.insert_resource(AppTypeRegistry::default())
@@ -172,13 +173,13 @@ fn component_resource_event_and_setting_types_are_registered() {
         let made = MADE.contains(&name.as_str());
         assert_eq!(default.is_none(), made, "default of {name}");
     }
-    // No field is hidden, except those of a running bake.
+    // Only fields of a running bake are hidden.
     let hidden = sources().into_iter();
     let hidden: Vec<String> = hidden.filter(|t| t.contains("reflect(ignore")).collect();
     assert!(hidden.len() == 1 && hidden[0].contains("pub struct GiBakeTask"));
 }
 
-/// Component that nothing registers.
+/// Component that no code registers.
 #[derive(Component, Reflect)]
 #[reflect(Component)]
 struct GiUnregistered;
@@ -192,7 +193,7 @@ fn components_and_resources_of_the_world_are_registered() {
     let (count, missing) = ours(app.world());
     println!("{count} components and resources");
     assert!(count >= 15 && missing.is_empty(), "{count}: {missing:?}");
-    // Must fail: a component of another crate that nothing registers.
+    // Must fail: a component of another crate that no code registers.
     app.world_mut().spawn(GiUnregistered);
     let path = GiUnregistered::type_path();
     let (_, missing) = unregistered(app.world(), path, |_| true);
@@ -211,7 +212,7 @@ fn components_and_resources_of_the_world_are_registered() {
     assert!(found.contains("GiNew") && registry.get_with_short_type_path("GiNew").is_none());
 }
 
-/// Adds every value below `value` with its path.
+/// Adds all values below `value` with their paths to `out`.
 fn walk(value: &dyn PartialReflect, path: &str, out: &mut BTreeMap<String, String>) {
     let mut below = |name: String, field: Option<&dyn PartialReflect>| {
         let field = field.unwrap_or_else(|| panic!("{path}.{name} is counted, and not there"));
@@ -241,7 +242,7 @@ fn walk(value: &dyn PartialReflect, path: &str, out: &mut BTreeMap<String, Strin
     }
 }
 
-/// An app with a scene, a camera, lights, and everything else that has a component of the plugin.
+/// Creates an app with a scene, a camera, lights, and all other components of the plugin.
 fn full_world() -> App {
     let mut app = app();
     let (room, bake) = cornell();
@@ -281,11 +282,11 @@ fn full_world() -> App {
     ));
     world.spawn(GiOccluder::default());
     world.spawn(GiPointCloud::default());
-    // The point cloud has one part: its own. This one has no cloud.
+    // The point cloud draws its only part itself. This part has no cloud.
     world.spawn(GiPointCloudPart);
     world.spawn(GiBakeExclude);
     world.spawn(forward);
-    // Bakes that last longer than the test.
+    // These bakes last longer than the test.
     let mesh = mesh_of_quads(&cornell_box());
     world.spawn(GiBakeTask::spawn(mesh, recipe.clone()));
     let request = GiBakeRequest {
@@ -329,7 +330,7 @@ fn reflected_components_expose_every_field() {
     let expected = deriving(&["Component"]);
     let missing: Vec<_> = expected.difference(&names).collect();
     assert!(missing.is_empty(), "not in the world: {missing:?}");
-    // Values of all depths: settings, an element of a list, an output.
+    // Values at several depths: settings, an element of a list, an output.
     for (path, value) in [
         ("GiCamera.intensity", "1.0"),
         ("GiSolver.bounces", "Fixed"),

@@ -1,6 +1,6 @@
-//! Cameras that are not ours beside one that displays indirect light: they draw what they draw
-//! without the plugin, also where cameras, meshes and materials come, change and go; and the
-//! warning where no camera displays a bake.
+//! Cameras without indirect light next to a camera that displays it. They draw the same picture as
+//! without the plugin, also after cameras, meshes and materials are added, changed and removed.
+//! Also tests the warning if no camera displays a bake.
 
 use crate::support::app::{app, camera, drawn, headless_plugins, picture, ready, run, target};
 use crate::support::flip::Picture;
@@ -24,14 +24,14 @@ use bevy_meshless_gi::{GiWarning, GiWarnings};
 use meshless_gi::{Preset, ProbeSettings, Recipe};
 
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.2);
-/// The layer of what the preview camera shows.
+/// Render layer of the preview camera's objects.
 const PREVIEW: usize = 5;
-/// The largest difference of a pixel's channel between the pictures of two apps. They are the same
-/// draws by the same shaders.
+/// Largest difference of a pixel's channel between the pictures of two apps. Both apps run the same
+/// draws with the same shaders.
 const MAX_DIFFERENCE: f32 = 1e-4;
 
-/// The room with a light that casts shadows, a grid with holes, and a ball on a layer of its own;
-/// with the plugin a bake lights it.
+/// Room with a light that casts shadows, a grid with holes, and a ball on a separate layer. With
+/// the plugin, a bake lights the room.
 struct Stage {
     app: App,
     images: Vec<Handle<Image>>,
@@ -97,7 +97,7 @@ impl Stage {
         self.app.world_mut().spawn(parts).id()
     }
 
-    /// A wall with round holes of a masked material.
+    /// Spawns a wall with round holes that has a masked material.
     fn grid(&mut self) {
         let texel = |i: usize| {
             let at = |v: usize| (v % 8) as f32 - 3.5;
@@ -137,7 +137,7 @@ impl Stage {
         assets.add(asset)
     }
 
-    /// A camera with a target of its own.
+    /// Spawns a camera with its own target.
     fn look(&mut self, kind: impl Bundle, at: Transform) -> Entity {
         let image = target(&mut self.app);
         let shared = (
@@ -153,7 +153,7 @@ impl Stage {
         eye
     }
 
-    /// Plain cameras of three kinds, and one of four samples with a prepass.
+    /// Spawns plain cameras of three kinds, and a camera with four samples and a prepass.
     fn plain_cameras(&mut self) {
         let above = Transform::from_xyz(0.0, 1.9, 0.0).looking_at(Vec3::ZERO, Vec3::NEG_Z);
         let map = OrthographicProjection {
@@ -203,7 +203,7 @@ fn material(app: &mut App, color: Color) -> Handle<StandardMaterial> {
     materials.add(material)
 }
 
-/// The first of the room's surfaces, and its material.
+/// Returns the first surface of the room and its material.
 fn floor(app: &mut App) -> (Entity, Handle<StandardMaterial>) {
     let mut meshes = app
         .world_mut()
@@ -212,13 +212,13 @@ fn floor(app: &mut App) -> (Entity, Handle<StandardMaterial>) {
     (floor, material.0.clone())
 }
 
-/// The largest difference of a channel.
+/// Returns the largest difference of a channel.
 fn difference(a: &Picture, b: &Picture) -> f32 {
     let pairs = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-/// Number of pixels that differ from the one in the first corner.
+/// Returns the number of pixels that differ from the first pixel.
 fn pixels_drawn(picture: &Picture) -> usize {
     let clear = picture.pixels[0];
     picture.pixels.iter().filter(|p| **p != clear).count()
@@ -239,7 +239,8 @@ fn assert_equal(name: &str, with: &[Picture], without: &[Picture]) {
     }
 }
 
-/// Both apps with a step of a game done in each, and their pictures compared.
+/// Applies a change to each app and compares their pictures. Returns the pictures without the
+/// plugin.
 fn step(apps: &mut [Stage; 2], name: &str, change: impl Fn(&mut Stage)) -> Vec<Picture> {
     apps.iter_mut().for_each(change);
     let [with, without] = apps.each_mut().map(Stage::pictures);
@@ -258,14 +259,14 @@ fn both() -> [Stage; 2] {
 #[test]
 fn cameras_without_gi_match_picture_without_plugin() {
     let mut apps = both();
-    // The display has a picture of its own, which is not compared.
+    // The camera that displays indirect light has a separate picture, which is not compared.
     let image = target(&mut apps[0].app);
     let eye = (camera(&image, view()), GiCamera::default());
     let eye = apps[0].app.world_mut().spawn(eye).id();
     let plain = step(&mut apps, "three_kinds", |_| {});
     let lit = picture(&mut apps[0].app, &image);
     keep("cameras_display", &plain[1].beside(&lit));
-    // The second camera stands where the display does, and shows direct light alone.
+    // The second camera has the transform of the display camera and shows direct light alone.
     assert!(lit.mean() > 1.2 * plain[1].mean(), "{}", lit.mean());
     let findings = apps[0].app.world().resource::<GiWarnings>();
     assert_eq!(findings.0, [], "nothing is wrong with such cameras");
@@ -365,7 +366,7 @@ fn camera_that_toggles_gi_returns_to_its_picture() {
         .entity_mut(eye)
         .remove::<(GiCamera, DeferredPrepass)>();
     step(&mut apps, "plain_again", |_| {});
-    // A prepass that goes, and one that comes.
+    // Removes a prepass from one camera and adds a prepass to another.
     step(&mut apps, "prepasses", |s| {
         let (first, second) = (s.cameras[0], s.cameras[1]);
         let world = s.app.world_mut();
@@ -376,7 +377,8 @@ fn camera_that_toggles_gi_returns_to_its_picture() {
     });
 }
 
-/// A camera over the picture of another one, spawned by a plugin that does not name this one.
+/// Plugin that spawns a camera which draws over the picture of another camera. It does not use this
+/// crate's plugin.
 struct Overlay;
 
 #[derive(Resource)]
@@ -411,7 +413,7 @@ impl Plugin for Overlay {
 
 #[test]
 fn camera_of_another_plugin_draws_the_scene() {
-    // Added before this plugin's `finish` and, in the second pair, before the plugin itself.
+    // The overlay is added before `finish` of this plugin.
     let mut apps = [true, false].map(|plugin| {
         let mut stage = Stage::new(plugin, |app| {
             app.add_plugins(Overlay);
@@ -449,7 +451,7 @@ fn renderer_method_of_game_is_kept() {
     assert_eq!(method(&app), forward);
 }
 
-/// The room's bake with light in free space.
+/// Returns the recipe of the room's bake with probes.
 fn with_probes() -> Recipe {
     Recipe {
         preset: Preset::Draft,
@@ -473,7 +475,8 @@ fn masked_materials_with_volume_are_lit_once() {
     let image = target(&mut app);
     let eye = (camera(&image, view()), GiCamera::default());
     let eye = app.world_mut().spawn(eye).id();
-    // The volume is written over some frames, and the lighting without it is compiled.
+    // Writing the volume takes some frames. Meanwhile the lighting pass without the volume is
+    // compiled.
     run(&mut app, 60);
     let opaque = picture(&mut app, &image);
     let all_to = |app: &mut App, mode: AlphaMode| {
@@ -490,7 +493,8 @@ fn masked_materials_with_volume_are_lit_once() {
     let d = masked.nrmse(&opaque);
     println!("masked: NRMSE {d}");
     assert!(d < 0.005, "{d}");
-    // Off, the camera shows direct light alone, masked or not; on again, all of it.
+    // If `enabled` is `false`, the camera shows direct light alone, for masked and opaque
+    // materials. Enabled again, it shows all light.
     let enable = |app: &mut App, on: bool| {
         let mut display = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
         display.enabled = on;
@@ -503,7 +507,8 @@ fn masked_materials_with_volume_are_lit_once() {
     assert!(again.nrmse(&opaque) < 0.005, "{}", again.nrmse(&opaque));
 }
 
-/// Warnings of an app with a baked room and a camera of these components after 24 frames.
+/// Returns the warnings of an app with a baked room and a camera with these components after 24
+/// frames.
 fn warnings_with(components: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> {
     let mut app = app();
     let root = spawn_room(&mut app, Transform::IDENTITY);
@@ -524,8 +529,8 @@ fn bake_without_gi_camera_warns_once() {
         warnings_with(deferred, nothing),
         [GiWarning::NoDeferredDisplay]
     );
-    // Both remedies, an inactive camera, a camera that does not see the bake, and a display that
-    // is turned off.
+    // No warning with either remedy, with an inactive camera, with a camera on another layer, or
+    // with a disabled display.
     assert_eq!(warnings_with(GiCamera::default(), nothing), []);
     let volume = |app: &mut App, root: Entity| {
         app.world_mut()
@@ -573,8 +578,8 @@ fn late_gi_camera_does_not_warn() {
     assert_eq!(app.world().resource::<GiWarnings>().0, []);
 }
 
-/// The largest jump between neighbors on the back wall, relative to their mean: light there changes
-/// slowly.
+/// Returns the largest relative difference between neighboring pixels on the back wall. Light
+/// varies slowly there.
 fn roughness(picture: &Picture) -> f32 {
     let (left, right, top, bottom) = (45, 58, 29, 46);
     let at = |x: usize, y: usize| picture.pixels[y * picture.width + x][1];

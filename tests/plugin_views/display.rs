@@ -1,5 +1,6 @@
-//! Subsplats in the running plugin, beside every pixel: equal pictures, fewer evaluations, nothing
-//! that pops, and buffers that come and go.
+//! Subsplats in the running plugin, compared with the evaluation of every pixel. The pictures
+//! match, fewer evaluations run, and the picture is stable along a camera path. Buffers are created
+//! and released with the display setting.
 
 use crate::support::app::{app, camera, drawable, picture, run};
 use crate::support::flip::{Picture, flip};
@@ -11,11 +12,11 @@ use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 
-/// Pixels of the pictures: enough for all levels.
+/// Size of the pictures in pixels, large enough for all levels.
 const SIZE: UVec2 = UVec2::new(256, 192);
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 
-/// The room with its light, and a camera at `at` that shows `display`.
+/// Spawns the room with its light, and a camera at `at` with the display `display`.
 fn shown(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
     spawn_room(app, Transform::IDENTITY);
     spawn_light_source(app, LIGHT_SOURCE);
@@ -31,8 +32,8 @@ fn eye(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Im
     (eye, image)
 }
 
-/// The picture by the display that is set, and at every pixel; and how many evaluations the first
-/// took, in parts of the pixels.
+/// Returns the picture with the current display, the picture with `GiSplatting::PerPixel`, and the
+/// number of evaluations of the first per pixel.
 fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture, f32) {
     let display = *app.world().get::<GiSplatting>(eye).unwrap();
     let by = picture(app, image);
@@ -59,9 +60,10 @@ fn subsplats_match_per_pixel_display() {
     let (by, full, share) = both(&mut app, eye, &image);
     assert_alike("subsplats", &full, &by);
     println!("{:.1} % of the pixels", 100.0 * share);
-    // Few pixels, so that edges weigh much: docs/reports/subsplats.md has a full screen's.
+    // Edges have a large share in a small picture. docs/reports/subsplats.md has the figures of a
+    // full screen.
     assert!(share < 0.35, "{share}");
-    // Other tests, [N09]'s own, and coarser ones.
+    // Other tests: those of [N09], and coarser ones.
     let settings = SubsplatSettings::default();
     for (name, settings) in [
         (
@@ -91,7 +93,7 @@ fn subsplats_match_per_pixel_display() {
         println!("{name}: {:.1} % of the pixels", 100.0 * share);
         assert_alike(name, &full, &by);
     }
-    // What is set wrongly is brought into range.
+    // Invalid settings are clamped to their range.
     let wild = SubsplatSettings {
         coarsest_level: 0,
         finest_level: 99,
@@ -117,7 +119,7 @@ fn subsplats_of_flat_view_evaluate_few_nodes() {
     let (by, full, share) = both(&mut app, eye, &image);
     assert_alike("flat", &full, &by);
     println!("{:.2} % of the pixels", 100.0 * share);
-    // One in 64 is evaluated anyway.
+    // At least one of 64 pixels is evaluated.
     assert!(share < 0.08, "{share}");
 }
 
@@ -141,8 +143,7 @@ fn subsplats_along_camera_path_are_stable() {
     let mean = full[0].mean();
     let mut max = 0.0f32;
     for (frames, reference) in by.windows(2).zip(full.windows(2)) {
-        // How what subsplats get wrong changes from a frame to the next, where nothing but the
-        // camera moves.
+        // Change of the subsplat error from one frame to the next. Only the camera moves.
         let change = |i: usize, c: usize| {
             let wrong = |f: usize| frames[f].pixels[i][c] - reference[f].pixels[i][c];
             (wrong(1) - wrong(0)).abs()
@@ -234,7 +235,7 @@ fn subsplat_buffers_follow_display_setting() {
     run(&mut app, 2);
     let again = counters(&app);
     assert_eq!((again.buffers, again.bytes), (full.buffers, full.bytes));
-    // A camera that shows nothing holds nothing.
+    // A disabled camera holds no buffers.
     app.world_mut()
         .entity_mut(eye)
         .insert(GiSplatting::default());

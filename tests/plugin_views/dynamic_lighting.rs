@@ -1,5 +1,5 @@
-//! Skies that vary and materials that change, in the running plugin: pictures are those of the
-//! CPU's frame, in the frame of the change, and nothing runs in a frame without one.
+//! Directional skies and dynamic materials in the running plugin. Pictures match the CPU's frame,
+//! in the frame of the change. No work is done in a frame without a change.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::flip;
@@ -17,11 +17,11 @@ use meshless_gi::internals::frame::materials::dynamic_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, SkyModel, SkyRadiance};
 use std::sync::{Arc, OnceLock};
 
-/// The room's left wall, and its block's top.
+/// Indices of the quads of the room's left wall and of the block's top.
 const LEFT: usize = 3;
 const TOP: usize = 9;
 
-/// The Cornell room, baked for all that this file asks of it.
+/// Returns the Cornell room and its bake, with the settings that all tests of this file need.
 fn cornell() -> (Room, Arc<BakedScene>) {
     static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let room = Room::cornell();
@@ -34,7 +34,7 @@ fn cornell() -> (Room, Arc<BakedScene>) {
     (room, baked)
 }
 
-/// The room on its root before a camera that shows indirect light alone.
+/// Spawns the room at `root` and a camera that shows indirect light alone.
 fn stage(app: &mut App, bake: &Arc<BakedScene>, root: Transform) -> (Entity, Handle<Image>) {
     let root = spawn_baked(app, &Room::cornell(), bake, root);
     let image = target(app);
@@ -55,7 +55,7 @@ fn directional_sky_follows_world_directions() {
         LinearRgba::rgb(50.0, 40.0, 30.0),
     );
     let mut radiance = GiSky::gradient(zenith, horizon, ground).radiance();
-    // Brighter from where the room is open.
+    // The sky is brighter on the open side of the room.
     radiance.terms[2] = Vec3::new(400.0, 200.0, 100.0);
     let sky = GiSky::from(radiance);
     let environment = GiEnvironment { sky, ..default() };
@@ -70,13 +70,13 @@ fn directional_sky_follows_world_directions() {
     let local = sky.radiance().turned(Mat3::from_quat(turn.inverse()));
     let right = cpu(local);
     assert_alike("sky_that_varies", &right, &picture(&mut app, &image));
-    // It matters where it comes from.
+    // Another direction of the sky's light gives another picture.
     assert!(flip(&right, &cpu(sky.radiance())) > MAX);
     assert!(flip(&right, &cpu(local.mean.into())) > MAX);
     run(&mut app, 1);
     assert_eq!(work(&counters(&app)), [0; 4], "at rest");
 
-    // A bake with a uniform sky only takes the mean, and logs it.
+    // A bake with a uniform sky uses the mean only, and the plan logs it.
     let plain = room.bake(1);
     let scene = plain.clone();
     let asset = app
@@ -103,7 +103,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let position = Vec3::new(0.0, 1.7, 0.2);
     let at = Transform::from_translation(position);
     app.world_mut().spawn((bevy_light(), at));
-    // The quads' materials, in their order.
+    // The materials of the quads, in the order of the quads.
     let children: Vec<Entity> = app.world().get::<Children>(root).unwrap().to_vec();
     let handle = |app: &App, k: usize| {
         let material = app
@@ -133,7 +133,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         ([0; 4], 0)
     );
 
-    // The sign on the block pulses, and the wall is painted.
+    // The emission of the block's top changes, and the left wall is recolored.
     let mut last = before;
     for (glow, paint) in [
         (0.0, Vec3::new(0.05, 0.1, 0.7)),
@@ -183,8 +183,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         assert_eq!((work(&c), c.dispatches_of(FrameStage::MATERIALS)), none);
     }
 
-    // As many reflections as surfaces call for: more where a wall is painted white, and no fewer
-    // when it is dark again.
+    // The number of reflections follows the albedo. It rises if a wall becomes white, and does not
+    // fall if the wall becomes dark again.
     let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
     let requested = std::mem::take(&mut solver.bounces);
     let reflections = |app: &mut App, gray: f32| {
@@ -208,8 +208,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     solver.bounces = requested;
     run(&mut app, 2);
 
-    // A name that comes again, one that is unknown, a material that is gone: the rest follows.
-    // Another texture is said to do nothing.
+    // With a repeated name, an unknown name and a removed material, the other materials still
+    // update. Another texture has no effect and gives a warning.
     let findings = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     let before = findings(&app);
     let mut more = named.to_vec();

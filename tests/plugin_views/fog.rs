@@ -29,12 +29,12 @@ use std::sync::{Arc, OnceLock};
 
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 const STEPS: u32 = 48;
-/// Edge of the voxels, meters.
+/// Voxel size in meters.
 const VOXEL: f32 = 0.15;
 /// Texels of a density along each edge.
 const EDGE: u32 = 4;
-/// Largest NRMSE between the fog's light and the twin. Pictures hold half floats, and the fog's
-/// light is a difference of two.
+/// Largest NRMSE between the fog's light and the twin. Pictures store half floats, and the fog's
+/// light is a difference of two pictures.
 const MAX: f32 = 0.01;
 
 fn bake() -> Arc<BakedScene> {
@@ -69,8 +69,8 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// Returns the box of the fog in the room's space. It extends beyond the room at one side, and does
-/// not fill it.
+/// Returns the box of the fog in the room's space. The box extends beyond one side of the room and
+/// does not fill the room.
 fn fog_place() -> Transform {
     Transform::from_xyz(0.3, 0.9, 0.4)
         .with_rotation(Quat::from_rotation_y(0.4))
@@ -299,7 +299,7 @@ fn fog_of_every_camera_matches_twin() {
         let max = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
         assert!(off <= max, "{name}: {off}");
         assert!(share > 0.02, "{name}: {share}");
-        // A light moves, and the fog shows it in that frame.
+        // A light moves. The light in the fog follows in that frame.
         let position = Vec3::new(-0.6, 0.5, 0.9);
         let aside = added.nrmse(&s.twin(position, &even(), None));
         assert!(aside > 5.0 * max, "{name}: {aside}");
@@ -374,7 +374,7 @@ fn fog_density_texture_scales_light() {
     assert!(off <= MAX && moved > 3.0 * MAX, "{off} {moved}");
 }
 
-/// Two scenes overlap, and only the first of them lights the fog.
+/// Tests that only the first of two overlapping scenes lights the fog.
 #[test]
 fn fog_in_two_scenes_is_lit_once() {
     let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
@@ -410,7 +410,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     let words = lit.plan.to_string();
     assert!(words.contains("(fog): 1 fog volume(s)"), "{words}");
     assert_eq!(lit.plan.inventory.fogs, 1);
-    // Turned off: parameters and in-scattered light are released, and the voxels stay.
+    // Disabled: the parameters and the in-scattered light are released, and the voxels stay.
     s.set_fog(0.0);
     let off = counters(&s.app);
     assert_eq!((off.plan.count(FrameStage::FOG), s.draws()), (0, 0));
@@ -425,7 +425,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     s.set_fog(1.0);
     assert_eq!(s.draws(), 2);
     assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 0);
-    // Each of these turns it off, and reverting turns it on again.
+    // Each of these changes disables the fog's light, and its reversal enables it again.
     type Change = fn(&mut Shown, bool);
     let changes: [(&str, Change); 6] = [
         ("fog is elsewhere", |s, back| {
@@ -482,7 +482,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
         run(&mut s.app, 3);
         assert_eq!(s.draws(), 2, "{name}, undone");
     }
-    // Twice the light for a factor of two.
+    // A factor of two doubles the light.
     let one = minus(&s.picture(), &dark);
     s.set_fog(2.0);
     let two = minus(&s.picture(), &dark);

@@ -1,5 +1,5 @@
-//! The display of cameras that are not deferred: the same light as a deferred camera shows, also
-//! without HDR, in a viewport, and beside what is transparent or transmissive.
+//! Display of forward cameras. It matches the light of a deferred camera, also without HDR, in a
+//! viewport, and next to transparent or transmissive surfaces.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::Picture;
@@ -15,12 +15,12 @@ use meshless_gi::{BakedScene, ProbeSettings, Recipe};
 use std::sync::{Arc, OnceLock};
 
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
-/// The largest NRMSE between the indirect light of a forward display and of the deferred one: ten
-/// bits of normals instead of twelve, and halves.
+/// Largest NRMSE between the indirect light of a forward display and of the deferred display.
+/// Normals have ten bits instead of twelve, and values have half precision.
 const MAX_ERROR: f32 = 0.012;
 
-/// The room's bake with light in free space, whose voxels are coarse: the display and the volume
-/// look different.
+/// Returns the room's bake with coarse probes, so that the pictures of the display and of the
+/// volume differ.
 fn bake() -> Arc<BakedScene> {
     static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let make = || {
@@ -43,7 +43,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// The room with its volume and a light, and a camera of this kind.
+    /// Creates the room with its volume, a light, and a camera with the components `kind`.
     fn new(kind: impl Bundle) -> Self {
         let mut app = app();
         let root = spawn_baked(&mut app, &Room::cornell(), &bake(), Transform::IDENTITY);
@@ -69,7 +69,8 @@ impl Scene {
         picture(&mut self.app, &self.image)
     }
 
-    /// Indirect light alone: the picture less the one with direct light alone.
+    /// Returns indirect light alone: the difference of the picture and the picture with direct
+    /// light alone.
     fn indirect(&mut self) -> Picture {
         let mut shown = self.picture();
         let world = self.app.world_mut();
@@ -93,7 +94,7 @@ impl Scene {
         shown
     }
 
-    /// Has the volume alone light the camera, in the same measure.
+    /// Disables the forward display and returns the picture with the volume's light alone.
     fn volume_alone(&mut self) -> Picture {
         self.insert(GiForwardCamera {
             enabled: false,
@@ -106,7 +107,7 @@ impl Scene {
         self.app.world_mut().entity_mut(self.eye).insert(parts);
     }
 
-    /// The picture with a pane of this material in front of the room.
+    /// Returns the picture with a pane of this material in front of the room.
     fn picture_with_pane(&mut self, material: StandardMaterial) -> Picture {
         let world = self.app.world_mut();
         let mesh = Rectangle::new(0.7, 0.7).mesh().build();
@@ -131,7 +132,7 @@ fn deferred() -> impl Bundle {
     GiCamera::default()
 }
 
-/// The deferred picture, and its indirect light.
+/// Returns the deferred picture and its indirect light.
 fn deferred_pictures() -> &'static [Picture; 2] {
     static MADE: OnceLock<[Picture; 2]> = OnceLock::new();
     MADE.get_or_init(|| {
@@ -148,7 +149,7 @@ fn forward_camera_matches_deferred() {
     keep("forward_display", &picture.beside(&display));
     let light = shown.indirect();
     keep("forward_indirect", &expected.beside(&light));
-    // Off: the volume alone, which is coarser.
+    // With the display disabled, the coarser volume alone lights the picture.
     let volume = shown.volume_alone();
     keep("forward_volume", &display.beside(&volume));
     let (d, v) = (
@@ -158,7 +159,7 @@ fn forward_camera_matches_deferred() {
     println!("forward display: NRMSE {d:.5}, volume {v:.5}");
     assert!(d < MAX_ERROR, "{d}");
     assert!(v > 2.0 * MAX_ERROR, "the volume is distinguished: {v}");
-    // On again, by subsplats; then half as bright; then removed.
+    // Enabled again with subsplats, then with intensity 0, then removed.
     shown.insert((GiForwardCamera::default(), GiSplatting::default()));
     let again = shown.picture();
     let d = again.nrmse(&display);
@@ -195,7 +196,8 @@ fn forward_camera_without_hdr_matches_deferred() {
     assert!(d < 0.5 * MAX_ERROR && v > 1.5 * d, "{d}, {v}");
 }
 
-/// Difference of the volume's light from that of the display, relative to indirect light.
+/// Returns the difference between the volume's light and the display's light, relative to indirect
+/// light.
 fn error_of_volume(display: &Picture, volume: &Picture, indirect: &Picture) -> f32 {
     let mut moved = indirect.clone();
     let changes = volume
@@ -252,8 +254,8 @@ fn transparent_and_transmissive_surfaces_are_unchanged() {
         let expected = without.picture_with_pane(material.clone());
         let shown = with.picture_with_pane(material);
         keep(&format!("forward_{name}"), &expected.beside(&shown));
-        // The surface itself is lit by the volume in both; what is behind it is the display in
-        // both.
+        // In both pictures the volume lights the pane, and the display lights the surfaces behind
+        // it.
         let d = shown.nrmse(&expected);
         println!("{name}: NRMSE {d:.5}");
         assert!(d < 2.0 * MAX_ERROR, "{name}: {d}");

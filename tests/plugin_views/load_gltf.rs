@@ -1,5 +1,5 @@
-//! Example `load_gltf`: a level that is dropped on the window, one that is none, the camera after a
-//! bake, the bar, and saving.
+//! Example `load_gltf`: scenes and other files that are dropped on the window, the camera after a
+//! bake, the progress bar, and saving.
 
 #[path = "../../examples/load_gltf/main.rs"]
 #[allow(dead_code, reason = "the example's own `main` and command line")]
@@ -46,7 +46,7 @@ fn drop_file(app: &mut App, path: &Path) {
     run(app, 2);
 }
 
-/// Runs until nothing bakes. Returns the widths of the bar, percent.
+/// Runs until no bake is in progress. Returns the widths of the bar in percent.
 fn bake(app: &mut App) -> Vec<f32> {
     let mut widths = Vec::new();
     for _ in 0..60_000 {
@@ -85,7 +85,7 @@ fn press_save(app: &mut App) {
                 false => keys.release(key),
             }
         }
-        // Frames would clear the keys first.
+        // A frame would clear the keys first.
         app.world_mut().run_schedule(Update);
     }
     for _ in 0..1000 {
@@ -108,7 +108,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
     assert_eq!(shown(&app), first);
     let root = app.world().resource::<CurrentScene>().root;
 
-    // No level, and no file.
+    // A file that is not a glTF file, and a missing file.
     let text = folders[0].path().join("notes.glb");
     std::fs::write(&text, "no glTF").unwrap();
     for wrong in [text, folders[0].path().join("missing.glb")] {
@@ -129,7 +129,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
         assert!(app.world().get_entity(root).is_ok());
     }
 
-    // Another level, and the first one again.
+    // A second scene, then the first one again.
     for path in [&second, &first, &second] {
         let before = app.world().resource::<CurrentScene>().root;
         drop_file(&mut app, path);
@@ -140,7 +140,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
         let bakes = world.query::<&GiBakeTask>().iter(world).count();
         assert_eq!(bakes, 1);
     }
-    // Its meshes come from its own folder.
+    // The meshes come from the folder of the scene.
     bake(&mut app);
     let world = app.world_mut();
     assert_eq!(world.query::<&GiScene>().iter(world).count(), 1);
@@ -162,7 +162,7 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
     assert!(widths.windows(2).all(|w| w[0] <= w[1]), "{widths:?}");
     assert!(widths.last().is_some_and(|w| *w > 20.0), "{widths:?}");
 
-    // At a viewpoint of the bake, inside, level, and exposed for a lit room.
+    // The camera is at a viewpoint of the bake, is horizontal, and has the exposure of a lit room.
     let (now, ev100) = eye(&mut app);
     let level = app.world().resource::<CurrentScene>();
     let gi = app.world().get::<GiScene>(level.root).unwrap();
@@ -184,7 +184,7 @@ fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
     let read = BakedScene::read(&saved, &Limits::default()).unwrap();
     assert_eq!(read.info(), bake.info());
 
-    // A folder that is in the way is an error on the screen.
+    // An existing folder of the same name gives an error on the screen.
     std::fs::remove_file(&saved).unwrap();
     std::fs::create_dir(&saved).unwrap();
     app.world_mut().resource_mut::<Notice>().0.clear();

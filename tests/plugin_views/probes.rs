@@ -1,5 +1,5 @@
-//! Probes in the running plugin: a panel that is not part of the bake hangs in the
-//! room, at every pixel and by subsplats, beside the CPU's picture of it.
+//! Probes in the running plugin. A panel that is not part of the bake hangs in the room. Pictures
+//! by every pixel and by subsplats are compared with the CPU's picture.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
@@ -29,7 +29,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
     })
 }
 
-/// The room with a panel in the air, which faces the camera from the left.
+/// Returns the room with a floating panel that faces the camera from the left.
 fn with_panel() -> Room {
     let mut room = Room::cornell();
     let turn = Quat::from_rotation_y(0.5) * Quat::from_rotation_x(-0.2);
@@ -42,13 +42,14 @@ fn with_panel() -> Room {
     room
 }
 
-/// An app that shows the room with the panel in the light of `bake`.
+/// Creates an app that shows the room with the panel in the light of `bake`.
 fn stage(bake: &Arc<BakedScene>, display: GiSplatting) -> (App, Handle<Image>, Entity) {
     let (app, image, light_source, _) = stage_of(&with_panel(), bake, display);
     (app, image, light_source)
 }
 
-/// An app that shows a room in the light of `bake`: its picture, its light, its root.
+/// Creates an app that shows a room in the light of `bake`. Returns the app, its picture, its light
+/// and its root.
 fn stage_of(
     room: &Room,
     bake: &Arc<BakedScene>,
@@ -85,12 +86,12 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
     let bake = bake(true);
     let without = self::bake(false);
     let expected = on_cpu(&bake, LIGHT_SOURCE);
-    // The panel is a tenth of the picture; without probes it is black.
+    // The panel covers a tenth of the picture. Without probes it is black.
     let dark = on_cpu(&without, LIGHT_SOURCE);
     let panel = expected.pixels.iter().zip(&dark.pixels);
     let panel = panel.filter(|(a, b)| a != b).count();
     assert!(panel > 200, "{panel} pixels");
-    // What is interpolated between subsplats may differ at edges: there the eye is the measure.
+    // Values that are interpolated between subsplats can differ at edges, so FLIP is the criterion.
     let by_eye = |name: &str, reference: &Picture, test: &Picture| {
         keep(name, &reference.beside(test));
         let d = flip(reference, test);
@@ -110,11 +111,11 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         let (mut app, image, light_source) = stage(&bake, display);
         run(&mut app, 4);
         compare(name, &expected, &picture(&mut app, &image));
-        // At rest nothing is carried on, and the display goes on.
+        // Without a change no transport runs, but the display does.
         run(&mut app, 2);
         assert_eq!(work(&counters(&app)), [0; 4]);
         assert!(counters(&app).dispatches_of(FrameStage::PROBE) > 0);
-        // The light moves: the next picture has its light on the panel.
+        // The light moves. The next picture has its light on the panel.
         let moved = Vec3::new(-0.6, 1.2, 0.9);
         app.world_mut()
             .get_mut::<Transform>(light_source)
@@ -151,7 +152,7 @@ fn bake_without_probes_runs_no_probe_pass() {
     );
     assert!(without.1.buffers < with.1.buffers && without.1.bytes < with.1.bytes);
     assert!(without.1.pipelines < with.1.pipelines);
-    // The walls are the same, the panel is not.
+    // The walls are equal, the panel differs.
     let alike = (without.0.pixels.iter().zip(&with.0.pixels))
         .filter(|(a, b)| a == b)
         .count();
@@ -159,8 +160,8 @@ fn bake_without_probes_runs_no_probe_pass() {
     assert!(alike * 2 > all && alike + 200 < all, "{alike} of {all}");
 }
 
-/// The panel as a mesh that a joint moves: its vertices stand behind the room, and only the joint's
-/// pose brings them into it. The light is that of where it is drawn, in each pose.
+/// Draws the panel as a skinned mesh. Its vertices are behind the room, and the joint's pose moves
+/// them into the room. In each pose the panel has the light of its drawn position.
 #[test]
 fn skinned_mesh_is_lit_at_joint_positions() {
     let bake = bake(true);
@@ -206,7 +207,7 @@ fn skinned_mesh_is_lit_at_joint_positions() {
     run(&mut app, 4);
     let first = on_cpu(&bake, LIGHT_SOURCE);
     assert_alike("skinned", &first, &picture(&mut app, &image));
-    // The joint walks: other light, in the same frame.
+    // The joint moves. The light differs in the same frame.
     let step = Vec3::new(0.05, -0.3, 0.35);
     let mut pose = app.world_mut().get_mut::<Transform>(joint).unwrap();
     pose.translation = step;
@@ -219,7 +220,7 @@ fn skinned_mesh_is_lit_at_joint_positions() {
     assert_alike("skinned_walked", &expected, &picture(&mut app, &image));
 }
 
-/// Many small things in the air, as particles are that a G-buffer holds.
+/// Draws many small floating quads to the G-buffer, like particles.
 #[test]
 fn particles_are_lit_at_own_positions() {
     let bake = bake(true);

@@ -1,5 +1,5 @@
-//! One bounce from what moves, in the running plugin: which cameras draw it, what they see, and
-//! what it adds to the picture.
+//! One bounce from dynamic objects in the running plugin: the cameras that draw the maps, their
+//! layers, and the light that the bounce adds to the picture.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
@@ -40,7 +40,7 @@ fn spawn_ball(app: &mut App, ball: Ball) -> Entity {
         .id()
 }
 
-/// Cameras of maps: all, and those that draw.
+/// Returns the number of map cameras, and the number of those that are active.
 fn captures(app: &mut App) -> [usize; 2] {
     let mut cameras = app
         .world_mut()
@@ -74,7 +74,7 @@ fn rsm_cameras_follow_reflectors() {
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0], "nobody asks");
 
-    // A light asks, and nothing moves.
+    // A light with the component, and no reflector.
     app.world_mut()
         .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
@@ -88,7 +88,7 @@ fn rsm_cameras_follow_reflectors() {
         "an asking light alone holds nothing"
     );
 
-    // The ball moves, and its meshes have a render layer of their own.
+    // The ball becomes a reflector. Its mesh has other render layers.
     let own = RenderLayers::from_layers(&[0, 3]);
     app.world_mut().entity_mut(ball).insert(own.clone());
     let parent = app.world_mut().spawn(Transform::default()).id();
@@ -107,8 +107,8 @@ fn rsm_cameras_follow_reflectors() {
     assert_eq!(ran(&c), 1, "{}", c.plan);
     assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
 
-    // A game that dresses all cameras alike dresses those of maps too: no view of its own, and no
-    // further cameras.
+    // A game that adds its components to all cameras also adds them to map cameras. These get no
+    // view of indirect light, and no further cameras are spawned.
     let all: Vec<Entity> = app
         .world_mut()
         .query_filtered::<Entity, (With<Camera3d>, Without<GiCamera>)>()
@@ -129,7 +129,7 @@ fn rsm_cameras_follow_reflectors() {
     );
     app.world_mut().entity_mut(all[0]).remove::<GiCamera>();
 
-    // What Bevy is not to cull has no box from it, and bounces too.
+    // A mesh without frustum culling has no `Aabb` from Bevy. It bounces light too.
     app.world_mut()
         .entity_mut(ball)
         .remove::<bevy::camera::primitives::Aabb>()
@@ -137,7 +137,8 @@ fn rsm_cameras_follow_reflectors() {
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [1, 1]);
 
-    // Out of the light's reach, the light dark, no camera that shows it: no map is drawn.
+    // No map is drawn if the ball is out of range, the light is off, or no camera displays the
+    // light.
     type Change = fn(&mut App, Entity, Entity, bool);
     let changes: [(&str, Change); 4] = [
         ("nothing that moves is in reach", |app, ball, _, away| {
@@ -179,7 +180,7 @@ fn rsm_cameras_follow_reflectors() {
         assert_eq!(captures(&mut app), [1, 1], "{why}");
     }
 
-    // The component goes: all that it brought goes.
+    // Removing the component restores the layers and releases everything.
     app.world_mut().entity_mut(parent).remove::<GiReflector>();
     run(&mut app, 2);
     assert_eq!(layers(&app, ball), Some(own), "as they were");
@@ -206,7 +207,7 @@ fn rsm_cameras_follow_reflectors() {
         "everything was given back"
     );
 
-    // And with the light itself.
+    // Despawning the light removes its camera too.
     app.world_mut().entity_mut(ball).insert(GiReflector);
     app.world_mut()
         .entity_mut(light_source)
@@ -218,7 +219,7 @@ fn rsm_cameras_follow_reflectors() {
     assert_eq!(captures(&mut app), [0, 0]);
 }
 
-/// The room without a bake, a camera that shows what light bounces, and a moving ball.
+/// Spawns the room without a bake, a camera that shows reflected light alone, and a moving ball.
 fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
     let root = app
         .world_mut()
@@ -226,15 +227,15 @@ fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
         .id();
     Room::cornell().spawn(app, root);
     let image = target(app);
-    // The twins go through every pixel.
+    // The twins evaluate every pixel.
     app.world_mut().spawn((camera(&image, view()), indirect()));
     let ball = spawn_ball(app, RED);
     app.world_mut().entity_mut(ball).insert(GiReflector);
     (root, image, ball)
 }
 
-/// Compares what a ball's bounce adds, which is dim, as a light so bright would show it that its
-/// mean is a twentieth of white.
+/// Compares the dim light of a ball's bounce. Both pictures are scaled so that the mean of the
+/// expected picture is 0.05.
 #[track_caller]
 fn assert_bounce_alike(name: &str, expected: &Picture, drawn: &Picture) {
     let brighter = 0.05 / expected.mean();
@@ -330,7 +331,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
         app.world_mut().despawn(entity);
         run(&mut app, 1);
     }
-    // Two at once, whose maps take turns in the same textures.
+    // Two lights. Their maps use the same textures one after the other.
     let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
     app.world_mut().entity_mut(entity).insert(requested.clone());
     let other = Vec3::new(-0.8, 0.9, 0.9);
@@ -351,7 +352,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     assert_bounce_alike("bounce_two", &expected, &picture(&mut app, &image));
     app.world_mut().despawn(second);
 
-    // The ball moves, and its light at once with it.
+    // The ball moves. Its reflected light follows in the same frame.
     run(&mut app, 3);
     let moved = Ball {
         center: Vec3::new(-0.6, 0.9, 0.2),
@@ -369,7 +370,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     assert_bounce_alike("bounce_moved", &expected, &drawn);
 }
 
-/// Number of times that maps were read and pixels lit in the last frame.
+/// Returns the number of dispatches that read maps and that lit pixels in the last frame.
 fn ran(app: &App) -> [u32; 2] {
     let c = counters(app);
     [FrameStage::RSM, FrameStage::VPL].map(|s| c.dispatches_of(s))
@@ -391,7 +392,7 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
     let idle = picture(&mut app, &image);
     assert!(drawn.mean() > 0.0 && idle.pixels == drawn.pixels);
 
-    // Whatever may change what the maps show wakes them, in the same frame.
+    // Every change that can alter the maps redraws them in the same frame.
     type Change = fn(&mut App, Entity, Entity);
     let changes: [(&str, Change); 6] = [
         ("moved", |app, ball, _| {
@@ -443,7 +444,7 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
     let moved = picture(&mut app, &image);
     assert!(moved.pixels != drawn.pixels);
 
-    // A bake that comes shadows the light: it is made again.
+    // A new bake shadows the VPLs, so they are computed again.
     let (_, bake) = cornell();
     let asset = app
         .world_mut()
@@ -493,7 +494,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     let eye = cameras.single(app.world()).unwrap();
     app.world_mut()
         .entity_mut(eye)
-        // A picture so small has room for few nodes.
+        // A small picture has few nodes.
         .insert(GiSpecular(SpecularSettings {
             coarsest_level: 2,
             radiance_threshold: 1e-4,
@@ -547,7 +548,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     };
     let right = expected(SMOOTH);
     keep("gloss", &right.beside(&gloss));
-    // Nodes four pixels apart, beside every pixel.
+    // The nodes are four pixels apart. The expected picture evaluates every pixel.
     let off = gloss.mean() / right.mean() - 1.0;
     let (d, nrmse) = (flip(&right, &gloss), gloss.nrmse(&right));
     println!("gloss: mean {off:+.4}, FLIP {d:.4}, NRMSE {nrmse:.4}");
@@ -555,7 +556,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     let rougher = expected([0.45, 1.0]);
     assert!(gloss.nrmse(&rougher) > 0.2, "{}", gloss.nrmse(&rougher));
 
-    // Nothing bounces: nothing of it is left.
+    // Without VPLs, the specular pass does not run and its buffers are released.
     app.world_mut().despawn(entity);
     run(&mut app, 2);
     let c = counters(&app);
@@ -599,7 +600,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let (root, eye, image) = room_and_camera(&mut app);
     let light_source_at = Vec3::new(-0.3, 1.2, 0.6);
     let entity = spawn_light_source(&mut app, light_source_at);
-    // So bright that the bounce of a small ball is to be seen, and with it what shadows it.
+    // The light is bright enough for a visible bounce and visible shadows of a small ball.
     let bright = 100.0;
     let mut light_source = app.world_mut().get_mut::<PointLight>(entity).unwrap();
     light_source.intensity *= bright;
@@ -608,7 +609,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
         intensity: Vec3::splat(bright * CANDELA),
         range: 20.0,
     };
-    // Behind the block, so that the block shadows its light.
+    // The ball is behind the block, so the block shadows its light.
     let behind = Ball {
         center: Vec3::new(-0.35, 0.3, -0.1),
         ..RED
@@ -638,7 +639,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let both = picture(&mut app, &image);
     let added = |p: &Picture| p.mean() - baked.mean();
     assert!(added(&both) > 0.0);
-    // The bake in another layer than the light: still there, and dark.
+    // The bake is on another layer than the light. It still exists, but it is dark.
     let layers = [RenderLayers::layer(5), RenderLayers::from_layers(&[0, 5])];
     app.world_mut().entity_mut(root).insert(layers[0].clone());
     app.world_mut().entity_mut(eye).insert(layers[1].clone());
@@ -670,7 +671,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
         open.nrmse(&expected)
     );
 
-    // Without shadows, the block lets it through.
+    // Without shadows, the light passes through the block.
     let see_through = GiReflectiveShadowMap {
         trace_shadows: false,
         ..requested
@@ -685,7 +686,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     assert_bounce_alike("bounce_without_shadows", &expected, &open);
     app.world_mut().entity_mut(root).remove::<RenderLayers>();
 
-    // It goes, and the picture is the bake's again.
+    // Without the reflector, the picture equals the picture of the bake.
     app.world_mut().entity_mut(ball).remove::<GiReflector>();
     run(&mut app, 2);
     assert!(picture(&mut app, &image).pixels == baked.pixels);

@@ -1,5 +1,5 @@
-//! Soft shadows in the running plugin: the light subtracted from Bevy's picture, its position and
-//! its time. Compares with shadow rays at every pixel.
+//! Soft shadows in the running plugin: the light subtracted from Bevy's picture, its position, and
+//! the frames in which it is computed. Compares with shadow rays at every pixel.
 
 use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
 use crate::support::bounce::Things;
@@ -93,17 +93,17 @@ fn direct_room(
     (eye, image)
 }
 
-/// Expected values on the CPU for the room from `look`: the picture without shadows (diffuse only),
-/// the share subtracted by the twins, and the share of the light visible to rays. The shares are 0
-/// and 1 where nothing is.
+/// Expected values on the CPU for the room from `look`. `bright` is the picture without shadows
+/// (diffuse only). `taken` is the fraction subtracted by the twins. `seen` is the fraction of the
+/// light that is visible to rays. Background pixels have the fractions 0 and 1.
 struct Expected {
     bright: Picture,
     taken: Vec<Vec3>,
     seen: Vec<f32>,
 }
 
-/// Computes the expected values, in world space. The light has `few` samples for the twins and
-/// `many` for rays, and `root` positions the room.
+/// Computes the expected values in world space. The light has `few` samples for the twins and
+/// `many` for rays. `root` is the transform of the room.
 fn expected(
     bake: &BakedScene,
     root: Transform,
@@ -115,7 +115,7 @@ fn expected(
     let size = [WIDTH, HEIGHT];
     let [width, height] = size.map(|v| v as f32);
     let clip_from_view = Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, width / height, 0.1);
-    // Everything in the bake's own space, where rays are cast.
+    // All values are in the local space of the bake, as required by rays.
     let local_from_world = root.to_matrix().inverse();
     let clip_from_local = clip_from_view * look.to_matrix().inverse() * root.to_matrix();
     let things = Things {
@@ -196,7 +196,7 @@ impl Expected {
     }
 }
 
-/// Returns the mean ratio of `picture` and `of` at the pixels of `which`, where `of` is not dark.
+/// Returns the ratio of the sums of `picture` and `of` over the pixels selected by `which`.
 fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 {
     let luminance = |p: [f32; 3]| p[0] + p[1] + p[2];
     let (mut sum, mut whole, mut count) = (0.0, 0.0, 0);
@@ -209,7 +209,7 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
     sum / whole
 }
 
-/// Returns the pixels whose neighbors all have a visible share accepted by `accepted`.
+/// Returns the pixels with neighbors that all have a visible fraction accepted by `accepted`.
 fn within(seen: &[f32], accepted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {
@@ -227,9 +227,9 @@ fn soft_work(c: &FrameRecord) -> [u32; 2] {
     [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 
-/// Checks a picture with soft shadows. No value is below zero. It equals Bevy's picture where the
-/// light is fully visible, and is dark where it is hidden. It matches the twins everywhere, and
-/// rays within the accuracy of the baked visibility.
+/// Asserts properties of a picture with soft shadows. No value is below zero. The picture equals
+/// Bevy's where the light is fully visible, and is dark where the light is hidden. It matches the
+/// twins everywhere, and rays within the accuracy of the baked visibility.
 #[track_caller]
 fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expected) {
     let (by_twins, by_rays) = (expected.by_twins(plain), expected.by_rays(plain));
@@ -253,7 +253,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     );
     assert!(in_shadow < 0.05, "{name}: in full shadow {in_shadow}");
     assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
-    // The room is bright and shadows are small. The limit is a share of the error of a picture
+    // The room is bright and the shadows are small. The limit is relative to the error of a picture
     // without shadows.
     let max = 0.3 * without;
     assert!(
@@ -261,7 +261,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
         "{name}: shadows do not matter here, {without}"
     );
     assert!(rays < max, "{name}: not what rays say, {rays}");
-    // The check fails for shadows at another position.
+    // The comparison fails for shadows at another position.
     let mut moved = shaded.clone();
     moved.pixels.rotate_right(3);
     assert!(moved.nrmse(&by_twins) > 0.002 && moved.nrmse(&by_rays) > max);
@@ -350,7 +350,8 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     assert!(indirect.pixels.iter().flatten().all(|v| *v == 0.0));
     assert_eq!(only(&mut app, GiDebugView::Final), [0, 1]);
 
-    // Off, or without the component: Bevy's picture, to the bit, and no buffers.
+    // With a hidden light or without the component, the picture equals Bevy's bit for bit, and the
+    // buffers are released.
     for off in [true, false] {
         let mut entity = app.world_mut().entity_mut(light_source);
         if off {
@@ -365,7 +366,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     }
     assert_eq!(picture(&mut app, &image), plain);
 
-    // On glossy surfaces, the mirror image disappears too.
+    // On glossy surfaces, the specular reflection of the light is shadowed too.
     let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     let all: Vec<_> = materials.ids().collect();
     for id in all {
@@ -459,7 +460,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     let mut expected = vec![GiWarning::NoVisibility];
     assert_eq!(found(&app), expected);
 
-    // Lights of other kinds, and one that has a shadow map.
+    // Lights of other kinds, and a light with a shadow map.
     app.world_mut()
         .spawn((SpotLight::default(), GiSoftShadow::default()));
     run(&mut app, 1);
@@ -486,7 +487,7 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
 fn nan_lights_and_many_lights_do_not_panic() {
     let mut app = app();
     let (eye, _) = direct_room(&mut app, remembering(), Transform::IDENTITY, view());
-    // No pixel is compared: few show that all lights are drawn.
+    // No pixels are compared, so a small picture is enough.
     let small = app
         .world_mut()
         .resource_mut::<Assets<Image>>()

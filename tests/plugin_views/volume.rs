@@ -1,5 +1,5 @@
-//! Light in free space for forward cameras in the running plugin: the same room through a deferred
-//! camera with our display and through a forward one with a volume.
+//! Irradiance volumes for forward cameras in the running plugin. The room's picture by a deferred
+//! camera with `GiCamera` is compared with that by a forward camera with a volume.
 
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
@@ -22,12 +22,12 @@ use meshless_gi::{
 use std::sync::{Arc, OnceLock};
 
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
-/// Albedo of a panel in the air.
+/// Albedo of a floating panel.
 const PANEL: [f32; 3] = [0.7, 0.65, 0.7];
-/// The largest mean FLIP between the pictures of both cameras.
+/// Largest mean FLIP between the pictures of both cameras.
 const MAX: f32 = 0.05;
 
-/// With light in free space or without; baked once.
+/// Returns the room's bake with or without probes. Each is baked once.
 fn bake(probes: bool) -> Arc<BakedScene> {
     static MADE: [OnceLock<Arc<BakedScene>>; 2] = [const { OnceLock::new() }; 2];
     let make = || {
@@ -42,7 +42,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
     MADE[usize::from(probes)].get_or_init(make).clone()
 }
 
-/// The room with a panel in the air.
+/// Returns the room with a floating panel.
 fn with_panel() -> Room {
     let mut room = Room::cornell();
     let turn = Quat::from_rotation_y(0.5) * Quat::from_rotation_x(-0.2);
@@ -62,8 +62,9 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// An app with the room below a root that stands so in the world, a light, and a camera: deferred
-/// with our display (none), or forward with so many samples a pixel.
+/// Creates an app with the room below a root with the transform `placed`, a light, and a camera.
+/// The camera is deferred with `GiCamera` if `forward` is `None`, else forward with that number of
+/// samples per pixel.
 fn stage(bake: &Arc<BakedScene>, placed: Transform, forward: Option<Msaa>) -> Shown {
     let mut app = app();
     if forward.is_some() {
@@ -102,8 +103,8 @@ impl Shown {
         run(&mut self.app, 4);
     }
 
-    /// Waits until the deferred camera sees the volume: what lights its G-buffer without it is
-    /// compiled meanwhile.
+    /// Runs until the volume is visible to the deferred camera. Meanwhile the lighting pass that
+    /// excludes the volume from the G-buffer is compiled.
     fn wait(&mut self) {
         let sees = |app: &mut App| {
             let mut cameras = app
@@ -140,14 +141,14 @@ impl Shown {
 fn volume_light_matches_deferred_light() {
     let turned = Transform::from_xyz(3.0, -1.0, 2.0).with_rotation(Quat::from_rotation_y(0.6));
     for (name, placed) in [("volume", Transform::IDENTITY), ("volume_turned", turned)] {
-        // One sample a pixel in both: what edges look like is not what is compared.
+        // One sample per pixel in both, so that antialiasing of edges is not compared.
         let kinds = [None, Some(Msaa::Off)];
         let [mut deferred, mut forward] = kinds.map(|of| stage(&bake(true), placed, of));
         run(&mut deferred.app, 4);
         run(&mut forward.app, 4);
         let expected = deferred.picture();
-        // Not asked for: the forward camera shows direct light alone, and nothing of a volume is
-        // there.
+        // Without the component, the forward camera shows direct light alone, and the device has no
+        // data of a volume.
         let dark = forward.picture();
         let none = counters(&forward.app);
         assert_eq!((none.buffers, none.bytes, none.pipelines), (0, 0, 0));
@@ -161,10 +162,10 @@ fn volume_light_matches_deferred_light() {
         assert!(d <= MAX, "{name}: {d}");
         assert!(without > 2.0 * MAX, "{name}: {without}");
         assert!(forward.app.world().resource::<GiWarnings>().0.is_empty());
-        // At rest nothing is written.
+        // Without a change, nothing is written.
         run(&mut forward.app, 2);
         assert_eq!(counters(&forward.app).dispatches_of(FrameStage::VOLUME), 0);
-        // A light moves: both follow in that frame.
+        // A light moves. Both pictures follow in that frame.
         let moved = placed * Vec3::new(-0.6, 1.2, 0.9);
         deferred.move_light_source(moved);
         forward.move_light_source(moved);
@@ -174,8 +175,8 @@ fn volume_light_matches_deferred_light() {
         let d = flip(&expected, &single);
         println!("{name}, light moved: FLIP {d:.4}");
         assert!(d <= MAX, "{name}, light moved: {d}");
-        // Four samples a pixel: softer edges, which differ without indirect light too, and the same
-        // light.
+        // With four samples per pixel, the edges are softer, also without indirect light. The light
+        // is equal.
         let mut sampled = stage(&bake(true), placed, Some(Msaa::Sample4));
         run(&mut sampled.app, 4);
         let edges = flip(&dark, &sampled.picture());
@@ -189,12 +190,12 @@ fn volume_light_matches_deferred_light() {
     }
 }
 
-/// Edge of the volume's voxels in the rooms, meters: walls are two centimeters.
+/// Voxel size of the volume in the rooms in meters. The walls are two centimeters thick.
 const VOXEL: f32 = 0.1;
-/// The largest NRMSE between the pictures of both cameras in the rooms.
+/// Largest NRMSE between the pictures of both cameras in the rooms.
 const OFF: f32 = 0.04;
 
-/// The triangles of `rooms_open` as one of Bevy's meshes a triangle, below `root`.
+/// Spawns each triangle of `rooms_open` as a Bevy mesh below `root`.
 fn spawn_triangles(app: &mut App, mesh: &TriangleMesh, root: Entity) {
     for i in 0..mesh.len() {
         let corners = mesh.triangle(i).unwrap();
@@ -229,8 +230,8 @@ fn rough(world: &mut World, color: Vec3) -> MeshMaterial3d<StandardMaterial> {
     MeshMaterial3d(world.resource_mut::<Assets<_>>().add(material))
 }
 
-/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a
-/// forward one show the same light of it, by the eye's measure (FLIP) and by the light (NRMSE).
+/// Moves a ball from the lit one of two rooms into the door between them. The pictures of a
+/// deferred camera and a forward camera match in FLIP and in NRMSE.
 #[test]
 fn ball_between_rooms_matches_in_forward_and_deferred() {
     let file = concat!(
@@ -291,7 +292,7 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
                 max_voxels: 1 << 18,
             };
             world.entity_mut(*root).insert(fine);
-            // What its voxels take from which probes is found meanwhile.
+            // Meanwhile the probe weights of the voxels are computed.
             let written = |app: &App| counters(app).dispatches_of(FrameStage::VOLUME) > 0;
             let mut frames = 0;
             while !written(app) {
@@ -325,25 +326,25 @@ fn volume_does_not_light_gbuffer() {
     run(&mut s.app, 4);
     let before = s.picture();
     let buffers = counters(&s.app).buffers;
-    // A forward camera beside it, for which the volume is written.
+    // Spawns a forward camera, for which the volume is written.
     let other = target(&mut s.app);
     let eye = (camera(&other, view()), bevy::camera::Hdr, Msaa::Sample4);
     s.app.world_mut().spawn(eye);
     s.ask(GiIrradianceVolume::default());
     s.wait();
     assert_eq!(s.picture().pixels, before.pixels);
-    // Parameters, starts and shares of the positions; the same of the walls' faces, and the faces;
-    // the ways.
+    // Parameters, starts and weights of the positions, starts and weights of the wall faces, the
+    // faces, and the wall distances.
     assert_eq!(counters(&s.app).buffers, buffers + 7);
     s.move_light_source(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
 }
 
-/// Surface properties of a material.
+/// Change of a material's surface properties.
 type Change = fn(&mut StandardMaterial);
 
-/// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display
-/// lights the same panel, and nothing else of the picture changes.
+/// Draws a transparent and a forward material in a view with a G-buffer. The volume lights them
+/// like the display lights the same panel, and the rest of the picture is unchanged.
 #[test]
 fn forward_materials_in_deferred_view_are_lit_by_volume() {
     let shown = |change: Change| {
@@ -382,7 +383,8 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
         assert_eq!(warned(&s), []);
         keep(&format!("volume_{name}"), &expected.beside(&lit));
         keep(&format!("volume_{name}_without"), &expected.beside(&dark));
-        // The panel alone: where a volume changes anything, and a tenth of the picture or so.
+        // Pixels of the panel: those that the volume changes. They are about a tenth of the
+        // picture.
         let panel: Vec<usize> = (0..lit.pixels.len())
             .filter(|&i| lit.pixels[i] != dark.pixels[i])
             .collect();
@@ -409,7 +411,7 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
             with < 0.1 && without > 2.0 * with,
             "{name}: {with} {without}"
         );
-        // In the frame in which a light moves.
+        // The volume is written in the frame in which a light moves.
         s.move_light_source(Vec3::new(-0.6, 1.2, 0.9));
         assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
     }
@@ -432,7 +434,7 @@ fn volumes_follow_component_without_deferred_camera() {
     );
     assert!(counters(&s.app).bytes > 0);
     assert_eq!(work(&counters(&s.app)), [0; 4]);
-    // Other voxels: one volume in place of the other.
+    // With other voxels, a volume replaces the first one.
     let volumes = |app: &mut App| {
         let mut found = app.world_mut().query::<&IrradianceVolume>();
         found.iter(app.world()).count()
@@ -447,8 +449,8 @@ fn volumes_follow_component_without_deferred_camera() {
     let d = flip(&lit, &blurred);
     println!("64 voxels: FLIP {d:.4} to the usual number");
     assert!(d > 0.0 && d < 0.2, "{d}");
-    // No more: the picture of before, and nothing on the device once nobody has seen the scene for
-    // long.
+    // Without the component, the picture is the first one again. The device buffers are released
+    // after the scene was not visible for `unload_after_frames` frames.
     s.app
         .world_mut()
         .resource_mut::<GiSettings>()

@@ -1,5 +1,5 @@
-//! An exported irradiance volume in a plain Bevy app, without this crate's plugin: it shows the
-//! light that the plugin's own volume shows.
+//! Exported irradiance volume in a plain Bevy app without this crate's plugin. Its light matches
+//! the light of the plugin's own volume.
 
 use crate::support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
 use crate::support::flip::{Picture, flip};
@@ -30,7 +30,7 @@ fn bake() -> Arc<BakedScene> {
     })
 }
 
-/// A forward camera's picture of the room with the plugin's volume.
+/// Returns a forward camera's picture of the room with the plugin's volume.
 fn plugin_picture(bake: &Arc<BakedScene>) -> Picture {
     let mut app = app();
     app.insert_resource(DefaultOpaqueRendererMethod::forward());
@@ -59,7 +59,8 @@ fn plugin_picture(bake: &Arc<BakedScene>) -> Picture {
     panic!("the volume is never written");
 }
 
-/// The same room and light in an app without the plugin, with these files as its volume, if any.
+/// Returns the picture of the same room and light in an app without the plugin. `files` are the
+/// texture and the placement of its volume, if any.
 fn plain_picture(files: Option<(&[u8], &str)>) -> Picture {
     let mut app = App::new();
     app.add_plugins(headless_plugins())
@@ -102,7 +103,7 @@ fn plain_picture(files: Option<(&[u8], &str)>) -> Picture {
     picture(&mut app, &image)
 }
 
-/// A texture as Bevy's own loader reads it.
+/// Reads a texture with Bevy's loader.
 fn load(file: &[u8]) -> Image {
     let image = Image::from_buffer(
         file,
@@ -146,7 +147,7 @@ fn exported_volume_matches_plugin_volume() {
         dark > 3.0 * MAX_FLIP && far > 3.0 * MAX_NRMSE,
         "{dark}, {far}"
     );
-    // Another axis in the position of each: colors bleed from the wrong walls.
+    // With exchanged axes, the light has the color of the wrong walls.
     let mut turned = volume.clone();
     let layers = turned.texels.len() / 3;
     turned.texels.rotate_left(layers);

@@ -1,5 +1,5 @@
-//! A Bevy app without a window, on whatever device there is (software Vulkan will do), and its
-//! pictures.
+//! Bevy apps without a window, and the pictures that they draw. They run on any device, software
+//! Vulkan included.
 
 use super::flip::Picture;
 use bevy::app::{PluginsState, TaskPoolOptions, TaskPoolThreadAssignmentPolicy};
@@ -21,12 +21,12 @@ use bevy::winit::WinitPlugin;
 use bevy_meshless_gi::prelude::*;
 use half::f16;
 
-/// Edges of the pictures, in pixels. 8 bytes a pixel make rows of a multiple of 256 bytes, as
-/// read-back needs them.
+/// Edges of the pictures, in pixels. At 8 bytes per pixel the length of a row is a multiple of 256
+/// bytes, as texture read-back requires.
 pub const WIDTH: u32 = 128;
 pub const HEIGHT: u32 = 96;
 
-/// Bevy's plugins without window and event loop.
+/// Returns Bevy's default plugins without window and event loop.
 pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
     DefaultPlugins
         .set(WindowPlugin {
@@ -44,8 +44,8 @@ pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
         })
         .set(TaskPoolPlugin {
             task_pool_options: TaskPoolOptions {
-                // All apps of a program share the pool. One thread, as Bevy chooses on two cores,
-                // would run the systems of one test at a time.
+                // All apps of a process share the pool. One thread, Bevy's choice on two cores,
+                // would run the systems of only one test at a time.
                 compute: TaskPoolThreadAssignmentPolicy {
                     min_threads: 3,
                     max_threads: usize::MAX,
@@ -60,7 +60,7 @@ pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
         .disable::<PipelinedRenderingPlugin>()
 }
 
-/// An app with the plugin, ready to run.
+/// Creates an app with the plugin and finishes its plugins.
 pub fn app() -> App {
     let mut app = App::new();
     app.add_plugins((
@@ -74,11 +74,12 @@ pub fn app() -> App {
     app
 }
 
-/// Reflections that the tests' rooms ask for, as `settings` does: which pictures to expect then
-/// hangs on no bake. A test of the automatic number sets `Auto` later.
+/// Number of bounces of the tests' rooms, also in `settings`. Expected pictures therefore do not
+/// depend on a bake's automatic number. A test of the automatic number sets `Auto` later.
 pub const BOUNCES: u32 = 4;
 
-/// Waits for the plugins (the renderer starts in the background) and finishes them.
+/// Waits for the plugins and finishes them. The renderer starts in the background. Replaces each
+/// inserted `Auto` number of bounces by [`BOUNCES`].
 pub fn ready(app: &mut App) {
     app.add_observer(|set: On<Insert, GiSolver>, mut all: Query<&mut GiSolver>| {
         if let Ok(mut solver) = all.get_mut(set.entity)
@@ -107,14 +108,15 @@ pub fn run(app: &mut App, frames: usize) {
     }
 }
 
-/// Render target of a test camera: halves, without tonemapping, so that pixels are
-/// scene-linear.
+/// Creates the render target of a test camera. Pixels are 16-bit floats without tonemapping,
+/// therefore scene-linear.
 pub fn target(app: &mut App) -> Handle<Image> {
     let image = drawable(WIDTH, HEIGHT);
     app.world_mut().resource_mut::<Assets<Image>>().add(image)
 }
 
-/// An image that a camera can draw to and a test can read; a multiple of 32 wide.
+/// Creates an image that a camera can draw to and a test can read. `width` must be a multiple of
+/// 32.
 pub fn drawable(width: u32, height: u32) -> Image {
     let mut image = Image::new_uninit(
         Extent3d {
@@ -131,8 +133,8 @@ pub fn drawable(width: u32, height: u32) -> Image {
     image
 }
 
-/// A camera without tonemapping that clears to black, and shows indirect light at every pixel: as
-/// the CPU's pictures do.
+/// Creates a camera without tonemapping that clears to black. It evaluates indirect light at every
+/// pixel, like the CPU's pictures.
 pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
     (
         Camera3d::default(),
@@ -149,13 +151,13 @@ pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
     )
 }
 
-/// The target's pixels after the next frame.
+/// Runs one frame and returns the target's pixels.
 pub fn picture(app: &mut App, target: &Handle<Image>) -> Picture {
     run(app, 1);
     drawn(app, target)
 }
 
-/// The target's pixels after the last frame.
+/// Returns the target's pixels after the last frame.
 pub fn drawn(app: &App, target: &Handle<Image>) -> Picture {
     let world = app.sub_app(RenderApp).world();
     let images = world.resource::<RenderAssets<GpuImage>>();

@@ -1,4 +1,4 @@
-//! Apps that load assets, with and without a renderer.
+//! Apps without a renderer that load assets.
 
 use super::app::ready;
 use bevy::prelude::*;
@@ -8,10 +8,10 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::time::Duration;
 
-/// Most updates that a test waits for anything.
+/// Maximum number of updates that a test waits for an event.
 const MAX_UPDATES: usize = 100_000;
 
-/// App without renderer and window, with unprocessed assets.
+/// Creates an app without renderer and window, with unprocessed assets.
 pub fn bare_app(assets: &Path) -> App {
     bare_app_with(AssetPlugin {
         file_path: assets.to_string_lossy().into_owned(),
@@ -19,7 +19,7 @@ pub fn bare_app(assets: &Path) -> App {
     })
 }
 
-/// App without renderer and window.
+/// Creates an app without renderer and window.
 pub fn bare_app_with(assets: AssetPlugin) -> App {
     let mut app = App::new();
     app.add_plugins((
@@ -32,7 +32,7 @@ pub fn bare_app_with(assets: AssetPlugin) -> App {
     app
 }
 
-/// Assets that were processed before, without the folder of their sources.
+/// Returns the asset plugin of a released app: processed assets without their source folder.
 pub fn shipped(processed: &Path) -> AssetPlugin {
     AssetPlugin {
         mode: AssetMode::Processed,
@@ -43,7 +43,7 @@ pub fn shipped(processed: &Path) -> AssetPlugin {
     }
 }
 
-/// Updates until `done` gives something.
+/// Updates until `done` returns a value.
 pub fn until<T>(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> Option<T>) -> T {
     for _ in 0..MAX_UPDATES {
         app.update();
@@ -55,8 +55,8 @@ pub fn until<T>(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> Opt
     panic!("{what} does not happen");
 }
 
-/// Identifiers of the threads of this process that bake at present. `None` where the system does
-/// not list threads.
+/// Returns the identifiers of the threads of this process that bake at present. Returns `None` if
+/// the system does not list threads.
 pub fn bake_threads() -> Option<BTreeSet<OsString>> {
     let threads = std::fs::read_dir("/proc/self/task").ok()?.flatten();
     let bakes = threads.filter(|thread| {
@@ -66,8 +66,8 @@ pub fn bake_threads() -> Option<BTreeSet<OsString>> {
     Some(bakes.map(|thread| thread.file_name()).collect())
 }
 
-/// Updates until all of `threads`, from [`bake_threads`], have ended. Bakes that other tests start
-/// in this process do not count.
+/// Updates until all of `threads`, from [`bake_threads`], have ended. Ignores bakes that other
+/// tests start in this process.
 pub fn until_ended(app: &mut App, threads: &Option<BTreeSet<OsString>>) {
     let Some(threads) = threads else { return };
     until(app, "the end of the bakes", |_| {

@@ -1,4 +1,4 @@
-//! Bakes from entities in tests: apps, quick recipes, and the ends of bakes.
+//! Bakes from entities in tests: apps, recipes, and results of bakes.
 
 use super::assets::until;
 use super::scenes::{Room, rough_recipe};
@@ -13,14 +13,14 @@ use meshless_gi::BakedScene;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Ends of bakes, in their order.
+/// Results of bakes in the order of their events.
 #[derive(Resource, Default)]
 pub struct Ends(pub Vec<GiBakeFinished>);
 
-/// Result of a bake, as the event has it.
+/// Result of a bake in its event.
 pub type BakeResult = Result<GiBakeSummary, GiBakeError>;
 
-/// An app without renderer and window that has meshes, materials, images and scenes.
+/// Creates an app without renderer and window that has meshes, materials, images and scenes.
 pub fn bare_app(assets: &Path) -> App {
     let mut app = App::new();
     app.add_plugins((
@@ -47,7 +47,7 @@ pub fn bare_app(assets: &Path) -> App {
     app
 }
 
-/// Keeps the ends of bakes in [`Ends`].
+/// Stores the results of bakes in [`Ends`].
 pub fn keep_ends(app: &mut App) {
     app.init_resource::<Ends>();
     app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<Ends>| {
@@ -55,7 +55,7 @@ pub fn keep_ends(app: &mut App) {
     });
 }
 
-/// A recipe that takes a moment, for rooms as small as [`Room::cornell`].
+/// Returns a fast recipe for rooms as small as [`Room::cornell`].
 pub fn quick() -> Recipe {
     Recipe {
         preset: Preset::Draft,
@@ -64,7 +64,7 @@ pub fn quick() -> Recipe {
     }
 }
 
-/// A recipe that takes minutes.
+/// Returns a recipe with a bake time of minutes.
 pub fn slow() -> Recipe {
     Recipe {
         rays_per_point: Some(60_000),
@@ -73,7 +73,7 @@ pub fn slow() -> Recipe {
     }
 }
 
-/// A root with the surfaces of a room below it.
+/// Spawns a root with the surfaces of a room below it.
 pub fn room_root(app: &mut App, room: &Room) -> Entity {
     let root = app
         .world_mut()
@@ -83,7 +83,7 @@ pub fn room_root(app: &mut App, room: &Room) -> Entity {
     root
 }
 
-/// Waits for the next end of a bake of `root`, and takes it.
+/// Waits for the next result of a bake of `root`, and removes it from [`Ends`].
 #[track_caller]
 pub fn end_of(app: &mut App, root: Entity) -> BakeResult {
     until(app, "the bake", |app| {
@@ -93,7 +93,7 @@ pub fn end_of(app: &mut App, root: Entity) -> BakeResult {
     })
 }
 
-/// Requests a bake of `root` and waits for its end.
+/// Requests a bake of `root` and waits for its result.
 #[track_caller]
 pub fn bake(
     app: &mut App,
@@ -105,20 +105,20 @@ pub fn bake(
     (summary, scene_of(app, root))
 }
 
-/// The bake that lights `root`.
+/// Returns the bake of `root`.
 pub fn scene_of(app: &App, root: Entity) -> Arc<BakedScene> {
     let gi = app.world().get::<GiScene>(root).expect("it has light");
     let bakes = app.world().resource::<Assets<GiBakedScene>>();
     bakes.get(&gi.0).expect("the bake is there").scene.clone()
 }
 
-/// Corners of a bake's triangles, rounded to a tenth of a millimeter, sorted.
+/// Returns the sorted corners of a bake's triangles, rounded to a tenth of a millimeter.
 pub fn triangles(scene: &BakedScene) -> Vec<[[i32; 3]; 3]> {
     let round = |p: [f32; 3]| p.map(|v| (1e4 * v).round() as i32);
     let mut all: Vec<_> = (scene.data().bvh.triangles.iter())
         .map(|t| {
             let mut corners = [t.a, t.b, t.c].map(round);
-            // The winding stays.
+            // The rotation keeps the winding.
             let first = (0..3).min_by_key(|&i| corners[i]).unwrap_or(0);
             corners.rotate_left(first);
             corners
@@ -128,7 +128,7 @@ pub fn triangles(scene: &BakedScene) -> Vec<[[i32; 3]; 3]> {
     all
 }
 
-/// A triangle as a mesh.
+/// Creates a mesh of one triangle.
 pub fn triangle(corners: [Vec3; 3]) -> Mesh {
     Mesh::new(
         PrimitiveTopology::TriangleList,

@@ -1,5 +1,5 @@
-//! Light reflected by dynamic objects, as the CPU draws it: the maps that the plugin would draw, by
-//! casting rays, and the twins of the kernels.
+//! CPU reference of light reflected by dynamic objects. Ray casts draw the plugin's shadow maps,
+//! and CPU versions of the kernels evaluate them.
 
 use super::app::{HEIGHT, WIDTH};
 use super::flip::Picture;
@@ -20,7 +20,7 @@ use meshless_gi::{
 use meshless_gi_lab::accuracy::RaycastView;
 use std::f32::consts::{FRAC_PI_4, PI};
 
-/// A matte ball.
+/// Ball of a diffuse material.
 #[derive(Clone, Copy)]
 pub struct Ball {
     pub center: Vec3,
@@ -28,18 +28,18 @@ pub struct Ball {
     pub color: Vec3,
 }
 
-/// Quads that are culled from behind, and balls.
+/// Quads with culled back faces, and balls.
 #[derive(Clone, Default)]
 pub struct Things {
     pub quads: Vec<Quad>,
     pub balls: Vec<Ball>,
 }
 
-/// Primitives from here on are balls.
+/// First primitive index of the balls.
 const BALLS: u32 = 1 << 20;
 
 impl Things {
-    /// A box around each of them.
+    /// Returns the bounding boxes of all quads and balls.
     pub fn boxes(&self) -> Vec<Bounds> {
         let quads = self.quads.iter().map(|q| Room(vec![*q]).bounds());
         let balls = self.balls.iter().map(|b| Bounds {
@@ -113,7 +113,7 @@ impl Geometry for Things {
     }
 }
 
-/// The virtual point lights of what moves, in the world's space.
+/// Computes the virtual point lights of dynamic objects in world space.
 pub fn cpu_vpls(
     moving: &Things,
     light: &Light,
@@ -158,7 +158,7 @@ pub fn cpu_vpls(
     rsm::select_vpls(&params, &texels)
 }
 
-/// Light that `lights` add to the picture of `seen`.
+/// Draws the light that `lights` add to the picture of `seen`.
 pub fn cpu_bounce(
     seen: &Things,
     lights: &[Vpl],
@@ -198,8 +198,8 @@ pub fn cpu_bounce(
     }
 }
 
-/// Specular light of `lights` on surfaces of `seen`, all of this roughness and reflectance: every
-/// pixel, no shadows.
+/// Draws the specular light of `lights` on the surfaces of `seen` at every pixel, without shadows.
+/// All surfaces have the given roughness and reflectance.
 pub fn cpu_gloss(
     seen: &Things,
     lights: &[Vpl],

@@ -1,8 +1,8 @@
-//! Pictures that tests compare, with [ANA20]'s FLIP from the library.
+//! Pictures that tests compare by the library's FLIP of \[ANA20\].
 
 use meshless_gi_lab::accuracy::{self, Image};
 
-/// A picture in linear RGB.
+/// Picture in linear RGB.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     pub width: usize,
@@ -11,7 +11,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The same for the library.
+    /// Converts the picture to an image of the library.
     fn image(&self) -> Image {
         Image {
             width: self.width as u32,
@@ -20,12 +20,12 @@ impl Picture {
         }
     }
 
-    /// Mean of all pixels and channels.
+    /// Returns the mean of all pixels and channels.
     pub fn mean(&self) -> f32 {
         self.pixels.iter().flatten().sum::<f32>() / (3 * self.pixels.len()) as f32
     }
 
-    /// Root of the mean squared difference over the root of the reference's mean square.
+    /// Returns the RMS difference divided by the RMS of the reference.
     pub fn nrmse(&self, reference: &Self) -> f32 {
         let square = |v: f32| v * v;
         let pairs = self
@@ -38,7 +38,8 @@ impl Picture {
         (error / power).sqrt()
     }
 
-    /// This picture and another one to its right, each pixel threefold: to look at.
+    /// Joins this picture with another one on its right, for inspection. Each pixel is enlarged to
+    /// 3 × 3 pixels.
     pub fn beside(&self, other: &Self) -> Self {
         let (width, height) = (6 * self.width, 3 * self.height);
         let pixel = |i: usize| {
@@ -57,7 +58,7 @@ impl Picture {
         }
     }
 
-    /// The part from column `left` on, `width` wide.
+    /// Returns the columns from `left` on, `width` wide.
     pub fn columns(&self, left: usize, width: usize) -> Self {
         let row = |y: usize| &self.pixels[y * self.width + left..y * self.width + left + width];
         Self {
@@ -67,7 +68,7 @@ impl Picture {
         }
     }
 
-    /// The sum of two pictures.
+    /// Returns the sum of two pictures.
     pub fn plus(&self, other: &Self) -> Self {
         let add = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
         Self {
@@ -76,7 +77,7 @@ impl Picture {
         }
     }
 
-    /// Writes a PNG (gamma of sRGB).
+    /// Writes a PNG with sRGB gamma.
     pub fn save(&self, path: &std::path::Path) {
         let bytes: Vec<u8> = self
             .pixels
@@ -104,7 +105,7 @@ fn to_srgb(v: f32) -> f32 {
     }
 }
 
-/// Mean FLIP of two pictures of one size.
+/// Returns the mean FLIP of two pictures of equal size.
 pub fn flip(reference: &Picture, test: &Picture) -> f32 {
     accuracy::flip(&reference.image(), &test.image())
 }

@@ -1,14 +1,14 @@
-//! A room as a `.glb` file: what an artist's tool would have written.
+//! glTF files of a room, similar to the export of a modeling tool.
 
 use super::scenes::Room;
 
-/// The room as JSON that names its buffer `uri`, and the buffer.
+/// Returns the room as JSON that references its buffer by `uri`, and the buffer.
 pub fn gltf(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
     document(room, &format!(r#","uri":"{uri}""#), None)
 }
 
-/// One mesh, one primitive and material a surface; `uri` goes into the description of the buffer,
-/// and all surfaces have the image `texture` if there is one.
+/// Creates one mesh with one primitive and one material per surface. `uri` is the JSON fragment
+/// with the buffer's URI. All surfaces use the image `texture` if given.
 fn document(room: &Room, uri: &str, texture: Option<&str>) -> (Vec<u8>, Vec<u8>) {
     let mut binary: Vec<u8> = Vec::new();
     let mut views = Vec::new();
@@ -92,12 +92,12 @@ fn document(room: &Room, uri: &str, texture: Option<&str>) -> (Vec<u8>, Vec<u8>)
     (json, binary)
 }
 
-/// Binary glTF of the room.
+/// Returns the room as binary glTF.
 pub fn glb(room: &Room) -> Vec<u8> {
     pack(document(room, "", None))
 }
 
-/// Binary glTF of the room with an image file on all of its surfaces.
+/// Returns the room as binary glTF with an image file on all surfaces.
 pub fn textured_glb(room: &Room, texture: &str) -> Vec<u8> {
     pack(document(room, "", Some(texture)))
 }

@@ -1,8 +1,8 @@
-//! Logs of the plugin, for tests that read them.
+//! Subscribers for tests that read the plugin's log.
 
 use std::sync::{Arc, Mutex};
 
-/// Warnings of the plugin while `work` runs, on this thread.
+/// Runs `work` and returns its result with the plugin's warnings on this thread.
 pub fn warnings<T>(work: impl FnOnce() -> T) -> (T, Vec<String>) {
     let lines = Arc::new(Mutex::new(Vec::new()));
     let subscriber = Warnings(lines.clone());
@@ -11,7 +11,7 @@ pub fn warnings<T>(work: impl FnOnce() -> T) -> (T, Vec<String>) {
     (value, lines)
 }
 
-/// Keeps the plugin's warnings and errors.
+/// Subscriber that stores the plugin's warnings and errors.
 struct Warnings(Arc<Mutex<Vec<String>>>);
 
 impl bevy::log::tracing::Subscriber for Warnings {
@@ -51,7 +51,7 @@ impl bevy::log::tracing::Subscriber for Warnings {
     fn exit(&self, _: &bevy::log::tracing::span::Id) {}
 }
 
-/// Prints errors and all that the plugin logs.
+/// Subscriber that prints all errors and the plugin's log at `INFO` and above.
 pub struct Log;
 
 impl bevy::log::tracing::Subscriber for Log {

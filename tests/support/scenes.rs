@@ -1,5 +1,4 @@
-//! A small room, three times over: as Bevy's meshes, as geometry to bake, and as a picture that the
-//! CPU draws.
+//! Small room in three forms: Bevy meshes, geometry to bake, and a picture drawn by the CPU.
 
 use super::app::{HEIGHT, WIDTH};
 use super::flip::Picture;
@@ -13,7 +12,7 @@ use meshless_gi::{
 };
 use std::sync::{Arc, OnceLock};
 
-/// A parallelogram: a corner, and the two edges from it; it faces `u × v`.
+/// Parallelogram: a corner and its two edges. It faces `u × v`.
 #[derive(Clone, Copy)]
 pub struct Quad {
     pub corner: Vec3,
@@ -28,8 +27,8 @@ pub struct Room(pub Vec<Quad>);
 
 const WHITE: Vec3 = Vec3::new(0.7, 0.7, 0.7);
 
-/// A rough recipe for rooms as small as [`Room::cornell`]: tests compare two executors of one bake,
-/// not the bake with the reference.
+/// Returns a coarse recipe for rooms as small as [`Room::cornell`]. Tests compare two executors of
+/// one bake, not the bake with the reference.
 pub fn rough_recipe() -> Recipe {
     Recipe {
         viewpoints: vec![[0.0, 1.0, 0.6]],
@@ -43,7 +42,7 @@ pub fn rough_recipe() -> Recipe {
 }
 
 impl Room {
-    /// Two meters wide, open toward +Z, a red and a green wall, and a block.
+    /// Creates a room 2 m wide, open toward +Z, with a red wall, a green wall, and a block.
     pub fn cornell() -> Self {
         let quad = |corner, u, v, color| Quad {
             corner,
@@ -78,7 +77,7 @@ impl Room {
         Self(quads)
     }
 
-    /// One white wall of two meters in the plane z = 0, facing +Z.
+    /// Creates a gray wall of 2 m × 2 m in the plane z = 0 that faces +Z.
     pub fn wall(albedo: f32) -> Self {
         Self(vec![Quad {
             corner: Vec3::new(-1.0, -1.0, 0.0),
@@ -88,7 +87,7 @@ impl Room {
         }])
     }
 
-    /// The same room with other colors.
+    /// Returns the room with other colors.
     pub fn recolored(&self, color: impl Fn(Vec3) -> Vec3) -> Self {
         Self(
             self.0
@@ -101,7 +100,7 @@ impl Room {
         )
     }
 
-    /// The room as a bake reads it: two triangles per quad, and a material of its own.
+    /// Returns the room as a bake reads it: two triangles and one material per quad.
     pub fn mesh(&self) -> TriangleMesh {
         let halves = |q: &Quad| {
             let [a, b, c, d] = [
@@ -123,7 +122,7 @@ impl Room {
         )
     }
 
-    /// Bakes it by [`rough_recipe`].
+    /// Bakes the room by [`rough_recipe`].
     pub fn bake(&self, seed: u64) -> Arc<BakedScene> {
         self.bake_as(&Recipe {
             seed,
@@ -131,13 +130,13 @@ impl Room {
         })
     }
 
-    /// Bakes it as a recipe says.
+    /// Bakes the room by a recipe.
     pub fn bake_as(&self, recipe: &Recipe) -> Arc<BakedScene> {
         let baked = bake_scene(&self.mesh(), recipe, 0, &Progress::default());
         Arc::new(baked.expect("the room bakes").scene)
     }
 
-    /// Spawns the room's surfaces under `root`: rough, without reflections.
+    /// Spawns the room's surfaces below `root`, with roughness 1 and without specular reflection.
     pub fn spawn(&self, app: &mut App, root: Entity) {
         for quad in &self.0 {
             let n = quad.u.cross(quad.v).normalize().to_array();
@@ -173,7 +172,7 @@ impl Room {
     }
 }
 
-/// The baked Cornell room; baked once for all tests of a binary.
+/// Returns the Cornell room and its bake. Each test binary bakes it once.
 pub fn cornell() -> (Room, Arc<BakedScene>) {
     static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let room = Room::cornell();
@@ -243,13 +242,13 @@ impl Geometry for Room {
     }
 }
 
-/// Bevy's default exposure, EV100 9.7.
+/// Returns Bevy's default exposure, EV100 9.7.
 pub fn exposure() -> f32 {
     (-9.7f32).exp2() / 1.2
 }
 
-/// Indirect light alone, as the CPU draws it: `camera` and `lights` in the world, the room and its
-/// bake under `root`.
+/// Draws indirect light only. `camera` and `lights` are in world space. The room and its bake are
+/// below `root`.
 pub fn cpu_indirect(
     room: &Room,
     bake: &BakedScene,
@@ -261,7 +260,7 @@ pub fn cpu_indirect(
     cpu_indirect_sized(room, bake, root, camera, lights, settings, [WIDTH, HEIGHT])
 }
 
-/// As [`cpu_indirect`], for a picture of another size.
+/// Draws the picture of [`cpu_indirect`] in another size.
 pub fn cpu_indirect_sized(
     room: &Room,
     bake: &BakedScene,
@@ -275,7 +274,7 @@ pub fn cpu_indirect_sized(
     cpu_indirect_textured(room, bake, [root, camera], lights, settings, size, plain)
 }
 
-/// As [`cpu_indirect_sized`], with surfaces that textures have changed.
+/// Draws the picture of [`cpu_indirect_sized`] with surfaces modified by textures.
 pub fn cpu_indirect_textured(
     room: &Room,
     bake: &BakedScene,
@@ -328,8 +327,8 @@ pub fn cpu_indirect_textured(
     }
 }
 
-/// Irradiance of a frame at a position: light of surfaces, and what their share leaves to light in
-/// free space.
+/// Returns the irradiance of a frame at a position. Surface functions contribute by their share,
+/// and probes contribute the rest.
 fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || Some(frame.probe_irradiance(bake, x, n)?.irradiance(n));
     match splat_covered(

@@ -1,5 +1,5 @@
-//! Functions shared by the tests of the running plugin: the room on its root, the view of it, its
-//! light, and the comparison of pictures.
+//! Functions shared by the tests of the running plugin: the room on its root, the view, the light,
+//! and the comparison of pictures.
 
 use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
@@ -13,14 +13,14 @@ use meshless_gi::{BakedScene, FrameSettings, Light};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// The largest mean FLIP between the plugin's frame and the CPU's.
+/// Maximum mean FLIP between the plugin's frame and the CPU's frame.
 pub const MAX: f32 = 0.02;
 
-/// Candela of the test's lights.
+/// Intensity of the test's lights, candela.
 pub const CANDELA: f32 = 1500.0;
 
-/// From the front; not quite from the middle, where the edges of the room would pass through
-/// centers of pixels and be a matter of rounding.
+/// Returns the camera's transform in front of the room, slightly off center. From the center, edges
+/// of the room pass through pixel centers, and rounding determines the picture.
 pub fn view() -> Transform {
     Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
 }
@@ -41,7 +41,7 @@ pub fn light_source(position: Vec3) -> Light {
     }
 }
 
-/// Shows indirect light alone.
+/// Returns a camera component that shows indirect light only.
 pub fn indirect() -> GiCamera {
     GiCamera {
         debug_view: GiDebugView::IndirectOnly,
@@ -49,7 +49,7 @@ pub fn indirect() -> GiCamera {
     }
 }
 
-/// Settings of the tests' rooms.
+/// Returns the frame settings of the tests' rooms.
 pub fn settings() -> FrameSettings {
     FrameSettings {
         emission: 998.0,
@@ -57,7 +57,8 @@ pub fn settings() -> FrameSettings {
     }
 }
 
-/// A room, a camera that shows indirect light alone, and the camera's target.
+/// Spawns the room and a camera that shows indirect light only. Returns them with the camera's
+/// target.
 pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
     let root = spawn_room(app, Transform::IDENTITY);
     let image = target(app);
@@ -68,27 +69,27 @@ pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
     (root, eye, image)
 }
 
-/// The room's light at `position`.
+/// Spawns the room's light at `position`.
 pub fn spawn_light_source(app: &mut App, position: Vec3) -> Entity {
     app.world_mut()
         .spawn((bevy_light(), Transform::from_translation(position)))
         .id()
 }
 
-/// [`room_and_camera`] with a light at `position`.
+/// Spawns [`room_and_camera`] and a light at `position`.
 pub fn lit_room(app: &mut App, position: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
     let (root, eye, image) = room_and_camera(app);
     let light_source = spawn_light_source(app, position);
     (root, eye, image, light_source)
 }
 
-/// A room with its bake on one root.
+/// Spawns the Cornell room with its bake on one root.
 pub fn spawn_room(app: &mut App, root: Transform) -> Entity {
     let (room, bake) = cornell();
     spawn_baked(app, &room, &bake, root)
 }
 
-/// This room with this bake on one root.
+/// Spawns a room with a bake on one root.
 pub fn spawn_baked(app: &mut App, room: &Room, bake: &Arc<BakedScene>, root: Transform) -> Entity {
     let scene = bake.clone();
     let asset = app
@@ -105,7 +106,7 @@ pub fn counters(app: &App) -> FrameRecord {
     FrameRecord::clone(&status.record())
 }
 
-/// Writes a picture where `MGI_TEST_PICTURES` names a folder.
+/// Writes a picture to the folder in `MGI_TEST_PICTURES`, if set.
 pub fn keep(name: &str, picture: &Picture) {
     if let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") {
         picture.save(&std::path::Path::new(&folder).join(format!("{name}.png")));
@@ -123,8 +124,8 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     let (d, nrmse) = (flip(reference, test), test.nrmse(reference));
     println!("{name}: FLIP {d:.4}, NRMSE {nrmse:.4}");
     assert!(d <= MAX && nrmse <= 0.03, "{name}: FLIP {d}, NRMSE {nrmse}");
-    // The test can fail: a picture upside down does, one half as bright again, and one that is off
-    // by what nobody sees.
+    // Checks that the test can fail: a picture upside down, a picture brighter by half, and a
+    // picture brighter by 7 %.
     let mut turned = test.clone();
     turned.pixels.reverse();
     assert!(
@@ -145,7 +146,7 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     );
 }
 
-/// Frame counters of the stages that static lights must not run.
+/// Returns the number of dispatches of stages that static lights must not run.
 pub fn work(c: &FrameRecord) -> [u32; 4] {
     [
         FrameStage::PROJECT,

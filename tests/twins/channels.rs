@@ -46,7 +46,7 @@ fn monochrome_frame_matches_twin() {
     }
 }
 
-/// Returns a scene of gray surfaces and its lights, all in `HUE`.
+/// Returns a scene of gray surfaces and its lights. All light has the color `HUE`.
 fn gray(form: SenderForm) -> (BakedScene, Vec<FrameLight>) {
     let mut scene = synthetic::scene(form);
     for surface in &mut scene.data_mut().surfaces {
@@ -89,7 +89,7 @@ fn monochrome_of_gray_scene_equals_rgb() {
         let (scene, mut lights) = gray(form);
         let right = cpu(&scene, &lights, &at(Channels::Three));
         assert_eq!(off(&scene, &lights, &right, HUE), 0, "{form:?}");
-        // At a large intensity.
+        // A large intensity.
         assert_eq!(off(&scene, &lights, &right, 30.0 * HUE), 0, "{form:?}");
 
         let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
@@ -108,7 +108,7 @@ fn monochrome_of_gray_scene_equals_rgb() {
         assert_eq!(counters.dispatches_of(Pass::Apply), 0);
         assert!(counters.dispatches_of(Pass::ApplyOne) >= 3);
 
-        // Another color of light or wall is no longer gray.
+        // With another color of a light or a wall, the frame is not gray.
         assert!(off(&scene, &lights, &right, Vec3::ONE) > 100, "{form:?}");
         lights[0].color = [9.0, 1.0, 1.0];
         let three = cpu(&scene, &lights, &at(Channels::Three));

@@ -1,25 +1,25 @@
-//! Comparison of a kernel's output with its twin's.
+//! Comparison of a kernel's output with the output of its twin.
 
 use bytemuck::NoUninit;
 
-/// Single precision: sums in another order, fused multiplications.
+/// Tolerance of single precision, with sums in another order and fused multiplications.
 pub const SINGLE: f32 = 1e-5;
-/// Values stored as halves.
+/// Tolerance of values stored as halves.
 pub const HALF: f32 = 1e-3;
 
-/// Quantity that errors are relative to.
+/// Reference quantity of relative errors.
 #[derive(Clone, Copy, Debug)]
 pub enum Scale {
-    /// The item: sums of terms of one sign.
+    /// Largest float of the item. Suits sums of terms of one sign.
     Item,
-    /// The item, or the RMS of all where that is more: sums that may cancel.
+    /// Larger of the item and the RMS of all items. Suits sums that may cancel.
     Rms,
-    /// Each float of an item, or a tenth of the RMS of all where that is more.
+    /// Larger of each float of an item and a tenth of the RMS of all items.
     Float,
 }
 
-/// Items of `width` floats that differ by more than `tolerance`, relative to `scale` of the larger
-/// one. Also those that are not finite. Panics where the comparison would not report a single wrong
+/// Returns the items of `width` floats that differ by more than `tolerance`, relative to `scale` of
+/// the larger one, or that are not finite. Panics if the comparison would not report a single wrong
 /// item of the list.
 pub fn differing<T: NoUninit>(
     gpu: &[T],
@@ -38,7 +38,7 @@ pub fn differing<T: NoUninit>(
         Scale::Rms => rms,
         Scale::Float => 0.1 * rms,
     };
-    // What a float of an item is compared with.
+    // Reference value of a float of an item.
     let size = |item: &[f32], float: f32| match scale {
         Scale::Float => float.abs(),
         Scale::Item | Scale::Rms => largest(item),
@@ -62,9 +62,9 @@ pub fn differing<T: NoUninit>(
     })
 }
 
-/// Returns the items, of `count`, that a comparison reports in ascending order. Panics where it
-/// does not report exactly one more if one more is wrong. `differing` gets the index of that item.
-/// The first, the middle and the last item are wrong in turn.
+/// Returns the items, of `count`, that a comparison reports in ascending order. `differing` gets
+/// the index of an item to make wrong. The first, the middle and the last item are wrong in turn.
+/// Panics if the comparison does not report exactly that additional item.
 pub fn reported(count: usize, differing: impl Fn(Option<usize>) -> Vec<usize>) -> Vec<usize> {
     let found = differing(None);
     let last = count - 1;
@@ -89,7 +89,7 @@ fn largest(item: &[f32]) -> f32 {
 }
 
 /// Asserts that all items agree, and that `perturbed`, the twin's output for a slightly different
-/// input, does not.
+/// input, differs.
 pub fn same<T: NoUninit>(
     name: &str,
     gpu: &[T],

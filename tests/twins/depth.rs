@@ -1,15 +1,15 @@
-//! A depth texture from numbers, for tests and measurements.
+//! Creation of depth textures from numbers, for tests and measurements.
 
 use bevy_meshless_gi::gpu::HeadlessDevice;
 use wgpu::{TextureFormat, TextureUsages};
 
-/// A depth texture with these texels.
+/// Creates a depth texture with these texels.
 pub fn depth_texture(harness: &HeadlessDevice, size: [u32; 2], depth: &[f32]) -> wgpu::Texture {
     depth_samples(harness, size, depth, 1)
 }
 
-/// The same with so many samples a pixel, all alike. They are drawn: WebGPU copies none into a
-/// 32-bit depth texture.
+/// Creates a depth texture with `samples` equal samples per pixel. A draw writes them, because
+/// WebGPU has no copy to a 32-bit depth texture.
 pub fn depth_samples(
     harness: &HeadlessDevice,
     size: [u32; 2],

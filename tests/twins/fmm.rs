@@ -1,4 +1,4 @@
-//! `fmm_up` and `fmm_down` against their twins, over a room with all four lists, parts of
+//! Comparison of `fmm_up` and `fmm_down` with their twins, on a room with all four lists, partial
 //! visibility, and several orders.
 
 use meshless_gi_lab::fixtures::fmm as room;
@@ -15,12 +15,12 @@ use meshless_gi::internals::transport::fmm::passes::Field;
 use meshless_gi::internals::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 use meshless_gi::{cornell_box, mesh_of_quads};
 
-/// Sums of thousands of terms that cancel in part, derivatives by recurrence: hundreds of
-/// roundings.
+/// Tolerance of sums of thousands of terms that partly cancel, with derivatives by recurrence:
+/// hundreds of roundings.
 const SUMS: f32 = 1e-4;
 
-/// S-expansions, R-expansions and vector irradiance of the twins; `radiosity` ends with the sky's
-/// coefficient.
+/// Returns the S-expansions, R-expansions and vector irradiance of the twins. The last item of
+/// `radiosity` is the sky's coefficient.
 fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
     let mut passes = Passes::new(Field::from_operator(operator));
     let sky = radiosity.len() - 1;
@@ -34,7 +34,7 @@ fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
     ]
 }
 
-/// A storage buffer with this in it.
+/// Creates a buffer with this content.
 fn storage<T: bytemuck::NoUninit>(harness: &HeadlessDevice, data: &[T]) -> wgpu::Buffer {
     let buffer = harness.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
@@ -49,7 +49,7 @@ fn storage<T: bytemuck::NoUninit>(harness: &HeadlessDevice, data: &[T]) -> wgpu:
     buffer
 }
 
-/// The same on the device, and how often each pass was recorded.
+/// Returns the same results from the device, and the counters of the recorded passes.
 fn device(
     harness: &HeadlessDevice,
     kernels: &KernelPipelines,
@@ -80,8 +80,8 @@ fn device(
 fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
     let room = room::cornell(1500);
     let mut points = room.points.clone();
-    // A ball without a part in the geometry: normals of all kinds. A heap in one position, more
-    // than a workgroup has threads.
+    // Points on a sphere that is not part of the geometry, with normals in all directions. Then 100
+    // points at one position, more than a workgroup has threads.
     points.extend((0..400).map(|i| {
         let z = 1.0 - 2.0 * (i as f32 + 0.5) / 400.0;
         let phi = i as f32 * 2.399_963;
@@ -95,7 +95,7 @@ fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
         }
     }));
     points.extend([points[700]; 100]);
-    // Some only give light, some only receive.
+    // Some points only send, and some only receive.
     for (i, p) in points.iter_mut().enumerate() {
         match i % 5 {
             0 => p.receives = false,
@@ -139,8 +139,8 @@ fn fmm_passes_match_twin() {
         let mut light: Vec<[f32; 4]> = light.map(|b| b.extend(0.0).to_array()).collect();
         let expected = twin(&operator, &light);
         let (found, counters) = device(&harness, &kernels, &operator, &light);
-        // One point that is half as bright again is noticed in all three, and so is the sky in the
-        // last.
+        // A point with 1.5 times the radiosity must change all three outputs. A brighter sky must
+        // change the last one.
         let lit = |p: &&meshless_gi::internals::transport::fmm::FmmOperatorPoint| p.share > 0.0;
         let mut sources = operator.points.iter().filter(lit);
         let at = sources.nth(700).unwrap().point as usize;
@@ -174,7 +174,7 @@ fn fmm_passes_match_twin() {
         let counts =
             [Pass::FmmUp, Pass::FmmReceive, Pass::FmmEvaluate].map(|p| counters.dispatches_of(p));
         assert_eq!(counts, [levels, levels, 1]);
-        // Against the bake's own numbers.
+        // Comparison with the irradiance of the bake.
         let (wide, _) = fmm.irradiance(&radiosity).unwrap();
         let plain = fmm.operator(|at| at);
         let narrow = radiosity.iter().chain([&sky]);

@@ -1,5 +1,5 @@
-//! Kernels `fog_inscatter` and `fog` against their twins, over a picture: fog in front of walls at
-//! any distance. Some fog has a density texture, and some has another scene in front.
+//! Comparison of `fog_inscatter` and `fog` with their twins, over a picture of fog in front of
+//! walls at any distance. Some fog has a density texture, and some has another scene in front.
 
 use super::compare::{HALF, Scale, differing};
 use super::depth::depth_samples;
@@ -109,7 +109,7 @@ impl Drawn {
             .collect()
     }
 
-    /// Returns the twin's picture.
+    /// Returns the picture of the twin.
     fn run(&self, which: usize) -> Vec<[f32; 4]> {
         let voxels = wide(&self.voxels);
         let light = self.light();
@@ -132,7 +132,7 @@ impl Drawn {
     }
 }
 
-/// Interpolates as a sampler with clamping does.
+/// Interpolates like a sampler with clamping.
 fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
     let at = at * EDGE as f32 - 0.5;
     let first = at.floor();
@@ -149,7 +149,7 @@ fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
         .sum()
 }
 
-/// Returns the device's picture.
+/// Returns the picture of the device.
 fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -> Vec<[f32; 4]> {
     let (device, queue) = (&harness.device, &harness.queue);
     let kernels = KernelPipelines::new(device).unwrap();
@@ -198,7 +198,7 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
     wide(&harness.read_texture::<[f16; 4]>(&picture).unwrap())
 }
 
-/// Counts pixels that differ by more than half floats and 8-bit filters explain.
+/// Counts pixels that differ by more than the error of half floats and 8-bit filters.
 fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     differing(gpu, cpu, 4, 4.0 * HALF, Scale::Rms).len()
 }
@@ -221,12 +221,13 @@ fn fog_picture_matches_twin() {
             println!(
                 "draw {which}, {samples} samples: {off} of {count} pixels differ, {lit} are lit"
             );
-            // Rays that pass a voxel's wall within rounding may be on either side of it.
+            // Rays within rounding of a voxel boundary may be on either side of it.
             assert!(off <= count / 500, "{which}, {samples} samples: {off}");
         }
     }
-    // Must fail: fewer parts, other fog, another eye, another level, walls that nobody sees,
-    // another density, another level that comes first.
+    // Must fail: fewer steps, other fog parameters, another eye, and another transform of the view.
+    // Also other directions, viewport and bounds, missing walls, another density offset, and no
+    // earlier scene.
     type Perturb = fn(&mut Drawn);
     let perturbations: [(&str, usize, Perturb); 12] = [
         ("steps", 1, |d| d.params[1].steps = 16),

@@ -1,5 +1,5 @@
-//! `occlude` against its twin, and a whole frame behind shutters: links, shadows, sky and probes,
-//! while the shutters close and open.
+//! Comparison of `occlude` with its twin, and of a whole frame with shutters: links, shadows, sky
+//! and probes, while the shutters close and open.
 
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};
@@ -23,7 +23,8 @@ fn scene() -> BakedScene {
             half_edges: [1.9, 2.74, 0.02],
         }],
     };
-    // More than 32 occluders between them. No light reaches those behind the box.
+    // 32 further occluders between the shutters in the list, so that sets need more than 32 bits.
+    // They are behind the box, where no light reaches them.
     let aside = (0..32).map(|k| OccluderDesc {
         name: format!("aside {k}"),
         boxes: vec![OccluderBox {
@@ -49,7 +50,7 @@ fn scene() -> BakedScene {
     scene
 }
 
-/// Returns the transmittance of all occluders, from that of the two that matter.
+/// Returns the transmittances of all occluders from those of the two shutters.
 fn gains([middle, front]: [f32; 2]) -> Vec<f32> {
     let mut all = vec![1.0; 34];
     (all[0], all[33]) = (middle, front);
@@ -98,7 +99,7 @@ fn occluders_closed_and_open_match_twin() {
                 frame.solve(k, q, e, &settings());
             })
             .unwrap();
-        // One for the operator, one for the probes.
+        // One dispatch for the operator, one for the probes.
         assert_eq!(dispatched, 2);
         let count = lights.len() * scene.data().senders();
         let links: Vec<Link> = output(
@@ -139,7 +140,7 @@ fn occluders_closed_and_open_match_twin() {
     for two in [[0.0, 1.0], [0.35, 0.8], [1.0, 0.0], [1.0, 1.0]] {
         let found = set(&gains(two));
         assert_eq!(compare(&gains(two), &found), [0; 4], "{two:?}");
-        // A door that is slightly more open has another transmittance.
+        // A shutter that is slightly more open has another transmittance.
         let wider = two.map(|g| if g > 0.5 { g - 0.1 } else { g + 0.1 });
         let wrong = compare(&gains(wider), &found);
         assert!(wrong.iter().all(|&n| n > 20), "{two:?}: {wrong:?}");

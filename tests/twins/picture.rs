@@ -1,4 +1,4 @@
-//! The kernels `splat` and `composite` against their twins, over a picture.
+//! Comparison of `splat` and `composite` with their twins, over a picture.
 
 use super::compare::{HALF, Scale, differing, reported};
 use super::screen::{self, SIZE, Screen};
@@ -13,7 +13,7 @@ use meshless_gi::internals::transport::SenderForm;
 use meshless_gi::{BakedScene, CpuFrame};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
-/// The textures of a picture, and what the kernels make of them.
+/// Results of the kernels for a picture.
 struct Pictures {
     frame: GpuFrame,
     irradiance: Vec<[f16; 4]>,
@@ -103,7 +103,7 @@ pub fn wide(texels: &[[f16; 4]]) -> Vec<[f32; 4]> {
     texels.iter().map(|t| t.map(f16::to_f32)).collect()
 }
 
-/// The twin of `splat` over the whole picture.
+/// Computes `splat` with the twin over the whole picture.
 fn splat_all(
     scene: &BakedScene,
     values: &[VectorIrradiance],
@@ -119,7 +119,7 @@ fn splat_all(
         .collect()
 }
 
-/// Pixels whose irradiance differs by more than halves do, or whose coverage differs.
+/// Returns the pixels that differ in irradiance by more than the error of halves, or in coverage.
 pub fn pixels_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> Vec<usize> {
     let rgb = |texels: &[[f32; 4]]| {
         texels
@@ -171,9 +171,9 @@ fn splat_and_composite_match_twin() {
     assert_eq!(drawn.frame.counters().dispatches_of(Pass::SplatOver), 1);
     assert_eq!(drawn.frame.counters().composites, 1);
 
-    // splat. The one freedom: a position within rounding of a clip plane may lie on either side of
-    // it, and a weight sum within rounding of NO_COVER may count or not. Of 2747 pixels at most two
-    // do.
+    // splat. Two tolerances: a position within rounding of a clip plane may be on either side of
+    // it. A weight sum within rounding of NO_COVER may count or not. At most two of 2747 pixels
+    // differ.
     let gpu = wide(&drawn.irradiance);
     let expected = splat_all(&scene, twin.vector_irradiance(), &screen, &params(0.5));
     let covered = expected.iter().filter(|e| e[3] == 1.0).count();
@@ -229,7 +229,7 @@ fn splat_and_composite_match_twin() {
         "a wrong scale is not noticed"
     );
 
-    // splat_over: what was covered stays, bit for bit; the rest is as before.
+    // splat_over: covered pixels stay bit for bit, and the others equal the output of `splat`.
     for (i, over) in drawn.over.iter().enumerate() {
         let kept = screen.earlier[i][3] != f16::ZERO;
         let whence = if kept {
@@ -240,7 +240,7 @@ fn splat_and_composite_match_twin() {
         assert_eq!(over, whence, "pixel {i}");
     }
 
-    // composite, from the very texels that the GPU read.
+    // composite, from the same texels that the GPU read.
     let composited = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
         let pixels = gpu.iter().zip(&screen.gbuffer).zip(passes);
         pixels
@@ -267,7 +267,7 @@ fn splat_and_composite_match_twin() {
     assert!(wrong(&added(&brighter, &screen.passes)) > 20);
     assert!(wrong(&added(&put, &vec![1; screen.passes.len()])) > 20);
 
-    // The debug view: in place of the picture, and white.
+    // The debug view: white, and replaces the picture.
     let white = CompositeParams { white: 1.0, ..put };
     let drawn = draw(
         &harness,

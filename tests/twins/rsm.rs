@@ -1,5 +1,5 @@
-//! Kernels of reflective shadow maps against their twins: `rsm` with its three entry points, and
-//! `vpl`.
+//! Comparison of the kernels of reflective shadow maps with their twins: `rsm` with its three entry
+//! points, and `vpl`.
 
 use super::compare::{HALF, SINGLE, Scale, differing, reported};
 use super::depth::depth_texture;
@@ -142,9 +142,9 @@ fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
     rsm::select_vpls(&params, texels)
 }
 
-/// Returns the texels whose position, normal, flux or spread differ. Each is compared separately,
-/// because units differ. At the edge of a cone the flux is a small difference, so the scale is that
-/// of all texels.
+/// Returns the texels that differ in position, normal, flux or spread. Each quantity is compared
+/// separately, because units differ. At the edge of a cone the flux is a small difference, so the
+/// scale is that of all texels.
 fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     let parts: [fn(&RsmTexel) -> [f32; 3]; 4] = [
         |t| t.position,
@@ -164,8 +164,8 @@ fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     found
 }
 
-/// Returns the virtual point lights that differ. Sums over texels in another order differ by
-/// rounding: a position by a ten-thousandth of a meter. Panics where one wrong number of one light
+/// Returns the number of virtual point lights that differ. Sums over texels in another order differ
+/// by rounding: a position by a ten-thousandth of a meter. Panics if one wrong number of one light
 /// is not reported.
 fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
     assert_eq!(gpu.len(), cpu.len());
@@ -269,7 +269,7 @@ fn rsm_matches_twin() {
                 found.len(),
                 found.first().map(|&i| (gpu[i], twin[i]))
             );
-            // Spoiled inputs.
+            // Wrong inputs.
             let mut moved = *light;
             moved.direction[1] += 0.01;
             moved.position[1] += 0.01;
@@ -282,7 +282,7 @@ fn rsm_matches_twin() {
             expected.push(gpu);
         }
         assert_eq!(maps.vpl_count(), all);
-        // From the GPU's own texels, because a stratum may depend on one of them.
+        // From the texels of the GPU, because a stratum may depend on one of them.
         let gpu: Vec<Vpl> = harness.read(maps.vpls(), all as usize).unwrap();
         for (gpu, texels) in gpu.chunks(VPLS as usize).zip(&expected) {
             assert!(gpu.iter().all(|v| v.flux[0] > 0.0));
@@ -303,7 +303,7 @@ fn rsm_matches_twin() {
     );
     assert_eq!(counters.total(), 22);
 
-    // Without flux, there is no light and no NaN.
+    // Without flux, the lights are zero and not NaN.
     maps.begin(&harness.device, room, all).unwrap();
     let dark = FrameLight::default();
     let views = light_sources[0].1[0].views(&harness);

@@ -1,4 +1,4 @@
-//! The kernel `soft_shadow`, and `flatten` behind it, against their twins, on a small baked box
+//! Comparison of `soft_shadow`, and of `flatten` after it, with their twins, on a small baked box
 //! with a rectangle, a sphere and a point.
 
 use super::compare::{Scale, differing};
@@ -13,7 +13,7 @@ use meshless_gi::{
     mesh_of_quads,
 };
 
-/// The box, whose senders have visibility data.
+/// Bakes the box with visibility data of the senders.
 pub fn baked() -> BakedScene {
     let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
     let recipe = Recipe {
@@ -34,7 +34,7 @@ pub fn baked() -> BakedScene {
         .scene
 }
 
-/// A rectangle, a sphere, a point and none.
+/// Returns a rectangle, a sphere, a point and an empty light.
 pub fn lights() -> [SoftLight; 4] {
     [
         SoftLight::rectangle(
@@ -77,7 +77,7 @@ fn soft_shadows_match_twin() {
         )
         .unwrap();
     let cpu = soft_shadow::occluded_irradiances(scene.data(), &lights);
-    // Thresholds magnify the last bits of a depth, which is a sum of twenty products.
+    // Thresholds amplify the last bits of a depth, which is a sum of twenty products.
     let tolerance = 2e-3;
     let found = differing(&gpu, &cpu, 12, tolerance, Scale::Rms);
     assert!(
@@ -88,8 +88,9 @@ fn soft_shadows_match_twin() {
         gpu[found[0]],
         cpu[found[0]]
     );
-    // Must fail: a light two centimeters off, no second light, a cluster's mean, a coefficient that
-    // is left out, how wrong a point is, the unit of depths, and no `flatten` behind the kernel.
+    // Must fail: a light two centimeters off, no second light, another cluster mean, a missing
+    // coefficient. Also other errors of points, another unit of depths, and no `flatten` after the
+    // kernel.
     let noticed = |what: &str, wrong: &[VectorIrradiance]| {
         let found = differing(&gpu, wrong, 12, tolerance, Scale::Rms);
         assert!(!found.is_empty(), "{what} goes unnoticed");

@@ -1,5 +1,5 @@
-//! Kernels of subsplats against their twins, on a view of the Cornell box. Tests `pyramid`,
-//! `refine`, `splat` (nodes) and `upsample`, alone and together.
+//! Comparison of the kernels of subsplats with their twins, on a view of the Cornell box. Tests
+//! `pyramid`, `refine`, `splat` (nodes) and `upsample`, alone and together.
 
 #[path = "volume.rs"]
 mod volume;
@@ -28,11 +28,11 @@ use std::collections::BTreeSet;
 use std::f32::consts::{PI, TAU};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
-/// Not a multiple of any workgroup size.
+/// Size of the picture in pixels, not a multiple of any workgroup size.
 const SIZE: [u32; 2] = [163, 121];
 const SCALE: f32 = 0.3;
 
-/// View of the box, which is rotated and moved in the world.
+/// View of the box, which is rotated and moved in world space.
 struct Scene {
     view: RaycastView,
     scene: BakedScene,
@@ -50,7 +50,7 @@ fn box_mesh() -> TriangleMesh {
     load_gltf(path).unwrap().mesh
 }
 
-/// Returns a ball of flat faces.
+/// Returns a ball of flat triangles.
 fn ball(center: Vec3, radius: f32) -> TriangleMesh {
     let at = |i: u32, j: u32| {
         let (a, b) = (TAU * i as f32 / 24.0, PI * j as f32 / 12.0);
@@ -79,7 +79,7 @@ impl Scene {
         )
     }
 
-    /// Adds a dynamic ball in the air, lit by probes.
+    /// Adds a floating dynamic ball, which probes light.
     fn with_ball() -> Self {
         let mut scene = baked::bake_box(&Recipe {
             probes: Some(ProbeSettings {
@@ -90,7 +90,7 @@ impl Scene {
         });
         let probes = scene.data_mut().probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());
-        // Some planes are tilted, as those of occluders are.
+        // Some planes are tilted, like those of occluders.
         let leaning = probes.planes.iter_mut().step_by(2);
         leaning.for_each(|p| *p = p.map(|c| 1.1 * c));
         let drawn = TriangleMesh::joined(vec![box_mesh(), ball(Vec3::new(2.2, 2.4, 1.2), 0.9)]);
@@ -148,7 +148,7 @@ impl Scene {
             (&self.scene.data().display.grid).into(),
         );
         SplatParams {
-            // Wide, so that surfaces and probes share many pixels of the baked scene itself.
+            // A wide seam, so that surfaces and probes share many pixels of the baked scene itself.
             seam: self.scene.data().probes.as_ref().map_or(0.0, |_| 1.2),
             ..params
         }
@@ -173,7 +173,7 @@ impl Scene {
 /// Results of the device.
 struct OnGpu {
     cells: Vec<CellRange>,
-    /// Cells listed per level, and number of cells that were divided for that.
+    /// Cells listed per level, and number of cells that were divided to list them.
     lists: Vec<(BTreeSet<u32>, u32)>,
     texels: Vec<[f32; 4]>,
 }
@@ -266,12 +266,12 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
     }
 }
 
-/// Counts texels that differ by more than half floats and sums in another order explain.
+/// Counts texels that differ by more than the error of half floats and of sums in another order.
 fn differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     compare::differing(gpu, cpu, 4, 4.0 * HALF, Scale::Float).len()
 }
 
-/// Returns the cells that are on one of two lists.
+/// Returns the cells that are on only one of the two lists.
 fn listed_once(gpu: &BTreeSet<u32>, cpu: &BTreeSet<u32>) -> Vec<u32> {
     gpu.symmetric_difference(cpu).copied().collect()
 }
@@ -283,7 +283,7 @@ fn compare(settings: &SubsplatSettings) {
     let cpu = of.on_cpu(settings, &of.scene);
     let params = of.params(settings);
 
-    // pyramid. Bytes of a normal between two values may round either way.
+    // pyramid. The bytes of a normal may round either way.
     let cells = pyramid(&params, &of.picture());
     let close = |a: f32, b: f32| (a - b).abs() <= 1e-4 * a.abs().max(b.abs()).max(0.1);
     let byte = |a: u32, b: u32| {
@@ -294,7 +294,7 @@ fn compare(settings: &SubsplatSettings) {
     };
     let bits = |a: u32, b: u32| match settings.normal {
         NormalTest::MinMax(_) => byte(a, b),
-        NormalTest::Curvature(_) => (f32::from_bits(a) - f32::from_bits(b)).abs() < 2e-3 || a == b,
+        _ => (f32::from_bits(a) - f32::from_bits(b)).abs() < 2e-3 || a == b,
     };
     let wrong = |cells: &[CellRange]| -> Vec<usize> {
         let same = |g: &CellRange, c: &CellRange| {
@@ -307,7 +307,7 @@ fn compare(settings: &SubsplatSettings) {
             .filter(|&i| !same(&gpu.cells[i], &cells[i]))
             .collect()
     };
-    // Each number of a cell alone.
+    // Perturbs each number of a cell alone.
     let turned: fn(u32) -> u32 = match settings.normal {
         NormalTest::MinMax(_) => |word| word ^ 0x10,
         NormalTest::Curvature(_) => |word| (f32::from_bits(word) + 1e-2).to_bits(),
@@ -349,7 +349,7 @@ fn compare(settings: &SubsplatSettings) {
         let twin: BTreeSet<u32> = cpu.lists[k].iter().copied().collect();
         listed += twin.len();
         let apart = listed_once(set, &twin).len();
-        // One missing cell, and one too many.
+        // A missing cell, and a surplus cell.
         if let Some(cell) = set.intersection(&twin).next() {
             let mut fewer = twin.clone();
             fewer.remove(cell);
@@ -430,7 +430,7 @@ fn probe_nodes_match_twin() {
     let found = differing(&gpu.texels, &cpu.texels);
     println!("{found} of {} pixels differ", cpu.texels.len());
     assert!(found * 500 <= cpu.texels.len(), "{found} pixels differ");
-    // Only probes light the ball, and they light nothing else.
+    // Probes alone light the ball, and they light only the ball.
     let mut without = of.scene.clone();
     without.data_mut().probes = None;
     let dark = of.on_cpu(&settings, &without).texels;
@@ -545,7 +545,7 @@ fn probe_kernel_matches_twin() {
     assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
     let lit = (0..gpu.len()).filter(|&i| before[i][3] == 0.0 && gpu[i][3] == 1.0);
     assert!(lit.count() > 500);
-    // Shares of surfaces and probes.
+    // Pixels shared by surfaces and probes.
     let mixed = (0..gpu.len()).filter(|&i| before[i][3] > 0.0 && before[i][3] < 1.0);
     assert!(mixed.count() > 100);
     let shares = |seam: f32| {

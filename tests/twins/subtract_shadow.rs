@@ -1,5 +1,5 @@
-//! Kernel `subtract_shadow` and its draw against their twins, on the baked box of `soft_shadow` in
-//! a camera's view.
+//! Comparison of `subtract_shadow` and its draw with their twins, on the baked box of `soft_shadow`
+//! in a camera's view.
 
 use super::depth::depth_texture;
 use super::harness;
@@ -58,7 +58,7 @@ impl Shaded {
         let scene = baked();
         let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
         let [width, height] = SIZE.map(|v| v as f32);
-        // A root that is rotated, moved and twice as large.
+        // The root is rotated, moved and scaled by two.
         let turn = glam::Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
         let root =
             Mat4::from_scale_rotation_translation(Vec3::splat(2.0), turn, Vec3::new(2.0, 1.0, 1.0));
@@ -68,7 +68,7 @@ impl Shaded {
         let mut drawn = RaycastView::new(&mesh, clip_from_local, SIZE);
         let (_, turned, _) = root.to_scale_rotation_translation();
         for (i, texel) in drawn.gbuffer.iter_mut().enumerate() {
-            // The G-buffer holds normals in world space.
+            // The G-buffer stores normals in world space.
             let n = turned * gbuffer::normal(*texel);
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
             let packed = gbuffer::pack(gbuffer::base(*texel), 0.1, 0.7, n, flags);
@@ -92,7 +92,7 @@ impl Shaded {
         }
     }
 
-    /// Returns the twins' output: of `subtract_shadow`, and of `next_scene` after the earlier
+    /// Returns the output of the twins: of `subtract_shadow`, and of `next_scene` after the earlier
     /// scene.
     fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
         let params = SubtractShadowParams::new(self.scene.data(), self.lights.len());
@@ -123,8 +123,8 @@ fn earlier(i: usize) -> [f32; 4] {
     }
 }
 
-/// Returns the device's output: of `subtract_shadow`, of `next_scene`, and the picture after the
-/// draw of the first.
+/// Returns the output of the device: of `subtract_shadow`, of `next_scene`, and the picture after
+/// the draw of the first.
 fn on_gpu(
     harness: &HeadlessDevice,
     shaded: &Shaded,
@@ -246,8 +246,8 @@ fn layers_of(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView 
     })
 }
 
-/// Counts pixels that differ by more than half floats and sums in another order explain, or in
-/// their coverage.
+/// Counts pixels that differ by more than the error of half floats and of sums in another order, or
+/// in their coverage.
 fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     pixels_differing(gpu, cpu).len()
 }
@@ -290,8 +290,8 @@ fn compare(gloss: bool) {
     assert_eq!(apart(&picture, &expected), 0);
     assert!(picture.iter().any(|p| p[0] < 0.9 * GRAY));
 
-    // Must fail: another light, another position, another range, other surfaces, other points, what
-    // is missing, and what there would be.
+    // Must fail: another light, position or range, other surfaces and points, other occluded
+    // irradiances, other unshadowed irradiances, and another exposure.
     type Perturb = fn(&mut Shaded);
     let perturbations: [(&str, Perturb); 8] = [
         ("color", |s| s.lights[0].color[1] *= 1.02),

@@ -1,4 +1,4 @@
-//! The kernel `volume` against its twin, on the probes of the turned Cornell box.
+//! Comparison of `volume` with its twin, on the probes of the rotated Cornell box.
 
 use super::Scene;
 use crate::compare::{HALF, Scale, differing};
@@ -35,8 +35,8 @@ fn volumes_match_twin() {
         probes: &in_space,
     };
 
-    // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the
-    // bake's.
+    // The grid is larger than the box and reaches into walls. Its size is not a multiple of a
+    // workgroup, and its axes are not those of the bake.
     let [low, high] = of.scene.info().bounds.map(Vec3::from_array);
     let turned = Mat4::from_quat(Quat::from_rotation_y(0.7) * Quat::from_rotation_x(-0.3));
     let size = UVec3::new(19, 17, 21);
@@ -83,8 +83,8 @@ fn volumes_match_twin() {
     assert_eq!(off((params, &weights, values)), 0);
     let lit = gpu.iter().filter(|t| t[0] > 0.0).count();
     assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
-    // What must be noticed: other values, a little more light, the bake's axes in place of the
-    // world's, other voxels ahead, voxels half a voxel aside.
+    // Must fail: other values, light brighter by 1 %, the bake's axes instead of the world's, other
+    // voxels ahead, and voxels shifted by half a voxel.
     let (mut aloft, mut along) = (in_space.clone(), on_walls.clone());
     aloft.rotate_left(3);
     along.rotate_left(3);
@@ -119,12 +119,12 @@ fn volumes_match_twin() {
     ];
     for (what, of) in perturbed {
         let found = off(of);
-        // Sides on walls are the fewer ones.
+        // The sides on walls are fewer.
         let min = if what == "values on walls" { 8 } else { 4 };
         assert!(found * min > gpu.len(), "{what} goes unnoticed: {found}");
     }
-    // Sides with nothing ahead and nothing of their own are there, and lit by what is beside:
-    // without those steps they are dark.
+    // Sides without own light and without light ahead get the light of neighboring voxels. Without
+    // those steps they are dark.
     let alone = changed(&|p| {
         for side in &mut p.steps {
             *side = [side[AHEAD]; 9];

@@ -1,5 +1,5 @@
-//! Replacement of Bevy's module for irradiance volumes against its twin, `read_volume`. Runs the
-//! file itself, with substitutes for its imports from Bevy.
+//! Comparison of the replacement of Bevy's irradiance volume module with its twin, `read_volume`.
+//! Runs the file itself, with substitutes for its imports from Bevy.
 
 use crate::compare::{HALF, Scale, differing};
 use crate::harness;
@@ -13,7 +13,7 @@ use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{VolumeParams, VoxelGrid};
 use wgpu::util::DeviceExt;
 
-/// Substitutes for Bevy. Two volumes cover all positions: the second has half the weight and is
+/// Substitutes for Bevy. Two volumes cover all positions. The second has half the weight and is
 /// four times as bright.
 const BEVY: &str = "
 struct ClusterableObjectIndexRanges { first: u32 }
@@ -64,7 +64,7 @@ struct Place {
     pad2: u32,
 }
 
-/// Returns the module after preprocessing with these definitions.
+/// Returns the module, preprocessed with these definitions.
 fn preprocessed(text: &str, defined: &[&str]) -> String {
     let (mut out, mut inside, mut import) = (String::new(), Vec::new(), false);
     for line in text.lines() {
@@ -96,8 +96,8 @@ fn preprocessed(text: &str, defined: &[&str]) -> String {
 /// Creates texels of a volume of this size, with light of any color and walls anywhere.
 pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
     let texels = size * UVec3::new(1, 2, 3);
-    // A third of the voxels have no wall, and so has a corner of the volume. Some directions are
-    // free.
+    // A third of the voxels, and those with x < 3, have no wall. In the others, a third of the
+    // directions have no wall up to the next voxel.
     let walls: Vec<[f32; 6]> = (0..size.element_product())
         .map(|i| {
             let open = dice.below(3) == 0 || i % size.x < 3;
@@ -153,7 +153,7 @@ pub fn space_of(harness: &HeadlessDevice, size: UVec3, texels: &[[f16; 4]]) -> w
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// Creates a sampler with linear interpolation.
+/// Creates an interpolating sampler.
 pub fn linear(harness: &HeadlessDevice) -> wgpu::Sampler {
     harness.device.create_sampler(&wgpu::SamplerDescriptor {
         mag_filter: wgpu::FilterMode::Linear,
@@ -222,7 +222,7 @@ fn volume_read_matches_twin() {
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let texels = shape.texels();
     let voxels = with_walls(&mut dice, size);
-    // Includes the outermost half voxels, positions beyond, and positions on the axes.
+    // Includes the outermost half voxels, positions outside the volume, and normals along the axes.
     let queries: Vec<Place> = (0..2000)
         .map(|k| {
             let part = Vec3::new(dice.unit(), dice.unit(), dice.unit());
@@ -232,7 +232,7 @@ fn volume_read_matches_twin() {
             };
             let mut place = (part * 1.2 - 0.1) * size.as_vec3();
             if k % 3 == 0 {
-                // As far from the eye as surfaces of the splatting result below.
+                // The same depth as surfaces of the splatting result below.
                 place.z = 3.0;
             }
             Place {
@@ -244,7 +244,7 @@ fn volume_read_matches_twin() {
         })
         .collect();
 
-    // Bevy's fallback texture for a splatting result: no negative alpha.
+    // Bevy's fallback texture instead of a splatting result has no negative alpha.
     let none = screen_of(&harness, [1, 1], &[[f16::ONE; 4]]);
     let displayed = |voxels: &[[f16; 4]], display: &wgpu::TextureView| -> Vec<[f32; 4]> {
         let (view, sampler) = (space_of(&harness, texels, voxels), linear(&harness));
@@ -290,7 +290,7 @@ fn volume_read_matches_twin() {
     let expected = |voxels: &[[f32; 4]]| -> Vec<[f32; 4]> {
         let light = |p: &Place| {
             let light = read_volume(params.size, voxels, p.place.into(), p.facing.into());
-            // 1 of the first volume, 4 · ½ of the second, over 1½.
+            // Weighted mean of both volumes: (1 + 4 · ½) / 1½ = 2.
             (light * 2.0).extend(1.0).to_array()
         };
         queries.iter().map(light).collect()
@@ -300,7 +300,7 @@ fn volume_read_matches_twin() {
     let found = on_device(&voxels);
     let twin = expected(&wide(&voxels));
     assert_eq!(off(&found, &twin), 0);
-    // Without the distances, or with a distance one tenth longer, the picture differs.
+    // Without the distances, or with distances one tenth longer, the light differs.
     let perturbed = |change: &dyn Fn(f32) -> f32| -> Vec<[f32; 4]> {
         let mut voxels = wide(&voxels);
         voxels.iter_mut().for_each(|t| t[3] = change(t[3]));
@@ -310,7 +310,7 @@ fn volume_read_matches_twin() {
     assert!(off(&found, &expected(&plain)) * 3 > queries.len());
     let longer = perturbed(&|way| if way > -1.9 { way - 0.1 } else { way });
     assert!(off(&found, &expected(&longer)) * 20 > queries.len());
-    // A volume without our encoding is sampled with plain interpolation.
+    // A volume without the encoded distances is sampled with plain interpolation.
     let other: Vec<[f16; 4]> = plain.iter().map(|t| t.map(f16::from_f32)).collect();
     assert_eq!(off(&on_device(&other), &expected(&plain)), 0);
     // Uniform light is uniform between texels.
@@ -344,7 +344,7 @@ fn volume_read_matches_twin() {
         inside && (1.0 + z + away).abs() < -0.01 * away
     };
     let with: Vec<[f32; 4]> = (queries.iter().zip(&twin))
-        // Over the exposure, and by both volumes as above.
+        // The splatting result over the exposure, times 2 for both volumes as above.
         .map(|(p, volume)| match by_display(p) {
             true => [1.0, 2.0, 4.0, 1.0],
             false => *volume,

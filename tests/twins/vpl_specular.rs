@@ -1,5 +1,5 @@
-//! The kernel `vpl_specular` against its twin, on a room with a glossy floor: node by node, bit by
-//! bit, pixel by pixel, and with shadows.
+//! Comparison of `vpl_specular` with its twin, on a room with a glossy floor. Compares nodes, mask
+//! bits and pixels, also with shadows.
 
 use super::compare::{self, HALF, Scale};
 use super::depth::depth_texture;
@@ -19,14 +19,14 @@ use meshless_gi::internals::transport::SenderForm;
 use meshless_gi::{BakedScene, SpecularSettings};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
-/// Not a multiple of anything.
+/// Size of the picture in pixels, not a multiple of any workgroup size.
 const SIZE: [u32; 2] = [163, 97];
 
 struct OnGpu {
     nodes: Vec<SpecularNode>,
     refine_masks: Vec<[u32; 4]>,
     texels: Vec<[f32; 4]>,
-    /// Added to a gray picture.
+    /// Picture after the draw over gray.
     drawn: Vec<[f32; 4]>,
 }
 
@@ -90,7 +90,7 @@ fn on_gpu(
         gbuffer: &gbuffer,
         output: &target,
     };
-    // Twice: the second frame starts from what the first one left.
+    // Two frames, because the second starts from the results of the first.
     for _ in 0..2 {
         buffers.write(queue, &screen, &specular_params);
         harness
@@ -106,7 +106,7 @@ fn on_gpu(
     assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
     assert_eq!(kernels.pipeline_count(), 2);
 
-    // Onto a picture.
+    // Draws onto a picture.
     let gray = vec![[f16::from_f32(GRAY); 4]; (SIZE[0] * SIZE[1]) as usize];
     let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
     let picture = harness.texture(SIZE, half4, usage | read, Some(&gray));
@@ -138,7 +138,7 @@ fn on_gpu(
             );
         })
         .unwrap();
-    // The same pipeline again.
+    // The same pipeline is not created again.
     let before = kernels.pipeline_count();
     kernels.drawing(half4, Draw::Specular);
     assert_eq!(kernels.pipeline_count(), before);
@@ -157,7 +157,8 @@ fn on_gpu(
     }
 }
 
-/// Counts items of `N` floats that differ by more than halves and sums in another order explain.
+/// Counts items of `N` floats that differ by more than the error of halves and of sums in another
+/// order.
 fn differing<const N: usize>(gpu: &[[f32; N]], cpu: &[[f32; N]]) -> usize {
     let [gpu, cpu] = [gpu, cpu].map(|items| items.as_flattened());
     compare::differing(gpu, cpu, N, 8.0 * HALF, Scale::Float).len()
@@ -174,7 +175,7 @@ fn nodes_of(nodes: &[SpecularNode]) -> Vec<[f32; 6]> {
     nodes.iter().map(numbers).collect()
 }
 
-/// Counts bits that differ. Panics where one flipped bit is not counted.
+/// Counts bits that differ. Panics if one flipped bit is not counted.
 fn flipped_bits(gpu: &[[u32; 4]], cpu: &[[u32; 4]]) -> u32 {
     assert_eq!(gpu.len(), cpu.len());
     let count = |cpu: &[[u32; 4]]| -> u32 {
@@ -220,7 +221,7 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     assert!(flipped * 100 <= bits(&cpu.refine_masks) + 500);
     assert!(found[0] * 200 <= gpu.nodes.len() && found[1] * 200 <= count);
 
-    // What is drawn of it.
+    // The picture after the draw.
     let drawn: Vec<[f32; 4]> = (0..count)
         .map(|i| {
             let texel = scene.drawn.gbuffer[i];
@@ -235,7 +236,7 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
         .collect();
     assert_eq!(differing(&gpu.drawn, &drawn), 0);
 
-    // Spoiled inputs.
+    // Wrong inputs.
     let again = |change: &dyn Fn(&mut Scene)| {
         let mut other = Scene::new(SIZE, scene.vpls.clone(), ROUGHNESS);
         other.lit = scene.lit;
@@ -265,7 +266,7 @@ fn specular_of_each_light_matches_twin() {
     compare(&scene, &SpecularSettings::default(), None);
 }
 
-/// Among the shadows of a baked scene, which is moved into the room.
+/// Tests with the shadows of a baked scene that is moved into the room.
 #[test]
 fn specular_in_moved_baked_scene_matches_twin() {
     let by = synthetic::scene(SenderForm::Averages);
@@ -285,7 +286,7 @@ fn specular_in_moved_baked_scene_matches_twin() {
     compare(&scene, &SpecularSettings::default(), Some(&by));
 }
 
-/// More lights than bits.
+/// Tests more lights than a refine mask has bits.
 #[test]
 fn specular_of_light_groups_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 200), ROUGHNESS);

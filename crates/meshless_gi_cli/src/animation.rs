@@ -9,9 +9,9 @@ use std::f32::consts::TAU;
 
 /// Edge of each of the two pictures, in pixels.
 pub const SIZE: u32 = 192;
-/// Frames of one round of the light.
+/// Number of frames of one round of the light.
 const FRAMES: u32 = 32;
-/// Milliseconds of a frame.
+/// Duration of a frame, in milliseconds.
 const DELAY: u16 = 100;
 /// Pixels between the pictures.
 const GAP: usize = 4;

@@ -100,7 +100,7 @@ fn bake_input(args: &Args) -> Result<(Recipe, PathBuf), ToolError> {
     Ok((recipe, scene_file))
 }
 
-/// Checks before the bake that the outputs can be written and are no inputs.
+/// Checks before the bake that the outputs can be written and are not inputs.
 fn check_outputs(args: &Args, scene_file: &Path) -> Result<(), ToolError> {
     let outputs = [Some(args.output.as_path()), args.stats.as_deref()];
     let inputs = [

@@ -1,5 +1,5 @@
 //! Options of `bake` that replace fields of a recipe. Each field has an option with its name and
-//! dashes. The shorter names are those of earlier versions.
+//! dashes. The shorter names are from earlier versions.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use meshless_gi::{BounceMode, OccluderDesc, Preset, Recipe, SkyModel, TransportMethod};

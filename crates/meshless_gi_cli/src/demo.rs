@@ -198,7 +198,7 @@ fn recipe(rays: u32) -> Recipe {
     }
 }
 
-/// Returns the light under the ceiling, facing the red wall, and low on the right.
+/// Returns the lights: under the ceiling, facing the red wall, and low, facing the green wall.
 fn lights() -> [DemoLight; 3] {
     [
         DemoLight::new("under the ceiling", Vec3::new(0.0, 1.95, 0.1), Vec3::NEG_Y),

@@ -1,4 +1,4 @@
-//! Light of one position of the demo's light: a frame on the CPU, and the reference integrator.
+//! Irradiance of one light of the demo: a frame on the CPU, and the reference integrator.
 
 use super::picture::View;
 use glam::Vec3;
@@ -9,12 +9,12 @@ use meshless_gi::{
 };
 use std::time::Instant;
 
-/// Point lights that a frame replaces the rectangle by.
+/// Number of point lights that replace the rectangle in a frame.
 const PATCHES: u32 = 64;
-/// Diffuse reflections of a frame. The reference has all.
+/// Number of diffuse bounces of a frame. The reference has all.
 const BOUNCES: u32 = 12;
 
-/// Position of the demo's light, a small square.
+/// Light of the demo at one position, a small square.
 pub struct DemoLight {
     pub name: &'static str,
     pub light: Light,

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Maximum number of simulated reflections. `all` takes at most this number of steps.
+/// Maximum number of simulated bounces. `all` takes at most this number of steps.
 const MAX_BOUNCES: u32 = FrameSettings::MAX_SWEEPS + 1;
 
 #[derive(clap::Args)]
@@ -88,8 +88,8 @@ pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
         .collect()
 }
 
-/// Reads the geometry, which direct light of emissive surfaces and of the sky needs. Missing files
-/// are accepted if there is neither.
+/// Reads the geometry for the direct light of emissive surfaces and of the sky. Missing files are
+/// accepted if there is neither.
 pub fn geometry(
     baked: &BakedScene,
     description: &SceneDescription,

@@ -190,7 +190,7 @@ fn add_operator(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
         );
 }
 
-/// Adds the data that a recipe asks for: probes, sky, materials, occluders and visibility.
+/// Adds the optional data of a recipe: probes, sky, materials, occluders and visibility.
 fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) {
     table
         .row(

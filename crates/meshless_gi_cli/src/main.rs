@@ -75,7 +75,7 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(message) => {
-            // Help and version arrive here too. A closed pipe is no error.
+            // Help and version arrive here too. A closed pipe is not an error.
             let _ = message.print();
             let usage = message.use_stderr();
             return ExitCode::from(if usage { error::USAGE } else { 0 });

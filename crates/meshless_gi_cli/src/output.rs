@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Prints a result. A pipe that was closed early is no error.
+/// Prints a result. A pipe that was closed early is not an error.
 pub fn print(text: &str) -> Result<(), ToolError> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {

@@ -10,7 +10,7 @@ use std::time::Duration;
 const STEPS: u64 = 1000;
 
 fn bar() -> ProgressBar {
-    // Indicatif hides the bar if standard error is no terminal.
+    // Indicatif hides the bar if standard error is not a terminal.
     let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
     if let Ok(style) =
         ProgressStyle::with_template("{prefix}{msg:20} [{bar:40}] {percent:>3} % {elapsed}")

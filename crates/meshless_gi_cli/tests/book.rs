@@ -80,7 +80,7 @@ fn tool_chapter_equals_its_help() {
     );
 }
 
-/// First sentence of the doc comment of a public field.
+/// Returns the first sentence of the doc comment of a public field.
 fn field_sentence(source: &str, field: &str) -> String {
     let head = format!("    pub {field}:");
     let before = source.split(&head).next().expect("text");
@@ -92,7 +92,7 @@ fn field_sentence(source: &str, field: &str) -> String {
     first_sentence(&doc.join(" "))
 }
 
-/// Names of the public fields of a structure.
+/// Returns the names of the public fields of a structure.
 fn fields<'a>(source: &'a str, name: &str) -> Vec<&'a str> {
     let head = format!("pub struct {name} {{\n");
     let (_, body) = source.split_once(&head).expect("the structure");
@@ -128,7 +128,7 @@ fn each_recipe_field_has_an_option_with_dashes() {
     assert!(count > 30, "the search finds {count} fields");
 }
 
-/// First sentence in lower case, without the marks of code, links and parameters.
+/// Returns the first sentence in lower case, without the marks of code, links and parameters.
 fn first_sentence(text: &str) -> String {
     let text = text.to_lowercase().replace(['`', '\\'], "");
     let text = text.replace("(..)", "");

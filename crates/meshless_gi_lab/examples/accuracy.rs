@@ -6,8 +6,9 @@
 //! tests/data/rooms_open
 //! ```
 //!
-//! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json`
-//! (geometry and lights) and `L0.csv` (irradiance at sample points, with standard errors).
+//! `--seed N` before the folders changes the seed of the bakes. A folder holds, for each light,
+//! `L0.json` (geometry and lights) and `L0.csv` (irradiance at sample points, with standard
+//! errors).
 
 use meshless_gi::internals::bake::{BakeSettings, cast_gather_rays};
 use meshless_gi::internals::scene::SceneDescription;
@@ -62,8 +63,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bakes the scene of a folder and prints a row for each light and number of reflections. Returns
-/// the row of the bake and those of its tiers.
+/// Bakes the scene of a folder and prints a row for each light and number of bounces. Returns the
+/// row of the bake and those of its tiers.
 fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<dyn Error>> {
     let lights = (0..)
         .map(|i| folder.join(format!("L{i}.json")))
@@ -124,8 +125,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
     Ok([bake, tiers])
 }
 
-/// Prints a row for each tier: four reflections against the reference, and against the whole
-/// operator.
+/// Prints a row for each tier: four bounces against the reference, and against the whole operator.
 fn compare_tiers(
     baked: &Baked,
     mesh: &TriangleMesh,

@@ -1,14 +1,15 @@
-//! Writes docs/reports/accuracy.md and its charts: a report on each of several levels, and what
-//! holds on all of them.
+//! Writes docs/reports/accuracy.md and its charts: a report on each of several scenes, and the
+//! results common to all of them.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example accuracy_doc -- tests/data/cornell
 //! tests/data/rooms_open path/to/level.glb
 //! ```
 //!
-//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's
-//! irradiance at positions); the report compares presets with that too. `--quick` before the levels
-//! makes few bakes, `--minutes M` limits the time of each level, `-o FOLDER` writes elsewhere.
+//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance of
+//! another program at positions). The report also compares presets with that irradiance. `--quick`
+//! before the scenes makes few bakes. `--minutes M` limits the time of each scene. `-o FOLDER` sets
+//! the output folder.
 
 use meshless_gi::internals::asset::write_file;
 use meshless_gi::internals::scene::SceneDescription;
@@ -42,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
             _ => {
                 let path = PathBuf::from(&arg);
-                // Where it lies on this machine is nobody's business.
+                // Absolute paths of this machine are not published.
                 let shown = match path.is_absolute() {
                     true => Path::new("path/to").join(path.file_name().unwrap_or_default()),
                     false => path.clone(),
@@ -97,7 +98,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A level and what another program says of it: a folder with both, or a file without the latter.
+/// Reads a scene and the results of another program: a folder with both, or a file without results.
 fn level(path: &Path) -> Result<(TriangleMesh, Vec<ExternalReference>), Box<dyn Error>> {
     if !path.is_dir() {
         return Ok((load_gltf(path)?.mesh, Vec::new()));

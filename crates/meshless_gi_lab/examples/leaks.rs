@@ -1,6 +1,6 @@
-//! Light leaks through walls, and the cost of preventing them. Bakes two rooms with our rule and
-//! with the rule of [L08], with basis functions that stop at walls and without. Prints one row per
-//! bake.
+//! Light leaks through walls, and the cost of preventing them. Bakes two rooms by method `bounded`
+//! and by the method of [L08], with and without clip planes of basis functions at walls. Prints one
+//! row per bake.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example leaks -- draft
@@ -12,7 +12,7 @@ use leak_support::{Door, Walled, open, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use std::error::Error;
 
-/// Paths of the reference at each sample in the lit room.
+/// Number of reference paths per sample in the lit room.
 const PATHS: u32 = 2048;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -44,8 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bakes and prints one row. `without` holds rays, seconds and bytes of the bake without walls,
-/// after that bake.
+/// Bakes and prints one row. `without` stores rays, seconds and bytes of the bake without walls.
 fn row(
     scene: &Walled,
     preset: Preset,
@@ -63,7 +62,7 @@ fn row(
     let baked = bake_scene(&scene.mesh, &recipe, 0, &Progress::default())?;
     let leak = scene.measure(&baked.scene);
     let bytes = baked.scene.to_bytes()?.len() as f64;
-    // The estimate is not part of the cost of walls.
+    // The error estimate is not part of the cost of walls.
     let seconds = baked.stats.seconds.total - baked.stats.seconds.estimate;
     let rays = (baked.stats.rays - baked.stats.gather_rays) as f64;
     let [r, s, b] = *without.get_or_insert([rays, seconds, bytes]);

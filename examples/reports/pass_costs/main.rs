@@ -1,4 +1,4 @@
-//! Cost of the passes of thirteen scenes, from one light at rest to all effects at once, in the
+//! Cost of the passes of thirteen scenes, from one light at rest to all effects together, in the
 //! running plugin without a window. Prints the stages of a frame with their dispatches, pipelines,
 //! buffers, bytes and milliseconds, or writes them to FOLDER/effects.md.
 //!
@@ -26,7 +26,7 @@ use std::process::ExitCode;
 
 /// Size of each camera, in pixels.
 const SIZE: UVec2 = UVec2::new(640, 360);
-/// Frames that are measured, after the same number of frames to settle.
+/// Number of measured frames, after the same number of frames to settle.
 const FRAMES: u32 = 12;
 
 fn main() -> ExitCode {

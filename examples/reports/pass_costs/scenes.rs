@@ -1,5 +1,5 @@
-//! Thirteen scenes, from one light at rest to all effects at once, and the stages that each runs in
-//! every frame.
+//! Thirteen scenes, from one light at rest to all effects together, and the stages that each runs
+//! in every frame.
 
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::{FogVolume, RectLight, VolumetricFog, VolumetricLight};
@@ -20,31 +20,31 @@ use std::sync::Arc;
 pub struct Scene {
     /// Description.
     pub name: &'static str,
-    /// Point light, and whether it moves.
+    /// Point light: `Some(true)` if it moves. `None` for no point light.
     light: Option<bool>,
-    /// The light changes its color.
+    /// `true` if the light changes its color.
     color: bool,
-    /// The sky's radiance changes.
+    /// `true` if the radiance of the sky changes.
     sky: bool,
-    /// The emission of signs changes.
+    /// `true` if the emission of signs changes.
     glow: bool,
-    /// A ball moves.
+    /// `true` if a ball moves.
     ball: bool,
-    /// The ball reflects the light.
+    /// `true` if the ball reflects the light.
     bounce: bool,
-    /// Moving panel with soft shadows.
+    /// `true` for a moving panel with soft shadows.
     panel: bool,
-    /// An occluder in the room opens and closes.
+    /// `true` if an occluder in the room opens and closes.
     screen: bool,
-    /// Forward camera in addition to the deferred one, or in place of it.
+    /// `true` for a forward camera in addition to the deferred one, or instead of it.
     forward: bool,
-    /// No deferred camera.
+    /// `true` if there is no deferred camera.
     no_deferred: bool,
-    /// Fog fills the room, and cameras show it.
+    /// `true` if fog fills the room and cameras display it.
     fog: bool,
-    /// The bake has probes and visibility.
+    /// `true` if the bake has probes and visibility.
     rich: bool,
-    /// All surfaces and emission are gray.
+    /// `true` if all surfaces and emission are gray.
     pub gray: bool,
     /// Stages that run in every frame. No other stage runs.
     pub runs: &'static [FrameStage],
@@ -262,7 +262,7 @@ const NONE: Scene = Scene {
     runs: &[],
 };
 
-/// Cornell box with a sign on its back wall, in color or gray.
+/// Returns the Cornell box with a sign on its back wall, in color or gray.
 fn quads(gray: bool) -> Vec<Quad> {
     let mut quads = cornell_box();
     let low = Vec3::new(-0.4, 1.3, -0.98);
@@ -295,7 +295,7 @@ pub struct Bakes {
 /// screen, and in gray.
 ///
 /// # Errors
-/// Description.
+/// Returns a message if a bake fails.
 pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
     let bake = |rich: bool, screen: bool, gray: bool| {
         let mut recipe = recipe.clone();

@@ -1,20 +1,21 @@
-//! Direct irradiance of what glows without being a light: emissive surfaces and the sky. A frame
-//! has them inside of its indirect light, where links carry them; here they are integrated on their
-//! own, which separates direct from indirect light.
+//! Direct irradiance of emissive surfaces and the sky. A frame computes it through links, as part
+//! of its indirect light. This module integrates it separately, which separates direct from
+//! indirect light.
 //!
-//! Two kinds of samples share the work by the balance heuristic: positions on the emissive
-//! triangles, by area and strength, and cosine-weighted directions. Near an emitter the directions
-//! do well, far from it the positions.
+//! Two kinds of samples are combined by the balance heuristic: positions on the emissive triangles
+//! by area and emission, and cosine-weighted directions. Directions are better near an emitter,
+//! positions far from it.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
 use crate::scene::{Emitters, Geometry, Hit, Ray, SkyRadiance, TriangleMesh};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Samples of each kind at a position: about 0.3 % of error for an emitter in full view.
+/// Number of samples of each kind per position. The error is about 0.3 % for an emitter in full
+/// view.
 const SAMPLES: u32 = 2048;
 
-/// Emissive surfaces of some meshes and the sky around them.
+/// Integrator of the emissive surfaces of some meshes and the sky around them.
 pub struct EmissionIntegrator<'a> {
     meshes: &'a [TriangleMesh],
     /// π times the sky's radiance, W/m².
@@ -35,21 +36,21 @@ impl<'a> EmissionIntegrator<'a> {
         }
     }
 
-    /// Height of nearby surface above `x`, meters. See [`Geometry::surface_relief`].
+    /// Returns the height of nearby surface above `x`, in meters. See [`Geometry::surface_relief`].
     #[must_use]
     pub fn surface_relief(&self, x: Vec3) -> f32 {
         let rises = self.meshes.iter().map(|m| m.surface_relief(x));
         rises.fold(0.0, f32::max)
     }
 
-    /// True where there is nothing to integrate.
+    /// Returns `true` if there is nothing to integrate.
     #[must_use]
     pub fn is_dark(&self) -> bool {
         self.power <= 0.0 && self.sky.is_black()
     }
 
-    /// Irradiance at surface point (x, n) from what glows, W/m². `stream` numbers the position: the
-    /// same position and stream give the same answer.
+    /// Returns the irradiance at surface point (x, n) from emissive surfaces and the sky, in W/m².
+    /// `stream` numbers the position. The result is the same for the same position and stream.
     #[must_use]
     pub fn irradiance(&self, x: Vec3, n: Vec3, stream: u64) -> Vec3 {
         if self.is_dark() {
@@ -91,7 +92,7 @@ impl<'a> EmissionIntegrator<'a> {
         sum
     }
 
-    /// Mesh, position and primitive of a sample of all emitters.
+    /// Returns mesh, position and primitive of a sample of all emitters.
     fn position(&self, u: Vec2) -> Option<(usize, Vec3, u32)> {
         let mut rest = u.x * self.power;
         let mut last = None;
@@ -110,8 +111,8 @@ impl<'a> EmissionIntegrator<'a> {
         Some((m, position, primitive))
     }
 
-    /// The share of one sample that met a surface: L cos θ / (all densities with which it might
-    /// have been drawn).
+    /// Returns the contribution of one sample that hits a surface: L cos θ / (sum of all densities
+    /// that can generate it).
     fn contribution(&self, ray: &Ray, n: Vec3, mesh: usize, hit: &Hit) -> Vec3 {
         let mesh = &self.meshes[mesh];
         let Some(emitters) = mesh.emitters() else {
@@ -127,7 +128,7 @@ impl<'a> EmissionIntegrator<'a> {
         radiance * (cosine / (SAMPLES as f32 * (by_position + by_direction)))
     }
 
-    /// The closest hit in any of the meshes.
+    /// Returns the closest hit of all meshes, with the index of its mesh.
     fn closest(&self, ray: &Ray) -> Option<(usize, Hit)> {
         self.meshes
             .iter()
@@ -142,7 +143,7 @@ mod tests {
     use super::*;
     use crate::scene::Material;
 
-    /// A square of edge 2 m that faces down at height `h`, radiance 3.
+    /// Returns a square of edge 2 m that faces down at height `h`, with radiance 3.
     fn panel(h: f32) -> TriangleMesh {
         let v = |x: f32, z: f32| Vec3::new(x, h, z);
         let lit = Material {
@@ -159,8 +160,8 @@ mod tests {
         )
     }
 
-    /// Form factor from a point below the center of a parallel square: 4 times that of a quarter
-    /// seen from its corner.
+    /// Returns the form factor from a point below the center of a parallel square: 4 times the form
+    /// factor of a quarter from its corner.
     fn below_the_center(h: f32) -> f32 {
         let a = 1.0 / h;
         let s = (1.0 + a * a).sqrt();

@@ -1,12 +1,12 @@
-//! A baked scene under lights, evaluated at single positions: what a frame shows there, direct and
-//! indirect light apart.
+//! Irradiance of a baked scene under lights at single positions, as in a frame. Direct and indirect
+//! irradiance are separate.
 //!
-//! In a frame the light that comes straight from the sky and from emissive surfaces travels through
-//! links, with the indirect light. By linearity it can be taken out again: a solve on black
-//! surfaces has that part alone, and the difference of the two is what was reflected at least once.
-//! Instead the direct light is integrated as it is. Emission takes its first step through a
-//! link where the light of lights takes it by projection, so that it needs one sweep more for as
-//! many reflections: it is solved on its own.
+//! A frame computes the direct light of the sky and of emissive surfaces through links, together
+//! with the indirect light. By linearity that part can be subtracted. A solve on black surfaces has
+//! that part alone, and the difference of both solves was reflected at least once. The direct light
+//! is integrated separately instead. The first transport step of emission is a link, that of lights
+//! is a projection. Emission therefore needs one more sweep for the same number of bounces, and has
+//! its own solve.
 
 use super::EmissionIntegrator;
 use crate::asset::BakedScene;
@@ -14,9 +14,9 @@ use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, probe,
 use crate::scene::{Light, SkyRadiance, TriangleMesh};
 use glam::Vec3;
 
-/// Patches of a rectangle light where it is projected onto the points.
+/// Number of patches of a rectangle light for projection onto the points.
 pub(crate) const PATCHES: u32 = 64;
-/// Patches of a rectangle light where its direct light is asked for.
+/// Number of patches of a rectangle light for its direct light.
 const FINE_PATCHES: u32 = 1024;
 /// Largest contribution of further bounces, relative to the light, that is neglected.
 const CONVERGED: f32 = 1e-4;
@@ -24,20 +24,20 @@ const CONVERGED: f32 = 1e-4;
 /// Number of diffuse bounces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounces {
-    /// This number: 1 at least, and at most one more than [`FrameSettings::MAX_SWEEPS`].
+    /// Fixed number: at least 1, at most one more than [`FrameSettings::MAX_SWEEPS`].
     Count(u32),
-    /// As many as change anything.
+    /// All bounces, until further ones are negligible.
     All,
 }
 
-/// Light at a position.
+/// Direct and indirect irradiance at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Evaluated {
-    /// Irradiance that comes straight from lights, sky and emissive surfaces, W/m².
+    /// Irradiance directly from lights, sky and emissive surfaces, in W/m².
     pub direct: Vec3,
-    /// Irradiance that was diffusely reflected at least once, W/m²; none where neither a basis
-    /// function nor a probe reaches.
+    /// Irradiance that was diffusely reflected at least once, in W/m². `None` if neither a basis
+    /// function nor a probe covers the position.
     pub indirect: Option<Vec3>,
 }
 
@@ -63,21 +63,21 @@ impl Solved {
     }
 }
 
-/// A baked scene under lights.
+/// Solved light of a baked scene under given lights.
 pub struct Evaluator<'a> {
     scene: &'a BakedScene,
     /// Reflected light only.
     solved: Solved,
     light_sources: Vec<FrameLight>,
     glow: EmissionIntegrator<'a>,
-    /// Reflections that were simulated one by one; none where the bake's own were used, or all at
-    /// once.
+    /// Number of simulated bounces. `None` if baked bounces were used or the solve ran to
+    /// convergence.
     bounces: Option<u32>,
 }
 
 impl<'a> Evaluator<'a> {
-    /// Solves `scene` under `lights`. `meshes` is the scene's geometry, for what emissive surfaces
-    /// and the sky send directly.
+    /// Solves `scene` under `lights`. `meshes` is the geometry of the scene, for the direct light
+    /// of emissive surfaces and the sky.
     #[must_use]
     pub fn new(
         scene: &'a BakedScene,
@@ -88,7 +88,8 @@ impl<'a> Evaluator<'a> {
         Self::with_tier(scene, meshes, lights, bounces, FrameSettings::ALL_TIERS)
     }
 
-    /// As [`new`](Self::new), with the links of a tier of the operator ([`FrameSettings::tier`]).
+    /// Solves like [`new`](Self::new), with the links of a tier of the operator
+    /// ([`FrameSettings::tier`]).
     #[must_use]
     pub fn with_tier(
         scene: &'a BakedScene,
@@ -142,8 +143,8 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Light at surface point (x, n), n of unit length. `stream` numbers the position, see
-    /// [`EmissionIntegrator::irradiance`].
+    /// Returns the irradiance at surface point (x, n), n of unit length. `stream` numbers the
+    /// position. See [`EmissionIntegrator::irradiance`].
     #[must_use]
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
         let scene = self.scene.data();
@@ -173,8 +174,8 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Indirect irradiance at a position in free space, W/m²: by the probes alone. None where none
-    /// reaches.
+    /// Returns the indirect irradiance of the probes at a position between surfaces, in W/m².
+    /// Returns `None` if no probe covers the position.
     #[must_use]
     pub fn probe_irradiance(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
         let probes = self.scene.data().probes.as_ref()?;
@@ -182,15 +183,15 @@ impl<'a> Evaluator<'a> {
         Some(finite(light.irradiance(n)))
     }
 
-    /// Reflections that were simulated one by one; none where the bake's own further bounces were
-    /// used, or all of them at once.
+    /// Returns the number of simulated bounces. Returns `None` if baked bounces were used or the
+    /// solve ran to convergence.
     #[must_use]
     pub fn bounces(&self) -> Option<u32> {
         self.bounces
     }
 }
 
-/// Live settings for so many reflections, without emission.
+/// Returns settings for a number of bounces, without baked bounces and without emission.
 fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
     FrameSettings {
         sky,
@@ -201,9 +202,9 @@ fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
     }
 }
 
-/// Solves a frame with so many reflections, whatever `settings` says of them; those of the bake
-/// where it holds as many. Returns how many were simulated one by one; none for the bake's own, or
-/// all at once.
+/// Solves a frame with a number of bounces, which replaces that of `settings`. Uses the baked
+/// bounces if the bake has exactly this number. Returns the number of simulated bounces: `None` if
+/// baked bounces were used or the solve ran to convergence.
 pub(crate) fn solve(
     scene: &BakedScene,
     light_sources: &[FrameLight],
@@ -230,7 +231,7 @@ pub(crate) fn solve(
     (frame, count)
 }
 
-/// The light of emissive surfaces, the first step through links counted as a reflection.
+/// Returns the light of emissive surfaces. Its first step through links counts as a bounce.
 fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Solved {
     let mut frame = CpuFrame::new(scene);
     let alone = FrameSettings {
@@ -241,7 +242,8 @@ fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Solved {
     Solved::from_frame(&frame)
 }
 
-/// Solves with so many reflections and returns how many those were; none for all at once.
+/// Solves with a number of bounces and returns the number. Returns `None` after a solve to
+/// convergence.
 fn sweep(
     scene: &BakedScene,
     frame: &mut CpuFrame,
@@ -261,7 +263,7 @@ fn sweep(
     Some(sweeps + 1)
 }
 
-/// Light too bright for a number becomes the largest number.
+/// Clamps irradiance to 0 to `f32::MAX` and replaces NaN by 0.
 fn finite(e: Vec3) -> Vec3 {
     let one = |c: f32| {
         if c.is_nan() {

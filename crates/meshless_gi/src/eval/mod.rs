@@ -1,5 +1,5 @@
-//! Irradiance at single points: of a baked scene, and by the reference integrator, which shares
-//! nothing with the baked path but the geometry.
+//! Irradiance at single points of a baked scene, and the reference integrator. The integrator
+//! shares only the geometry with the baked path.
 
 mod direct_emission;
 mod evaluate;

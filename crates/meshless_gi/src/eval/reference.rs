@@ -1,19 +1,18 @@
-//! The reference integrator: unbiased Monte Carlo irradiance at surface points, with standard
-//! errors.
+//! Reference integrator: unbiased Monte Carlo irradiance at surface points, with standard errors.
 //!
-//! Path tracing from the position: cosine-weighted directions, next-event estimation of the light
-//! sources at every vertex, the sky by the directions themselves, and emissive surfaces by both: a
-//! position on an emitter and the direction share the work by the balance heuristic (\[VG95\]
-//! §3.2). With the density cos θ / π a direction's share of the irradiance is the radiosity that it
-//! meets, so that E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is
-//! what goes from a light source (emissive surfaces and the sky among them) to the position;
-//! "indirect" is what was diffusely reflected once or more.
+//! A path starts at the position and follows cosine-weighted directions. Every vertex uses
+//! next-event estimation of the lights. The directions themselves sample the sky. Emissive surfaces
+//! are sampled by directions and by positions on emitters, combined by the balance heuristic
+//! (\[VG95\] §3.2). The density of a direction is cos θ / π, so its contribution to the irradiance
+//! is the radiosity at its hit. Along a path E = Σ_m Π ρ · E_direct(y_m), which is [L08] Eq. (12)
+//! unrolled. Direct irradiance arrives from lights, emissive surfaces and the sky without
+//! reflection. Indirect irradiance was diffusely reflected at least once.
 //!
-//! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
-//! surface ([`Geometry::ray_offset`]): Russian roulette divides what goes on by the probability
-//! with which it does. A path's first direction and first position on an emitter come from
-//! lattices, shifted at random for each position, which makes the mean less noisy than
-//! independent paths. The standard error is that of independent paths, an upper bound.
+//! The result is unbiased for any number of bounces, except that rays start slightly above the
+//! surface ([`Geometry::ray_offset`]). Russian roulette divides the throughput by the survival
+//! probability. The first direction and the first emitter position of a path come from lattices,
+//! shifted at random for each position. The mean is less noisy than that of independent paths. The
+//! standard error is that of independent paths, an upper bound.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
 use crate::scene::{EmitterView, Emitters, Geometry, Hit, Light, Ray, SkyRadiance};
@@ -21,17 +20,18 @@ use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Largest probability with which Russian roulette lets a path go on. A path that goes on weighs ρ
-/// / s as much, so that the sum over a path has a finite variance, and a standard error a meaning,
-/// only while ρ² < s: with 0.999 for ρ up to 0.9995 in a closed room.
+/// Largest survival probability s of Russian roulette. A surviving path is weighted by ρ / s. The
+/// sum over a path has a finite variance, and its standard error a meaning, only if ρ² < s. With
+/// 0.999 this holds for ρ up to 0.9995 in a closed room.
 const MAX_SURVIVE: f32 = 0.999;
 
-/// Effort of the reference integrator.
+/// Settings of the reference integrator.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferenceSettings {
-    /// Paths per position.
+    /// Number of paths per position.
     pub paths: u32,
-    /// Most diffuse reflections that count; none for all (paths then end by Russian roulette).
+    /// Maximum number of diffuse bounces. `None` for all bounces, where paths end by Russian
+    /// roulette.
     pub bounces: Option<u32>,
     /// Seed of the random numbers.
     pub seed: u64,
@@ -41,25 +41,25 @@ pub struct ReferenceSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Irradiance {
-    /// Without reflection.
+    /// Irradiance without reflection.
     pub direct: Vec3,
-    /// Standard error of it.
+    /// Standard error of `direct`.
     pub direct_error: Vec3,
-    /// With one reflection or more.
+    /// Irradiance with at least one reflection.
     pub indirect: Vec3,
-    /// Standard error of it.
+    /// Standard error of `indirect`.
     pub indirect_error: Vec3,
 }
 
-/// Smooth end of a light's reach, as Bevy's shader has it: (1 − (d²/r²)²)² up to r.
+/// Returns the range falloff of a light as in Bevy's shader: (1 − (d²/r²)²)² up to r.
 fn window(square: f32, range: f32) -> f32 {
     let t = square / (range * range);
     let f = (1.0 - t * t).max(0.0);
     if range.is_finite() { f * f } else { 1.0 }
 }
 
-/// Irradiance of one light source (not the sky) at a position lifted to `start`; a rectangle is
-/// sampled at one random position. W/m².
+/// Returns the irradiance of one light (not the sky) at a position lifted to `start`, in W/m². A
+/// rectangle is sampled at one random position.
 #[must_use]
 pub fn direct_irradiance(
     geometry: &dyn Geometry,
@@ -123,7 +123,7 @@ pub fn direct_irradiance(
             let position =
                 center + u * (2.0 * random.unit() - 1.0) + v * (2.0 * random.unit() - 1.0);
             let facing = u.cross(v);
-            // The light's own model may lie in its plane: the shadow ray ends a little before it.
+            // The light's own model may lie in its plane. The shadow ray ends slightly before it.
             let position = position + facing.normalize_or_zero() * geometry.ray_offset(position);
             // Area 4 |u × v| and the emitter's cosine together: 4 (u × v) · direction.
             shadowed(light_source(position, radiance, f32::INFINITY).map(
@@ -134,7 +134,7 @@ pub fn direct_irradiance(
     }
 }
 
-/// Scene and effort of a path.
+/// Scene and settings of a path.
 struct PathTracer<'a> {
     geometry: &'a dyn Geometry,
     lights: &'a [Light],
@@ -146,14 +146,16 @@ struct PathTracer<'a> {
 }
 
 impl PathTracer<'_> {
-    /// Irradiance of all lights but the sky at a position that is lifted to `start`, W/m².
+    /// Returns the irradiance of all lights except the sky at a position lifted to `start`, in
+    /// W/m².
     fn lights(&self, start: Vec3, n: Vec3, random: &mut Random) -> Vec3 {
         let of = |light| direct_irradiance(self.geometry, light, start, n, random);
         self.lights.iter().map(of).sum()
     }
 
-    /// One sample of the irradiance by emissive surfaces at a position that is lifted to `start`,
-    /// W/m²: the position of `u` on an emitter, weighted for the balance with [`Self::emitted`].
+    /// Returns one sample of the irradiance by emissive surfaces at a position lifted to `start`,
+    /// in W/m². `u` selects the position on an emitter. The sample has its balance weight with
+    /// [`Self::emitted`].
     fn emitter_sample(&self, view: &EmitterView<'_>, start: Vec3, n: Vec3, u: Vec2) -> Vec3 {
         let Some((ray, hit)) = view.visible(self.geometry, start, n, u) else {
             return Vec3::ZERO;
@@ -163,8 +165,8 @@ impl PathTracer<'_> {
         self.geometry.surface(&ray, &hit).emission * (by_direction / density)
     }
 
-    /// Emission at the hit of a cosine-weighted ray around `n`, W/m², weighted for the balance with
-    /// [`Self::emitter_sample`].
+    /// Returns the emission at the hit of a cosine-weighted ray around `n`, in W/m². The result has
+    /// its balance weight with [`Self::emitter_sample`].
     fn emitted(
         view: Option<&EmitterView<'_>>,
         ray: &Ray,
@@ -181,8 +183,9 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Direct and indirect irradiance of one path from `start`, W/m². `u` gives the first direction
-    /// and the first position on an emitter, `direct` is the irradiance of the lights at `start`.
+    /// Returns direct and indirect irradiance of one path from `start`, in W/m². `u` and `v` select
+    /// the first direction and the first position on an emitter. `direct` is the irradiance of the
+    /// lights at `start`.
     fn trace(
         &self,
         start: Vec3,
@@ -197,8 +200,8 @@ impl PathTracer<'_> {
         let (mut position, mut normal, mut u, mut v) = (start, n, u, v);
         let mut throughput = Vec3::ONE;
         let mut sums = [direct, Vec3::ZERO];
-        // The light that comes along the next direction has `depth` reflections behind it once it
-        // is emitted there, and one more once reflected.
+        // Light from the next direction has `depth` reflections if it is emitted at the hit, and
+        // one more if it is reflected there.
         let mut depth = 0u32;
         loop {
             let (t, b) = tangents(normal);
@@ -243,8 +246,8 @@ impl PathTracer<'_> {
     }
 }
 
-/// Irradiance at surface point (`x`, `n`). `stream` numbers the position: the same position, stream
-/// and settings give the same answer.
+/// Returns the irradiance at surface point (`x`, `n`). `stream` numbers the position. The result is
+/// the same for the same position, stream and settings.
 #[must_use]
 pub fn irradiance(
     geometry: &dyn Geometry,
@@ -265,7 +268,7 @@ pub fn irradiance(
         emitters: geometry.emitters().filter(|e| e.is_sparse()),
         settings,
     };
-    // Only rectangles are sampled at random. Others give every path the same direct light.
+    // Only rectangles are sampled at random. Other lights give every path the same direct light.
     let start = x + n * geometry.ray_offset(x);
     let is_random = lights.iter().any(|l| matches!(l, Light::Rect { .. }));
     let same_direct =
@@ -302,7 +305,7 @@ pub fn irradiance(
     }
 }
 
-/// [`irradiance`] at many positions, in parallel; position k is stream k.
+/// Returns [`irradiance`] at many positions, computed in parallel. Position k is stream k.
 #[must_use]
 pub fn irradiance_at_all(
     geometry: &dyn Geometry,
@@ -323,7 +326,7 @@ mod tests {
     use crate::eval::EmissionIntegrator;
     use crate::scene::{Bounds, Material, Surface, TriangleMesh};
 
-    /// Geometry whose emitters only rays of the hemisphere find.
+    /// Geometry without a list of emitters. Only rays of the hemisphere hit them.
     struct WithoutEmitters<'a>(&'a TriangleMesh);
 
     impl Geometry for WithoutEmitters<'_> {
@@ -344,8 +347,8 @@ mod tests {
         }
     }
 
-    /// A floor of 8 x 8 m, and a sign of 30 x 10 cm that hangs `height` meters above its middle and
-    /// faces down.
+    /// Returns a floor of 8 x 8 m and a sign of 30 x 10 cm. The sign is `height` meters above the
+    /// center of the floor and faces down.
     fn sign_above_floor(height: f32) -> TriangleMesh {
         let quad = |x: f32, y: f32, z: f32| {
             [(-x, -z), (x, -z), (x, z), (-x, z)].map(|(x, z)| Vec3::new(x, y, z))
@@ -382,13 +385,13 @@ mod tests {
         }
     }
 
-    /// With and without samples of the emitters the mean is the same, far from an emitter and a
-    /// hand's breadth away from it.
+    /// The mean is the same with and without samples of the emitters, far from an emitter and near
+    /// it.
     #[test]
     fn balance_of_samples_is_unbiased() {
         for height in [0.1, 1.0] {
             let mesh = sign_above_floor(height);
-            // On the floor, and between floor and sign, toward the floor.
+            // A position on the floor, and one between floor and sign that faces the floor.
             for (x, n) in [
                 (Vec3::new(0.2, 0.0, 0.1), Vec3::Y),
                 (Vec3::new(0.05, 0.5 * height, 0.0), Vec3::NEG_Y),

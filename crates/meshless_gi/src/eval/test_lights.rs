@@ -1,20 +1,20 @@
 //! Light positions for error measurements: positions with clearance that no bake used. The error
-//! estimate of a bake and the test set of a report sample them in the same way, so that both
-//! measure the same quantity.
+//! estimate of a bake and the test set of a report sample them in the same way. Both thus measure
+//! the same quantity.
 
 use crate::samples::{Candidate, Random, lattice, uniform_sphere};
 use crate::scene::{Bounds, Geometry, Hit, Ray, Surface};
 use glam::{Vec2, Vec3};
 
-/// Directions in which that room is looked for.
+/// Number of directions in which clearance is measured.
 const LOOKS: u32 = 96;
 
-/// Rays that [`sample_open_positions`] casts for each position that it tries.
+/// Number of rays that [`sample_open_positions`] casts per candidate.
 pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
-/// Positions in free space for lights, each the one with the most room around it of `tried`: what a
-/// light a hair's breadth from a wall lights says little of the scene, and no reference is sure of
-/// it. As many as `count`, or none where there are no candidates.
+/// Returns `count` light positions. Each is the one with the largest clearance of `tried` random
+/// candidates. A light that almost touches a wall is not representative, and its reference is
+/// noisy. Returns no positions if there are no candidates.
 #[must_use]
 pub fn sample_open_positions(
     geometry: &dyn Geometry,
@@ -46,7 +46,7 @@ pub fn sample_open_positions(
         .collect()
 }
 
-/// The geometry without its own emission: errors are of lights' light.
+/// Geometry without its own emission. Errors are those of light from lights.
 pub struct NonEmissive<'a> {
     /// Geometry with its emission.
     pub geometry: &'a dyn Geometry,

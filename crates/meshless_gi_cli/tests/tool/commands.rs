@@ -1,4 +1,4 @@
-//! The tool as a user has it: the built program, its exit codes, its files and what it prints.
+//! Tests of the built program: exit codes, files and output.
 
 use crate::support::data;
 use serde_json::Value;
@@ -21,8 +21,8 @@ fn tool(arguments: &[&str]) -> Output {
         .expect("the tool starts")
 }
 
-/// Runs the tool and returns what it prints, after a look at its exit code. No panic ever, and
-/// nothing on standard output but results.
+/// Runs the tool, checks its exit code and returns its output. Fails on a panic, and on the escape
+/// sequences of progress bars.
 fn expect(code: i32, arguments: &[&str]) -> (String, String) {
     let ran = tool(arguments);
     let out = String::from_utf8(ran.stdout).expect("text");
@@ -43,15 +43,15 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("text")
 }
 
-/// A recipe that bakes in less than a second.
+/// Recipe that bakes in less than a second.
 const QUICK: &str =
     "(preset: Draft, rays: 64, levels: 4, sender_levels: 3, extra_levels: 0, epsilon: 0.03)";
 
-/// The Cornell box, baked with [`QUICK`], and its statistics: once for all tests.
+/// Returns the Cornell box, baked with [`QUICK`], and its statistics. Bakes once for all tests.
 fn baked() -> &'static (TempDir, PathBuf, Value) {
     static BAKED: OnceLock<(TempDir, PathBuf, Value)> = OnceLock::new();
     BAKED.get_or_init(|| {
-        // Never dropped: below the build folder, not in everybody's.
+        // The folder is never dropped. It is in the build folder, not in a shared one.
         let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
         let at = |name: &str| folder.path().join(name);
         fs::write(at("quick.gi.ron"), QUICK).unwrap();
@@ -146,7 +146,7 @@ fn bake_any_thread_count_writes_equal_bytes() {
     assert!(bake(&["--seed", "7"]) != first, "the seed changes nothing");
 }
 
-/// Columns of a CSV file by name, as numbers.
+/// Returns columns of a CSV file by name, as numbers.
 fn columns(csv: &str, names: [&str; 3]) -> Vec<[f64; 3]> {
     let mut lines = csv.lines();
     let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
@@ -225,9 +225,9 @@ fn eval_is_near_ground_truth() {
                 .all(|l| l.ends_with(",1") || l.ends_with(",0"))
         );
     }
-    // What is left out is what the recipe asks for.
+    // The default is the number in the recipe.
     assert_eq!(eval(&[]), eval(&["--bounces", "4"]));
-    // Tiers differ, and the last of them is all.
+    // Tiers differ. The last tier has all links.
     let (json, _) = expect(DONE, &["inspect", text(bake), "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let tiers = json["tiers"].as_array().unwrap();
@@ -315,7 +315,7 @@ fn eval_invalid_input_has_exit_code() {
     eval(INPUT, &data("cornell/cornell.glb"), &scene, &points, &out);
     eval(INPUT, bake, &points, &points, &out);
     eval(INPUT, bake, &scene, &scene, &out);
-    // The sky's direct light needs the geometry; lights do not.
+    // The direct light of the sky needs the geometry. That of lights does not.
     let sky = r#"{"geometry":[{"file":"gone.glb"}],"lights":[{"type":"sky","radiance":[1,1,1]}]}"#;
     fs::write(at("sky.json"), sky).unwrap();
     eval(IO, bake, &at("sky.json"), &points, &out);
@@ -332,7 +332,7 @@ fn eval_invalid_input_has_exit_code() {
     )
     .unwrap();
     assert!(eval(INPUT, bake, &at("bad.json"), &points, &out).contains("lights[0]"));
-    // The bake was not asked for a sky that varies.
+    // The sky varies, but the bake has a uniform sky.
     fs::write(
         at("varies.json"),
         r#"{"lights":[{"type":"sky","zenith":[1,1,1],"horizon":[0,0,0],"ground":[0,0,0]}]}"#,
@@ -413,12 +413,12 @@ fn bake_invalid_input_has_exit_code() {
     expect(USAGE, &[]);
     expect(USAGE, &["bake", &scene_file]);
     expect(USAGE, &["bake", &few, "-o", &out, "--recipe", &few]);
-    // What is read is not written over.
+    // An input is not overwritten.
     let mine = write("mine.glb", &glb);
     expect(USAGE, &["bake", &mine, "-o", &mine]);
     assert!(fs::read(&mine).unwrap() == glb);
 
-    // Noticed before the bake, not after it: at this accuracy it would take minutes.
+    // Detected before the bake, which would take minutes at this preset.
     let slow = ["--preset", "high"];
     for target in [text(folder.path()), &at("no/such/folder.mgi")] {
         expect(
@@ -524,7 +524,7 @@ fn validate_reports_outdated_bake() {
             "{list}"
         );
         assert!(why.contains("stale") && why.contains("level.mgi"), "{why}");
-        // Without the scene it is a valid bake.
+        // The bake is valid if it is not compared with the scene.
         expect(DONE, &["validate", text(&bake)]);
     }
 }
@@ -551,7 +551,7 @@ fn bake_named_node_becomes_occluder() {
     };
     bake("blue", DONE);
     assert!(expect(DONE, &["inspect", text(&out)]).0.contains("blue, "));
-    // It is part of the scene: the bake is not stale.
+    // The occluder is part of the scene, so the bake is not stale.
     expect(DONE, &["validate", text(&out), "--level", &scene_file]);
     let (_, why) = bake("gate", INPUT);
     assert!(why.contains("`gate`"), "{why}");
@@ -617,11 +617,11 @@ fn help_exits_with_success() {
         assert!(help.contains(option), "no {option}");
     }
     expect(USAGE, &["demo", "--unknown"]);
-    // A file where the folder should be.
+    // The path of the folder is a file.
     expect(IO, &["demo", "-o", &data("cornell/L0.csv")]);
 }
 
-/// Whoever closes the pipe has read enough; a full disk is an error.
+/// A pipe that is closed early is not an error. A full disk is an error.
 #[cfg(target_os = "linux")]
 #[test]
 fn output_closed_pipe_succeeds_and_full_disk_fails() {

@@ -9,8 +9,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
-/// A `.glb` file of one mesh without indices: the corners as they stand, a normal for each, and a
-/// material with these factors, as JSON.
+/// Returns a `.glb` file of one mesh without indices. All corners have the same normal. `material`
+/// has the factors as JSON.
 fn glb(triangles: &Triangles, normal: Vec3, material: &str) -> Vec<u8> {
     let corners: Vec<Vec3> = triangles.iter().flatten().copied().collect();
     let numbers = |all: &mut dyn Iterator<Item = Vec3>| -> Vec<u8> {
@@ -43,7 +43,7 @@ fn glb(triangles: &Triangles, normal: Vec3, material: &str) -> Vec<u8> {
     out
 }
 
-/// Runs the tool: exit code, standard output, standard error. No panic, ever.
+/// Runs the tool and returns exit code, standard output and standard error. Fails on a panic.
 fn run(arguments: &[&str]) -> (i32, String, String) {
     let ran = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
         .args(arguments)
@@ -82,7 +82,7 @@ const WHITE: &str = r#"{"doubleSided":true,"emissiveFactor":[1,1,1],"pbrMetallic
 fn bake_of_broken_scene_prints_warnings() {
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let clean = room(Vec3::ZERO, Vec3::splat(2.0));
-    // Normals without numbers mean nothing: the triangles have their own.
+    // Normals that are NaN are replaced by those of the triangles.
     let (code, _, err) = bake(folder.path(), &glb(&clean, Vec3::NAN, GRAY));
     assert!(code == 0 || err.contains("error: "), "{code} {err}");
     let mut dirty = clean.clone();
@@ -95,7 +95,7 @@ fn bake_of_broken_scene_prints_warnings() {
         err.contains("3 triangles without area or without finite coordinates"),
         "{err}"
     );
-    // Nothing but damage, and nothing at all.
+    // A scene without a usable triangle.
     let (code, _, err) = bake(folder.path(), &glb(&vec![[Vec3::NAN; 3]], Vec3::Y, GRAY));
     assert!(
         code == 1 && err.contains("no usable triangle"),
@@ -133,7 +133,7 @@ fn bake_of_lossless_room_prints_warning() {
     let (code, out, _) = run(&["inspect", &at("out.mgi"), "--json"]);
     let info: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(code, 0);
-    // The statistics write single precision out as double.
+    // The statistics write single precision numbers as double precision.
     for (name, reported) in energy.as_object().unwrap() {
         let there = &info["info"]["energy"][name];
         if reported.is_boolean() {
@@ -149,7 +149,7 @@ fn bake_of_lossless_room_prints_warning() {
         "{out}"
     );
 
-    // All of its light: M / (1 − 0.999), of which M is direct.
+    // The light of all bounces is M / (1 − 0.999). M of it is direct.
     let description = r#"{"geometry":[{"file":"level.glb"}],"lights":[]}"#;
     fs::write(at("scene.json"), description).unwrap();
     fs::write(
@@ -180,7 +180,7 @@ fn bake_of_lossless_room_prints_warning() {
             "{line}"
         );
     }
-    // More than a frame sweeps is asked for by its name, not cut short in silence.
+    // More bounces than a frame can simulate are an error. They are not clamped silently.
     let (code, _, err) = run(&[&arguments[..], &["1000"]].concat());
     assert!(code == 2 && err.contains("256"), "{code} {err}");
 }

@@ -1,4 +1,4 @@
-//! `export`: the files of the tool hold what the CPU's kernels compute, bit by bit.
+//! `export`: the files of the tool equal the results of the CPU kernels bit by bit.
 
 use crate::support::data_path as data;
 use glam::{Mat4, Vec3};
@@ -21,7 +21,7 @@ fn output_text(ran: &Output) -> String {
     String::from_utf8_lossy(&ran.stderr).into_owned()
 }
 
-/// The Cornell box with probes and without. Baked once.
+/// Returns the Cornell box with and without probes. Bakes once.
 fn bakes() -> &'static (TempDir, PathBuf, PathBuf) {
     static BAKED: OnceLock<(TempDir, PathBuf, PathBuf)> = OnceLock::new();
     BAKED.get_or_init(|| {
@@ -44,7 +44,7 @@ fn bakes() -> &'static (TempDir, PathBuf, PathBuf) {
     })
 }
 
-/// Runs the command and returns its exit code and what it says.
+/// Runs the command and returns its exit code and its output.
 fn export(bake: &Path, scene: &Path, out: &Path, options: &[&str]) -> (Option<i32>, String) {
     let mut run = tool();
     run.arg("export").arg(bake).arg("--scene").arg(scene);
@@ -55,12 +55,12 @@ fn export(bake: &Path, scene: &Path, out: &Path, options: &[&str]) -> (Option<i3
     (ran.status.code(), text)
 }
 
-/// Texels of a KTX 2.0 file along each edge, and the texels.
+/// Returns the size of a KTX 2.0 file in texels, and the texels.
 fn texture(path: &Path) -> ([u32; 3], Vec<[f16; 4]>) {
     let file = fs::read(path).unwrap();
     let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
     let long = |at: usize| u64::from_le_bytes(file[at..at + 8].try_into().unwrap()) as usize;
-    // VK_FORMAT_R16G16B16A16_SFLOAT, two bytes a component; one level, uncompressed.
+    // VK_FORMAT_R16G16B16A16_SFLOAT, two bytes per component. One mip level, uncompressed.
     assert_eq!((word(12), word(16), word(40), word(44)), (97, 2, 1, 0));
     let size = [word(20), word(24), word(28)];
     let level = &file[long(80)..][..long(88)];
@@ -185,7 +185,7 @@ fn export_brighter_light_raises_intensity() {
         );
         assert!(other.iter().flatten().all(|v| v.is_finite()), "{name}");
     }
-    // Brighter than frames take: bounded, and still a number.
+    // Light above the limit of frames is clamped and stays finite.
     let (intensity, texels) = volume("most.ktx2", 1e38);
     assert!(intensity > 1e9 && intensity.is_finite() && peak(&texels) > 1.0);
     assert!(texels.iter().flatten().all(|v| v.is_finite()));

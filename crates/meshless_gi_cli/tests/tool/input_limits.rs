@@ -1,5 +1,5 @@
-//! Hostile input of the tool: what has no end, what is too large, and small files that claim to be
-//! large. Each is refused with an exit code and a text, in little memory and without a wait.
+//! Hostile input of the tool: endless files, files that are too large, and small files with a large
+//! declared size. Each is rejected with an exit code and a message, within limited memory and time.
 #![cfg(target_os = "linux")]
 
 use crate::support::data;
@@ -14,14 +14,14 @@ use tempfile::TempDir;
 const INPUT: i32 = 1;
 const USAGE: i32 = 2;
 
-/// Address space of the tool, KiB. The claims below are for more.
+/// Address space of the tool, in KiB. The declared sizes below exceed it.
 const MEMORY: u32 = 768 * 1024;
 
-/// A tool that runs longer than this hangs.
+/// Time limit of a run.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Runs the tool in little memory and returns what it says; it must end with this code, without a
-/// panic or a signal.
+/// Runs the tool in little memory and returns standard error. The tool must exit with `code`,
+/// without a panic or a signal.
 fn run(code: i32, arguments: &[&str]) -> String {
     let limited = format!("ulimit -v {MEMORY} && exec \"$0\" \"$@\"");
     let mut child = Command::new("sh")
@@ -54,7 +54,7 @@ fn run(code: i32, arguments: &[&str]) -> String {
     error
 }
 
-/// A folder for hostile files.
+/// Temporary folder for hostile files.
 struct Folder(TempDir);
 
 impl Folder {
@@ -75,7 +75,7 @@ impl Folder {
         self.text(name)
     }
 
-    /// Bakes the scene and expects a text that names the file and has all words.
+    /// Bakes the scene and expects an error that names the file and contains all `words`.
     fn refuse(&self, scene_file: &str, options: &[&str], words: &[&str]) {
         let out = self.text("out.mgi");
         let mut all = vec!["bake", scene_file, "-o", &out];
@@ -147,7 +147,7 @@ fn readers_reject_device_pipe_and_socket() {
     }
 }
 
-/// Readers behind a bake that is whole.
+/// Readers of the commands that take a valid bake.
 #[test]
 fn readers_after_valid_bake_reject_device() {
     let folder = Folder::new();
@@ -235,7 +235,7 @@ fn scene_reference_to_special_file_is_rejected() {
 fn file_above_limit_is_rejected() {
     let folder = Folder::new();
     for name in ["huge.glb", "huge.ply", "huge.json", "huge.gi.ron"] {
-        // 9 GiB that take no room on the disk.
+        // Sparse file of 9 GiB.
         let file = File::create(folder.at(name)).unwrap();
         file.set_len(9 << 30).unwrap();
         folder.refuse(&folder.text(name), &[], &["9663676416 bytes", "8589934592"]);
@@ -289,7 +289,7 @@ fn file_above_limit_is_rejected() {
     }
 }
 
-/// All files of a scene count, each time that it names them.
+/// Every reference of a scene to a file counts, also to the same file.
 #[test]
 fn scene_with_repeated_file_references_is_rejected() {
     let folder = Folder::new();
@@ -309,7 +309,7 @@ fn scene_with_repeated_file_references_is_rejected() {
     );
 }
 
-/// A scene with one textured square whose image has these fields.
+/// Returns a scene of one textured square. `image` has the fields of its image.
 fn textured(image: &str) -> String {
     let mut numbers: Vec<u8> = Vec::new();
     let corners = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -336,7 +336,7 @@ fn percent(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("%{b:02x}")).collect()
 }
 
-/// A PNG of this size with a few bytes of pixels.
+/// Returns a PNG of this size with a few bytes of pixels.
 fn png(width: u32, height: u32) -> Vec<u8> {
     let mut out = b"\x89PNG\r\n\x1a\n".to_vec();
     let mut chunk = |kind: &[u8; 4], body: &[u8]| {
@@ -356,7 +356,7 @@ fn png(width: u32, height: u32) -> Vec<u8> {
     out
 }
 
-/// The header of a JPEG of this size, and nothing behind it.
+/// Returns the header of a JPEG of this size, without image data.
 fn jpeg(width: u16, height: u16) -> Vec<u8> {
     let mut out = vec![0xff, 0xd8, 0xff, 0xdb, 0, 67, 0];
     out.extend([1; 64]);
@@ -451,12 +451,12 @@ fn gltf_with_excess_declared_size_is_rejected() {
         let scene_file = folder.write(&format!("{name}.gltf"), text);
         folder.refuse(&scene_file, &[], &[word]);
     }
-    // Thousands of bytes of memory for each three bytes of text.
+    // Every three bytes of text take thousands of bytes of memory.
     let nodes = vec!["{}"; 4_400_000].join(",");
     let text = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}]}}"#);
     let scene_file = folder.write("objects.gltf", text);
     folder.refuse(&scene_file, &[], &["JSON objects"]);
-    // Chunks.
+    // File length and chunk length above the size of the file.
     let glb = fs::read(data("cornell/cornell.glb")).unwrap();
     for (name, at) in [("length", 8), ("chunk", 12)] {
         let mut glb = glb.clone();
@@ -485,7 +485,7 @@ fn ply_with_excess_declared_size_is_rejected() {
         let scene_file = folder.write(&format!("{name}.ply"), text);
         folder.refuse(&scene_file, &[], &["do not fit"]);
     }
-    // A list as long as a 32-bit number says.
+    // List with the largest 32-bit length.
     let list = "element face 1\nproperty list uint double vertex_indices\n";
     let mut bytes = points(binary, "0", list).into_bytes();
     bytes.truncate(bytes.len() - 6);
@@ -507,7 +507,7 @@ fn deeply_nested_text_is_rejected() {
     let many = vec![r#"(name: "a")"#; 100_000].join(",");
     let recipe = folder.write("many.gi.ron", format!("(occluders: [{many}])"));
     folder.refuse(&recipe, &[], &["occluders"]);
-    // Larger than any description.
+    // File above the size limit of a description.
     let file = File::create(folder.at("large.json")).unwrap();
     file.set_len((1 << 26) + 1).unwrap();
     folder.refuse(&folder.text("large.json"), &[], &["67108864"]);

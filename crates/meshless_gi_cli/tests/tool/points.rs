@@ -1,7 +1,6 @@
-//! Point clouds as levels: a Cornell box of points against the reference integrator on the same
-//! cells and against the box of triangles that the points were scattered over, and the tool on
-//! `.ply` files alone and beside meshes. Comparisons are also made with a wrong input and must fail
-//! there.
+//! Point clouds as scenes. A Cornell box of points is compared with the reference integrator on the
+//! same cells, and with the box of triangles below the points. The tool bakes `.ply` files alone
+//! and together with meshes. Comparisons with a wrong input must fail.
 
 use meshless_gi_lab::fixtures::points as points_support;
 
@@ -22,7 +21,7 @@ const CORNELL_BOX: &str = concat!(
     "/../../tests/data/cornell/cornell.glb"
 );
 
-/// Points are at least this far apart, meters, in a room of two.
+/// Minimum distance between points, in meters. The room has an edge of two meters.
 const SPACING: f32 = 0.035;
 
 fn light_source() -> [Light; 1] {
@@ -34,8 +33,8 @@ fn light_source() -> [Light; 1] {
     }]
 }
 
-/// Positions of the box visible to a camera in front of the open side and to one below the ceiling,
-/// on triangles, with normals.
+/// Returns positions on the triangles of the box, with normals. They are visible from a camera in
+/// front of the open side or from one below the ceiling.
 fn samples(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count)
         .filter_map(|k| {
@@ -94,10 +93,10 @@ fn point_box_matches_triangle_box() {
         for (found, bound) in found.into_iter().zip(bounds) {
             assert!(found < bound, "{what}: {found}, at most {bound}");
         }
-        // The same light on the wrong positions is far off.
+        // The same light at the wrong positions has a large error.
         let turned: Vec<Vec3> = i.iter().rev().copied().collect();
         assert!(nrmse(&turned, &truth, indirect) > 0.2);
-        // Walls bleed: the floor beside the red wall is redder than beside the green one.
+        // Color bleeding: the floor next to the red wall is redder than next to the green one.
         let tint = |left: bool| {
             let near = |(x, n): &(Vec3, Vec3)| {
                 n.y > 0.9 && x.y < 0.1 && (if left { -x.x } else { x.x }) > 0.75
@@ -199,7 +198,7 @@ fn the_tool_takes_points(rule: &str) {
     let scene =
         |lights: &str| format!(r#"{{"geometry":[{{"file":"box.ply"}}],"lights":[{lights}]}}"#);
     fs::write(at("s.json"), scene(&format!("{spot},{sky}"))).unwrap();
-    // No random numbers take part in the direct light of a spot light.
+    // The direct light of a spot light uses no random numbers.
     fs::write(at("spot.json"), scene(spot)).unwrap();
     fs::write(
         at("p.csv"),
@@ -234,8 +233,8 @@ fn the_tool_takes_points(rule: &str) {
             "{row:?}"
         );
     }
-    // The light at every point, stored in the bake and as a cloud's colors, is what `eval` says
-    // there.
+    // The light at every point equals the output of `eval`. It is stored in the bake and as colors
+    // of a cloud.
     let illuminate = |more: &[&str], out: &str| {
         let all = [
             "illuminate",
@@ -298,12 +297,12 @@ fn the_tool_takes_points(rule: &str) {
         count += 1;
         bright += u32::from(light.x > 0.3);
     }
-    // Must fail: all alike, or all dark.
+    // The values must not be all bright or all dark.
     assert!(
         count == expected.len() && bright > 5 && (bright as usize) < count,
         "{bright} of {count}"
     );
-    // Points changed: stale. Points beside a mesh: one scene.
+    // Changed points make the bake stale. Empty and truncated scenes are rejected.
     let moved = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
     let mut bytes = Vec::new();
     write_ply(&mut bytes, PlyEncoding::Ascii, &moved, &[], &[]).unwrap();
@@ -316,8 +315,8 @@ fn the_tool_takes_points(rule: &str) {
     assert!(tool(&["bake", &at("cut.ply"), "-o", &at("n.mgi")], 1).contains("do not fit"));
 }
 
-/// A scan of a room's inside with no normals: seen from within, its surface faces within, in the
-/// bake and where its points are lit.
+/// Scan of the inside of a room without normals. Its surface faces the viewpoint inside, in the
+/// bake and at lit points.
 #[test]
 fn scan_without_normals_faces_viewpoint() {
     let folder = tempfile::tempdir().unwrap();
@@ -359,8 +358,8 @@ fn scan_without_normals_faces_viewpoint() {
         let lit = read_ply(&out).unwrap();
         let (normals, light) = (lit.normals.unwrap(), lit.albedo.unwrap());
         assert!(lit.positions.len() > 100);
-        // All of the scan's; of the bake's own all but the few outside, where rays went through
-        // slits between points spread by chance.
+        // All normals of the scan face inside. A few points of the bake are outside, where rays
+        // passed gaps between random points.
         let outwards = (0..normals.len()).filter(|&i| normals[i].dot(lit.positions[i]) >= 0.0);
         let max = if more.is_empty() {
             normals.len() / 20
@@ -369,22 +368,21 @@ fn scan_without_normals_faces_viewpoint() {
         };
         let outwards = outwards.count();
         assert!(outwards <= max, "{outwards} of {}", normals.len());
-        // As bright as the light's own light within the ball at least: 1 / (1.5..2.5)² times a
-        // cosine near one.
+        // At least the direct light inside the ball: 1 / (1.5..2.5)² times a cosine near one.
         let mean = light.iter().map(|e| e.x).sum::<f32>() / light.len() as f32;
         assert!(mean > 0.2, "{mean}");
     }
-    // Nobody said from where: outwards.
+    // Without viewpoints, normals face outward.
     let outwards = PointCloud::new(read_ply(&scan).unwrap(), &[]).unwrap();
     assert!(outwards.normals[0].dot(outwards.positions[0]) > 0.0);
 }
 
-/// A cloud in a room of triangles: a bake of both, and light from the one on the other.
+/// Point cloud in a room of triangles: one bake of both, and light from one on the other.
 #[test]
 fn tool_bakes_points_beside_triangles() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
-    // A red ball of points in the middle of the white box.
+    // Red ball of points in the middle of the white box.
     let ball = |i: u64| {
         let mut r = Random::new(8, 8, i);
         meshless_gi::internals::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
@@ -413,7 +411,7 @@ fn tool_bakes_points_beside_triangles() {
             .replace(r#",{"file":"ball.ply"}"#, ""),
     )
     .unwrap();
-    // The wall in the ball's shadow, the wall above it, the ceiling over the ball's lit side.
+    // Wall in the shadow of the ball, wall above it, ceiling over the lit side of the ball.
     let asked = "px,py,pz,nx,ny,nz\n0,1.3,4,1,0,0\n0,4.5,4,1,0,0\n2.6,5.48,4,0,-1,0\n";
     fs::write(at("mp.csv"), asked).unwrap();
     let light = |scene: &str| -> Vec<Vec<f32>> {

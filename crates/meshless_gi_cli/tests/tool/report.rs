@@ -1,4 +1,4 @@
-//! `meshless_gi report` as a user has it, and the sweep behind it on something smaller still.
+//! Tests of `meshless_gi report`, and of its sweep with smaller bakes.
 
 use crate::support::data;
 use meshless_gi::internals::bake::BakeSettings;
@@ -17,7 +17,7 @@ use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Runs the tool's `report`: exit code, standard output, standard error.
+/// Runs the tool's `report` and returns exit code, standard output and standard error.
 fn report(arguments: &[&str]) -> (Option<i32>, String, String) {
     let ran = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
         .arg("report")
@@ -31,7 +31,7 @@ fn report(arguments: &[&str]) -> (Option<i32>, String, String) {
     (ran.status.code(), out, err)
 }
 
-/// A picture is XML, and all of its circles are somewhere.
+/// Checks that a picture is XML and that all coordinates are finite.
 fn check_svg(text: &str) {
     let svg = roxmltree::Document::parse(text).unwrap_or_else(|why| panic!("{why}: {text}"));
     assert_eq!(svg.root_element().tag_name().name(), "svg");
@@ -48,7 +48,7 @@ fn check_svg(text: &str) {
 fn quick_report_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path().join("new/report");
-    // So little time that the bakes that cost most are left out.
+    // The time limit excludes the most expensive bakes.
     let (code, out, err) = report(&[
         &data("cornell/cornell.glb"),
         "-o",
@@ -67,7 +67,7 @@ fn quick_report_is_complete() {
         serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap();
     assert_eq!(json.as_object().unwrap().len(), 1);
     let rows = json["rows"].as_array().unwrap();
-    // The baseline, and its frames with other numbers of reflections.
+    // The baseline, and its frames with other numbers of bounces.
     assert!(rows.len() >= 4);
     for row in rows {
         assert!(row["settings"].as_object().unwrap().len() > 10, "{row}");
@@ -82,7 +82,7 @@ fn quick_report_is_complete() {
             "nrmse_all",
             "estimated_nrmse",
         ] {
-            // A number that is none would be null.
+            // NaN is written as null.
             assert!(
                 row[name].as_f64().is_some_and(f64::is_finite),
                 "{name}: {row}"
@@ -179,7 +179,7 @@ fn report_invalid_input_fails_before_baking() {
     assert!(!Path::new(&new).join("report.json").exists());
 }
 
-/// Something to bake in no time.
+/// Returns a recipe that bakes in a very short time.
 fn tiny() -> Recipe {
     Recipe {
         preset: Preset::Draft,
@@ -290,7 +290,7 @@ fn report_errors_fall_with_quality_on_common_axes() {
         "{pca:?}"
     );
     assert!(fine.nrmse < coarse.nrmse && fine.links > coarse.links);
-    // Frames of one bake differ in what they run, not in what was baked.
+    // Frames of one bake differ in their settings, not in the bake.
     assert_eq!((once.bytes, once.settings.baked.bounces), (tiny.bytes, 1));
     assert!(tier.links < tiny.links && tier.nrmse > tiny.nrmse && tier.bytes == tiny.bytes);
     assert!(tier.settings.tier == 1 && tiny.settings.tier > 1);
@@ -332,7 +332,7 @@ fn report_of_dark_or_empty_scene_fails() {
     assert!(sweep(&mesh, &tiny_sweep(), &stopped, &|_| ()).is_err());
 }
 
-/// A report of made-up rows: rule, links, error, seconds.
+/// Returns a report with given rows: method, links, error, seconds.
 fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
         test_set: TestSetSize {
@@ -376,7 +376,7 @@ fn report_compares_rules_at_equal_error_and_links() {
     let is = |r: Ratio, right: f64| matches!(r, Ratio::Is(v) if (v - right).abs() < 1e-3 * right);
     let at_most =
         |r: Ratio, right: f64| matches!(r, Ratio::AtMost(v) if (v - right).abs() < 1e-3 * right);
-    // Its fewest links do better than that: at most so many.
+    // The row with the fewest links has a smaller error, so the ratio is an upper bound.
     assert!(at_most(found[0].links_ratio, 0.25), "{found:?}");
     assert!(is(found[0].error_ratio, 0.05 / 0.2), "{found:?}");
     assert!(is(found[1].links_ratio, 1_000.0 / 40_000.0), "{found:?}");
@@ -391,7 +391,7 @@ fn report_compares_rules_at_equal_error_and_links() {
         "{all}"
     );
 
-    // The cheapest below an error, by what is scarce.
+    // The cheapest row below an error, for each kind of cost.
     let chosen = choice(&report.rows);
     let row = |start: &str| {
         let line = chosen.lines().find(|l| l.starts_with(start));
@@ -440,7 +440,7 @@ fn report_variants_bake_and_write_recipes() {
         ] {
             assert!(list.iter().any(|v| v.recipe.transport == rule));
         }
-        // Runs of the baseline come first: they need no bake.
+        // Runs of the baseline come first, because they need no bake.
         let runs = list.iter().position(|v| v.factor != Factor::Bounces);
         assert!(runs.is_some_and(|n| n >= 3));
     }

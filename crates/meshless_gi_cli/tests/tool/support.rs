@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Path of a file of the published scenes, relative to `tests/data`.
+/// Returns the path of a file of the published scenes, relative to `tests/data`.
 pub fn data(path: &str) -> String {
     format!(
         "{}/tests/data/{path}",
@@ -10,7 +10,7 @@ pub fn data(path: &str) -> String {
     )
 }
 
-/// [`data`] as a path.
+/// Returns [`data`] as a path.
 pub fn data_path(path: &str) -> PathBuf {
     data(path).into()
 }

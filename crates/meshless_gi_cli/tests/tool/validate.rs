@@ -1,4 +1,4 @@
-//! `meshless_gi validate` on bakes whose level, recipe or bake version has changed.
+//! `meshless_gi validate` on bakes whose scene, recipe or bake version has changed.
 
 use crate::support::data;
 use meshless_gi::internals::bake::BAKE_VERSION;
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Runs the tool and returns its standard output, after a look at its exit code.
+/// Runs the tool, checks its exit code and returns its standard output.
 fn tool(code: i32, arguments: &[&str]) -> String {
     let ran = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
         .args(arguments)
@@ -44,7 +44,7 @@ fn validate_with_scene_names_each_difference() {
         kinds.into_iter().filter(starts).collect::<Vec<_>>()
     };
 
-    // The recipe: its text may change, its values may not.
+    // The text of the recipe may change, its values may not.
     fs::write(&recipe, quick.replace(", ", ",\n  ")).unwrap();
     tool(0, &by_recipe);
     fs::write(&recipe, quick.replace("rays: 64", "rays: 128")).unwrap();
@@ -55,14 +55,14 @@ fn validate_with_scene_names_each_difference() {
     }
     tool(0, &by_level);
 
-    // The level.
+    // The scene.
     fs::copy(data("rooms_open/rooms_open.glb"), &scene_file).unwrap();
     let list = tool(1, &by_level);
     assert_eq!(kinds(&list), ["content"], "{list}");
     assert!(list.contains("level.glb"), "{list}");
     assert_eq!(kinds(&tool(1, &by_recipe)), ["content", "settings"]);
 
-    // The version of the bake, and not that of the crate.
+    // The version of the bake counts, not that of the crate.
     let mut scene = BakedScene::read(&bake, &Limits::default()).unwrap();
     scene.data_mut().info.version = "0.0.0".into();
     scene.write(&bake).unwrap();

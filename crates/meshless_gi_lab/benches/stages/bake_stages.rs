@@ -26,7 +26,7 @@ pub fn bench(criterion: &mut Criterion, fixture: &Fixture) {
     pack_and_read(criterion, fixture);
 }
 
-/// Indices of `count` points of the finest level, evenly from all of them.
+/// Returns indices of `count` evenly spaced points of the finest level.
 fn finest_points(fixture: &Fixture, count: usize) -> impl Iterator<Item = usize> {
     let level = fixture.hierarchy.level(fixture.hierarchy.levels.len() - 1);
     let step = (level.len() / count).max(1);

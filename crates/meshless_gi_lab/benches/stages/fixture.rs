@@ -84,12 +84,12 @@ impl Fixture {
         fixture
     }
 
-    /// Number of senders.
+    /// Returns the number of senders.
     pub fn senders(&self) -> usize {
         self.tree.parent.len()
     }
 
-    /// Input of a gather.
+    /// Returns the input of a gather.
     pub fn gather_scene(&self) -> GatherScene<'_> {
         let settings = GatherSettings {
             geometry: &self.mesh,
@@ -101,7 +101,7 @@ impl Fixture {
         settings.scene(&self.hierarchy)
     }
 
-    /// Error measure of truncation.
+    /// Returns the error measure of truncation.
     pub fn measure(&self) -> CutMeasure<'_> {
         CutMeasure {
             training: &self.training,
@@ -109,7 +109,7 @@ impl Fixture {
         }
     }
 
-    /// Truncated rows of all points, and the sky visibility of each.
+    /// Returns the truncated rows and the sky visibility of all points.
     fn gather_rows(&self) -> (Vec<RawRow>, Vec<Vec3>) {
         let scene = self.gather_scene();
         (0..self.hierarchy.len())
@@ -132,13 +132,13 @@ impl Fixture {
             .unzip()
     }
 
-    /// Normal of point `i` of the hierarchy.
+    /// Returns the normal of point `i` of the hierarchy.
     pub fn normal(&self, i: usize) -> Vec3A {
         self.hierarchy.surfaces[i].normal.into()
     }
 }
 
-/// Point light number `k`, on a helix in the box above its blocks.
+/// Returns point light `k`, on a helix in the box above its blocks.
 pub fn light(k: usize) -> FrameLight {
     let angle = 2.4 * k as f32;
     let height = 1.3 + 0.5 * (k % TRAINING_LIGHTS) as f32 / TRAINING_LIGHTS as f32;
@@ -146,7 +146,8 @@ pub fn light(k: usize) -> FrameLight {
     FrameLight::point(position, Vec3::ONE, 20.0)
 }
 
-/// Direct light of the training lights at every sender, each relative to its root mean square.
+/// Computes the direct light of the training lights at every sender, relative to the root mean
+/// square of each light.
 fn train(scene: &BakedScene, hierarchy: &Hierarchy, tree: &SenderTree) -> Training {
     let extent = project::extent(scene.data());
     let surfaces = &hierarchy.surfaces[..tree.parent.len()];

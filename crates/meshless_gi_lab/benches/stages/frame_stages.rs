@@ -9,9 +9,9 @@ use meshless_gi::internals::frame::{
 use meshless_gi::{CpuFrame, FrameSettings};
 use meshless_gi_lab::accuracy::RaycastView;
 
-/// Size of the view, pixels.
+/// Size of the view, in pixels.
 const VIEW: [u32; 2] = [64, 48];
-/// Tier of bench `flatten`. The lowest one leaves the most points without a row.
+/// Tier of bench `flatten`. The lowest tier has the most points without a row.
 const FLATTEN_TIER: u32 = 1;
 
 /// Runs all benches of this module.

@@ -1,5 +1,6 @@
 //! Benches of the hot stages of a bake and of a frame, on the Cornell box at preset `Draft`. All
-//! stages run on one thread, so that figures of machines with different numbers of cores compare.
+//! stages run on one thread, so that figures of machines with different numbers of cores are
+//! comparable.
 //!
 //! | bench | work of one iteration |
 //! |---|---|

@@ -18,12 +18,12 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// No bake begins that would end later than this.
+/// Latest time at which a bake may be predicted to end.
 const LIMIT: Duration = Duration::from_mins(5);
-/// Points are at least this far apart, meters, in a room of two.
+/// Minimum distance between points, in meters. The room has an edge of two meters.
 const SPACING: f32 = 0.035;
 
-/// Rules at what presets make of them, and what is rule `fmm`'s own.
+/// Returns variants of the methods at preset values, and variants of the settings of method `fmm`.
 fn choose(_: &BakeSettings) -> Vec<Variant> {
     let of = |name: &str, factor, cost, recipe| Variant {
         factor,
@@ -103,7 +103,7 @@ fn choose(_: &BakeSettings) -> Vec<Variant> {
     ]
 }
 
-/// Some of the points of a scene.
+/// Returns the mesh of the cells of scattered points, of which `keep` selects some.
 fn cloud(
     mesh: &TriangleMesh,
     spacing: f32,
@@ -121,15 +121,15 @@ fn cloud(
     Ok(PointCloud::new(all, &[])?.mesh().0)
 }
 
-/// Seconds that something takes, and what it makes.
+/// Returns the result of a function and its time in seconds.
 fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let made = run();
     (made, start.elapsed().as_secs_f64())
 }
 
-/// A bake's seconds, milliseconds of the least of three solves under a light, and its own estimate
-/// of its error.
+/// Returns the seconds of a bake, the minimum milliseconds of three solves under a light, and the
+/// error estimate of the bake.
 fn cost(mesh: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -144,7 +144,7 @@ fn cost(mesh: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn 
         range: 20.0,
     };
     let solves = (0..3).map(|_| {
-        // A frame at rest solves nothing.
+        // An unchanged frame is not solved again.
         let mut frame = CpuFrame::new(&scene);
         frame.set_lights(&scene, &FrameLight::expand(&light_source, 1));
         timed(|| frame.solve(&scene, &FrameSettings::bounces(4))).1
@@ -153,7 +153,7 @@ fn cost(mesh: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn 
     Ok([seconds, 1e3 * solve, scene.info().estimated_nrmse.into()])
 }
 
-/// Time for a file of points, from reading it to a frame, by number of points.
+/// Returns a table of times from reading a file of points to a frame, by number of points.
 fn by_number() -> Result<String, Box<dyn Error>> {
     let mut out = "\n## Bakes by number of points\n\n\
      Scene: a statue in the Cornell box, as a `.ply` of points (`meshless_gi scatter`), preset `Draft`.\n\
@@ -198,11 +198,11 @@ fn by_number() -> Result<String, Box<dyn Error>> {
     Ok(out)
 }
 
-/// The scenes and their names.
+/// Returns the scenes with their names.
 fn scenes() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
     let solid = mesh_of_quads(&cornell_box());
     let points = cloud(&solid, SPACING, |_| true)?;
-    // The room's walls as triangles, all else as points.
+    // Walls of the room as triangles, everything else as points.
     let walls = mesh_of_quads(&cornell_box()[..5]);
     let statue = cloud(&statue_room(), 0.6 * SPACING, |p| {
         p.x.abs() < 0.95 && p.z.abs() < 0.95 && p.y > 0.01 && p.y < 1.95
@@ -217,7 +217,7 @@ fn scenes() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
     ])
 }
 
-/// A scene's part of the document.
+/// Returns the section of a scene.
 fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     let mut out = format!(
         "\n## {name}\n\n\
@@ -260,7 +260,7 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     out
 }
 
-/// Measures the bakes, writes their charts and returns their part of the document.
+/// Measures the bakes, writes their charts and returns their section of the document.
 pub fn measure(folder: &Path) -> Result<String, Box<dyn Error>> {
     let mut out = by_number()?;
     for (k, (name, scene)) in scenes()?.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The document: tables, charts, and what they say.
+//! Document: tables, charts and conclusions.
 
 use super::{Found, POINTS, RECEIVERS, ROUNDS, Size};
 use meshless_gi::internals::transport::fmm::FmmSettings;
@@ -6,7 +6,7 @@ use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
 use std::error::Error;
 use std::fmt::Write;
 
-/// Slope of the logarithm of `y` over that of `x`, by least squares.
+/// Returns the slope of the logarithm of `y` over that of `x`, by least squares.
 fn exponent(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let logs: Vec<_> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
@@ -18,19 +18,20 @@ fn exponent(points: &[(f64, f64)]) -> f64 {
 }
 
 impl Size {
-    /// Seconds of one pass up and down.
+    /// Returns the seconds of one pass up and down.
     fn pass(&self) -> f64 {
         self.seconds[2] + self.seconds[3]
     }
 
-    /// With tree and lists.
+    /// Returns the seconds of a pass with tree and lists.
     fn whole(&self) -> f64 {
         self.seconds.iter().sum()
     }
 }
 
-/// From where on `ours` stays below the sum over all pairs, between two measured sizes by their
-/// logarithms; the first size where it never is above.
+/// Returns the number of points above which `ours` stays below the sum over all pairs. The
+/// logarithms of two measured sizes are interpolated. Returns the first size if `ours` is never
+/// above.
 fn overtakes(sizes: &[Size], ours: impl Fn(&Size) -> f64) -> Option<f64> {
     let gap = |s: &Size| (ours(s) / s.direct).ln();
     let Some(last) = sizes.iter().rposition(|s| gap(s) > 0.0) else {
@@ -46,7 +47,7 @@ fn points(sizes: &[Size], value: impl Fn(&Size) -> f64) -> Vec<(f64, f64)> {
     sizes.iter().map(|s| (s.points as f64, value(s))).collect()
 }
 
-/// All charts, with the names of their files.
+/// Returns all charts with the names of their files.
 pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
     let separation = f64::from(FmmSettings::default().separation);
     let orders = |value: &dyn Fn(&super::Order) -> f64| -> Vec<(f64, f64)> {
@@ -139,7 +140,7 @@ fn percent(v: f64) -> String {
     format!("{:.2} %", 100.0 * v)
 }
 
-/// Seconds, with digits enough for microseconds.
+/// Formats seconds, with enough digits for microseconds.
 fn seconds(v: f64) -> String {
     match v < 0.01 {
         true => format!("{v:.6}"),
@@ -147,15 +148,15 @@ fn seconds(v: f64) -> String {
     }
 }
 
-/// Exponents are fitted from so many points on.
+/// Minimum number of points for the fit of exponents.
 const MIN_FITTED: usize = 900;
 
-/// The document.
+/// Returns the document.
 pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     let mut out = String::new();
     let w = &mut out;
     let sizes = &found.sizes;
-    // Below a thousand points leaves and threads decide, not the method.
+    // Below a thousand points leaves and threads determine the time, not the method.
     let fitted = &sizes[sizes.partition_point(|s| s.points < MIN_FITTED)..];
     let pass = exponent(&points(fitted, Size::pass));
     let whole = exponent(&points(fitted, Size::whole));
@@ -267,7 +268,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
          |---|---|---|---|---|---|---|---|---|"
     )?;
     for s in &found.seen {
-        // A kernel without bound: more light comes back than went out.
+        // The kernel is unbounded: more light is reflected than emitted.
         let (nrmse, bias) = match s.errors.nrmse > 1.0 {
             true => ("above 100 %".into(), "".into()),
             false => (percent(s.errors.nrmse), percent(s.errors.bias)),

@@ -1,12 +1,12 @@
-//! Error and time of the fast multipole method ([G08]): by order, by the number of
-//! points, by the tolerance for points that face away from each other, with visibility against the
+//! Error and time of the fast multipole method ([G08]): by order, by the number of points, and by
+//! the tolerance for points that face away from each other. Also with visibility against the
 //! reference integrator, and in bakes. Writes `fmm.md` and its charts.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example fmm -- -o docs/reports [--most POINTS]
 //! ```
 //!
-//! `--most` leaves larger scenes out (1,024,000 points by default).
+//! `--most` excludes larger scenes (1,024,000 points by default).
 
 mod bakes;
 mod document;
@@ -25,82 +25,82 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Receivers of the sums over all pairs.
+/// Number of receivers of the sums over all pairs.
 const RECEIVERS: usize = 1000;
-/// Most bounces: enough for every variant that does not diverge.
+/// Maximum number of bounces, enough for every variant that does not diverge.
 pub const BOUNCES: u32 = 16;
-/// Rounds over all numbers of points.
+/// Number of rounds over all numbers of points.
 pub const ROUNDS: usize = 5;
-/// Points of the errors by order and by slack.
+/// Number of points for the errors by order and by slack.
 const POINTS: usize = 10_000;
 
-/// The method with one order.
+/// Results of one order.
 pub struct Order {
-    /// The order.
+    /// Order of the expansion.
     pub order: usize,
     /// Median relative error of \[G08\] Eq. (5) at r_y / r_x = 0.4.
     pub series: f64,
-    /// NRMSE of the irradiance, against the sum over all pairs.
+    /// NRMSE of the irradiance against the sum over all pairs.
     pub error: f64,
     /// Seconds of one pass up and down.
     pub pass: f64,
 }
 
-/// The method with one number of points.
+/// Results of one number of points.
 pub struct Size {
-    /// Points.
+    /// Number of points.
     pub points: usize,
-    /// Nodes.
+    /// Number of nodes.
     pub nodes: usize,
     /// Seconds: tree, lists, upward pass, downward pass.
     pub seconds: [f64; 4],
-    /// Seconds of the sum over all pairs, from that of some receivers.
+    /// Seconds of the sum over all pairs, extrapolated from a subset of receivers.
     pub direct: f64,
-    /// NRMSE against it.
+    /// NRMSE against the sum over all pairs.
     pub error: f64,
-    /// Pairs of points in the near list.
+    /// Number of pairs of points in the near list.
     pub point_pairs: u64,
 }
 
-/// The method with one slack.
+/// Results of one slack.
 pub struct Slack {
-    /// The slack.
+    /// Slack of the interaction test.
     pub slack: f32,
     /// NRMSE against the sum over all pairs.
     pub error: f64,
     /// Seconds of the downward pass.
     pub down: f64,
-    /// The lists.
+    /// Sizes of the lists.
     pub counts: ListCounts,
 }
 
-/// The Cornell box with visibility.
+/// Results of the Cornell box with visibility.
 pub struct Seen {
-    /// Points.
+    /// Number of points.
     pub points: usize,
-    /// Points a leaf.
+    /// Maximum number of points per leaf.
     pub leaf: usize,
     /// Description.
     pub name: &'static str,
-    /// Many bounces against the reference integrator.
+    /// Errors of many bounces against the reference integrator.
     pub errors: Errors,
     /// Seconds: lists with their rays, all bounces.
     pub seconds: [f64; 2],
-    /// Bounces.
+    /// Number of bounces.
     pub bounces: u32,
-    /// The lists.
+    /// Sizes of the lists.
     pub counts: ListCounts,
 }
 
-/// Everything that the document says.
+/// All results of the document.
 pub struct Found {
-    /// By order.
+    /// Results by order.
     pub orders: Vec<Order>,
-    /// By points.
+    /// Results by number of points.
     pub sizes: Vec<Size>,
-    /// By slack.
+    /// Results by slack.
     pub slacks: Vec<Slack>,
-    /// With visibility.
+    /// Results with visibility.
     pub seen: Vec<Seen>,
 }
 
@@ -132,8 +132,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Without noise of the reference: the root mean square of the difference over that of what is
-/// right.
+/// Returns the root mean square error relative to the root mean square of `right`, for a reference
+/// without noise.
 fn nrmse(values: &[Vec3], right: &[Vec3]) -> f64 {
     errors(values, right, &vec![Vec3::ZERO; right.len()]).nrmse
 }
@@ -147,7 +147,8 @@ fn at(values: &[Vec3], receivers: &[u32]) -> Vec<Vec3> {
     receivers.iter().map(|&i| values[i as usize]).collect()
 }
 
-/// The kernel of [G08] as it stands, and no slack: what is compared is the expansions alone.
+/// Returns settings that isolate the error of the expansions: the kernel of [G08] without disks and
+/// without slack.
 fn exact() -> FmmSettings {
     FmmSettings {
         disks: false,
@@ -156,7 +157,7 @@ fn exact() -> FmmSettings {
     }
 }
 
-/// Median errors of [G08] Eq. (5) up to each n, at r_y / r_x = 0.4.
+/// Returns the median errors of [G08] Eq. (5) up to each n, at r_y / r_x = 0.4.
 fn series() -> Vec<f64> {
     let mut random = Random::new(1, 0x67_30_38, 0);
     let mut found = vec![Vec::new(); 17];
@@ -230,8 +231,8 @@ fn slacks() -> Result<Vec<Slack>, Box<dyn Error>> {
     Ok(out)
 }
 
-/// Numbers of points: from a thousand on two an octave, so that no fit hangs on how full the leaves
-/// of one of them happen to be.
+/// Returns numbers of points. Above 1000 there are two per octave, so that a fit does not depend on
+/// the leaf occupancy of one of them.
 fn numbers(max: usize) -> Vec<usize> {
     let large = (0..=20).map(|k| (1000.0 * f64::powf(2.0, f64::from(k) / 2.0)) as usize);
     let all = [60, 120, 250, 500].into_iter().chain(large);
@@ -241,8 +242,8 @@ fn numbers(max: usize) -> Vec<usize> {
 fn sizes(max: usize) -> Result<Vec<Size>, Box<dyn Error>> {
     let numbers = numbers(max);
     let mut out: Vec<Size> = Vec::new();
-    // Round after round over all sizes, and the fastest run counts: what else the machine does for
-    // a while does not hit one of them alone. What takes microseconds is run more often.
+    // Every round runs all sizes, and the minimum time counts. Temporary load of the machine thus
+    // affects all sizes. Sizes that take microseconds run more often.
     for round in 0..ROUNDS {
         for (k, &points) in numbers.iter().enumerate() {
             let room = with_ball(points);

@@ -14,8 +14,8 @@ use std::time::Duration;
 /// Latest time at which a bake may be predicted to end.
 const LIMIT: Duration = Duration::from_mins(8);
 
-/// Chooses variants of a full report: those that change the rule or its threshold at draft.
-/// Includes bases of light without added levels, as for links to senders.
+/// Chooses variants of a full report: those that change the method or its threshold at draft.
+/// Includes bases of light without refinement levels, as for links to senders.
 fn choose(base: &BakeSettings) -> Vec<Variant> {
     let mut all = full(base);
     all.retain(|v| {
@@ -52,7 +52,7 @@ pub fn measure(name: &str, mesh: &TriangleMesh) -> Result<Report, Box<dyn Error>
     })?)
 }
 
-/// Returns the charts of both rules: error against bake time, frame time, bytes and links.
+/// Returns the charts of both methods: error against bake time, frame time, bytes and links.
 pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
     let mut all = figures(name, report);
     all.retain(|f| f.file.starts_with("error_"));

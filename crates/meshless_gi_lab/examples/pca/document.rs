@@ -1,11 +1,11 @@
-//! The document's texts and the chart of visibility.
+//! Texts of the document and the chart of visibility.
 
 use super::transfer::{Made, Transfer};
 use super::visibility::{BAKES, COUNTS, Cut, Found, Race, SAMPLES};
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, PENUMBRA, Series, Style};
 use std::fmt::Write;
 
-/// Error in the penumbra against the number of coefficients.
+/// Returns the chart of the error in the penumbra against the number of coefficients.
 pub fn chart(found: &[Found]) -> String {
     let series = |f: &Found, k: usize| {
         let points = f.by_count[k].iter();
@@ -29,7 +29,8 @@ pub fn chart(found: &[Found]) -> String {
     .svg()
 }
 
-/// Parts of the document on transfer: the published scenes with the title, and one scene.
+/// Splits the document on transfer into two parts: the published scenes with the title, and one
+/// scene.
 pub fn parts(document: &str) -> [String; 2] {
     let second = document.find(SCENE).unwrap_or(document.len());
     let (first, second) = document.split_at(second);
@@ -39,7 +40,7 @@ pub fn parts(document: &str) -> [String; 2] {
 /// Heading of the part on one scene.
 pub const SCENE: &str = "## Links to senders and bases of light: ";
 
-/// The document on visibility.
+/// Returns the document on visibility.
 pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> String {
     let mut out = format!(
         "# Visibility in principal components\n\n\
@@ -189,7 +190,7 @@ pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> Strin
     out.trim_end().to_string() + "\n"
 }
 
-/// The section on clusters that are cut.
+/// Returns the section on split clusters.
 fn cut(scene: &str, cuts: &[Cut]) -> String {
     let Some(first) = cuts.first() else {
         return String::new();
@@ -222,7 +223,7 @@ fn cut(scene: &str, cuts: &[Cut]) -> String {
     out
 }
 
-/// The part on transfer, with the document's title.
+/// Returns the part on transfer, with the title of the document.
 pub fn transfer(all: &[Transfer]) -> String {
     let mut out = "# Transfer in principal components\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/scene`, or with `--part transfer` and `--part scene`. Do not edit.\n\n\
@@ -264,7 +265,7 @@ pub fn transfer(all: &[Transfer]) -> String {
     out
 }
 
-/// The head of a table of `row`s behind columns of these names.
+/// Returns the head of a table of `row`s after columns of these names.
 fn head(before: &[&str]) -> String {
     const COLUMNS: [&str; 10] = [
         "preset",

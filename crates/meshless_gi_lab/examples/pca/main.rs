@@ -1,6 +1,6 @@
-//! Principal components ([P14]) measured: soft shadows of a panel from precomputed visibility, and
-//! transfer by bases of direct light, by the number of coefficients, beside the reference
-//! integrator. Writes the document, its charts and pictures:
+//! Principal components ([P14]) measured by the number of coefficients: soft shadows of a panel
+//! from precomputed visibility, and transfer by bases of direct light. The reference integrator
+//! gives the errors. Writes the document, its charts and pictures:
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports
@@ -8,9 +8,9 @@
 //! ```
 //!
 //! writes `docs/reports/pca_visibility.md`, `docs/reports/pca_transfer.md` and `docs/reports/pca/`,
-//! or one part of three and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is
-//! written there otherwise. On the scene (a `.glb`, or a folder with `L0.json` that names one) both
-//! kinds of operator are compared. The default is the Cornell box.
+//! or only one of the three parts. `FOLDER/NAME.mgi` replaces a bake at medium, and is written if
+//! it does not exist. On the scene (a `.glb`, or a folder with `L0.json` that names one) both kinds
+//! of operator are compared. The default is the Cornell box.
 
 mod beside;
 mod document;
@@ -27,7 +27,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use visibility::{Cut, Race};
 
-/// The published scenes.
+/// Names of the published scenes.
 const SCENES: [&str; 2] = ["cornell", "rooms_open"];
 /// Parts: the document on visibility, and two of the document on transfer.
 const PARTS: [&str; 3] = ["visibility", "transfer", "scene"];
@@ -101,8 +101,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Rays beside memory at draft on a scene, below a panel at the first position that light can be
-/// seen from, and what it is to cut clusters.
+/// Compares ray visibility with baked visibility at draft on a scene, below a panel at the first
+/// viewpoint. Also measures the effect of split clusters.
 fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -121,13 +121,13 @@ fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<d
     visibility::cuts(name, mesh, &scene, &panel)
 }
 
-/// A published scene.
+/// Returns the path of a published scene.
 fn file(name: &str) -> PathBuf {
     let file = format!("tests/data/{name}/{name}.glb");
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join(file)
 }
 
-/// A scene by its file, or by a folder with a description of it.
+/// Reads a scene from its file, or from a folder with a description of it.
 fn named(path: &Path) -> Result<(String, TriangleMesh), Box<dyn Error>> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let description = path.join("L0.json");
@@ -141,7 +141,7 @@ fn named(path: &Path) -> Result<(String, TriangleMesh), Box<dyn Error>> {
     Ok((name.into_owned(), mesh))
 }
 
-/// The bake at medium, and its seconds where it was not read from a file.
+/// Returns the bake at medium and its seconds. The seconds are `None` if it was read from a file.
 fn baked(
     name: &str,
     mesh: &TriangleMesh,

@@ -1,5 +1,5 @@
-//! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and
-//! the sparse operator beside it, each against the reference integrator.
+//! Transfer by principal components ([P14] §4.3): error, bytes and time by the number of
+//! coefficients, compared with the sparse operator. The reference integrator gives the errors.
 
 use meshless_gi::{
     Baked, BakedScene, FrameSettings, PcaRecipe, Preset, Progress, Recipe, TransportMethod,
@@ -9,29 +9,30 @@ use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
 use meshless_gi_lab::report::{BOUNCES, TestSet, TestSetSize};
 use std::error::Error;
 
-/// Vectors of a basis.
+/// Numbers of vectors of a basis.
 const COEFFICIENTS: [u32; 7] = [1, 3, 10, 20, 30, 50, 100];
-/// Senders of a cluster.
+/// Numbers of senders per cluster.
 const CLUSTERS: [u32; 3] = [50, 120, 400];
-/// The reference: lights that no bake has seen, and positions that they light.
+/// Size of the test set: lights that no bake used, and lit positions.
 const TEST_SET: TestSetSize = TestSetSize {
     light_sources: 4,
     positions: 150,
     paths: 4096,
 };
 
-/// A bake.
+/// Results of one bake.
 pub struct Made {
     pub preset: Preset,
-    /// None: links to senders, rule `bounded`.
+    /// Number of coefficients. `None` for links to senders (method `bounded`).
     pub coefficients: Option<u32>,
     pub senders: usize,
     pub clusters: u64,
     pub columns: u64,
-    /// Share of the examples' light that the bases miss.
+    /// Root mean square fraction of the training lights' direct light that the bases cannot
+    /// represent.
     pub missed: f64,
     pub links: usize,
-    /// Bytes of the operator: links, rows, columns with their values.
+    /// Bytes of the operator: links, rows, and columns with their values.
     pub bytes: usize,
     /// Seconds of the bake. `None` if it was read from a file.
     pub seconds: Option<f64>,
@@ -42,11 +43,11 @@ pub struct Made {
 /// Measurements of one scene.
 pub struct Transfer {
     pub name: String,
-    /// At draft: links to senders, and series by the number of coefficients, one for each size of
-    /// clusters.
+    /// Links to senders at draft. `by_count` has a series by the number of coefficients for each
+    /// size of clusters.
     pub senders: Made,
     pub by_count: Vec<(u32, Vec<Made>)>,
-    /// At medium: links to senders, and ten coefficients in about 64 clusters.
+    /// Links to senders, and ten coefficients in about 64 clusters, at medium.
     pub medium: [Made; 2],
 }
 
@@ -77,8 +78,7 @@ fn made(
     }
 }
 
-/// Measures a scene, of which `medium` is the bake by rule `bounded` at medium, and the seconds
-/// that it took.
+/// Measures a scene. `medium` is its bake by method `bounded` at medium, which took `seconds`.
 pub fn measure(
     name: &str,
     mesh: &TriangleMesh,
@@ -141,7 +141,7 @@ pub fn measure(
     })
 }
 
-/// Error, and size, by the number of coefficients.
+/// Returns the charts of error and size by the number of coefficients.
 pub fn charts(t: &Transfer) -> [(String, Chart); 2] {
     let chart = |title: &str, label: &str, format, of: fn(&Made) -> f64| Chart {
         title: format!("{}: {title} by the number of coefficients", t.name),

@@ -1,5 +1,5 @@
-//! Soft shadows: light of a rectangle in the penumbra, by the number of coefficients, beside the
-//! reference integrator.
+//! Soft shadows: irradiance of a rectangle light in the penumbra by the number of coefficients,
+//! compared with the reference integrator.
 
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
@@ -21,12 +21,12 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-/// Paths of importance particles that say where errors are measured.
+/// Number of paths of importance particles that select the positions of error measurements.
 const PATHS: u64 = 4800;
-/// Samples of the light.
+/// Number of samples of the light.
 pub const SAMPLES: u32 = 64;
 
-/// The light of a scene: a panel below the ceiling.
+/// Returns the light of a scene: a panel below the ceiling.
 pub fn soft_light(name: &str) -> Light {
     let (center, u, v) = match name {
         "cornell" => (
@@ -44,8 +44,8 @@ pub fn soft_light(name: &str) -> Light {
     }
 }
 
-/// Panels that the constants of [`soft_shadow`] were not chosen with: elsewhere, of other sizes and
-/// other shapes.
+/// Returns panels that were not used to choose the constants of [`soft_shadow`], at other
+/// positions, with other sizes and shapes.
 pub fn other_lights(name: &str) -> [(&'static str, Light); 2] {
     let panel = |center: [f32; 3], u: f32, v: f32| Light::Rect {
         center: center.into(),
@@ -68,10 +68,10 @@ pub fn other_lights(name: &str) -> [(&'static str, Light); 2] {
     }
 }
 
-/// Errors of irradiance at `positions` from memory, in three ways of display: (i) what arrives is
-/// splatted, (ii) what is missing is splatted and taken from the unshadowed light of the position,
-/// (iii) what is missing and what would be there without shadows are splatted, and their quotient,
-/// the missing share, is taken, as the kernel `subtract_shadow` does.
+/// Returns the errors of irradiance at `positions` from baked visibility, for three ways of
+/// display. (i) splats visible irradiance. (ii) splats occluded irradiance and subtracts it from
+/// the unshadowed irradiance of the position. (iii) splats occluded and unshadowed irradiance.
+/// Their quotient is the occluded fraction, as in the kernel `subtract_shadow`.
 fn compare(
     scene: &BakedScene,
     visibility: &Visibility,
@@ -116,7 +116,7 @@ fn compare(
     [by(0), by(1), memory(scene, visibility, light, positions)]
 }
 
-/// The third way alone.
+/// Returns the errors of the third way alone.
 fn memory(
     scene: &BakedScene,
     visibility: &Visibility,
@@ -128,17 +128,17 @@ fn memory(
     shadow_errors(scene, &occluded_irradiances, positions)
 }
 
-/// The bakes of visibility that are measured.
+/// Descriptions of the measured visibility bakes.
 pub const BAKES: [&str; 3] = [
     "defaults",
     "2016 directions, 1000 points per cluster, 100 coefficients",
     "8064 directions, 150 points per cluster",
 ];
 
-/// Numbers of coefficients that are tried.
+/// Measured numbers of coefficients.
 pub const COUNTS: [u32; 8] = [1, 2, 5, 10, 20, 50, 75, 100];
 
-/// One bake of visibility.
+/// Results of one visibility bake.
 pub struct Variant {
     pub what: &'static str,
     pub points: usize,
@@ -148,17 +148,17 @@ pub struct Variant {
     pub kept: f64,
     pub bytes: usize,
     pub packed: usize,
-    /// None of what is a part of the bake before it.
+    /// Seconds of the bake. `None` if it is a part of the previous one.
     pub seconds: Option<f64>,
     pub penumbra: f64,
     pub lit: f64,
 }
 
-/// A panel that no constant was chosen with.
+/// Results of a panel that was not used to choose a constant.
 pub struct Other {
     pub what: &'static str,
     pub positions: usize,
-    /// With the defaults, and with the finest bake.
+    /// Errors with the defaults and with the finest bake.
     pub penumbra: [f64; 2],
     pub rays: f64,
 }
@@ -167,7 +167,7 @@ pub struct Other {
 pub struct Found {
     pub name: String,
     pub positions: (usize, usize),
-    /// Errors by the number of coefficients, of each bake.
+    /// Errors by the number of coefficients of each bake.
     pub by_count: [Vec<(u32, f64)>; 3],
     pub rays: f64,
     pub penumbra: [Errors; 3],
@@ -177,39 +177,41 @@ pub struct Found {
     pub races: Vec<Race>,
 }
 
-/// The visible fraction of a panel by rays and from memory, at the same points.
+/// Comparison of the visible fraction of a panel by rays and from baked visibility, at the same
+/// points.
 pub struct Race {
     pub name: String,
     pub triangles: usize,
     pub points: usize,
     pub samples: u32,
-    /// Microseconds a point, on one thread.
+    /// Microseconds per point on one thread.
     pub rays: f64,
     pub memory: f64,
-    /// Root mean square of how far the fractions are apart.
+    /// Root mean square difference of the fractions.
     pub apart: f64,
 }
 
-/// A bake whose clusters are cut where they are more wrong than `error`.
+/// Results of a bake that splits clusters with an error above `error`.
 pub struct Cut {
     pub error: f32,
     pub clusters: usize,
     pub bytes: usize,
     pub seconds: f64,
-    /// Root mean square of how far visible fractions from memory and by rays are apart, at the
-    /// points.
+    /// Root mean square difference of the visible fractions by rays and from baked visibility, at
+    /// the points.
     pub apart: f64,
-    /// NRMSE in the penumbra, and by rays at the same points.
+    /// NRMSE in the penumbra. `rays` is the NRMSE by rays at the same points.
     pub penumbra: f64,
     pub rays: f64,
-    /// Positions in the penumbra.
+    /// Number of positions in the penumbra.
     pub positions: usize,
 }
 
-/// Errors beyond which clusters are cut.
+/// Errors above which clusters are split.
 const CUTS: [f32; 4] = [1.0, 0.04, 0.03, 0.02];
 
-/// Bakes of the scene's visibility with cuts and without, and the race of the usual one.
+/// Bakes the visibility of the scene with and without split clusters. Returns the race of the
+/// default bake and the results.
 pub fn cuts(
     name: &str,
     mesh: &TriangleMesh,
@@ -246,7 +248,7 @@ pub fn cuts(
     Ok((races, cuts))
 }
 
-/// Points with visibility data, as in a bake with soft shadows.
+/// Returns the points with visibility data, as in a bake with soft shadows.
 fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
     let levels = (scene.data().sender_levels as usize + 1).min(scene.levels());
     let known = scene.data().level_starts[levels] as usize;
@@ -255,8 +257,8 @@ fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Runs both at the points that have visibility data and that the panel lights, with one sample,
-/// which is what `project` asks of a point light, and with [`SAMPLES`].
+/// Runs both methods at the points that have visibility data and that the panel can light. Uses one
+/// sample, as `project` does for a point light, and [`SAMPLES`] samples.
 pub fn race(
     name: &str,
     mesh: &TriangleMesh,
@@ -312,7 +314,7 @@ pub fn race(
     Ok(races)
 }
 
-/// Those of `positions` that the light lights in part.
+/// Returns the positions that the light illuminates partially.
 fn penumbra_of(positions: &[PenumbraSample]) -> Vec<PenumbraSample> {
     positions
         .iter()
@@ -361,7 +363,7 @@ pub fn measure(
             ..usual
         })?,
     ];
-    // The first of a bake's components are those of a bake of fewer.
+    // The first components of a bake are those of a bake with fewer components.
     let by_count = [0, 1, 2].map(|k| {
         let max = [usual.components, 100, usual.components][k];
         let counts = COUNTS.into_iter().filter(|&count| count <= max);
@@ -445,7 +447,7 @@ pub fn measure(
     })
 }
 
-/// From memory, the truth, and their difference, side by side.
+/// Writes a picture: baked visibility, reference, and their difference, side by side.
 fn picture(
     name: &str,
     mesh: &TriangleMesh,

@@ -97,7 +97,7 @@ fn vector(v: glam::Vec3, digits: usize) -> String {
     format!("{:.digits$}, {:.digits$}, {:.digits$}", v.x, v.y, v.z)
 }
 
-/// Name of a scene as a heading.
+/// Returns the name of a scene as a heading.
 fn title(name: &str) -> String {
     let name = name.replace('_', " ");
     let mut chars = name.chars();

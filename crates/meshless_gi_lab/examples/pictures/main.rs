@@ -1,5 +1,5 @@
-//! Indirect light in views of scenes beside the path tracer's: pictures, differences and errors.
-//! Writes the document and its pictures:
+//! Indirect light in views of scenes, compared with the path tracer: pictures, differences and
+//! errors. Writes the document and its pictures:
 //!
 //! ```text
 //! cargo run -p meshless_gi_lab --example pictures -- -o docs/reports [--cache FOLDER]
@@ -7,9 +7,9 @@
 //! ```
 //!
 //! makes `docs/reports/pictures.md` and `docs/reports/pictures/`. References and bakes are kept in
-//! the cache (`target/pictures`), and a run that was interrupted continues there. Bakes of another
-//! build of this program are not used again. A scene's folder holds `L0.json`. Its name is one
-//! whose views are known.
+//! the cache (`target/pictures`), and an interrupted run continues there. Bakes of another build of
+//! this program are not used again. The folder of a scene holds `L0.json`. Its name must be one
+//! with predefined views.
 
 mod cache;
 mod document;
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut all: Vec<Measured> = Vec::new();
     for scene in &args.scenes {
         all.push(measure(scene, &args.presets, &SIZE, &cache, &pictures)?);
-        // After every scene: a reader need not wait for the last.
+        // Written after every scene, so that a reader need not wait for the last.
         let text = document::text(&all, &args.presets);
         std::fs::write(args.output.join("pictures.md"), text)?;
     }

@@ -25,7 +25,7 @@ pub struct Bumpy {
     pub measured: Measured,
 }
 
-/// Light from one side, and a little from all directions.
+/// Returns light from one side, and a little from all directions.
 fn light(x: Vec3) -> VectorIrradiance {
     let to = Vec3::new(-2.5, 2.0, 1.0) - x;
     let mut e = from(to, Vec3::new(9.0, 8.0, 7.0) / (1.0 + to.length_squared()));
@@ -36,7 +36,7 @@ fn light(x: Vec3) -> VectorIrradiance {
     e
 }
 
-/// Ball of 1 m in front of a wall.
+/// Returns a ball of 1 m in front of a wall.
 fn scene() -> TriangleMesh {
     const N: u32 = 96;
     let center = Vec3::new(0.0, 0.0, -3.0);

@@ -1,4 +1,4 @@
-//! The document and its charts.
+//! Document and its charts.
 
 use super::bumps::Held;
 use super::experiments::{FINEST, Found, LIGHTS, NORMALS, Pair, SCREEN, SMALL};

@@ -1,4 +1,4 @@
-//! The experiments: views of every scene, tests of discontinuities along a path ([N09] Fig. 9),
+//! Experiments: views of every scene, tests of discontinuities along a path ([N09] Fig. 9),
 //! resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
 
 use super::bumps::{self, Bumpy};
@@ -7,33 +7,33 @@ use super::subsplat_support::{LitScene, Measured, View};
 use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::error::Error;
 
-/// Size of the screen, pixels.
+/// Size of the screen, in pixels.
 pub const SCREEN: [u32; 2] = [1920, 1080];
-/// Pictures along the path.
+/// Size of the pictures along the path, in pixels.
 pub const SMALL: [u32; 2] = [960, 540];
-/// Positions of the path.
+/// Number of positions of the path.
 pub const PLACES: u32 = 8;
-/// Finest levels that are compared.
+/// Measured finest levels.
 pub const FINEST: [u32; 3] = [1, 2, 3];
-/// Thresholds of the normal that are compared.
+/// Measured thresholds of the normal.
 pub const NORMALS: [f32; 6] = [0.1, 0.25, 0.5, 1.0, 1.4, 2.0];
-/// Thresholds of light that are compared.
+/// Measured thresholds of light.
 pub const LIGHTS: [f32; 6] = [0.01, 0.015, 0.02, 0.03, 0.05, f32::INFINITY];
 
-/// One of a scene's views at the size of a screen, with the default settings.
+/// Results of one view of a scene at screen size, with the default settings.
 pub struct Row {
     pub scene: String,
     pub view: usize,
     pub measured: Measured,
-    /// Values of full resolution and of subsplats.
+    /// Seconds at full resolution and with subsplats.
     pub seconds: [f64; 2],
 }
 
-/// Two tests, with their thresholds, along the path.
+/// Results of two tests with their thresholds along the path.
 pub struct Pair {
     pub depth: DepthTest,
     pub normal: NormalTest,
-    /// Position by position.
+    /// Results of each position.
     pub positions: Vec<Measured>,
     /// Mean number of subsplats without the test of diagonals, and mean FLIP.
     pub straight: (f64, f64),
@@ -49,7 +49,7 @@ impl Pair {
     }
 }
 
-/// A finest level and a threshold of the normal.
+/// Results of a finest level and a threshold of the normal.
 pub struct Cell {
     pub finest: u32,
     pub normal: f32,
@@ -57,17 +57,17 @@ pub struct Cell {
     pub seconds: [f64; 2],
 }
 
-/// A threshold of light.
+/// Results of a threshold of light.
 pub struct Light {
     pub scene: String,
     pub light: f32,
     pub measured: Measured,
 }
 
-/// All that was found.
+/// All results.
 pub struct Found {
     pub rows: Vec<Row>,
-    /// The scene that the other experiments are made on.
+    /// Scene of the other experiments.
     pub on: String,
     pub pairs: Vec<Pair>,
     pub cells: Vec<Cell>,
@@ -128,7 +128,7 @@ pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
     })
 }
 
-/// As [N09] has it: refined by discontinuities alone.
+/// Returns settings that refine by discontinuities alone, as in [N09].
 fn by_shape(depth: DepthTest, normal: NormalTest) -> SubsplatSettings {
     SubsplatSettings {
         depth,
@@ -158,7 +158,7 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
     out
 }
 
-/// From the first view to the second, looking from target to target.
+/// Returns views on a path from the first view to the second, with interpolated targets.
 fn path(stage: &LitScene) -> Vec<View<'_>> {
     let [(a, at), (b, bt), _] = stage.scene.views;
     let position = |k: u32| {
@@ -180,7 +180,7 @@ fn along(stage: &LitScene) -> Vec<Pair> {
     let mut out = Vec::new();
     for normal in 0..2 {
         for depth in 0..3 {
-            // Both thresholds by one factor of what they are to begin with.
+            // One factor scales both thresholds.
             let at = |factor: f32| {
                 let depth = match depth {
                     0 => DepthTest::Plane(0.05 * factor),
@@ -196,7 +196,7 @@ fn along(stage: &LitScene) -> Vec<Pair> {
             let (mut low, mut high) = (-4.0f32, 4.0f32);
             for _ in 0..5 {
                 let middle = 0.5 * (low + high);
-                // Larger thresholds, fewer subsplats, a larger difference.
+                // Larger thresholds give fewer subsplats and a larger difference.
                 if flip(&at(middle.exp2())) > goal {
                     high = middle;
                 } else {

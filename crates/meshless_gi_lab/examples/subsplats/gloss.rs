@@ -15,40 +15,41 @@ use std::f32::consts::FRAC_1_PI;
 use std::fmt::{Error, Write};
 use std::time::Instant;
 
-/// [N09]'s picture, and its coarsest cells.
+/// Size of the picture in [N09], and the level of its coarsest cells.
 const SQUARE: [u32; 2] = [1024, 1024];
 const COARSEST: u32 = 6;
-/// [N09] Table 1: virtual lights along an edge, and how often 16² cells are refined; "N/A" there
-/// where it is less than four times.
+/// [N09] Table 1: virtual lights along an edge, and the number of refinements of 16² cells. Fewer
+/// than four refinements are "N/A" in the table.
 const SIDES: [(u32, u32); 4] = [(16, 4), (32, 4), (64, 3), (128, 1)];
-/// Up to these lights our lists are measured too.
+/// Maximum number of lights for which our lists are measured too.
 const MAX: u32 = 1024;
 /// Roughness of the floor.
 const ROUGHNESS: f32 = 0.25;
 const SMALL: [u32; 2] = [960, 540];
 /// Numbers of lights on a screen.
 const LIGHTS: [u32; 3] = [16, 64, 256];
-/// Finest cells of Fig. 14.
+/// Finest levels of Fig. 14.
 const FINEST: [u32; 4] = [4, 3, 2, 1];
 const QUARTER: [u32; 2] = [480, 270];
 
-/// A column of Table 1: lights, then for each resolution what [N09]'s lists hold, how long they
-/// took to refine, and what ours evaluate.
+/// Column of Table 1: number of lights. `theirs` has the cells in the lists of [N09] and the
+/// seconds of refinement by resolution, `ours` has our evaluations.
 pub struct Column {
     lights: u32,
     theirs: Vec<(u64, f64)>,
     ours: Option<Vec<u64>>,
 }
 
-/// Gloss at the size of a screen.
+/// Results of gloss at screen size.
 pub struct Row {
     lights: u32,
-    /// Full resolution, one list, a list for each light: seconds, share of the evaluations, FLIP.
+    /// Seconds, fraction of the evaluations and FLIP of full resolution, one list, and one list per
+    /// light.
     ways: [(f64, f64, f32); 3],
 }
 
-/// Diffuse light of so many lights: seconds at full resolution, then share of the evaluations and
-/// seconds for each finest level.
+/// Results of diffuse light: seconds at full resolution. `levels` has the fraction of the
+/// evaluations and the seconds of each finest level.
 pub struct Diffuse {
     lights: u32,
     full: f64,
@@ -97,7 +98,7 @@ pub fn measure() -> Found {
     }
 }
 
-/// Gloss of one light in a pixel, times the scale: what [N09] compares.
+/// Returns the gloss of one light in a pixel, times the scale, which [N09] compares.
 fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
     let size = view.screen.size;
     let (depth, texel) = (
@@ -114,9 +115,9 @@ fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
     view.view.scale * color * Vec3::from_array(view.lights.vpls[i as usize].flux)
 }
 
-/// [N09] §3.3.1 to the letter: a list of cells for each light, those whose quadrants differ by more
-/// than `max` in a channel replaced by the quadrants. For each pass how many cells the list holds,
-/// and the seconds until then.
+/// Computes the list of cells of one light by [N09] §3.3.1. Cells whose quadrants differ by more
+/// than `max` in a channel are replaced by their quadrants. Returns the number of cells in the list
+/// and the elapsed seconds of each pass.
 fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, max: f32) -> Vec<(u64, f64)> {
     let [w, h] = view.screen.size.map(|edge| edge >> COARSEST);
     let mut list: Vec<[u32; 2]> = (0..w * h).map(|c| [c % w, c / w]).collect();
@@ -153,7 +154,7 @@ fn column(scene: &Scene, passes: u32) -> Column {
     let params = scene.params(&settings);
     let view = scene.view(&params);
     let lights = scene.lit.vpls;
-    // Our threshold at the mean gloss, in equal parts for all lights.
+    // Our threshold at the mean gloss, divided equally among all lights.
     let some: Vec<u32> = (0..SQUARE[0] * SQUARE[1]).step_by(997).collect();
     let every: Vec<[f32; 4]> = some
         .into_par_iter()

@@ -1,14 +1,15 @@
-//! Subsplats ([N09]) measured: how many, how far from full resolution, for how much of its time,
-//! and what each setting is worth. Writes the document and its charts:
+//! Subsplats ([N09]) measured: their number, their difference to full resolution, their time, and
+//! the effect of each setting. Writes the document and its charts:
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports [--bakes FOLDER]
 //! [SCENE_FOLDER...]
 //! ```
 //!
-//! makes `docs/reports/subsplats.md` and `docs/reports/subsplats/`. A scene's folder holds
-//! `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
-//! measured, first. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise.
+//! makes `docs/reports/subsplats.md` and `docs/reports/subsplats/`. The folder of a scene holds
+//! `L0.json`. Its name must be one with predefined views. The cluttered room is built in and always
+//! measured first. `FOLDER/NAME.mgi` replaces a bake at medium, and is written if it does not
+//! exist.
 
 mod bumps;
 mod document;

@@ -1,5 +1,5 @@
-//! The charts: errors against the number of points, and the curves B(ζ), D(u) of [V11] Figures
-//! 11-13 for every basis and density.
+//! Charts: errors against the number of points, and the curves B(ζ), D(u) of [V11] Figures 11-13
+//! for every basis and density.
 
 use super::{Experiment, SHOWN, slug};
 use glam::DVec3;
@@ -11,8 +11,8 @@ use meshless_gi_lab::accuracy::{
 use std::error::Error;
 use std::f64::consts::TAU;
 
-/// The bases of the charts that show several, in the order of their colors. The widest Gaussians
-/// leave every frame: they have their own charts.
+/// Bases of the charts that show several, in the order of their colors. The widest Gaussians exceed
+/// every frame and have their own charts.
 const SEVERAL: [Basis; 6] = [
     Basis::Ours,
     Basis::Shepard,
@@ -21,11 +21,11 @@ const SEVERAL: [Basis; 6] = [
     Basis::LehtinenLevels,
     Basis::NarrowGaussian,
 ];
-/// Positions of a curve.
+/// Number of positions of a curve.
 const STEPS: usize = 320;
-/// Azimuths of a mean.
+/// Number of azimuths of a mean.
 const AROUND: usize = 48;
-/// The azimuth of a single line, in turns.
+/// Azimuth of a single line, in turns.
 const LINE: f64 = 0.13;
 
 /// One of the four curves of the paper's figures.
@@ -67,7 +67,7 @@ const CURVES: [Curve; 4] = [
 ];
 
 impl Curve {
-    /// Positions of the curve's points along the axis, degrees or meters.
+    /// Returns the positions of the curve's points along the axis, in degrees or meters.
     fn positions(self, solution: &Solution) -> Vec<f64> {
         let (from, to) = if self.sphere {
             (-90.0, 90.0)
@@ -90,7 +90,7 @@ impl Curve {
         }
     }
 
-    /// The field at a position of the axis and an azimuth in turns.
+    /// Returns the field at a position of the axis and an azimuth in turns.
     fn value(self, solution: &Solution, field: &SurfaceField<'_>, at: f64, turns: f64) -> f64 {
         let (s, c) = (TAU * turns).sin_cos();
         let scene = &solution.scene;
@@ -122,7 +122,7 @@ impl Curve {
         } else {
             (0.0, solution.scene.disk)
         });
-        // What oscillates beyond is cut off.
+        // Oscillations beyond this range are cut off.
         axes[1].range = Some((-0.25 * max, 1.35 * max));
         axes
     }
@@ -139,7 +139,7 @@ fn spacing_text(set: &PointSet) -> String {
     format!("points at least {} m apart ({points} of them)", set.spacing)
 }
 
-/// Writes all charts; `all` asks for those that the document does not show, too.
+/// Writes all charts. `all` includes those that the document does not show.
 pub fn write(made: &Experiment, all: bool) -> Result<(), Box<dyn Error>> {
     let folder = made.folder.join("v11");
     for quantity in [Quantity::Total, Quantity::Indirect, Quantity::Noisy] {
@@ -186,7 +186,7 @@ pub fn write(made: &Experiment, all: bool) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Error against the number of points.
+/// Returns the chart of the error against the number of points.
 fn errors(made: &Experiment, quantity: Quantity, sphere: bool) -> Chart {
     let rmse = |r: &ComparisonRow| if sphere { r.sphere.rmse } else { r.disk.rmse };
     let series = SEVERAL.iter().chain(&[Basis::OursTwice]).map(|&basis| {
@@ -228,7 +228,7 @@ fn errors(made: &Experiment, quantity: Quantity, sphere: bool) -> Chart {
     }
 }
 
-/// The curves of several bases at one azimuth.
+/// Returns the curves of several bases at one azimuth.
 fn several(
     made: &Experiment,
     set: &PointSet,
@@ -263,7 +263,7 @@ fn several(
     }
 }
 
-/// One basis at one azimuth and in the mean over all, as the paper's figures have it.
+/// Returns one basis at one azimuth and the mean over all, as in the figures of [V11].
 fn single(
     made: &Experiment,
     set: &PointSet,

@@ -1,4 +1,4 @@
-//! The document: what was found, the tables, and the charts and pictures that it shows.
+//! Document: results, tables, charts and pictures.
 
 use super::{Experiment, SHOWN, SPACINGS, slug};
 use meshless_gi_lab::accuracy::{Basis, ComparisonRow, Quantity, SurfaceErrors};
@@ -19,7 +19,7 @@ const QUANTITIES: [(Quantity, &str); 5] = [
     ),
 ];
 
-/// The paper's bases: as many samples, at the same points, as ours.
+/// Bases of [V11], with as many samples at the same points as ours.
 const PAPERS: [Basis; 5] = [
     Basis::Shepard,
     Basis::Gaussian,
@@ -35,7 +35,7 @@ impl Experiment {
             .expect("every basis is measured everywhere")
     }
 
-    /// Ours, and the best of the paper's bases by root mean square error.
+    /// Returns the RMSE of our basis, the best basis of [V11] by RMSE, and its RMSE.
     fn duel(&self, quantity: Quantity, sphere: bool, spacing: f64) -> (f64, Basis, f64) {
         let rmse = |basis| on(self.row(basis, quantity, spacing), sphere).rmse;
         let best = PAPERS.iter().copied();
@@ -53,10 +53,10 @@ fn surface(sphere: bool) -> &'static str {
     if sphere { "sphere" } else { "disk" }
 }
 
-/// A share in per cent, without the sign, with about three figures.
+/// Formats a fraction in percent, without the sign, with about three figures.
 fn percent(share: f64) -> String {
     let v = 100.0 * share;
-    // No minus before nothing.
+    // No minus sign before zero.
     let v = if v.abs() < 0.005 { 0.0 } else { v };
     match v.abs() {
         a if a < 9.995 => format!("{v:.2}"),
@@ -138,7 +138,7 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     oscillation(made, out)
 }
 
-/// Visual results of \[V11\] at its own density.
+/// Writes the visual results of \[V11\] at its own density.
 fn oscillation(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
@@ -184,7 +184,7 @@ fn cells() -> impl Iterator<Item = (Quantity, bool, f64)> {
     })
 }
 
-/// Cases in which another basis is better, with the reason.
+/// Writes the cases in which another basis is better, with the reason.
 fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let beaten = |of: &[Basis]| -> Vec<String> {
         let mut found = Vec::new();
@@ -314,7 +314,7 @@ fn shown(out: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The reference and its constants.
+/// Writes the reference and its constants.
 fn solution(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let scene = &made.solution.scene;
     writeln!(

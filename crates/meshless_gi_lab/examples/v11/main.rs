@@ -1,13 +1,13 @@
-//! [V11]'s experiment: nine bases write down the light of a sphere over a disk, whose true light is
-//! known from two integral equations. Writes the table that the paper lacks, its curves B(ζ) and
-//! D(u) as charts, and pictures, and puts them into a document:
+//! Experiment of [V11]: nine bases represent the light of a sphere over a disk. Two integral
+//! equations give the exact light. Writes the table that the paper lacks, its curves B(ζ) and D(u)
+//! as charts, and pictures, and puts them into a document:
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example v11 -- -o DIR
 //! ```
 //!
-//! makes `DIR/v11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every
-//! density in `DIR/v11/all/`. With `--short`, as for `docs/`, without the latter.
+//! makes `DIR/v11.md`, its charts and pictures in `DIR/v11/`, and the curves of every basis at
+//! every density in `DIR/v11/all/`. With `--short`, as for `docs/`, `all` is omitted.
 
 mod curves;
 mod document;
@@ -19,13 +19,13 @@ use meshless_gi_lab::accuracy::{
 use std::error::Error;
 use std::path::PathBuf;
 
-/// Smallest distances of two points, meters; the third is the paper's own.
+/// Minimum distances between two points, in meters. The third is that of the paper.
 pub const SPACINGS: [f64; 5] = [6.0, 4.24, 3.0, 2.12, 1.5];
-/// The one that charts and pictures of the document show.
+/// Spacing of the charts and pictures in the document.
 pub const SHOWN: f64 = 3.0;
-/// Point sets a density; the table has the median of each number over them.
+/// Number of point sets per density. The table has the median of each number over them.
 const SETS: u64 = 5;
-/// Cells of the solution that everything is compared with.
+/// Number of cells of the reference solution.
 const CELLS: usize = 1600;
 
 /// Input of all parts of the document.
@@ -33,7 +33,7 @@ pub struct Experiment {
     pub solution: Solution,
     /// Medians over the point sets.
     pub rows: Vec<ComparisonRow>,
-    /// The first point set of each spacing.
+    /// First point set of each spacing.
     pub sets: Vec<PointSet>,
     pub folder: PathBuf,
 }
@@ -82,7 +82,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The median of each number over rows that differ by their point set.
+/// Returns the median of each number over rows that differ by their point set.
 fn medians(sets: &[Vec<ComparisonRow>]) -> Vec<ComparisonRow> {
     let median = |mut all: Vec<f64>| {
         all.sort_by(f64::total_cmp);
@@ -105,7 +105,7 @@ fn medians(sets: &[Vec<ComparisonRow>]) -> Vec<ComparisonRow> {
                 points: of(&|r| r.points as f64) as usize,
                 sphere: surface(|r| &r.sphere),
                 disk: surface(|r| &r.disk),
-                // The largest, not the median: one case is enough.
+                // The largest, because one case is enough.
                 ridge: sets.iter().fold(0.0, |max, rows| max.max(rows[i].ridge)),
                 ..sets[0][i]
             }
@@ -113,7 +113,7 @@ fn medians(sets: &[Vec<ComparisonRow>]) -> Vec<ComparisonRow> {
         .collect()
 }
 
-/// A basis' part of a file's name.
+/// Returns the part of a file name that identifies a basis.
 pub fn slug(basis: Basis) -> &'static str {
     match basis {
         Basis::Shepard => "shepard",

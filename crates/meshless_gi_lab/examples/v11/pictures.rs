@@ -1,4 +1,4 @@
-//! Pictures of the scene as each basis writes it down, by the project's renderer on the CPU.
+//! Pictures of the scene as represented by each basis, by the project's renderer on the CPU.
 
 use super::{Experiment, SHOWN, slug};
 use glam::{DVec3, Vec3};
@@ -6,14 +6,14 @@ use meshless_gi_lab::accuracy::{Basis, Camera, Image, exact_samples, render};
 use std::error::Error;
 use std::path::Path;
 
-/// Width and height of a picture, pixels.
+/// Width and height of a picture, in pixels.
 const SIZE: (u32, u32) = (400, 300);
-/// Rays a pixel.
+/// Number of rays per pixel.
 const SAMPLES: u32 = 8;
-/// Radiosity that is shown white, W/m²: of all light, of reflected light.
+/// Radiosity that is displayed white, in W/m²: of all light, of reflected light.
 const WHITE: [f32; 2] = [0.9, 0.6];
 
-/// Position of the camera: low enough to see the sphere from below.
+/// Camera at a low position, from which the sphere is visible from below.
 const CAMERA: Camera = Camera {
     eye: Vec3::new(0.0, 14.0, 46.0),
     target: Vec3::new(0.0, 11.5, 0.0),
@@ -46,7 +46,7 @@ pub fn write(made: &Experiment) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The pictures of all and of reflected light.
+/// Writes the pictures of all light and of reflected light.
 fn pair(
     made: &Experiment,
     folder: &Path,
@@ -60,7 +60,7 @@ fn pair(
             &CAMERA,
             SIZE,
             SAMPLES,
-            // Nothing is magenta: it must not pass for dark.
+            // Positions without a value are magenta, to differ from dark ones.
             &|_, seen, _| match field(seen.position, seen.normal) {
                 Some(v) => Vec3::splat((v[channel] as f32 / WHITE[channel]).clamp(0.0, 1.0)),
                 None => Vec3::new(1.0, 0.0, 1.0),
