@@ -16,26 +16,26 @@ impl From<SceneData> for BakedScene {
 }
 
 impl BakedScene {
-    /// Sources, settings, error estimate and statistics of the bake.
+    /// Returns the sources, settings, error estimate and statistics of the bake.
     #[must_use]
     pub fn info(&self) -> &BakeInfo {
         &self.0.info
     }
 
-    /// Box around the geometry, meters. [`Bounds::EMPTY`] if it has no surface.
+    /// Returns the box around the geometry, meters. [`Bounds::EMPTY`] if it has no surface.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         let [min, max] = self.0.info.bounds.map(Vec3::from);
         Bounds { min, max }
     }
 
-    /// Number of points of all levels.
+    /// Returns the number of points of all levels.
     #[must_use]
     pub fn point_count(&self) -> usize {
         self.0.points.len()
     }
 
-    /// Number of levels.
+    /// Returns the number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.0.levels()
@@ -44,7 +44,7 @@ impl BakedScene {
     /// Returns the scene as a `.mgi` file. The same scene gives the same bytes.
     ///
     /// # Errors
-    /// [`AssetError::Invalid`] if the file could not be read again; [`AssetError::Section`] if
+    /// [`AssetError::Invalid`] if the file could not be read again. [`AssetError::Section`] if
     /// `info` cannot be written as text.
     pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
         self.0.to_bytes()
@@ -54,19 +54,19 @@ impl BakedScene {
     /// most `limits`, for any bytes.
     ///
     /// # Errors
-    /// See [`AssetError`]. No bytes make it panic.
+    /// See [`AssetError`]. No bytes cause a panic.
     pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, AssetError> {
         SceneData::from_bytes(bytes, limits).map(Self)
     }
 
-    /// Arrays, for the crates of this workspace. Exempt from semantic versioning.
+    /// Returns the arrays, for the crates of this workspace. Exempt from semantic versioning.
     #[doc(hidden)]
     #[must_use]
     pub fn data(&self) -> &SceneData {
         &self.0
     }
 
-    /// Mutable arrays, as [`data`](Self::data).
+    /// Returns the mutable arrays, as [`data`](Self::data).
     #[doc(hidden)]
     pub fn data_mut(&mut self) -> &mut SceneData {
         &mut self.0

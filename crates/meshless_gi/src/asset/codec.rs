@@ -1,11 +1,11 @@
 //! Conversion of arrays of plain structs to bytes that compress well, and back.
 //!
-//! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a
-//! word. In columns, the values of all items are written field after field: first all lowest bytes,
-//! then all next ones (byte planes), so that signs and exponents, which hardly vary, lie side by
-//! side. That serves what is different in every item, links and weights. What comes again as a
-//! whole, normals, colors and corners of triangles, compresses better item after item. Ascending
-//! numbers are written as differences.
+//! Every stored struct consists of 32-bit words. A [`Field`] is one word of it, or one half of a
+//! word. In columns, the values of all items are written field after field. A field is written as
+//! byte planes: first all lowest bytes, then all next ones. Signs and exponents, which hardly vary,
+//! are then adjacent. Columns suit values that differ in every item: links and weights. Values that
+//! repeat as a whole compress better item after item: normals, colors and corners of triangles.
+//! Ascending numbers are written as differences.
 
 use bytemuck::Pod;
 
@@ -26,7 +26,7 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// All 32 bits of a word.
+    /// Creates a field of all 32 bits of a word.
     pub const fn word(word: usize) -> Self {
         Self {
             word,
@@ -35,7 +35,7 @@ impl Field {
         }
     }
 
-    /// The low 16 bits of a word.
+    /// Creates a field of the low 16 bits of a word.
     pub const fn low(word: usize) -> Self {
         Self {
             word,
@@ -44,7 +44,7 @@ impl Field {
         }
     }
 
-    /// The high 16 bits of a word.
+    /// Creates a field of the high 16 bits of a word.
     pub const fn high(word: usize) -> Self {
         Self {
             word,
@@ -53,7 +53,8 @@ impl Field {
         }
     }
 
-    /// Written as the difference to the item before, its sign in the lowest bit.
+    /// Returns the field, written as the difference to the item before with the sign in the lowest
+    /// bit.
     pub const fn delta(self) -> Self {
         Self {
             delta: true,
@@ -61,7 +62,7 @@ impl Field {
         }
     }
 
-    /// Bytes of one value.
+    /// Returns the bytes of one value.
     pub const fn bytes(self) -> usize {
         match self.part {
             WordPart::Whole => 4,
@@ -85,7 +86,7 @@ impl Field {
         }
     }
 
-    /// The difference of two values, small for small steps in either direction.
+    /// Computes the coded difference of two values, small for small steps in either direction.
     fn step(self, from: u32, to: u32) -> u32 {
         if self.part == WordPart::Whole {
             let d = to.wrapping_sub(from) as i32;
@@ -96,7 +97,7 @@ impl Field {
         }
     }
 
-    /// Undoes [`Self::step`].
+    /// Inverts [`Self::step`].
     fn walk(self, from: u32, step: u32) -> u32 {
         let d = (step >> 1) ^ (step & 1).wrapping_neg();
         if self.part == WordPart::Whole {
@@ -107,7 +108,7 @@ impl Field {
     }
 }
 
-/// Fields of a struct that are stored, in their order.
+/// Stored fields of a struct, in their order.
 #[derive(Clone, Copy)]
 pub(super) struct Layout {
     fields: &'static [Field],
@@ -115,7 +116,7 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Field after field, in byte planes.
+    /// Creates a layout that stores field after field, in byte planes.
     pub const fn columns(fields: &'static [Field]) -> Self {
         Self {
             fields,
@@ -123,7 +124,7 @@ impl Layout {
         }
     }
 
-    /// Item after item.
+    /// Creates a layout that stores item after item.
     pub const fn rows(fields: &'static [Field]) -> Self {
         Self {
             fields,
@@ -131,7 +132,7 @@ impl Layout {
         }
     }
 
-    /// Stored bytes of one item.
+    /// Returns the stored bytes of one item.
     pub const fn item_bytes(self) -> usize {
         let mut sum = 0;
         let mut i = 0;
@@ -142,7 +143,7 @@ impl Layout {
         sum
     }
 
-    /// Items to bytes.
+    /// Converts items to bytes.
     pub fn encode<T: Pod>(self, items: &[T]) -> Vec<u8> {
         if self.columns {
             return to_columns(items, self.fields);
@@ -165,8 +166,8 @@ impl Layout {
         out
     }
 
-    /// Bytes to items. `raw` must be `count` times [`item_bytes`](Self::item_bytes) long. Words
-    /// that no field names are zero.
+    /// Converts bytes to items. `raw` must be `count` times [`item_bytes`](Self::item_bytes) long.
+    /// Words without a field are zero.
     pub fn decode<T: Pod>(self, raw: &[u8], count: usize) -> Vec<T> {
         debug_assert_eq!(raw.len(), count * self.item_bytes());
         if self.columns {
@@ -194,10 +195,10 @@ impl Layout {
     }
 }
 
-/// More fields than any struct has.
+/// Largest number of fields of a struct.
 const MAX_FIELDS: usize = 12;
 
-/// Items to columns.
+/// Converts items to columns.
 fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {
     let stride = size_of::<T>() / 4;
     let words: &[u32] = bytemuck::cast_slice(items);
@@ -222,7 +223,7 @@ fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {
     out
 }
 
-/// Columns to items.
+/// Converts columns to items.
 fn from_columns<T: Pod>(raw: &[u8], count: usize, fields: &[Field]) -> Vec<T> {
     let stride = size_of::<T>() / 4;
     let mut items = vec![T::zeroed(); count];

@@ -1,11 +1,10 @@
-//! The outer shell of a `.mgi` file: header, section table, checksums, compression. It is
-//! independent of scenes.
-//! `docs/FORMAT.md` has the layout.
+//! Container of a `.mgi` file: header, section table, checksums, compression. It is independent of
+//! scenes. `docs/FORMAT.md` has the layout.
 
 use super::error::{AssetError, Limits};
 use std::borrow::Cow;
 
-/// The first eight bytes. Not text, and damaged by whatever takes it for text.
+/// First eight bytes. They are not text, and any conversion of text damages them.
 pub(super) const MAGIC: [u8; 8] = *b"\x89MGI\r\n\x1a\n";
 /// Version of the format. It changes with the layout only.
 pub const VERSION: u32 = 2;
@@ -13,12 +12,12 @@ pub const VERSION: u32 = 2;
 const HEADER: usize = 32;
 /// Bytes of one row of the table.
 const ENTRY: usize = 40;
-/// More sections than any version has.
+/// Largest number of sections. No version has as many.
 const MAX_SECTIONS: u32 = 64;
-/// LZ4 cannot expand a byte to more than this.
+/// Largest expansion of LZ4, bytes per compressed byte.
 const LZ4_RATIO: u64 = 255;
 
-/// Bytes of memory that reading takes beyond what grows with the file: ends of arrays, messages.
+/// Memory of a read that does not grow with the file, bytes: ends of arrays, messages.
 const SLACK: u64 = 1 << 16;
 
 /// Encoding of a section's bytes.
@@ -28,28 +27,28 @@ const LZ4: u16 = 1;
 /// Content of a section: the required entry of the table, and the size in memory.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kind {
-    /// Number in the table. Sections stand in ascending order of it.
+    /// Number in the table. Sections are in ascending order of it.
     pub code: u32,
-    /// For messages.
+    /// Name for messages.
     pub name: &'static str,
     /// Version of the section's own layout.
     pub version: u16,
     /// Raw bytes of an item.
     pub raw: u64,
-    /// Bytes of memory that an item takes once decoded.
+    /// Bytes of memory of a decoded item.
     pub memory: u64,
-    /// More items make no sense.
+    /// Largest number of items.
     pub max: u64,
 }
 
-/// A section on its way to a file.
+/// Section of a file to write.
 pub(super) struct Section {
     pub kind: &'static Kind,
     pub items: usize,
     pub raw: Vec<u8>,
 }
 
-/// Sections to a file. The same sections give the same bytes.
+/// Assembles a file from sections. The same sections give the same bytes.
 pub(super) fn assemble(sections: &[Section]) -> Vec<u8> {
     let bodies: Vec<(u16, Cow<'_, [u8]>)> = sections
         .iter()
@@ -88,7 +87,7 @@ pub(super) fn assemble(sections: &[Section]) -> Vec<u8> {
     out
 }
 
-/// CRC-32 of header and table, the field that holds it taken as zero.
+/// Computes the CRC-32 of header and table, with zero in the field that holds it.
 fn header_crc(header: &[u8]) -> u32 {
     let mut crc = crc32fast::Hasher::new();
     crc.update(&header[..24]);
@@ -97,7 +96,7 @@ fn header_crc(header: &[u8]) -> u32 {
     crc.finalize()
 }
 
-/// A row of the table, and where its bytes are.
+/// Row of the table, and the bytes of its section.
 struct Entry<'a> {
     kind: &'static Kind,
     compression: u16,
@@ -110,14 +109,14 @@ struct Entry<'a> {
 /// Number of items of a section, and its raw bytes.
 pub(super) type Content<'a> = (usize, Cow<'a, [u8]>);
 
-/// A file whose header and table are sound, and small enough.
+/// File with a valid header and table, within the memory limit.
 pub(super) struct Container<'a> {
     entries: Vec<Entry<'a>>,
-    /// Bytes of memory that the decoded items and the decoding take at most.
+    /// Largest memory of the decoded items and the decoding, bytes.
     pub memory: u64,
 }
 
-/// Returns true if `bytes` start as a `.mgi` file does, whole or not.
+/// Returns `true` if `bytes` start as a `.mgi` file does, even if they are incomplete.
 #[must_use]
 pub fn is_container(bytes: &[u8]) -> bool {
     bytes.starts_with(&MAGIC)
@@ -255,12 +254,13 @@ impl<'a> Container<'a> {
         Ok(Self { entries, memory })
     }
 
-    /// True when the file has a section of this kind.
+    /// Returns `true` if the file has a section of this kind.
     pub fn has(&self, kind: &Kind) -> bool {
         self.entries.iter().any(|e| e.kind.code == kind.code)
     }
 
-    /// Items and raw bytes of a section; None where the file has none of this kind.
+    /// Returns the number of items and the raw bytes of a section. `None` if the file has no
+    /// section of this kind.
     pub fn section(&self, kind: &Kind) -> Result<Option<Content<'a>>, AssetError> {
         let Some(entry) = self.entries.iter().find(|e| e.kind.code == kind.code) else {
             return Ok(None);

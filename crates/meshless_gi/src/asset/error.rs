@@ -4,15 +4,16 @@ use super::violation::Violation;
 use crate::scene::ReadError;
 use std::path::PathBuf;
 
-/// Bounds on what reading an asset may cost; checked before anything is allocated (design D10).
+/// Limits of the cost of reading an asset. They are checked before anything is allocated (design
+/// D10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Most bytes of memory for the decoded scene and for decoding it.
+    /// Largest memory of the decoded scene and its decoding, bytes.
     pub max_bytes: u64,
 }
 
 impl Default for Limits {
-    /// 4 GiB: the largest level at the finest preset, and no more than a PC has.
+    /// Returns 4 GiB. It fits the largest scene at the finest preset, and the memory of a PC.
     fn default() -> Self {
         Self { max_bytes: 1 << 32 }
     }
@@ -22,7 +23,7 @@ impl Default for Limits {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AssetError {
-    /// The operating system could not read or write: nothing is known about the content.
+    /// The operating system could not read or write. Its error does not concern the content.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// Path of the file.
@@ -32,18 +33,18 @@ pub enum AssetError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file was refused before its content was looked at.
+    /// The file was rejected before its content was read.
     #[error("it {0}")]
     Refused(#[source] ReadError),
     /// The bytes do not start as a `.mgi` file does.
     #[error("not a .mgi file: it does not start with the format's eight bytes")]
     NotMgi,
-    /// Written in another layout.
+    /// The file has another format version.
     #[error(
         "format version {found}, but this program reads version {expected}: bake the scene again"
     )]
     Version {
-        /// In the file.
+        /// Version of the file.
         found: u32,
         /// Version that this program reads.
         expected: u32,
@@ -51,12 +52,12 @@ pub enum AssetError {
     /// The bytes end too early.
     #[error("the file is cut off: {needed} bytes announced, {found} there")]
     Truncated {
-        /// As the header says.
+        /// Length in the header, bytes.
         needed: u64,
-        /// Number found.
+        /// Length of the file, bytes.
         found: u64,
     },
-    /// The header or the section table makes no sense.
+    /// The header or the section table is not valid.
     #[error("header: {problem}")]
     Header {
         /// Problem.
@@ -65,13 +66,13 @@ pub enum AssetError {
     /// A checksum does not match.
     #[error("{section}: the checksum does not match, the file is damaged")]
     Checksum {
-        /// "header" or the section's name.
+        /// "header" or the name of the section.
         section: &'static str,
     },
     /// A section cannot be decoded.
     #[error("section `{section}`: {problem}")]
     Section {
-        /// The section's name.
+        /// Name of the section.
         section: &'static str,
         /// Problem.
         problem: String,
@@ -81,18 +82,18 @@ pub enum AssetError {
     Limit {
         /// Name of the array.
         what: &'static str,
-        /// Memory that it takes, bytes.
+        /// Required memory, bytes.
         needed: u64,
         /// [`Limits::max_bytes`].
         allowed: u64,
     },
-    /// The arrays do not fit together; a frame could not run on them.
+    /// The arrays are inconsistent, so that a frame could not use them.
     #[error("the scene is not valid: {}", list(.0))]
     Invalid(Vec<Violation>),
 }
 
 impl AssetError {
-    /// True when the content is at fault, false when reading or writing failed.
+    /// Returns `true` if the content is not valid, `false` if reading or writing failed.
     #[must_use]
     pub fn is_content(&self) -> bool {
         !matches!(self, Self::Io { .. })

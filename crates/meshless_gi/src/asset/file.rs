@@ -1,4 +1,4 @@
-//! `.mgi` files on disk. Writing replaces a file as a whole or not at all.
+//! `.mgi` files on disk. A write replaces a file completely or not at all.
 
 use super::{AssetError, BakedScene, Limits};
 use crate::scene::{ReadError, read_file};
@@ -10,7 +10,7 @@ impl BakedScene {
     /// Reads a `.mgi` file.
     ///
     /// # Errors
-    /// [`AssetError::Io`] where it cannot be read, any other where its content is not valid.
+    /// [`AssetError::Io`] if it cannot be read, any other if its content is not valid.
     pub fn read(path: &Path, limits: &Limits) -> Result<Self, AssetError> {
         let bytes = read_file(path, limits.max_bytes).map_err(|error| match error {
             ReadError::Io(source) => AssetError::Io {
@@ -28,11 +28,11 @@ impl BakedScene {
         Self::from_bytes(&bytes, limits)
     }
 
-    /// Writes a `.mgi` file and returns its size in bytes. A full disk or a crash leaves what was
-    /// there before.
+    /// Writes a `.mgi` file and returns its size in bytes. The previous file remains if the
+    /// disk has no space left or the program crashes.
     ///
     /// # Errors
-    /// [`AssetError::Io`] where it cannot be written, any other where the scene is not valid.
+    /// [`AssetError::Io`] if it cannot be written, any other if the scene is not valid.
     pub fn write(&self, path: &Path) -> Result<u64, AssetError> {
         let bytes = self.to_bytes()?;
         write_file(path, &bytes).map_err(|source| AssetError::Io {
@@ -44,11 +44,12 @@ impl BakedScene {
     }
 }
 
-/// Writes a file by way of a temporary one in the same folder, which replaces it once it is
-/// whole and on the disk. What is no regular file (a pipe, a device) is written directly.
+/// Writes a file through a temporary file in the same folder. It replaces the target once it is
+/// complete and on the disk. Targets that are not regular files (a pipe, a device) are written
+/// directly.
 ///
 /// # Errors
-/// Those of the operating system; the temporary file is gone then.
+/// Errors of the operating system. The temporary file is then removed.
 pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let target = match writable_target(path)? {
         Target::Device(device) => {
@@ -68,11 +69,10 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written
 }
 
-/// Finds out whether [`write_file`] could write there, and leaves everything as it was: for a check
-/// before long work.
+/// Checks if [`write_file`] can write to `path`, and changes nothing. Use it before long work.
 ///
 /// # Errors
-/// Those of the operating system.
+/// Errors of the operating system.
 pub fn check_writable(path: &Path) -> io::Result<()> {
     match writable_target(path)? {
         Target::File(target) => {
@@ -84,16 +84,16 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     }
 }
 
-/// File that a path leads to for writing.
+/// Target of a path for writing.
 enum Target {
-    /// A regular file, there or not.
+    /// Regular file, which may not exist yet.
     File(PathBuf),
-    /// A pipe or a device.
+    /// Pipe or device.
     Device(PathBuf),
 }
 
 fn writable_target(path: &Path) -> io::Result<Target> {
-    // Through a link: to what it points to.
+    // Links are followed.
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     if let Ok(there) = target.metadata() {
         if there.is_dir() {
@@ -112,7 +112,7 @@ fn writable_target(path: &Path) -> io::Result<Target> {
     Ok(Target::File(target))
 }
 
-/// A new file beside `target`, of a name that nobody has.
+/// Creates a file with an unused name in the folder of `target`.
 fn create_beside(target: &Path) -> io::Result<(PathBuf, File)> {
     let name = target
         .file_name()

@@ -1,7 +1,7 @@
 //! Digest of all inputs of a bake, for the detection of stale bakes.
 
-/// BLAKE3, as hex, over `parts`; each part's length counts, so that parts cannot run into one
-/// another.
+/// Computes the BLAKE3 digest of `parts`, as hex. The length of each part is included, so that
+/// boundaries between parts matter.
 #[must_use]
 pub fn fingerprint(parts: &[&[u8]]) -> String {
     let mut hasher = blake3::Hasher::new();

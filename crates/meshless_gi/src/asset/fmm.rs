@@ -1,6 +1,6 @@
-//! The octree of rule `fmm` of a baked scene in its file, and whether a frame can run on it. Five
-//! sections that are there together or not at all; what points see of the sky stands with their
-//! surfaces, and is not stored twice.
+//! Octree of method `fmm` of a baked scene: sections of the file, and validation. The five sections
+//! are present together or not at all. The sky visibility of the octree's points is stored with
+//! their surfaces, and not twice.
 
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
@@ -15,10 +15,10 @@ use crate::transport::fmm::terms::MAX_ORDER;
 use crate::transport::fmm::{FmmNode, FmmOperator, FmmOperatorPoint};
 use glam::Vec3;
 
-/// Deepest tree: three divisions by direction, and as many in space as cells have bits.
+/// Largest number of levels: three divisions by direction, and in space one per bit of a cell.
 const MAX_LEVELS: usize = 64;
-/// Surface of a point over π, in units of the scene's side squared: a point that stands for all of
-/// a scene whose walls fold a thousand times.
+/// Largest surface area of a point over π, in units of the scene's side squared. It corresponds to
+/// a single point for a scene with walls that fold a thousand times.
 const MAX_SHARE: f32 = 1e3;
 
 /// Largest factor of a point's light.
@@ -37,7 +37,7 @@ const NODE: Layout = Layout::columns(&[
     Field::word(14).delta(),
     Field::word(15).delta(),
 ]);
-/// The lengths of a node's four lists.
+/// Lengths of a node's four lists.
 const LENGTHS: Layout = Layout::columns(&[
     Field::word(0),
     Field::word(1),
@@ -57,12 +57,12 @@ const PLACE: Layout = Layout::rows(&[
     Field::word(11),
 ]);
 
-/// Its kinds of sections, ascending.
+/// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
-        // Order, disks, and where the levels start.
+        // Order, disks, and the starts of the levels.
         max: 3 + MAX_LEVELS as u64,
-        // In memory twice while they are taken apart.
+        // Twice in memory while they are split.
         memory: 8,
         ..kind::<u32>(29, "octree", COUNT)
     },
@@ -76,7 +76,7 @@ pub(super) const KINDS: [Kind; 5] = [
     },
 ];
 
-/// The sections of an octree; `kinds` are those of [`KINDS`] in the table.
+/// Returns the sections of an octree. `kinds` are the entries of [`KINDS`] in the table.
 pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Section> {
     let mut shape = vec![octree.order, u32::from(octree.disks)];
     shape.extend(&octree.level_starts);
@@ -92,7 +92,8 @@ pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Sect
     ]
 }
 
-/// The octree of a file, if it has any; `surfaces` are those of its points.
+/// Reads the octree of a file. `surfaces` are those of the baked points. Returns `None` if it has
+/// none.
 pub(super) fn read(
     file: &Container<'_>,
     kinds: &'static [Kind],
@@ -160,9 +161,10 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// The passes stay within the arrays, every division is by something, and every point gets a
-    /// value: the nodes are a tree whose leaves share no point, lists lie behind one another and
-    /// name nodes that are as far away as expansions need, leaves where points are asked for.
+    /// Checks that the passes stay within the arrays, no divisor is zero, and every point gets a
+    /// value. The nodes must form a tree without shared points between leaves. Lists must be
+    /// contiguous. Their nodes must be as far away as the expansions require, and leaves if the
+    /// list uses points.
     pub(super) fn check_fmm(&self, check: &mut Check) {
         let Some(octree) = &self.fmm else { return };
         check.whole(octree.order as usize <= MAX_ORDER, "octree", || {
@@ -192,13 +194,13 @@ impl SceneData {
         }
     }
 
-    /// Every node but the root is the child of one node of the level above, and its points are the
-    /// parent's.
+    /// Checks that every node except the root is the child of one node of the level above. Its
+    /// points must be points of the parent.
     fn check_nodes(&self, octree: &FmmOperator, check: &mut Check) {
         let nodes = &octree.nodes;
         let mut at = 0u32;
         for l in 0..octree.levels() {
-            // Children stand in the order of their parents.
+            // Children are in the order of their parents.
             let mut next = octree.level_starts[l + 1];
             for i in octree.level(l) {
                 let node = &nodes[i];
@@ -249,7 +251,8 @@ impl SceneData {
                         check.item(own, "octree nodes", c, || {
                             format!("is a child of {i}, but says {}", child.parent)
                         });
-                        // Translations stay near one: no power of them overflows.
+                        // Translations have lengths near one, so that none of their powers
+                        // overflows.
                         let apart = Vec3::from_array(child.center).distance(center);
                         let near = apart <= 2.0 * size && child.size <= 2.0 * size;
                         check.item(near, "octree nodes", c, || {
@@ -284,7 +287,7 @@ impl SceneData {
         );
     }
 
-    /// Every sender receives at one position, and light comes from senders alone.
+    /// Checks that every sender receives at one position, and that only senders emit.
     fn check_places(&self, octree: &FmmOperator, check: &mut Check) {
         let senders = self.senders();
         let mut known = vec![false; senders];
@@ -336,12 +339,12 @@ impl SceneData {
     }
 }
 
-/// Positions that entries of both lists between a leaf and a node name, one with another: leaves
-/// are small where a bake made them.
+/// Largest number of positions in the lists between a leaf and a node, summed over all entries. The
+/// leaves of a bake are small.
 const MAX_NAMED: u64 = 1 << 31;
 
-/// Entries name nodes, the right ones for their list, at distances that their expansions converge
-/// over.
+/// Checks that entries refer to nodes that fit their list, at distances at which the expansions
+/// converge.
 fn check_lists(octree: &FmmOperator, check: &mut Check) {
     let nodes = &octree.nodes;
     let center = |n: &FmmNode| Vec3::from_array(n.center);
@@ -363,8 +366,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     e,
                     || format!("a part of {} arrives", entry.weight),
                 );
-                // Which of the two is taken apart into points: 1 the source, 2 the receiver, 3
-                // both.
+                // Sides that the list splits into points: 1 the source, 2 the receiver, 3 both.
                 let leaves =
                     (which & 1 == 0 || source.is_leaf()) && (which & 2 == 0 || node.is_leaf());
                 check.item(leaves, "octree entries", e, || {
@@ -396,7 +398,8 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     ),
                     _ => (0.0, f32::INFINITY),
                 };
-                // Below one by the bake's separation; roundings are less than what it leaves.
+                // Below one due to the bake's separation. Rounding errors are smaller than the
+                // margin.
                 check.item(
                     leaves && size <= 1.001 * nearest,
                     "octree entries",
@@ -411,7 +414,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
     }
 }
 
-/// The least distance of `to` from any position; infinite from none.
+/// Returns the smallest distance of `to` from any position. Infinite without positions.
 fn nearest(to: Vec3, points: impl Iterator<Item = Vec3>) -> f32 {
     points.fold(f32::INFINITY, |min, x| min.min(x.distance(to)))
 }

@@ -10,16 +10,17 @@ use serde::{Deserialize, Serialize};
 pub struct TierInfo {
     /// Rows.
     pub rows: u64,
-    /// Links; entries of the lists, for the octree of rule `fmm`.
+    /// Links. For the octree of method `fmm`, entries of the lists.
     pub links: u64,
-    /// As [`BakeInfo::estimated_nrmse`], with the same lights and positions for all tiers.
+    /// Estimated error as [`BakeInfo::estimated_nrmse`], with the same lights and positions for all
+    /// tiers.
     pub estimated_nrmse: f32,
     /// Half width of its 95 % prediction interval for one more light.
     pub estimated_nrmse_interval: f32,
 }
 
 impl TierInfo {
-    /// The tiers of a scene, their errors not measured yet.
+    /// Returns the tiers of a scene, without measured errors.
     #[must_use]
     pub fn all_of(scene: &SceneData) -> Vec<Self> {
         let sizes = scene.tier_sizes().into_iter();
@@ -32,15 +33,15 @@ impl TierInfo {
             .collect()
     }
 
-    /// Bytes of its links in memory and on the device.
+    /// Returns the size of its links in memory and on the device, bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.links * size_of::<Link>() as u64
     }
 }
 
-/// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal
-/// bytes.
+/// Facts about a bake. Stored in the asset, printed by `inspect`. It contains no times, so that
+/// equal bakes have equal bytes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct BakeInfo {
@@ -66,7 +67,7 @@ pub struct BakeInfo {
     /// Recipe as it was given, without its `scene`, as RON. Empty in files older than this field.
     #[serde(default)]
     pub given_recipe: String,
-    /// The recipe with every default filled in, as RON.
+    /// Recipe with every default filled in, as RON.
     pub recipe: String,
     /// Triangles (or other primitives) of the source.
     pub triangles: u64,
@@ -79,19 +80,19 @@ pub struct BakeInfo {
     /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface
     /// points for random lights.
     pub estimated_nrmse: f32,
-    /// Half width of the 95 % prediction interval around `estimated_nrmse`: lights differ, and one
-    /// more light lies within.
+    /// Half width of the 95 % prediction interval around `estimated_nrmse`. It contains the error
+    /// of one more light, since errors differ between lights.
     pub estimated_nrmse_interval: f32,
-    /// The operator's tiers, the one with the fewest links first; the last is the whole operator
+    /// Tiers of the operator, the one with the fewest links first. The last is the whole operator
     /// (design D11).
     pub tiers: Vec<TierInfo>,
-    /// Diffuse reflections that the recipe asks a frame to simulate.
+    /// Diffuse reflections of a frame that the recipe requests.
     pub bounces: u32,
-    /// Largest error that packing put on a link, relative to the largest link of its row.
+    /// Largest packing error of a link, relative to the largest link of its row.
     pub link_error: f32,
-    /// Share of the gathered light that met a surface which no sender covers.
+    /// Fraction of the gathered light from surfaces that no sender covers.
     pub uncovered: f32,
-    /// Largest row sum of F·n that was gathered.
+    /// Largest row sum of F·n in the gather.
     pub largest_row_sum: f32,
     /// Spectral radius and energy checks of the bounces.
     #[serde(default)]
@@ -108,29 +109,30 @@ pub struct BakeInfo {
 #[serde(default)]
 #[non_exhaustive]
 pub struct EnergyInfo {
-    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the
-    /// senders) in a frame of any tier: below 1, so that light dies away. No bound but what was
-    /// found where `estimated` says so.
+    /// Proved upper bound on the gain of one diffuse reflection in a frame of any tier. The gain is
+    /// the spectral radius of ρG on the senders. The bound is below 1, so that light decays. It is
+    /// only an estimate if `estimated`.
     #[serde(alias = "gain")]
     pub spectral_radius_bound: f32,
-    /// The gain is an estimate: operators of components have signs, of which nothing is proved.
+    /// `true` if the gain is an estimate. Operators of components have signs, so that nothing is
+    /// proved.
     pub estimated: bool,
     /// Estimate of the spectral radius by power iteration.
     #[serde(alias = "gain_found")]
     pub spectral_radius_estimate: f32,
-    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the scene is so closed and so
-    /// white that light would not die away.
+    /// Senders with a lowered albedo, which limits the gain to 0.999. Needed for closed scenes with
+    /// albedos near 1, in which light would not decay.
     #[serde(alias = "guarded")]
     pub clamped_senders: u64,
-    /// The smallest factor that an albedo was lowered by; 1 where none was.
+    /// Smallest factor by which an albedo was lowered. 1 if none was.
     #[serde(alias = "guard_factor")]
     pub albedo_scale: f32,
-    /// Largest deviation of a row from the hemisphere's closed form: links, sky, and what no sender
-    /// covers make one.
+    /// Largest deviation of a row from the hemisphere's closed form. Links, sky, and the part that
+    /// no sender covers should sum to one.
     pub row_deviation: f32,
-    /// Its root mean square over all rows.
+    /// Root mean square of the deviation over all rows.
     pub row_deviation_rms: f32,
-    /// Root mean square of the difference between what pairs of surfaces send each other, relative
-    /// to that of its mean: noise of rays and points.
+    /// Root mean square of the difference between the light that pairs of surfaces send each other.
+    /// It is relative to the root mean square of the mean, and due to noise of rays and points.
     pub reciprocity: f32,
 }

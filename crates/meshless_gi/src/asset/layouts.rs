@@ -1,4 +1,4 @@
-//! Layouts of the items of sections: which words a file stores, and in which order.
+//! Layouts of the items of sections: the words that a file stores, and their order.
 
 use super::codec::{Field, Layout};
 
@@ -40,7 +40,7 @@ pub(super) const LINK: Layout = Layout::columns(&[
     Field::low(1),
     Field::high(1).delta(),
 ]);
-/// Two halves a word.
+/// Two half floats per word.
 pub(super) const VALUE: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
 pub(super) const COLUMN: Layout = Layout::columns(&[
     Field::word(0).delta(),

@@ -1,6 +1,6 @@
-//! Dynamic materials: the coverage of senders by materials whose base color and emission may change
-//! at run time. In memory, in the file, and validation. Four sections that are present together or
-//! not at all.
+//! Dynamic materials: the coverage of senders by materials with base color and emission that may
+//! change at run time. Data in memory, sections of the file, and validation. The four sections are
+//! present together or not at all.
 
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
@@ -20,37 +20,37 @@ use bytemuck::{Pod, Zeroable};
 pub struct MaterialCoverage {
     /// Index of the material.
     pub material: u32,
-    /// Mean over the sender's positions of the reflectance for a base color of one, zero where
-    /// another material is: RGB, 0 to the material's share of the positions.
+    /// Mean reflectance over the sender's positions for a base color of one, RGB. Positions with
+    /// another material count as zero. From 0 to the material's fraction of the positions.
     pub albedo: [f32; 3],
-    /// The same of the radiance for an emissive factor of one.
+    /// Mean radiance over the positions for an emissive factor of one, as `albedo`.
     pub emission: [f32; 3],
 }
 
-/// The materials of a baked scene that may change: a sender's albedo is Σ share · base color, its
-/// emitted radiosity π Σ share · emissive factor.
+/// Materials of a baked scene that may change. A sender's albedo is Σ share · base color. Its
+/// emitted radiosity is π Σ share · emissive factor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DynamicMaterials {
     /// Names of the materials. They may be empty or repeat.
     pub names: Vec<String>,
-    /// Their factors when they were baked.
+    /// Factors of the materials at bake time.
     pub factors: Vec<MaterialFactors>,
-    /// First coverage of each sender, one more than there are senders. A sender without coverage
-    /// keeps its baked surface.
+    /// First coverage of each sender, and the end of the last. A sender without coverage keeps its
+    /// baked surface.
     pub starts: Vec<u32>,
-    /// The shares, sender after sender.
+    /// Coverages, sender after sender.
     pub shares: Vec<MaterialCoverage>,
 }
 
 impl DynamicMaterials {
-    /// The shares of sender `j`.
+    /// Returns the coverages of sender `j`.
     #[must_use]
     #[inline]
     pub fn row(&self, j: usize) -> &[MaterialCoverage] {
         &self.shares[self.starts[j] as usize..self.starts[j + 1] as usize]
     }
 
-    /// Bytes in memory.
+    /// Returns the size in memory, bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let bytes = |length: usize, size: u64| length as u64 * size;
@@ -80,14 +80,14 @@ const SHARE: Layout = Layout::columns(&[
     Field::word(6),
 ]);
 
-/// Its kinds of sections, ascending.
+/// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 4] = [
     Kind {
         code: 46,
         name: "material names",
         version: 1,
         raw: 1,
-        // The text, what it says, and what its reader needs: an empty name takes three bytes of
+        // Memory of the text, the decoded names and the parser. An empty name takes three bytes of
         // text, and a string.
         memory: 32,
         max: 1 << 20,
@@ -118,7 +118,7 @@ pub(super) const KINDS: [Kind; 4] = [
     },
 ];
 
-/// The sections of `live`; `kinds` are those of [`KINDS`] in the table.
+/// Returns the sections of `live`. `kinds` are the entries of [`KINDS`] in the table.
 pub(super) fn sections(
     live: &DynamicMaterials,
     kinds: &'static [Kind],
@@ -140,7 +140,7 @@ pub(super) fn sections(
     ])
 }
 
-/// The materials of a file, if it has any.
+/// Reads the materials of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
     kinds: &'static [Kind],
@@ -164,7 +164,8 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// Every look-up of a frame stays within the arrays, and no sender reflects more than it gets.
+    /// Checks that every lookup of a frame stays within the arrays, and that no sender reflects
+    /// more than it receives.
     pub(super) fn check_materials(&self, check: &mut Check) {
         let Some(live) = &self.materials else { return };
         let senders = self.senders();
@@ -204,7 +205,7 @@ impl SceneData {
                     .iter_mut()
                     .zip(share.albedo.iter().chain(&share.emission))
                 {
-                    // A number below zero, or none, is no sum.
+                    // Negative numbers and NaN make the sum NaN.
                     *sum += if *v >= 0.0 { *v } else { f32::NAN };
                 }
             }

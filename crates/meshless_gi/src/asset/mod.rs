@@ -1,9 +1,9 @@
-//! The baked scene: what a frame needs, and its `.mgi` container (`docs/FORMAT.md`).
+//! Baked scene: the data of a frame, and its `.mgi` container (`docs/FORMAT.md`).
 //!
-//! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are each other's inverse;
-//! [`BakedScene::read`] and [`BakedScene::write`] are the same for files. No bytes, however
-//! hostile, make reading panic or take more memory than [`Limits`] says, and what comes out has
-//! passed [`SceneData::validate`].
+//! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are inverse to each other.
+//! [`BakedScene::read`] and [`BakedScene::write`] do the same for files. No bytes cause a panic, or
+//! use of more memory than [`Limits`] allows. A scene that was read has passed
+//! [`SceneData::validate`].
 
 mod baked;
 mod codec;

@@ -1,6 +1,6 @@
-//! Occluders of a bake, which can be opened and closed at run time: in memory, in the file, and
-//! validation. Five sections that are present together or not at all (the one of the probes if
-//! there are probes). The occluders' triangles are the last of the BVH.
+//! Occluders of a bake, which can be opened and closed at run time: data in memory, sections of the
+//! file, and validation. The five sections are present together or not at all. The section of the
+//! probes is empty without probes. The occluders' triangles are the last of the BVH.
 
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
@@ -16,23 +16,23 @@ use crate::scene::{Bvh, BvhTriangle};
 use crate::transport::{Link, PROBE_ROWS, PackedLinkTerm, Row, SenderForm, link_of_parts};
 use glam::Vec3;
 
-/// The occluders of a baked scene.
+/// Occluders of a baked scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluders {
-    /// Names by number, without repetition.
+    /// Names by index, without repetition.
     pub names: Vec<String>,
-    /// The sets of occluders that light passes one after the other, bit k for number k: ascending,
-    /// the empty one first.
+    /// Sets of occluders that light crosses one after the other, bit k for index k. Ascending, the
+    /// empty set first.
     pub sets: Vec<u64>,
-    /// The parts of those of the operator's links that occluders are in the way of: ascending by
-    /// link, then by set. With all open a link is what its parts sum to.
+    /// Terms of the operator's links that occluders block. Ascending by link, then by set. With all
+    /// occluders open, a link is the sum of its terms.
     pub links: Vec<PackedLinkTerm>,
-    /// The same of the probes' links.
+    /// Terms of the probes' links, as in `links`.
     pub probes: Vec<PackedLinkTerm>,
 }
 
 impl Occluders {
-    /// Bytes in memory.
+    /// Returns the size in memory, bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let bytes = |length: usize, size: u64| length as u64 * size;
@@ -52,14 +52,14 @@ const PASSAGE: Layout = Layout::columns(&[
     Field::high(2).delta(),
 ]);
 
-/// Its kinds of sections, ascending.
+/// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
         code: 50,
         name: "occluder names",
         version: 1,
         raw: 1,
-        // The text, what it says, and what its reader needs.
+        // Memory of the text, the decoded names and the parser.
         memory: 32,
         max: 1 << 16,
     },
@@ -72,8 +72,8 @@ pub(super) const KINDS: [Kind; 5] = [
     kind::<PackedLinkTerm>(54, "probe passages", PASSAGE),
 ];
 
-/// The sections of `occluders`, whose triangles are the last of `bvh`; `kinds` are those of
-/// [`KINDS`] in the table.
+/// Returns the sections of `occluders`. Their triangles are the last of `bvh`. `kinds` are the
+/// entries of [`KINDS`] in the table.
 pub(super) fn sections(
     occluders: &Occluders,
     bvh: &Bvh,
@@ -99,7 +99,8 @@ pub(super) fn sections(
     ])
 }
 
-/// The occluders of a file, if it has any; the last of `triangles` get their numbers.
+/// Reads the occluders of a file, and sets the occluder numbers of the last of `triangles`. Returns
+/// `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
     triangles: &mut [BvhTriangle],
@@ -133,8 +134,8 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// Every look-up of the kernel `occlude` stays within the arrays, and no gains make more light
-    /// than there is.
+    /// Checks that every lookup of the kernel `occlude` stays within the arrays, and that no gains
+    /// create light.
     pub(super) fn check_occluders(&self, check: &mut Check) {
         let known = self.occluders.as_ref().map_or(0, |o| o.names.len());
         let triangles = &self.bvh.triangles;
@@ -221,8 +222,9 @@ impl SceneData {
         }
     }
 
-    /// The most that a row's links may sum to, by the size that `size` gives each: their parts one
-    /// by one, where they have any. The sky's terms have signs, and are parts of its light.
+    /// Returns the largest sum of a row's links for any gains. `size` returns the magnitude of a
+    /// link. Links with terms count by the magnitudes of their terms. The sky's terms have signs
+    /// and are parts of its light, so they do not count.
     fn most_light(
         &self,
         row: &Row,
@@ -249,7 +251,7 @@ impl SceneData {
     }
 }
 
-/// Each passage names a link and a set, in order, and each link is what its parts sum to.
+/// Checks that the terms ascend, refer to a link and a set, and sum to their link.
 fn check_passages(
     check: &mut Check,
     location: &'static str,

@@ -1,6 +1,6 @@
-//! Probes of a baked scene with their rows of the operator: in memory, in the
-//! file, and whether a frame can run on them. Five sections that are there together or not at all;
-//! where rows start and the grid follow from the rest, and are not stored.
+//! Probes of a baked scene with their rows of the operator: data in memory, sections of the file,
+//! and validation. The five sections are present together or not at all. The starts of rows and the
+//! grid follow from the other data, and are not stored.
 
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
@@ -15,30 +15,28 @@ use crate::samples::{HashedGrid, Point};
 use crate::transport::{Link, PROBE_ROWS, Row, place_links};
 use glam::{Vec3, Vec4};
 
-/// The probes of a baked scene: the light in free space, for what moves.
+/// Probes of a baked scene: the light between surfaces, for dynamic objects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probes {
-    /// Positions, with the radii and clip planes of their functions. They have no normal: it is
-    /// zero.
+    /// Positions, with the radii and clip planes of their functions. The normal is zero.
     pub points: Vec<Point>,
-    /// Clip planes (n, d): a position p is on the function's side where n·p + d ≥ 0.
-    /// `Point::planes` points here.
+    /// Clip planes (n, d): a position p is on the function's side if n·p + d ≥ 0. `Point::planes`
+    /// refers to them.
     pub planes: Vec<[f32; 4]>,
     /// Grid of the functions that may cover a position.
     pub grid: HashedGrid,
-    /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics
-    /// (`transport::probe_rows`). All of tier 1.
+    /// [`PROBE_ROWS`] rows per probe: the incident light in spherical harmonics
+    /// (`transport::probe_rows`). All are of tier 1.
     pub rows: Vec<Row>,
-    /// Links to the operator's senders and the sky (and its terms, where the bake has them), row
-    /// after row.
+    /// Links to the operator's senders, the sky and, if baked, its terms. Row after row.
     pub links: Vec<Link>,
 }
 
 impl Probes {
-    /// Most probes of a scene.
+    /// Largest number of probes of a scene.
     pub const MAX: usize = 1 << 20;
 
-    /// Bytes of all arrays in memory and on the device.
+    /// Returns the size of all arrays in memory and on the device, bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let bytes = |length: usize, size: u64| length as u64 * size;
@@ -51,7 +49,7 @@ impl Probes {
     }
 }
 
-/// A probe has no normal.
+/// Layout of a probe, which has no normal.
 const POINT: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
@@ -61,10 +59,11 @@ const POINT: Layout = Layout::rows(&[
 ]);
 /// Words of the section "probes".
 const SHAPE_WORDS: usize = 1;
-/// Numbers of a direction are at most so large beside its part of the sphere: 15/8 · 2/3.
+/// Largest coefficient of a direction relative to its fraction of the sphere. 2 for linear terms,
+/// 15/8 · 2/3 for quadratic ones.
 pub(super) const LARGEST: f32 = 2.0;
 
-/// Its kinds of sections, ascending.
+/// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
         max: SHAPE_WORDS as u64,
@@ -76,14 +75,14 @@ pub(super) const KINDS: [Kind; 5] = [
     },
     kind::<[f32; 4]>(42, "probe planes", PLANE),
     Kind {
-        // Their order is found while they are read and checked.
+        // Reading and validation also store the order of the rows.
         memory: size_of::<Row>() as u64 + 4,
         ..kind::<Row>(43, "probe rows", ROW)
     },
     kind::<Link>(44, "probe links", LINK),
 ];
 
-/// The sections of `probes`; `kinds` are those of [`KINDS`] in the table.
+/// Returns the sections of `probes`. `kinds` are the entries of [`KINDS`] in the table.
 pub(super) fn sections(probes: &Probes, kinds: &'static [Kind]) -> Vec<Section> {
     vec![
         section(&kinds[0], COUNT, &[probes.grid.cell_size.to_bits()]),
@@ -94,7 +93,7 @@ pub(super) fn sections(probes: &Probes, kinds: &'static [Kind]) -> Vec<Section> 
     ]
 }
 
-/// The probes of a file, if it has any.
+/// Reads the probes of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
     kinds: &'static [Kind],
@@ -129,7 +128,8 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// Every look-up of the kernel `probe` stays within the arrays, and what it reads is finite.
+    /// Checks that every lookup of the kernel `probe` stays within the arrays and reads finite
+    /// values.
     pub(super) fn check_probes(&self, check: &mut Check) {
         let Some(probes) = &self.probes else { return };
         let count = probes.points.len();
@@ -197,8 +197,8 @@ impl SceneData {
         if !check.0.is_empty() {
             return;
         }
-        // What arrives from all around is no more than all senders shine, and the rest of it no
-        // larger.
+        // The light from all directions is at most the radiosity of all senders. The other
+        // coefficients are not larger.
         for (i, rows) in probes.rows.chunks_exact(PROBE_ROWS).enumerate() {
             for row in rows {
                 let links = &probes.links[row.start as usize..][..row.count as usize];

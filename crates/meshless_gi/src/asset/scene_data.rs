@@ -22,15 +22,15 @@ use bytemuck::{Pod, Zeroable};
 pub struct PointSurface {
     /// Diffuse reflectance, linear RGB.
     pub albedo: [f32; 3],
-    /// Not used.
+    /// Padding, unused.
     pub pad0: f32,
     /// Emitted radiosity M, W/m².
     pub emission: [f32; 3],
-    /// Not used.
+    /// Padding, unused.
     pub pad1: f32,
     /// (1/π) ∫ ω dω over the unoccluded directions: the irradiance of a uniform sky is π L (v·n).
     pub sky: [f32; 3],
-    /// Not used.
+    /// Padding, unused.
     pub pad2: f32,
 }
 
@@ -47,8 +47,8 @@ pub struct FlatBasis {
 }
 
 /// Positions at which light is projected onto the senders of the finest sender level. A sender's
-/// light is the mean over its samples. Without samples, and on coarser levels, it is that at the
-/// sender's own point.
+/// light is the mean over its samples. Without samples, and on coarser levels, it is the light at
+/// the sender's own point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightSamples {
     /// Number of samples per sender.
@@ -72,13 +72,13 @@ pub struct SceneData {
     pub surfaces: Vec<PointSurface>,
     /// First point of each level, and the end of the last.
     pub level_starts: Vec<u32>,
-    /// Number of levels, from the coarsest, that are senders.
+    /// Number of sender levels, counted from the coarsest.
     pub sender_levels: u32,
     /// Light samples of the finest sender level.
     pub light_samples: LightSamples,
-    /// Row k (a sender): the senders of the next level whose mean is its value, with weights that
-    /// sum to one. An empty row (and all of the finest sender level) keeps its own light. One row
-    /// per sender.
+    /// Row k (a sender): weights of the senders of the next level, with sum one. Their mean is the
+    /// value of sender k. A sender with an empty row keeps its own light. All rows of the finest
+    /// sender level are empty. One row per sender.
     pub pull: Weights,
     /// Row i (a point): the coarser functions that cover it. For
     /// [`SenderForm::Averages`](crate::transport::SenderForm), those of the nearest coarser level
@@ -96,11 +96,11 @@ pub struct SceneData {
     /// Irradiance of every point under fixed lights, W/m²: direct light and all reflections of the
     /// recipe. Empty if it was not requested.
     pub illumination: Vec<[f32; 3]>,
-    /// Visibility of the senders and of the points of whole levels behind them, for soft shadows
+    /// Visibility of the senders and of the points of complete levels after them, for soft shadows
     /// without rays. `None` if the recipe has none.
     pub visibility: Option<Visibility>,
-    /// Sky visibility of the senders for a sky that is not uniform. `None` if the recipe has none.
-    /// Links to its terms are among the operator's.
+    /// Visibility of a non-uniform sky at the senders. `None` if the recipe has none. Links to its
+    /// terms are among the operator's.
     pub sky: Option<SkyVisibility>,
     /// Dynamic materials of the senders. `None` if the recipe has none.
     pub materials: Option<DynamicMaterials>,
@@ -117,7 +117,7 @@ pub struct SceneData {
 }
 
 impl SceneData {
-    /// Number of levels.
+    /// Returns the number of levels.
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1

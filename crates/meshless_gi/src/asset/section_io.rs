@@ -1,4 +1,4 @@
-//! Parts of the readers and writers of sections that all kinds of sections share.
+//! Functions that the readers and writers of all sections share.
 
 use super::codec::Layout;
 use super::container::{Container, Kind, Section};
@@ -34,7 +34,7 @@ pub(super) fn items<T: Pod>(
     Ok(layout.decode(&raw, count))
 }
 
-/// Lengths of rows from where they start.
+/// Returns the lengths of rows from their starts.
 pub(super) fn counts(starts: &[u32]) -> Vec<u32> {
     starts.windows(2).map(|w| w[1] - w[0]).collect()
 }
@@ -55,7 +55,7 @@ pub(super) fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, Asse
     Ok(starts)
 }
 
-/// Error of a grid that takes more memory than the limits leave.
+/// Returns the error of a grid that exceeds the allowed memory.
 pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
     AssetError::Limit {
         what,
@@ -64,8 +64,9 @@ pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
     }
 }
 
-/// A basis' grid from its points, as the bake builds it; None where that would take more than
-/// `most_bytes`, or where cells are so small beside the functions that no bake made them.
+/// Rebuilds the grid of a basis from its points, as the bake builds it. Returns `None` if the grid
+/// takes more than `most_bytes`. Also returns `None` if the cells are too small relative to the
+/// functions to come from a bake.
 pub(super) fn rebuild_grid(
     points: &[Point],
     cell_size: f32,
@@ -75,7 +76,8 @@ pub(super) fn rebuild_grid(
         return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes)
             .map(|g| HashedGrid { cell_size, ..g });
     }
-    // Cells are as large as the largest function: a box touches 4 of them along each axis at most.
+    // Cells are as large as the largest function. A box then touches at most 4 of them along each
+    // axis.
     let max = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
     HashedGrid::build_within(points.len(), cell_size, |i| support_bounds(&points[i]), max)
 }

@@ -1,9 +1,9 @@
-//! A baked scene as sections of a `.mgi` file, and back: which array is which section, in which
-//! layout.
+//! Conversion between a baked scene and the sections of a `.mgi` file: the section and layout of
+//! each array.
 //!
-//! Lossless: what is read equals what was written. Left out is what follows from the rest: where
-//! rows start (their lengths are stored), the fields that are not used, and the display's grid,
-//! where building it again gives the same one.
+//! Lossless: the scene that is read equals the scene that was written. Derived data is not stored:
+//! the starts of rows (their lengths are stored), and unused fields. The display's grid is stored
+//! only if a rebuild gives another one.
 
 use super::codec::Layout;
 use super::container::{Container, Kind, Section, assemble};
@@ -23,10 +23,10 @@ use crate::scene::{Bvh, BvhNode, BvhTriangle};
 use crate::transport::pca::{Column, Compression};
 use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links};
 
-/// Most items of any array: what an index of 32 bits can reach.
+/// Largest number of items of any array: the range of a 32-bit index.
 const MAX: u64 = u32::MAX as u64;
 
-/// A kind of section in its first version, with at most 2³² − 1 items.
+/// Returns a kind of section in its first version, with at most 2³² − 1 items.
 pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
     Kind {
         code,
@@ -38,7 +38,7 @@ pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Ki
     }
 }
 
-/// Counts are in memory twice while they become starts.
+/// Returns a kind of section of counts. They are in memory twice during conversion to starts.
 const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
     Kind {
         memory: 8,
@@ -53,7 +53,7 @@ static KINDS: [Kind; 49] = [
         name: "info",
         version: 1,
         raw: 1,
-        // The text, what it says, and what its reader needs.
+        // Memory of the text, the decoded facts and the parser.
         memory: 8,
         max: 1 << 20,
     },
@@ -72,7 +72,7 @@ static KINDS: [Kind; 49] = [
     kind_of_counts(8, "parent counts"),
     kind::<WeightEntry>(9, "parent weights", WEIGHT),
     Kind {
-        // Their order is found while they are read.
+        // Reading also stores the order of the rows.
         memory: size_of::<Row>() as u64 + 4,
         ..kind::<Row>(10, "rows", ROW)
     },
@@ -87,14 +87,14 @@ static KINDS: [Kind; 49] = [
         ..kind::<u32>(16, "grid entries", INDEX)
     },
     Kind {
-        // One more byte: validating counts how deep each node is.
+        // One more byte: validation stores the depth of each node.
         memory: size_of::<BvhNode>() as u64 + 1,
         ..kind::<BvhNode>(17, "bvh nodes", NODE)
     },
     kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
     kind::<LightSample>(19, "light samples", PLACE),
     kind::<Column>(20, "columns", COLUMN),
-    // One more word: validating counts how often each sender is named.
+    // One more word: validation marks each sender that occurs.
     Kind {
         memory: 8,
         ..kind::<u32>(21, "column senders", INDEX)
@@ -174,11 +174,11 @@ const ILLUMINATION: &Kind = &KINDS[ILLUMINATED];
 const SHAPE_WORDS: usize = 8;
 
 impl SceneData {
-    /// The scene as a `.mgi` file. The same scene gives the same bytes.
+    /// Returns the scene as a `.mgi` file. The same scene gives the same bytes.
     ///
     /// # Errors
-    /// [`AssetError::Invalid`]: no file is made that could not be read; [`AssetError::Section`]
-    /// where `info` cannot be written as text.
+    /// [`AssetError::Invalid`] if the file could not be read again. [`AssetError::Section`] if
+    /// `info` cannot be written as text.
     pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
         self.validate().map_err(AssetError::Invalid)?;
         let info = ron::to_string(&self.info).map_err(|e| broken(INFO, e))?;
@@ -264,12 +264,11 @@ impl SceneData {
         Ok(assemble(&sections))
     }
 
-    /// Reads a `.mgi` file from memory: checks header, table, checksums, and everything that
-    /// [`validate`](Self::validate) checks. Allocates no more than `limits` says, whatever the
-    /// bytes say.
+    /// Reads a `.mgi` file from memory. Checks header, table, checksums, and everything that
+    /// [`validate`](Self::validate) checks. Allocates at most `limits`, for any bytes.
     ///
     /// # Errors
-    /// See [`AssetError`]. No bytes make it panic.
+    /// See [`AssetError`]. No bytes cause a panic.
     pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, AssetError> {
         let file = Container::parse(bytes, &KINDS, limits)?;
         let shape: Vec<u32> = items(&file, SHAPE, COUNT)?;
@@ -360,7 +359,7 @@ impl SceneData {
     }
 }
 
-/// Grid of the display: stored, or built again from the points.
+/// Returns the grid of the display: stored, or rebuilt from the points.
 fn display_grid(
     file: &Container<'_>,
     points: &[Point],
@@ -383,7 +382,7 @@ fn display_grid(
     }
 }
 
-/// Operator of baked bounces. `None` if the file has none.
+/// Reads the operator of baked bounces. `None` if the file has none.
 fn bounce_operator(
     file: &Container<'_>,
     is_stored: u32,
@@ -422,7 +421,7 @@ fn weights(file: &Container<'_>, [counts, entries]: [&Kind; 2]) -> Result<Weight
     })
 }
 
-/// The matrix of an operator of components; nothing in the other forms.
+/// Reads the matrix of an operator of components. `None` for the other forms.
 fn compression(file: &Container<'_>, form: SenderForm) -> Result<Option<Compression>, AssetError> {
     if form != SenderForm::Components {
         absent(file, [COLUMNS, MEMBERS])?;

@@ -1,6 +1,6 @@
-//! Sky visibility of a bake for a sky that is not uniform: in memory, in the file, and validation.
-//! Links to the eight terms ([`SkyRadiance`]) are among the operator's. The senders' direct light
-//! from the terms is here.
+//! Visibility of a non-uniform sky: data in memory, section of the file, and validation. Links to
+//! the eight terms ([`SkyRadiance`]) are among the operator's. The senders' direct light from the
+//! terms is here.
 
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
@@ -14,8 +14,8 @@ use crate::transport::SenderForm;
 /// Visibility of the sky's terms at the senders.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SkyVisibility {
-    /// For each sender, (1/π) ∫ p_k(ω) (n·ω) dω over the directions that meet nothing, with the
-    /// polynomials p_k of the sky's terms: dimensionless, within ±1.
+    /// Integrals (1/π) ∫ p_k(ω) (n·ω) dω of each sender over the unoccluded directions. The p_k are
+    /// the polynomials of the sky's terms. Dimensionless, within ±1.
     pub senders: Vec<[f32; SkyRadiance::TERMS]>,
 }
 
@@ -30,7 +30,7 @@ const TERMS: Layout = Layout::rows(&[
     Field::word(7),
 ]);
 
-/// Its kind of section.
+/// Kind of section.
 pub(super) const KIND: Kind = Kind {
     code: 45,
     name: "sky terms",
@@ -40,12 +40,12 @@ pub(super) const KIND: Kind = Kind {
     max: u32::MAX as u64,
 };
 
-/// The section of `sky`; `kind` is [`KIND`] in the table.
+/// Returns the section of `sky`. `kind` is the entry of [`KIND`] in the table.
 pub(super) fn sections(sky: &SkyVisibility, kind: &'static Kind) -> Section {
     section(kind, TERMS, &sky.senders)
 }
 
-/// The sight of a file, if it has one.
+/// Reads the sky visibility of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
     kind: &'static Kind,
@@ -59,7 +59,7 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// Numbers of the sky's terms that links may name behind the sky's own.
+    /// Returns the number of sky terms, which links may name after the sky itself.
     pub(super) fn sky_terms(&self) -> usize {
         match self.sky {
             Some(_) => SkyRadiance::TERMS,
@@ -67,7 +67,8 @@ impl SceneData {
         }
     }
 
-    /// One entry a sender, and rows that may name the terms.
+    /// Checks that there is one entry per sender, and that the operator supports links to the
+    /// terms.
     pub(super) fn check_sky(&self, check: &mut Check) {
         let Some(sky) = &self.sky else { return };
         let (found, senders) = (sky.senders.len(), self.senders());

@@ -1,4 +1,4 @@
-//! Counts of a valid baked scene, as `inspect` and `validate` show them.
+//! Counts of a valid baked scene, as `inspect` and `validate` print them.
 
 use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
@@ -14,7 +14,7 @@ use crate::transport::pca::Compression;
 pub struct BakedStats {
     /// Points of each level, coarse first.
     pub points_per_level: Vec<u64>,
-    /// Senders, the sky not counted.
+    /// Senders, without the sky.
     pub senders: u64,
     /// Points with a row of their own.
     pub active_rows: u64,
@@ -26,7 +26,7 @@ pub struct BakedStats {
     pub pull_weights: u64,
     /// Weights of the parent rows.
     pub parent_weights: u64,
-    /// Entries of the baked bounces; 0 where there are none.
+    /// Entries of the baked bounces. 0 without baked bounces.
     pub bounce_links: u64,
     /// Clip planes.
     pub planes: u64,
@@ -40,39 +40,39 @@ pub struct BakedStats {
     pub bvh_triangles: u64,
     /// Levels of the BVH.
     pub bvh_depth: u64,
-    /// Columns of an operator of components, without the sky's; 0 in the other forms.
+    /// Columns of an operator of components, without the sky's. 0 in the other forms.
     pub columns: u64,
     /// Clusters of senders that share columns.
     pub clusters: u64,
     /// Values of the columns.
     pub column_values: u64,
-    /// Clusters of points with visibility; 0 without.
+    /// Clusters of points with visibility. 0 without visibility.
     pub visibility_clusters: u64,
-    /// Coefficients of visibility that are kept.
+    /// Stored coefficients of the visibility.
     pub visibility_coefficients: u64,
-    /// Bytes of visibility.
+    /// Bytes of the visibility.
     pub visibility_bytes: u64,
-    /// Probes in free space; 0 without.
+    /// Probes. 0 without probes.
     pub probes: u64,
-    /// Links of their rows.
+    /// Links of the probes' rows.
     pub probe_links: u64,
-    /// Nodes of the octree of rule `fmm`; 0 without.
+    /// Nodes of the octree of method `fmm`. 0 without an octree.
     pub fmm_nodes: u64,
-    /// Entries of its lists.
+    /// Entries of the octree's lists.
     pub fmm_entries: u64,
-    /// Its points: those that give light, and those that receive.
+    /// Points of the octree, emitting and receiving.
     pub fmm_points: u64,
-    /// Bytes of it.
+    /// Bytes of the octree.
     pub fmm_bytes: u64,
-    /// Materials that may change; 0 where none may.
+    /// Dynamic materials. 0 without dynamic materials.
     pub materials: u64,
-    /// Their shares of senders.
+    /// Coverages of senders by dynamic materials.
     pub material_shares: u64,
-    /// Occluders; 0 where nothing comes and goes.
+    /// Occluders. 0 without occluders.
     pub occluders: u64,
-    /// Parts of links that they are in the way of.
+    /// Terms of links that occluders block.
     pub passages: u64,
-    /// Terms of a sky that varies; 0 for a uniform one.
+    /// Terms of a non-uniform sky. 0 for a uniform sky.
     pub sky_terms: u64,
     /// Bytes of all arrays.
     pub memory: u64,

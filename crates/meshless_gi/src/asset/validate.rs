@@ -1,5 +1,5 @@
 //! Validation of a baked scene: every index and number is in range, and every traversal is finite.
-//! Nothing is used before it has passed (design D10).
+//! No scene is used before it has passed (design D10).
 
 use super::scene_data::{LightSamples, SceneData};
 use super::stats::BakedStats;
@@ -9,27 +9,28 @@ use crate::samples::GridSlot;
 use crate::transport::{Link, Operator, SenderForm, row_order};
 use glam::{Vec3, Vec4};
 
-/// Largest deviation from one of sums of weights and lengths of normals.
+/// Largest deviation from one of sums of weights and of lengths of normals.
 pub(super) const TOLERANCE: f32 = 1e-3;
-/// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
+/// Largest depth of a BVH: the stack of a shadow ray's traversal has as many nodes.
 const DEEPEST: u8 = 62;
-/// Radiosity that surfaces may emit, W/m²: what is brighter overflows where it is added up.
+/// Largest radiosity that surfaces may emit, W/m². Sums of larger values overflow.
 pub(super) const BRIGHTEST: f32 = 1e20;
-/// Σ |F·n| ≤ 1 for rows of averages, but for rounding.
+/// Largest sum Σ |F·n| of rows of averages: 1 except for rounding.
 pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
-/// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
+/// Largest |F|. It is at most 1 for averages. Differences between levels and the noise of the
+/// gather may exceed 1 slightly.
 pub(super) const LARGEST_LINK: f32 = 16.0;
 
 impl SceneData {
-    /// Checks everything that a frame relies on. A scene that passes can be used without a further
-    /// test.
+    /// Checks everything that a frame requires. A scene that passes can be used without further
+    /// tests.
     ///
     /// # Errors
     /// Violations, at most 32.
     pub fn validate(&self) -> Result<BakedStats, Vec<Violation>> {
         let mut check = Check(Vec::new());
         self.check_shape(&mut check);
-        // All that follows takes its ranges from the shape.
+        // The other checks take their ranges from the shape.
         if check.0.is_empty() {
             self.check_points(&mut check);
             self.check_weights(&mut check);
@@ -52,7 +53,7 @@ impl SceneData {
         }
     }
 
-    /// Lengths of arrays and levels.
+    /// Checks the lengths of arrays and levels.
     fn check_shape(&self, check: &mut Check) {
         let (points, starts) = (self.points.len(), &self.level_starts);
         check.whole(starts.len() >= 2, "levels", || {
@@ -164,7 +165,7 @@ impl SceneData {
         }
     }
 
-    /// One irradiance a point, or none.
+    /// Checks that there is one irradiance per point, or none.
     fn check_illumination(&self, check: &mut Check) {
         let (found, points) = (self.illumination.len(), self.points.len());
         check.whole(found == 0 || found == points, "illumination", || {
@@ -176,8 +177,8 @@ impl SceneData {
         }
     }
 
-    /// Pull rows name senders on finer levels, parents rows points on coarser levels: both walks
-    /// end.
+    /// Checks that pull rows refer to senders on finer levels and parent rows to points on coarser
+    /// levels. Both traversals then end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
         check.whole(all && sound_starts(&self.parents), "parent rows", || {
@@ -221,10 +222,10 @@ impl SceneData {
         }
     }
 
-    /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first,
-    /// and differences are not left out.
+    /// Returns the highest tier that row `i` may be of. Rows that a frame of every tier needs are
+    /// of the first, and differences are not omitted.
     fn most_tier(&self, i: usize) -> u32 {
-        // The parents' rows may be unsound themselves.
+        // The parent rows may be invalid themselves.
         let needed =
             !matches!(self.parents.starts.get(i..i + 2), Some(&[start, end]) if start < end);
         match needed || self.operator.form == SenderForm::Differences {
@@ -265,7 +266,7 @@ impl SceneData {
             });
             end += u64::from(row.count);
         }
-        // Whose parents are not sound cannot be asked for them.
+        // Invalid parent rows cannot be evaluated.
         let sound = check.0.is_empty();
         for (i, row) in rows.iter().enumerate() {
             let fits = !sound || row.tier <= self.most_tier(i);
@@ -325,8 +326,8 @@ impl SceneData {
         }
     }
 
-    /// No point receives more than all senders shine: sweeps over rows that sum to more would grow
-    /// without end. Differences have signs, and are left out.
+    /// Checks that no point receives more than all senders emit. With larger row sums the sweeps
+    /// would diverge. Differences have signs, and are not checked.
     fn check_row_sums(&self, check: &mut Check) {
         if !check.0.is_empty() || self.operator.form == SenderForm::Differences {
             return;
@@ -350,7 +351,7 @@ impl SceneData {
         }
     }
 
-    /// A look-up ends at a free slot and stays within its list.
+    /// Checks that a lookup ends at a free slot and stays within its list.
     fn check_grid(&self, check: &mut Check) {
         let grid = &self.display.grid;
         let (slots, entries) = (&grid.slots, &grid.entries);
@@ -364,7 +365,7 @@ impl SceneData {
             "grid",
             || format!("{taken} of {} slots are taken", slots.len()),
         );
-        // Lists lie behind one another, so that no entry is read twice.
+        // Lists are contiguous, so that no entry is read twice.
         let mut at = 0;
         while at < entries.len() && !check.full() {
             let count = entries[at] as usize;
@@ -382,7 +383,7 @@ impl SceneData {
             );
             at += 1 + count;
         }
-        // A slot that starts within a list might name what is no point.
+        // A slot that starts within a list might refer to an entry that is not a point.
         let walk = || {
             let mut at = 0;
             std::iter::from_fn(move || {
@@ -401,14 +402,14 @@ impl SceneData {
         }
     }
 
-    /// The nodes are a tree whose leaves share no triangle: a walk sees each node and each triangle
-    /// once at most. Returns its depth.
+    /// Checks that the nodes are a tree and that leaves share no triangle. A traversal then visits
+    /// each node and each triangle at most once. Returns the depth.
     fn check_bvh(&self, check: &mut Check) -> u64 {
         let (nodes, triangles) = (&self.bvh.nodes, &self.bvh.triangles);
         check.whole(!nodes.is_empty() || triangles.is_empty(), "bvh", || {
             format!("{} triangles, but no node", triangles.len())
         });
-        // Depth plus one of each node that a parent has named.
+        // Depth plus one of each node that a parent refers to.
         let mut depths = vec![0u8; nodes.len()];
         if let Some(root) = depths.first_mut() {
             *root = 1;
@@ -477,8 +478,8 @@ fn sound_starts(weights: &Weights) -> bool {
         && weights.starts.last().map(|&s| s as usize) == Some(weights.entries.len())
 }
 
-/// Weights of a row: finite, not negative, and those of each group (one where `group` says nothing)
-/// sum to one.
+/// Checks that the weights of a row are finite and not negative, and that those of each group sum
+/// to one. All weights are one group if `group` returns `None`.
 fn check_sums(
     check: &mut Check,
     name: &'static str,

@@ -1,4 +1,4 @@
-//! Validation of an operator of components: its columns, and rows in them. Part of
+//! Validation of an operator of components: its columns, and rows in its basis. Part of
 //! [`validate`](super::validate) (design D10).
 
 use super::scene_data::SceneData;
@@ -8,8 +8,8 @@ use crate::transport::pca::Compression;
 use crate::transport::{Link, SenderForm};
 
 impl SceneData {
-    /// Columns lie behind one another, as their values do, so that no value is read twice; those of
-    /// a cluster share its senders, no sender is in two clusters, and the last column is the sky
+    /// Checks that columns and their values are contiguous, so that no value is read twice. Columns
+    /// of a cluster share its senders. No sender is in two clusters, and the last column is the sky
     /// alone.
     pub(super) fn check_compression(&self, check: &mut Check) {
         let senders = self.senders();
@@ -90,8 +90,8 @@ impl SceneData {
         }
     }
 
-    /// Vectors of a basis have the length one, and rows in it are no longer than those that they
-    /// were made from; even light comes back no brighter.
+    /// Checks that the vectors of a basis have length one, and that uniform light is not amplified.
+    /// Rows in the basis must not be longer than the rows that they were made from.
     pub(super) fn check_components(&self, check: &mut Check, compression: &Compression) {
         for c in 0..compression.columns.len() {
             let square: f32 = compression.column(c).map(|(_, v)| v * v).sum();

@@ -5,13 +5,13 @@ use std::fmt;
 /// Largest number of violations that are listed.
 const MAX_VIOLATIONS: usize = 32;
 
-/// One thing that is wrong.
+/// Violation of one condition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Violation {
     /// Name of the array or field.
     pub location: &'static str,
-    /// Index of the item. `None` for a field that is no array.
+    /// Index of the item. `None` if the field is not an array.
     pub index: Option<usize>,
     /// Problem.
     pub problem: String,
@@ -26,7 +26,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Collects what is wrong.
+/// Collector of violations.
 pub(super) struct Check(pub(super) Vec<Violation>);
 
 impl Check {

@@ -1,6 +1,6 @@
-//! The visibility of a baked scene in its file, and whether a frame can run on it. Six sections
-//! that are there together or not at all; where arrays of a cluster and a point start follows from
-//! how long those before are, and is not stored.
+//! Visibility of a baked scene: sections of the file, and validation. The six sections are present
+//! together or not at all. The starts of a cluster's and a point's arrays follow from the lengths
+//! before, and are not stored.
 
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
@@ -28,40 +28,41 @@ const POINT: Layout = Layout::columns(&[
     Field::word(6),
     Field::word(7),
 ]);
-/// Words of two halves, or of four bytes: in planes all first bytes lie side by side.
+/// Layout of words of two 16-bit or four 8-bit numbers. In byte planes all first bytes are
+/// contiguous.
 const PAIR: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
 
 /// Words of the section "visibility".
 const SHAPE_WORDS: usize = 2;
-/// Most directions of a point.
+/// Largest number of directions of a point.
 const MAX_DIRECTIONS: u64 = 1 << 16;
-/// Coefficients times components: e is at most one, and no component is longer than the root of the
-/// directions.
+/// Largest product of coefficients and components. e is at most one, and the length of a component
+/// at most the root of the number of directions.
 const LARGEST_SCALE: f32 = 1024.0;
 
-/// Its kinds of sections, ascending.
+/// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 6] = [
     Kind {
         max: SHAPE_WORDS as u64,
-        // The first had the unit of all depths too, which is each cluster's own now.
+        // Version 1 also had the unit of all depths. Now each cluster has its own.
         version: 2,
         ..kind::<u32>(23, "visibility", COUNT)
     },
     Kind {
         version: 2,
-        // They are checked beside a copy.
+        // Validation compares them with a copy.
         memory: 2 * size_of::<VisibilityCluster>() as u64 + 4,
         ..kind::<VisibilityCluster>(24, "visibility clusters", CLUSTER)
     },
     Kind {
-        // They are checked beside a copy.
+        // Validation compares them with a copy.
         memory: 2 * size_of::<VisiblePoint>() as u64,
-        // The first version had no error per point.
+        // Version 1 had no error per point.
         version: 2,
         ..kind::<VisiblePoint>(25, "visibility points", POINT)
     },
     Kind {
-        // Components of eight bits; the first had sixteen.
+        // Components have 8 bits. Version 1 had 16.
         version: 2,
         ..kind::<u32>(26, "visibility basis", PAIR)
     },
@@ -69,7 +70,7 @@ pub(super) const KINDS: [Kind; 6] = [
     kind::<u32>(28, "visibility coefficients", PAIR),
 ];
 
-/// The sections of `visibility`; `kinds` are those of [`KINDS`] in the table.
+/// Returns the sections of `visibility`. `kinds` are the entries of [`KINDS`] in the table.
 pub(super) fn sections(visibility: &Visibility, kinds: &'static [Kind]) -> Vec<Section> {
     let grid = visibility.grid;
     let shape = [grid.columns, grid.rows];
@@ -83,7 +84,7 @@ pub(super) fn sections(visibility: &Visibility, kinds: &'static [Kind]) -> Vec<S
     ]
 }
 
-/// The visibility of a file, if it has any.
+/// Reads the visibility of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
     kinds: &'static [Kind],
@@ -121,8 +122,8 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// Every look-up of the kernel `soft_shadow` stays within the arrays, and what it reads is
-    /// finite.
+    /// Checks that every lookup of the kernel `soft_shadow` stays within the arrays and reads
+    /// finite values.
     pub(super) fn check_visibility(&self, check: &mut Check) {
         let Some(v) = &self.visibility else { return };
         let directions = u64::from(v.grid.columns) * u64::from(v.grid.rows);
@@ -131,7 +132,7 @@ impl SceneData {
             "visibility",
             || format!("{} × {} directions", v.grid.columns, v.grid.rows),
         );
-        // All senders at least, and whole levels: points behind them take the mean of their
+        // At least all senders, and complete levels. Points after them use the mean of their
         // parents.
         let whole = (self.sender_levels as usize..=self.levels())
             .any(|l| self.level_starts.get(l).map(|&s| s as usize) == Some(v.points.len()));
@@ -187,7 +188,7 @@ impl SceneData {
             let sound = (0.0..=LARGEST_SCALE).contains(&scale);
             check.item(sound, "visibility scales", i, || format!("{scale}"));
         }
-        // What follows from the rest needs the rest to be sound.
+        // The remaining checks require valid lengths.
         if !check.0.is_empty() {
             return;
         }

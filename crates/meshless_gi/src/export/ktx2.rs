@@ -1,6 +1,6 @@
-//! A KTX 2.0 file with one three-dimensional texture of half floats, by sections 3 to 5 of the KTX
-//! File Format Specification 2.0 (Khronos): header, index, level index, data format descriptor, key
-//! and value, level.
+//! KTX 2.0 file with one three-dimensional texture of half floats. It follows sections 3 to 5 of
+//! the KTX File Format Specification 2.0 (Khronos): header, index, level index, data format
+//! descriptor, key and value, mip level.
 
 use half::f16;
 
@@ -10,14 +10,14 @@ const IDENTIFIER: [u8; 12] = *b"\xabKTX 20\xbb\r\n\x1a\n";
 const FORMAT: u32 = 97;
 /// Bytes of header and index.
 const HEADER: usize = 80;
-/// Bytes of the index of one level.
+/// Bytes of the index of one mip level.
 const LEVEL_INDEX: usize = 24;
 /// Bytes of a basic descriptor block with four samples, and of the total size before it.
 const DESCRIPTOR: usize = 4 + 24 + 4 * 16;
-/// Bytes of a texel, and the alignment of a level.
+/// Bytes of a texel, and the alignment of a mip level.
 const TEXEL: usize = 8;
 
-/// Returns the bytes of a file of `size` texels along x, y and z; x runs fastest.
+/// Returns the bytes of a file of `size` texels along x, y and z. x varies fastest.
 pub(super) fn write(size: [u32; 3], texels: &[[f16; 4]]) -> Vec<u8> {
     let writer = key_and_value(concat!(
         "KTXwriter\0bevy_meshless_gi ",
@@ -36,14 +36,14 @@ pub(super) fn write(size: [u32; 3], texels: &[[f16; 4]]) -> Vec<u8> {
     // Bytes of a component.
     word(2);
     size.iter().for_each(|&edge| word(edge as usize));
-    // No array, one face, one level, no supercompression.
+    // No array, one face, one mip level, no supercompression.
     [0, 1, 1, 0].into_iter().for_each(&mut word);
     word(descriptor_at);
     word(DESCRIPTOR);
     word(writer_at);
     word(writer.len());
     let mut long = |value: usize| out.extend((value as u64).to_le_bytes());
-    // Data of the supercompression: none. Then the level: where, bytes, bytes without compression.
+    // No data of a supercompression. Then the mip level: offset, bytes, bytes without compression.
     [0, 0, level_at, level, level]
         .into_iter()
         .for_each(&mut long);
@@ -55,25 +55,25 @@ pub(super) fn write(size: [u32; 3], texels: &[[f16; 4]]) -> Vec<u8> {
     out
 }
 
-/// Data format descriptor of four signed half floats, linear, with the primaries of BT.709: section
-/// 5 of the Khronos Data Format Specification 1.3.
+/// Returns the data format descriptor of four signed half floats, linear, with the primaries of
+/// BT.709. Section 5 of the Khronos Data Format Specification 1.3.
 fn descriptor() -> Vec<u8> {
     let mut out = Vec::with_capacity(DESCRIPTOR);
     let mut words = |words: &[u32]| out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
     let block = DESCRIPTOR as u32 - 4;
-    // Khronos' basic descriptor, version 2; model RGBSDA (1), primaries BT.709 (1), linear transfer
-    // (1); texel blocks of one texel; bytes of a texel.
+    // Basic descriptor of Khronos, version 2. Model RGBSDA (1), primaries BT.709 (1), linear
+    // transfer (1). Texel blocks of one texel. Bytes of a texel.
     words(&[DESCRIPTOR as u32, 0, 2 | (block << 16), 0x01_01_01, 0, 8, 0]);
     for (k, channel) in [0, 1, 2, 15u32].into_iter().enumerate() {
-        // Where the sample begins, its bits less one, its channel, float and signed; at no offset;
-        // −1 and 1.
+        // First bit of the sample, its bits minus one, its channel with the flags float and signed.
+        // No position offset. Range −1 to 1.
         let sample = (16 * k as u32) | (15 << 16) | ((0xc0 | channel) << 24);
         words(&[sample, 0, (-1.0f32).to_bits(), 1.0f32.to_bits()]);
     }
     out
 }
 
-/// A key and its value, each with a zero behind it, aligned to four bytes.
+/// Returns a key and its value, each terminated by a zero, aligned to four bytes.
 fn key_and_value(text: &str) -> Vec<u8> {
     let mut out = (text.len() as u32).to_le_bytes().to_vec();
     out.extend(text.as_bytes());

@@ -1,9 +1,10 @@
-//! Baked light in files that other programs read without this crate: for devices without compute
-//! shaders, and for games whose lights never change.
+//! Baked light in files that other programs read without this crate. For devices without compute
+//! shaders, and for games with constant lights.
 //!
-//! | what | files |
+//! | type | file |
 //! |---|---|
-//! | [`ExportedVolume`] | an irradiance volume of Bevy's for one set of lights: a texture (`.ktx2`), and a [`VolumePlacement`] (`.ron`) |
+//! | [`ExportedVolume`] | Bevy irradiance volume for one set of lights: texture (`.ktx2`) |
+//! | [`VolumePlacement`] | description of that texture (`.ron`) |
 
 mod ktx2;
 mod placement;

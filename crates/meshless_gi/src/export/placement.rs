@@ -1,30 +1,30 @@
-//! Description of an exported volume: the file beside its texture.
+//! Description of an exported volume: the file next to its texture.
 
 use serde::{Deserialize, Serialize};
 
 /// Transform and intensity of an irradiance volume. Written as RON to the file next to the texture.
 ///
-/// Bevy shows it with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a
+/// In Bevy it is an entity with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a
 /// `Transform` of `translation`, `rotation` and `scale`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct VolumePlacement {
     /// Version of this format: [`VolumePlacement::VERSION`].
     pub version: u32,
-    /// File of the texture, beside this one.
+    /// File of the texture, in the same folder.
     pub texture: String,
-    /// Lights that the volume was computed for: the name of their file.
+    /// File name of the lights that the volume was computed for.
     pub lights: String,
     /// Center of the volume, meters in the space of the bake.
     pub translation: [f32; 3],
-    /// Quaternion x, y, z, w. Always the identity: sides of voxels are those of the axes.
+    /// Quaternion x, y, z, w. Always the identity, since voxels are parallel to the axes.
     pub rotation: [f32; 4],
-    /// Edges of the volume, meters; Bevy's volume is a cube from −0.5 to 0.5.
+    /// Edges of the volume, meters. Bevy's volume is a cube from −0.5 to 0.5.
     pub scale: [f32; 3],
     /// Voxels along each edge. The texture is twice as high and three times as deep.
     pub resolution: [u32; 3],
-    /// Multiplies the texture; a power of two. Above 1 where light is too bright for half floats,
-    /// below 1 where it is too dim for them.
+    /// Factor of the texture, a power of two. Above 1 if light is too bright for half floats, below
+    /// 1 if it is too dim.
     pub intensity: f32,
 }
 
@@ -35,7 +35,7 @@ impl VolumePlacement {
     /// Returns the text of the file, RON.
     ///
     /// # Errors
-    /// Those of the serializer.
+    /// Errors of the serializer.
     pub fn to_ron(&self) -> Result<String, ron::Error> {
         let mut text = ron::ser::to_string_pretty(self, ron::ser::PrettyConfig::default())?;
         text.push('\n');

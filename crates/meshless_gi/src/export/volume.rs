@@ -1,4 +1,4 @@
-//! One of Bevy's irradiance volumes for one set of lights: a frame is solved on the CPU, and kernel
+//! Bevy irradiance volume for one set of lights. The frame is solved on the CPU, and the kernel
 //! [`volume`](crate::frame::volume) fills the voxels.
 
 use super::VolumePlacement;
@@ -16,22 +16,22 @@ use half::f16;
 use std::io;
 use std::path::Path;
 
-/// Scale of the light while it is computed: the kernel bounds texels to what a half float holds. No
-/// light of a frame is above 10¹⁸.
+/// Scale of the light during the computation, since the kernel clamps texels to the range of half
+/// floats. No light of a frame is above 10¹⁸.
 const SMALL: f32 = 1.0 / (1u128 << 64) as f32;
 
 /// Settings of an exported volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VolumeExport {
-    /// Edge of a voxel, meters in the space of the bake. `None`: half of the distance between the
-    /// bake's probes.
+    /// Edge of a voxel, meters in the space of the bake. `None` uses half of the distance between
+    /// the bake's probes.
     pub voxel: Option<f32>,
-    /// Largest number of voxels; 2²⁰ at most. Voxels become larger where there would be more.
-    /// Default: 65,536. A voxel takes 48 bytes.
+    /// Largest number of voxels, at most 2²⁰. Voxels are enlarged if there would be more. Default:
+    /// 65,536. A voxel takes 48 bytes.
     pub max_voxels: u32,
-    /// Diffuse reflections. `None`: as many as the bake's recipe asks for.
+    /// Diffuse reflections. `None` uses the number of the bake's recipe.
     pub bounces: Option<Bounces>,
-    /// Radiance that an emissive factor of 1 stands for, cd/m²; 0 or more. Default: 1.
+    /// Radiance for an emissive factor of 1, cd/m². 0 or more. Default: 1.
     pub emission: f32,
 }
 
@@ -46,7 +46,7 @@ impl Default for VolumeExport {
     }
 }
 
-/// Reason why there is no volume.
+/// Error of the export of a volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
@@ -55,32 +55,32 @@ pub enum ExportError {
         "the bake has no probes: bake the scene with `--probes`, or with `probes: ()` in its recipe"
     )]
     NoFreeSpace,
-    /// A sky varies, and the bake has a uniform one.
+    /// The sky is not uniform, but the bake supports only uniform skies.
     #[error(
         "the bake has a uniform sky: bake the scene with `--sky harmonics` for one that varies"
     )]
     UniformSky,
 }
 
-/// An irradiance volume as Bevy reads it.
+/// Irradiance volume in the layout of Bevy.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ExportedVolume {
     /// Box and voxels, in the space of the bake.
     pub shape: VoxelGrid,
-    /// Multiplies the texels; a power of two.
+    /// Factor of the texels, a power of two.
     pub intensity: f32,
-    /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The
-    /// fourth number says how far it is to a wall
-    /// ([`WallDistances::encode`](crate::frame::WallDistances::encode)); Bevy does not read it, and
+    /// Texels, x fastest and z last: the radiance of a white surface in cd/m², divided by
+    /// `intensity`. The fourth number encodes distances to walls
+    /// ([`WallDistances::encode`](crate::frame::WallDistances::encode)). Bevy does not read it, but
     /// this crate's plugin does.
     pub texels: Vec<[f16; 4]>,
 }
 
 impl ExportedVolume {
     /// Computes the volume of a bake under `lights`: their reflected light, and all light of the
-    /// sky and of emissive surfaces. Light in W is light in lm, W/sr is cd and W/m² is lx. The same
-    /// for any number of threads.
+    /// sky and of emissive surfaces. W is used as lm, W/sr as cd and W/m² as lx. The result does
+    /// not depend on the number of threads.
     ///
     /// # Errors
     /// See [`ExportError`].
@@ -158,11 +158,11 @@ impl ExportedVolume {
         }
     }
 
-    /// Writes the texture to `path`, and its description beside it with the ending `.ron`. Returns
-    /// the bytes of the texture.
+    /// Writes the texture to `path`, and its description to the same path with the extension
+    /// `.ron`. Returns the bytes of the texture.
     ///
     /// # Errors
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub fn write(&self, path: &Path, lights: &str) -> io::Result<u64> {
         let texture = path.file_name().unwrap_or_default().to_string_lossy();
         let placement = self.placement(&texture, lights).to_ron();
@@ -174,8 +174,8 @@ impl ExportedVolume {
     }
 }
 
-/// The power of two by which the brightest texel, `peak`, is divided: 1 where a half float holds it
-/// well.
+/// Computes the power of two by which texels are divided. `peak` is the brightest texel. 1 if half
+/// floats represent it well.
 fn intensity(peak: f32) -> f32 {
     let mut intensity = 1.0f32;
     while peak / intensity > LARGEST_HALF {

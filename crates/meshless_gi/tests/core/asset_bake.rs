@@ -1,5 +1,5 @@
-//! Bakes pass validation and round-trip through their file: each rule, each way
-//! to many bounces, any number of threads.
+//! Bakes pass validation and round-trip through their file: transport methods, bounce modes, any
+//! number of threads.
 
 use glam::Vec3;
 use meshless_gi::internals::asset::fingerprint;
@@ -9,17 +9,18 @@ use meshless_gi::{
     Material, Preset, Progress, Recipe, TierInfo, TransportMethod, TriangleMesh, bake,
 };
 
-/// Codes of sections, as `docs/FORMAT.md` lists them: the points, and the display's grid.
+/// Section codes of `docs/FORMAT.md`: the points, and the display's grid.
 const POINTS: u32 = 4;
 const GRID: [u32; 2] = [15, 16];
 
-/// Codes in the section table of a file: 40 bytes a section, after a header of 32 bytes.
+/// Returns the codes in the section table of a file: 40 bytes per section, after a header of 32
+/// bytes.
 fn section_codes(file: &[u8]) -> Vec<u32> {
     let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
     (0..word(12) as usize).map(|i| word(32 + 40 * i)).collect()
 }
 
-/// A closed room of 4 by 3 by 3 meters with a wall half-way across it.
+/// Returns a closed room of 4 by 3 by 3 meters with a wall half-way across it.
 fn room() -> TriangleMesh {
     let mut triangles = Vec::new();
     let mut quad = |a: Vec3, u: Vec3, v: Vec3| {
@@ -55,7 +56,7 @@ fn baked(recipe: &Recipe, threads: usize) -> BakedScene {
         .scene
 }
 
-/// Recipe that bakes the room in a moment.
+/// Returns a recipe that bakes the room quickly.
 fn small() -> Recipe {
     Recipe {
         preset: Preset::Draft,
@@ -70,12 +71,12 @@ fn small() -> Recipe {
     }
 }
 
-/// Bakes that are kept are found by the bake version: it must rise with every change of what equal
-/// input bakes to. Where this fails, raise [`BAKE_VERSION`], and take the new digest over.
+/// Stored bakes are identified by the bake version. It must increase with every change of the
+/// result for equal input. If this test fails, increase [`BAKE_VERSION`] and copy the new digest.
 #[test]
 fn bake_of_one_version_has_recorded_hash() {
     let mut scene = baked(&small(), 2);
-    // Facts about the bake are no part of it.
+    // The digest excludes the facts about the bake.
     let tiers = TierInfo::all_of(scene.data());
     scene.data_mut().info = BakeInfo::default();
     scene.data_mut().info.tiers = tiers;
@@ -126,7 +127,7 @@ fn bake_file_round_trips() {
             bytes.len(),
             stats.memory
         );
-        // And the frame that runs on it is lit.
+        // The frame of the read scene is lit.
         let mut frame = CpuFrame::new(&back);
         frame.set_lights(
             &back,
@@ -142,11 +143,11 @@ fn bake_file_round_trips() {
             .unwrap();
         assert!(e.min_element() > 0.01, "{e}");
     }
-    // Twice, on one thread and on two: the same bytes.
+    // Two bakes, on one thread and on two, give the same bytes.
     let bytes = |recipe: &Recipe, threads| baked(recipe, threads).to_bytes().unwrap();
     let two = bytes(&small, 2);
     assert!(bytes(&small, 1) == two);
-    // Must fail: another seed is another bake.
+    // Must fail: another seed gives another bake.
     let other = Recipe {
         seed: 7,
         ..small.clone()

@@ -1,6 +1,6 @@
-//! A door between two rooms, and a shutter before an open box: how much of the light beyond them is
-//! left when they shut, beside bakes of levels that are closed there; what is half open; and what
-//! is refused. Every comparison is made a second time with a wrong input, where it must fail.
+//! Door between two rooms, and shutters in front of an open box. Residual light behind closed
+//! occluders is compared with bakes of closed scenes. Half-open occluders and rejected recipes are
+//! also tested. Every comparison is repeated with a wrong input, for which it must fail.
 #![allow(clippy::float_cmp, reason = "what is shut is nothing, to the bit")]
 
 use glam::Vec3;
@@ -13,7 +13,7 @@ use meshless_gi::{
 use std::path::Path;
 use std::sync::LazyLock;
 
-/// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Meters.
+/// Both rooms, the wall between them, and its opening (from z, to z, height). Meters.
 const SIZE: Vec3 = Vec3::new(8.0, 2.6, 3.6);
 const WALL: [f32; 2] = [3.9, 4.1];
 const OPENING: [f32; 3] = [1.4, 2.4, 2.0];
@@ -22,7 +22,7 @@ const OPENING: [f32; 3] = [1.4, 2.4, 2.0];
 #[derive(Clone, Copy, PartialEq)]
 enum Opening {
     Open,
-    /// A black panel in the middle of the wall: what a shut door is.
+    /// Black panel in the middle of the wall, equivalent to a closed door.
     Panel,
 }
 
@@ -33,12 +33,13 @@ fn quad(origin: Vec3, u: Vec3, v: Vec3, albedo: f32) -> Quad {
     }
 }
 
-/// Two rooms.
+/// Returns two rooms.
 fn rooms(opening: Opening) -> TriangleMesh {
     level(&[4.0], opening)
 }
 
-/// Rooms one behind the other, with a wall between them at each of these x, and an opening in each.
+/// Returns rooms in a row, with a wall between them at each x of `walls`, and an opening in each
+/// wall.
 fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
     let [w, h, d] = SIZE.to_array();
@@ -78,12 +79,12 @@ fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
     mesh_of_quads(&quads)
 }
 
-/// The door between two rooms.
+/// Returns the door between two rooms.
 fn door() -> OccluderDesc {
     door_at("door", 4.0)
 }
 
-/// A door in the middle of the wall at x, four centimeters thick.
+/// Returns a door in the middle of the wall at `x`, four centimeters thick.
 fn door_at(name: &str, x: f32) -> OccluderDesc {
     let [left, right, top] = OPENING;
     OccluderDesc {
@@ -124,8 +125,8 @@ fn light_source() -> Vec<FrameLight> {
     FrameLight::expand(&light_source, 1)
 }
 
-/// Positions on walls, floor and ceiling from x to x, with their normals, centimeters from the door
-/// and far.
+/// Returns positions with normals on walls, floor and ceiling between two x, centimeters from the
+/// door and far.
 fn positions(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
     let mut out = Vec::new();
     let steps = 16;
@@ -149,8 +150,8 @@ fn lit_room() -> Vec<(Vec3, Vec3)> {
     positions(0.02, 3.88)
 }
 
-/// The room behind the door, the side of the wall that looks into it, and what of the opening lies
-/// beyond the door.
+/// Returns positions in the room behind the door, on its side of the wall, and in the part of the
+/// opening beyond the door.
 fn dark_room() -> Vec<(Vec3, Vec3)> {
     let mut out = positions(4.12, 7.98);
     let [left, right, top] = OPENING;
@@ -168,8 +169,7 @@ fn dark_room() -> Vec<(Vec3, Vec3)> {
     out
 }
 
-/// Direct and indirect light together at the positions, and the mean over all around at probes'
-/// height in the second room.
+/// Returns the sum of direct and indirect irradiance at the positions.
 fn light(frame: &CpuFrame, scene: &BakedScene, positions: &[(Vec3, Vec3)]) -> Vec<f32> {
     let at = |&(x, n): &(Vec3, Vec3)| {
         let e = frame.irradiance(scene, x, n).expect("a function there");
@@ -183,13 +183,13 @@ fn root_mean_square(values: &[f32]) -> f64 {
     (sum / values.len() as f64).sqrt()
 }
 
-/// Root mean square of the differences, over that of `right`.
+/// Returns the root mean square of the differences, relative to that of `right`.
 fn error(found: &[f32], right: &[f32]) -> f64 {
     let off: Vec<f32> = found.iter().zip(right).map(|(a, b)| a - b).collect();
     root_mean_square(&off) / root_mean_square(right)
 }
 
-/// The frame of a scene under the light, with these gains.
+/// Solves the frame of a scene under the light, with these gains.
 fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, &light_source());
@@ -221,7 +221,7 @@ fn closed_door_blocks_all_light() {
     assert_eq!(known.sets, [0, 1]);
     assert!(!known.probes.is_empty());
     assert!(without.data().occluders.is_none());
-    // Half of a scene does not look through the door.
+    // Half of the scene has no light path through the door.
     let share = known.links.len() as f64 / with.data().operator.links.len() as f64;
     println!(
         "{} of {} links' parts, {share:.3}",
@@ -259,7 +259,7 @@ fn closed_door_blocks_all_light() {
     let left = root_mean_square(&space) / root_mean_square(&open_space);
     println!("shut, in free space beyond: {left:.2e} of the open light");
     assert!(left <= 0.01, "{left}");
-    // The room before it, beside one with a black panel where the door is.
+    // Room in front of the door, compared with a bake with a black panel.
     let before = light(&lit(&closed, &[]), &closed, &near);
     let found = light(&shut, with, &near);
     println!(
@@ -268,7 +268,7 @@ fn closed_door_blocks_all_light() {
     );
     assert!(error(&found, &before) < 0.1);
 
-    // Ajar, it lets through what it says: of what passes once, half.
+    // A half-open door transmits half of the light that crosses it once.
     let half = lit(with, &[0.5]);
     let ajar = light(&half, with, &beyond);
     let between = root_mean_square(&ajar) / root_mean_square(&a);
@@ -281,8 +281,8 @@ fn closed_door_blocks_all_light() {
     );
 }
 
-/// Three rooms in a row, a light in the first: either door alone shuts out what lies behind it, and
-/// what lies before it stays lit.
+/// Three rooms in a row, with a light in the first. Each door alone blocks the light behind it, and
+/// rooms in front of it stay bright.
 #[test]
 fn two_doors_in_sequence_block_independently() {
     let mesh = level(&[3.0, 5.5], Opening::Open);
@@ -294,7 +294,7 @@ fn two_doors_in_sequence_block_independently() {
     };
     let doors = vec![door_at("first", 3.0), door_at("second", 5.5)];
     let scene = baked(&mesh, &recipe(doors));
-    // None, the first, the second, both.
+    // Sets: none, the first, the second, both.
     let known = scene.data().occluders.as_ref().expect("two doors");
     assert_eq!(known.sets, [0, 1, 2, 3]);
     let of = |gains: [f32; 2]| {
@@ -323,7 +323,8 @@ fn two_doors_in_sequence_block_independently() {
             assert!(if dark[k] { part <= 0.01 } else { part > 0.5 }, "{gains:?}");
         }
     }
-    // What passes both passes a half of a half; what comes back and forth takes a little more away.
+    // Light through both doors is reduced to a quarter. Light that crosses them repeatedly is
+    // reduced further.
     let half = of([0.5, 0.5])[2] / open[2];
     let one = of([0.5, 1.0])[2] / open[2];
     println!("half open in the last room, both {half:.3}, the first {one:.3}");
@@ -355,7 +356,6 @@ fn frame_follows_door_transmittance_and_returns() {
     frame.solve(scene, &settings);
     assert_eq!(frame.vector_irradiance(), open, "open again, to the bit");
     assert_eq!(frame.links(scene)[0], scene.data().operator.links);
-    // A level without a door has none to shut.
     let bytes = scene.to_bytes().unwrap();
     assert_eq!(
         BakedScene::from_bytes(&bytes, &Limits::default()).unwrap(),
@@ -363,14 +363,14 @@ fn frame_follows_door_transmittance_and_returns() {
     );
 }
 
-/// A box open to +Z, and a shutter before the opening.
+/// Returns a box that is open at its front, and a recipe with two shutters in front of the opening.
 fn open_box() -> (TriangleMesh, Recipe) {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
         .join("tests/data/cornell/cornell.glb");
     let mesh = load_gltf(&file).unwrap().mesh;
     let bounds = meshless_gi::Geometry::bounds(&mesh);
     let (center, size) = (bounds.center(), bounds.size());
-    // The box is open at its front: where z is least.
+    // The front of the box has the smallest z.
     let shutter = |name: &str, z: f32| OccluderDesc {
         name: name.into(),
         boxes: vec![OccluderBox {
@@ -397,7 +397,7 @@ fn closed_door_blocks_sky() {
     let (mesh, recipe) = open_box();
     let scene = baked(&mesh, &recipe);
     let known = scene.data().occluders.as_ref().unwrap();
-    // Who looks past the edge of one may still look through the other.
+    // Light that passes the edge of one shutter may still cross the other.
     assert!(known.sets.contains(&0b11), "{:?}", known.sets);
     let mut sky = SkyRadiance::from(Vec3::splat(2.0));
     sky.terms[0] = Vec3::new(0.3, 0.2, 0.1);
@@ -418,7 +418,7 @@ fn closed_door_blocks_sky() {
         frame.solve(&scene, &settings);
         let all = frame.vector_irradiance().iter().zip(&scene.data().points);
         let sum: f64 = all.map(|(e, p)| f64::from(e.dot(p.n()).x)).sum();
-        // The second of a probe's three rows starts with what comes from all around.
+        // The second of a probe's three rows starts with the mean over all directions.
         let around = frame.probes().chunks_exact(3).map(|e| f64::from(e[1].x[0]));
         let space: f64 = around.sum();
         println!("{gains:?}: {sum:.4} on surfaces, {space:.4} in free space");
@@ -428,7 +428,7 @@ fn closed_door_blocks_sky() {
     assert!(open > 100.0, "{open}");
     let inner = sum(&[1.0, 0.0]);
     assert!(inner.abs() < 0.01 * open, "{inner} of {open}");
-    // Both half open let a quarter through.
+    // Two half-open shutters transmit a quarter.
     let both = sum(&[0.5, 0.5]) / open;
     assert!((0.2..0.3).contains(&both), "{both}");
     let one = sum(&[0.5, 1.0]) / open;
@@ -561,7 +561,7 @@ fn damaged_occluder_bake_is_rejected() {
         );
         assert!(broken.to_bytes().is_err());
     }
-    // Parts that cancel out when open would make light when one is shut.
+    // Terms that cancel when open would create light when one occluder closes.
     let mut bright = scene.clone();
     let arrays = bright.data_mut();
     let known = arrays.occluders.as_mut().unwrap();
@@ -574,7 +574,7 @@ fn damaged_occluder_bake_is_rejected() {
         known.links[at].xy = one;
         assert!(bright.data().validate().is_err());
     }
-    // Every byte of the new sections counts.
+    // Every damaged byte of the new sections is detected.
     let bytes = scene.to_bytes().unwrap();
     let behind = bytes.len() - 2000;
     for at in (behind..bytes.len()).step_by(97) {

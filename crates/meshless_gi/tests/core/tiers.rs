@@ -1,5 +1,5 @@
-//! The operator's tiers (design D11): a prefix of the links is an operator that is as bright as the
-//! whole, cheaper, and little worse.
+//! Tiers of the operator (design D11). A prefix of the links is an operator of equal brightness,
+//! lower cost and slightly larger error.
 
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
@@ -53,7 +53,8 @@ fn solve(scene: &BakedScene, lights: &[FrameLight], tier: u32) -> CpuFrame {
     frame
 }
 
-/// Irradiance at positions where light lands, drawn without regard to the bake's points.
+/// Returns the irradiance at positions that importance particles reach, independent of the bake's
+/// points.
 fn seen(scene: &BakedScene, test: &TestScene, tier: u32) -> Vec<Vec3> {
     let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let frame = solve(scene, &test.lights, tier);
@@ -65,8 +66,8 @@ fn seen(scene: &BakedScene, test: &TestScene, tier: u32) -> Vec<Vec3> {
         .collect()
 }
 
-/// Mean difference to `whole`, and its root mean square, relative to the mean and the root mean
-/// square of `whole`.
+/// Returns the mean difference to `whole`, and its root mean square. They are relative to the mean
+/// and the root mean square of `whole`.
 fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
     let (mut bias, mut mean, mut square, mut power) = (0.0, 0.0, 0.0, 0.0);
     for (a, b) in part.iter().zip(whole) {
@@ -78,7 +79,8 @@ fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
     (bias / mean, (square / power).sqrt())
 }
 
-/// Every tier is as bright as the whole, within half a percent, and a higher tier is nearer to it.
+/// Checks that every tier is as bright as the whole within 0.5 %, and that a higher tier is closer
+/// to it.
 fn neither_darker_nor_brighter(name: &str) {
     let test = test_scene(name);
     let scene = baked(&test, draft());
@@ -96,12 +98,12 @@ fn neither_darker_nor_brighter(name: &str) {
         );
         assert!(bias.abs() <= 0.005, "{name}, tier {tier}: {bias}");
         assert!(rms < last && rms > 0.0, "{name}, tier {tier}: {rms}");
-        // An eighth, a quarter and half of the links, about.
+        // About an eighth, a quarter and half of the links.
         let expected = 0.5f64.powi((TIERS - tier) as i32);
         assert!((share / expected - 1.0).abs() < 0.1, "tier {tier}: {share}");
         last = rms;
     }
-    // Must fail: rows that are left out and not made up for.
+    // Must fail: rows are omitted without compensation.
     let mut orphans = scene.clone();
     orphans.data_mut().operator.rows.iter_mut().for_each(|row| {
         if row.tier > 1 {
@@ -157,10 +159,10 @@ fn tier_operator_is_prefix_of_links() {
             assert!(values(&part, FrameSettings::ALL_TIERS) != values(&scene, tier - 1));
         }
     }
-    // What is beyond the tiers is all of them, and there is none below the first.
+    // Tiers above the last are equal to the last, and tier 0 is equal to tier 1.
     let values = |t| solve(&scene, &test.lights, t).vector_irradiance().to_vec();
     assert!(values(99) == values(TIERS) && values(0) == values(1));
-    // The same tiers again, whatever the threads.
+    // The tiers do not depend on the number of threads.
     let alone = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
@@ -168,7 +170,7 @@ fn tier_operator_is_prefix_of_links() {
     assert!(alone.install(|| baked(&test, recipe)).data().operator == scene.data().operator);
 }
 
-/// Differences are not left out.
+/// Operators of differences have a single tier.
 #[test]
 fn l08_bake_has_one_tier() {
     let recipe = Recipe {

@@ -1,5 +1,5 @@
-//! No ray escapes from a closed mesh: four million rays from the inside, a quarter of them aimed at
-//! vertices and at the middles of edges, near the origin and far from it. The same count finds a
+//! No ray escapes from a closed mesh. Four million rays start inside, near the origin and far from
+//! it. A quarter of them is aimed at vertices and midpoints of edges. The same count detects a
 //! missing triangle.
 
 use glam::{Vec2, Vec3};
@@ -11,7 +11,8 @@ const RAYS: u64 = 4_000_000;
 
 type Triangles = Vec<[Vec3; 3]>;
 
-/// A subdivided octahedron pushed onto the unit sphere: closed, every vertex shared bit by bit.
+/// Returns a subdivided octahedron projected onto the unit sphere. It is closed, and shared
+/// vertices have equal bits.
 fn sphere(rounds: u32) -> Triangles {
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     let mut out = Vec::new();
@@ -23,7 +24,7 @@ fn sphere(rounds: u32) -> Triangles {
         out = out
             .into_iter()
             .flat_map(|[a, b, c]: [Vec3; 3]| {
-                // The sum does not depend on which triangle asks, so neighbors get the same bits.
+                // The sum does not depend on the triangle, so that neighbors get the same bits.
                 let middle = |p: Vec3, q: Vec3| (p + q).normalize();
                 let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
                 [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
@@ -33,8 +34,8 @@ fn sphere(rounds: u32) -> Triangles {
     out
 }
 
-/// A cube of side 2 whose faces are grids, every cell a pyramid that points inwards or outwards by
-/// a random length.
+/// Returns a cube of side 2 with grids as faces. Every cell is a pyramid that points inwards or
+/// outwards by a random length.
 fn spiked_box(cells: u32) -> Triangles {
     let mut r = Random::new(5, 0, 0);
     let mut out = Vec::new();
@@ -67,12 +68,12 @@ fn spiked_box(cells: u32) -> Triangles {
     out
 }
 
-/// Origin and direction of ray `k`.
+/// Creates ray `k`.
 fn ray(triangles: &Triangles, center: Vec3, k: u64) -> Ray {
     let mut r = Random::new(11, 1, k);
     let origin = center + 0.3 * Vec3::new(r.unit() - 0.5, r.unit() - 0.5, r.unit() - 0.5);
     let direction = match k % 8 {
-        // At a vertex, at the middle of an edge.
+        // Toward a vertex, or toward the middle of an edge.
         0 | 1 => {
             let [a, b, c] = triangles[r.below(triangles.len())];
             let target = if k.is_multiple_of(8) {
@@ -86,12 +87,13 @@ fn ray(triangles: &Triangles, center: Vec3, k: u64) -> Ray {
         2 if k % 64 == 2 => -[Vec3::X, Vec3::Y, Vec3::Z][r.below(3)],
         _ => uniform_sphere(Vec2::new(r.unit(), r.unit())),
     };
-    // From the very center some rays run through shared vertices exactly.
+    // From the exact center some rays pass exactly through shared vertices.
     let origin = if k % 128 == 2 { center } else { origin };
     Ray::new(origin, direction)
 }
 
-/// Number of `count` rays that miss: by closest hit, by the mesh's occlusion, by the frame's.
+/// Returns the number of `count` rays that miss: by closest hit, by the mesh's occlusion, and by
+/// the frame's.
 fn misses(triangles: &Triangles, center: Vec3, count: u64) -> [u64; 3] {
     let mesh = TriangleMesh::new(
         triangles.clone(),
@@ -124,7 +126,7 @@ fn moved(mut triangles: Triangles, offset: Vec3) -> Triangles {
     triangles
 }
 
-/// Two closed meshes, each at three distances from the origin.
+/// Returns two closed meshes, each at three distances from the origin.
 fn cases() -> Vec<(&'static str, Triangles, Vec3)> {
     let mut out = Vec::new();
     for offset in [0.0, 10.0, 1000.0] {
@@ -151,7 +153,7 @@ fn closed_mesh_blocks_every_ray() {
 #[test]
 fn missing_triangle_is_detected() {
     for (name, mut triangles, center) in cases() {
-        // The triangle that covers most of the view from the middle.
+        // Triangle with the largest solid angle from the center.
         let seen = |t: &[Vec3; 3]| {
             let [a, b, c] = t.map(|v| v - center);
             (b - a).cross(c - a).dot(a).abs() / (a + b + c).length().powi(3)
@@ -167,7 +169,7 @@ fn missing_triangle_is_detected() {
     }
 }
 
-/// Two coincident triangles: the lower index wins, wherever the builder puts them.
+/// The lower index of two coincident triangles is hit, for any order in the BVH.
 #[test]
 fn coincident_triangles_hit_lower_index() {
     let mut triangles = sphere(3);
@@ -188,7 +190,7 @@ fn coincident_triangles_hit_lower_index() {
     }
 }
 
-/// Nothing is met in an empty mesh, and nothing unusual makes a ray fatal.
+/// An empty mesh has no hits, and degenerate meshes and rays do not cause panics.
 #[test]
 fn degenerate_meshes_and_rays_do_not_panic() {
     let bad = vec![
@@ -234,7 +236,7 @@ fn degenerate_meshes_and_rays_do_not_panic() {
     );
 }
 
-/// `site` is `surface` without its colors, on fronts, on backs and where there is no such hit.
+/// `site` equals `surface` without its colors, on front sides and on back sides.
 #[test]
 fn hit_point_matches_surface_position() {
     let triangles = sphere(2);
@@ -248,7 +250,7 @@ fn hit_point_matches_surface_position() {
     for k in 0..4000 {
         let inside = ray(&triangles, Vec3::ZERO, k);
         let ray = match k % 3 {
-            // From outside, toward the middle.
+            // From outside, toward the center.
             0 => Ray::new(-3.0 * inside.direction, inside.direction),
             _ => inside,
         };
@@ -268,8 +270,8 @@ fn hit_point_matches_surface_position() {
 
 #[test]
 fn surface_near_ray_origin_is_hit() {
-    // In a level of two meters, a tile of a millimeter from 50 µm away; and the same a thousand
-    // times smaller and larger.
+    // A triangle of one millimeter at distances of 1 mm to 10 µm, in a scene of two meters.
+    // Repeated a thousand times smaller and larger.
     for scale in [1e-3f32, 1.0, 1e3] {
         let v = |x: f32, y: f32, z: f32| scale * Vec3::new(x, y, z);
         let tile = [v(-5e-4, 0.0, -5e-4), v(5e-4, 0.0, -5e-4), v(0.0, 0.0, 5e-4)];
