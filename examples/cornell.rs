@@ -35,7 +35,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{MovableLight, Stage, StageSystems, spawn_light};
-use meshless_gi::{VisibilityRecipe, cornell_box};
+use meshless_gi::{Quad, VisibilityRecipe};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -46,7 +46,7 @@ fn main() -> ExitCode {
     let capture = match Capture::take_from(&mut arguments) {
         Ok(capture) if arguments.is_empty() => capture,
         Ok(_) => return usage(&format!("unknown arguments: {}", arguments.join(" "))),
-        Err(why) => return usage(&why),
+        Err(error) => return usage(&error),
     };
     let mut app = common::app(capture.as_ref());
     app.insert_resource(Soft(soft))
@@ -68,9 +68,9 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-fn usage(why: &str) -> ExitCode {
+fn usage(error: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: cornell [--soft] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
+        "{error}\nusage: cornell [--soft] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }
@@ -92,7 +92,7 @@ fn setup(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let quads = cornell_box();
+    let quads = Quad::cornell_box();
     let recipe = Recipe {
         preset: Preset::Draft,
         soft_shadows: soft.0.then(VisibilityRecipe::default),
@@ -151,11 +151,13 @@ fn setup(
 const BALL: f32 = 0.18;
 
 /// Ends of the ball's path on the floor, in front of the small block at a distance of 4 cm.
-const WAY: (Vec3, Vec3) = (Vec3::new(-0.7, BALL, 0.57), Vec3::new(0.6, BALL, 0.98));
+const BALL_PATH: (Vec3, Vec3) = (Vec3::new(-0.7, BALL, 0.57), Vec3::new(0.6, BALL, 0.98));
 
 /// Returns the position of the ball at a time. It starts in the middle of its path.
 fn ball_at(seconds: f32) -> Vec3 {
-    WAY.0.lerp(WAY.1, 0.5 + 0.5 * (0.7 * seconds).sin())
+    BALL_PATH
+        .0
+        .lerp(BALL_PATH.1, 0.5 + 0.5 * (0.7 * seconds).sin())
 }
 
 fn roll(mut ball: Single<&mut Transform, With<Ball>>, clock: Res<Clock>) {

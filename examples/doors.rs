@@ -201,7 +201,7 @@ const ROUND: f32 = 17.0;
 
 /// Returns the position on the path through the door to the left and back, in meters, and the
 /// rotation in radians.
-fn way(seconds: f32) -> (f32, f32) {
+fn path_at(seconds: f32) -> (f32, f32) {
     let t = seconds.rem_euclid(ROUND);
     let there = (t / 6.0).clamp(0.0, 1.0);
     let back = ((t - 8.5) / 6.0).clamp(0.0, 1.0);
@@ -231,7 +231,7 @@ fn walk(
     if last.replace(clock.now) == Some(clock.now) {
         return;
     }
-    let (x, turned) = way(clock.now);
+    let (x, turned) = path_at(clock.now);
     // The body moves up and down slightly.
     let (step, _) = (4.2 * x).sin_cos();
     let high = 0.02 * (1.0 - step * step);

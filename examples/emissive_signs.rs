@@ -39,7 +39,7 @@ fn main() -> ExitCode {
     };
     let mut app = common::app(capture.as_ref());
     app.insert_resource(ClearColor(Color::linear_rgb(0.003, 0.004, 0.009)))
-        .insert_resource(Lit(true))
+        .insert_resource(SignsOn(true))
         .add_plugins(Stage {
             look: Transform::from_xyz(0.9, 1.7, 3.6)
                 .looking_at(Vec3::new(-0.3, 2.1, -6.0), Vec3::Y),
@@ -48,13 +48,16 @@ fn main() -> ExitCode {
         })
         .add_plugins(Clock::new(0.0, 1.0, capture.as_ref().and_then(|c| c.at)).by_hand())
         .add_systems(Startup, set_up)
-        .add_systems(Update, glow.after(ClockSystems).before(StageSystems));
+        .add_systems(
+            Update,
+            update_emission.after(ClockSystems).before(StageSystems),
+        );
     common::run(app)
 }
 
 /// State of the signs: on or off.
 #[derive(Resource)]
-struct Lit(bool);
+struct SignsOn(bool);
 
 /// Sign: boxes of one emissive material.
 struct Sign {
@@ -211,11 +214,11 @@ fn set_up(
 }
 
 /// Updates the signs' emission.
-fn glow(
+fn update_emission(
     live: Single<&GiDynamicMaterials>,
     mut materials: ResMut<Assets<StandardMaterial>>,
     keys: Res<ButtonInput<KeyCode>>,
-    mut lit: ResMut<Lit>,
+    mut lit: ResMut<SignsOn>,
     clock: Res<Clock>,
 ) {
     if keys.just_pressed(KeyCode::KeyL) {

@@ -27,8 +27,8 @@ use bevy::light::IrradianceVolume;
 use bevy::prelude::*;
 use common::capture::{Capture, default_plugins};
 use meshless_gi::{
-    ExportedVolume, Light, Preset, ProbeSettings, Progress, Recipe, VolumeExport, VolumePlacement,
-    bake_scene, cornell_box, mesh_of_quads,
+    ExportedVolume, Light, Preset, ProbeSettings, Progress, Quad, Recipe, TriangleMesh,
+    VolumeExport, VolumePlacement, bake_scene,
 };
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -113,7 +113,7 @@ fn export(texture: &Path) -> Result<(), Box<dyn Error>> {
         probes: Some(ProbeSettings::default()),
         ..default()
     };
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let baked = bake_scene(&mesh, &recipe, 0, &Progress::default())?;
     let light = Light::Point {
         position: LIGHT.0,
@@ -133,7 +133,7 @@ fn setup(
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
     let mut room = commands.spawn((Transform::default(), Visibility::default()));
-    common::spawn_quads(&cornell_box(), &mut room, &mut meshes, &mut materials);
+    common::spawn_quads(&Quad::cornell_box(), &mut room, &mut meshes, &mut materials);
     let volume = &placement.0;
     commands.spawn((
         LightProbe::default(),

@@ -19,7 +19,7 @@ use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::render_resource::{PollType, TextureFormat, TextureUsages};
 use bevy::render::renderer::RenderDevice;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::cornell_box;
+use meshless_gi::Quad;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -168,7 +168,7 @@ fn setup(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let quads = cornell_box();
+    let quads = Quad::cornell_box();
     let recipe = Recipe {
         preset: Preset::Draft,
         ..default()

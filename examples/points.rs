@@ -34,20 +34,20 @@ use common::clock::{Clock, ClockSystems};
 use common::stage::{MovableLight, Stage, StageSystems, spawn_light};
 use meshless_gi::internals::samples::scatter;
 use meshless_gi::internals::scene::{PlyPoints, read_ply, statue};
-use meshless_gi::{Bounds, PointCloud, Preset, Recipe, TriangleMesh, cornell_box, mesh_of_quads};
+use meshless_gi::{Bounds, PointCloud, Preset, Quad, Recipe, TriangleMesh};
 use std::path::Path;
 use std::process::ExitCode;
 
 /// Minimum distance between points of the statue, in meters.
 const SPACING: f32 = 0.012;
 /// Size that a scan is scaled to, in meters.
-const ROOM_FOR: Vec3 = Vec3::new(1.2, 1.5, 1.2);
+const SCAN_SIZE: Vec3 = Vec3::new(1.2, 1.5, 1.2);
 
 fn main() -> ExitCode {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let capture = match Capture::take_from(&mut arguments) {
         Ok(capture) => capture,
-        Err(why) => return usage(&why),
+        Err(error) => return usage(&error),
     };
     let mut preset = Preset::Draft;
     if let Some(last) = arguments.last() {
@@ -69,8 +69,8 @@ fn main() -> ExitCode {
     };
     let cloud = match cloud {
         Ok(cloud) => cloud,
-        Err(why) => {
-            eprintln!("{why}");
+        Err(error) => {
+            eprintln!("{error}");
             return ExitCode::from(1);
         }
     };
@@ -91,9 +91,9 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-fn usage(why: &str) -> ExitCode {
+fn usage(error: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
+        "{error}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--size WIDTHxHEIGHT] [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }
@@ -101,16 +101,16 @@ fn usage(why: &str) -> ExitCode {
 /// Returns points of the built-in statue.
 fn scattered() -> Result<PointCloud, String> {
     let points = scatter(&statue(), SPACING, 1).ok_or("too many points")?;
-    PointCloud::new(points, &[]).map_err(|why| why.to_string())
+    PointCloud::new(points, &[]).map_err(|error| error.to_string())
 }
 
-/// Reads the points of a file, placed on the middle of the floor and scaled to [`ROOM_FOR`].
+/// Reads the points of a file, placed on the middle of the floor and scaled to [`SCAN_SIZE`].
 fn read(file: &Path) -> Result<PointCloud, String> {
-    let points = read_ply(file).map_err(|why| why.to_string())?;
+    let points = read_ply(file).map_err(|error| error.to_string())?;
     let finite = points.positions.iter().filter(|x| x.is_finite());
     let bounds = finite.fold(Bounds::EMPTY, |bounds, x| bounds.join(*x));
     let (size, middle) = (bounds.size(), bounds.center());
-    let scale = (ROOM_FOR / size.max(Vec3::splat(1e-6))).min_element();
+    let scale = (SCAN_SIZE / size.max(Vec3::splat(1e-6))).min_element();
     let foot = Vec3::new(middle.x, bounds.min.y, middle.z);
     let stood = PlyPoints {
         positions: points
@@ -120,7 +120,7 @@ fn read(file: &Path) -> Result<PointCloud, String> {
             .collect(),
         ..points
     };
-    PointCloud::new(stood, &[]).map_err(|why| format!("{}: {why}", file.display()))
+    PointCloud::new(stood, &[]).map_err(|error| format!("{}: {error}", file.display()))
 }
 
 #[derive(Resource)]
@@ -142,11 +142,11 @@ fn set_up(
     };
     info!("{} points", cloud.len());
     // Walls without the blocks.
-    let mut quads = cornell_box();
+    let mut quads = Quad::cornell_box();
     quads.truncate(5);
     // Geometry of the rays: triangles and the points' cells in one mesh.
     let (cells, _) = cloud.mesh();
-    let room = TriangleMesh::joined(vec![mesh_of_quads(&quads), cells]);
+    let room = TriangleMesh::joined(vec![TriangleMesh::from_quads(&quads), cells]);
     let recipe = Recipe {
         preset: room_to_bake.preset,
         ..default()

@@ -213,10 +213,10 @@ fn sun_at(hour: f32) -> Vec3 {
 
 /// Returns the fraction of sunlight that passes the air, linear RGB. It is lower and redder at low
 /// elevation, and 0 below the horizon.
-fn through_air(sun: Vec3) -> Vec3 {
+fn air_transmittance(sun: Vec3) -> Vec3 {
     let rises = ((sun.y + 0.02) / 0.06).clamp(0.0, 1.0);
-    let way = 1.0 / (sun.y.max(0.0) + 0.06);
-    rises * (-way * Vec3::new(0.06, 0.12, 0.24)).exp()
+    let direction = 1.0 / (sun.y.max(0.0) + 0.06);
+    rises * (-direction * Vec3::new(0.06, 0.12, 0.24)).exp()
 }
 
 /// Illuminance of the sun above the atmosphere, in lux.
@@ -224,36 +224,37 @@ const SUN: f32 = 120_000.0;
 
 /// Returns the luminance of the sky in a direction, in cd/m²: blue by day, warm around a low sun,
 /// faint at night.
-fn sky(sun: Vec3, way: Vec3) -> Vec3 {
+fn sky(sun: Vec3, direction: Vec3) -> Vec3 {
     let day = ((sun.y + 0.1) / 0.5).clamp(0.0, 1.0).powi(2);
-    let up = way.y.max(0.0);
+    let up = direction.y.max(0.0);
     let blue = Vec3::new(1500.0, 2900.0, 6200.0)
         .lerp(Vec3::new(4200.0, 5200.0, 6600.0), (1.0 - up).powi(3));
     let low = (1.0 - 3.0 * sun.y.abs()).clamp(0.0, 1.0);
-    let beside = (0.5 + 0.5 * way.dot(Vec3::new(sun.x, 0.0, sun.z).normalize_or_zero())).powi(2);
-    let warm = low * beside * (1.0 - up).powi(2) * Vec3::new(5200.0, 2000.0, 600.0);
+    let sun_side =
+        (0.5 + 0.5 * direction.dot(Vec3::new(sun.x, 0.0, sun.z).normalize_or_zero())).powi(2);
+    let warm = low * sun_side * (1.0 - up).powi(2) * Vec3::new(5200.0, 2000.0, 600.0);
     let night = Vec3::new(0.6, 0.9, 2.0);
     // Below the horizon is ground, lit by the sky.
-    let share = if way.y < 0.0 { 0.25 } else { 1.0 };
+    let share = if direction.y < 0.0 { 0.25 } else { 1.0 };
     share * (day * blue + warm + night)
 }
 
 /// Returns the 9 coefficients of the sky, from directions spread evenly over the sphere.
-fn nine(sun: Vec3) -> SkyRadiance {
+fn sky_coefficients(sun: Vec3) -> SkyRadiance {
     const DIRECTIONS: usize = 512;
     let golden = TAU * 0.618_034;
     SkyRadiance::of_map((0..DIRECTIONS).map(|k| {
         let y = 1.0 - (2 * k + 1) as f32 / DIRECTIONS as f32;
         let (sine, cosine) = (golden * k as f32).sin_cos();
         let ring = (1.0 - y * y).sqrt();
-        let way = Vec3::new(ring * cosine, y, ring * sine);
-        (way, 1.0, sky(sun, way))
+        let direction = Vec3::new(ring * cosine, y, ring * sine);
+        (direction, 1.0, sky(sun, direction))
     }))
 }
 
 /// Returns the exposure for the illuminance of the court.
 fn exposure(sun: Vec3) -> Exposure {
-    let light = (SUN * through_air(sun) * sun.y.max(0.0)).max_element()
+    let light = (SUN * air_transmittance(sun) * sun.y.max(0.0)).max_element()
         + 3.0 * sky(sun, Vec3::Y).max_element();
     Exposure {
         ev100: (light / 5.0).log2().clamp(5.0, 13.3),
@@ -275,7 +276,7 @@ fn follow(
         return;
     }
     let sun = sun_at(clock.now);
-    let [r, g, b] = (SUN * through_air(sun)).to_array();
+    let [r, g, b] = (SUN * air_transmittance(sun)).to_array();
     let (light, transform) = &mut *light;
     let max = r.max(g).max(b);
     light.illuminance = max;
@@ -284,7 +285,7 @@ fn follow(
         false => Color::BLACK,
     };
     **transform = Transform::default().looking_to(-sun, Vec3::Y);
-    environment.sky = nine(sun).without_ringing().into();
+    environment.sky = sky_coefficients(sun).without_ringing().into();
     let exposure = exposure(sun);
     for (camera, transform) in &cameras {
         commands.entity(camera).insert(exposure);

@@ -38,11 +38,11 @@ const PARALLEL: f32 = 1e-9;
 const MAX_RAY_LENGTH: f32 = 3.4e38;
 // Same constants as in the module that reads volumes at surfaces:
 // shaders/engine/irradiance_volume.wgsl.
-const OPEN: f32 = -1.999;
-const QUARTER: f32 = 0.25;
-const BEFORE: f32 = 0.01;
-const BEYOND: f32 = 0.03;
-const MIN_OF_EIGHT: f32 = 1e-3;
+const NO_WALL_THRESHOLD: f32 = -1.999;
+const DISTANCE_OFFSET: f32 = 0.25;
+const WALL_FADE_START: f32 = 0.01;
+const WALL_FADE_END: f32 = 0.03;
+const MIN_WEIGHT_SUM: f32 = 1e-3;
 
 // From the near plane to the surface in a pixel, in view space.
 struct Ray {
@@ -109,7 +109,7 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
 // Scattered radiance and transmittance of a part of a ray with this density.
 fn outgoing(dense: f32, part: f32) -> Outgoing {
     let lost = dense * params.extinction;
-    return Outgoing(dense * exp(-lost * params.radius) * part * mean_left(lost * part), exp(-lost * part));
+    return Outgoing(dense * exp(-lost * params.radius) * part * mean_transmittance(lost * part), exp(-lost * part));
 }
 
 // Transmittance of the fog between the position where the ray enters it and the position `enters`.
@@ -148,7 +148,7 @@ fn density_at(x: vec3f) -> f32 {
     return params.density * textureSampleLevel(density, density_sampler, at, 0.0).r;
 }
 
-fn mean_left(x: f32) -> f32 {
+fn mean_transmittance(x: f32) -> f32 {
     if x < 1e-2 {
         return 1.0 - x * (0.5 - x / 6.0);
     }
@@ -206,7 +206,7 @@ fn arriving(asked: vec3f) -> vec3f {
     let place = clamp(asked, vec3f(0.5), size - 0.5);
     let here = textureSampleLevel(light, light_sampler, place / size, 0.0);
     // At an unobstructed position all eight voxels are open.
-    if here.a >= 0.0 || here.a < OPEN {
+    if here.a >= 0.0 || here.a < NO_WALL_THRESHOLD {
         return here.rgb;
     }
     let first = vec3u(place - 0.5);
@@ -220,9 +220,9 @@ fn arriving(asked: vec3f) -> vec3f {
         for (var axis = 0u; axis < 3u; axis++) {
             let texel = voxel + params.size * vec3u(0u, select(0u, 1u, offset[axis] < 0.0), axis);
             let way = textureLoad(voxels, texel, 0).a;
-            if way > OPEN {
-                let beyond = far[axis] + way + QUARTER;
-                weight *= 1.0 - smoothstep(BEFORE, BEYOND, beyond);
+            if way > NO_WALL_THRESHOLD {
+                let beyond = far[axis] + way + DISTANCE_OFFSET;
+                weight *= 1.0 - smoothstep(WALL_FADE_START, WALL_FADE_END, beyond);
             }
         }
         if weight > 0.0 {
@@ -230,7 +230,7 @@ fn arriving(asked: vec3f) -> vec3f {
             all_weights += weight;
         }
     }
-    if all_weights > MIN_OF_EIGHT {
+    if all_weights > MIN_WEIGHT_SUM {
         return sum / all_weights;
     }
     return here.rgb;

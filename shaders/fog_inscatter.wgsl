@@ -11,9 +11,9 @@ struct FogInscatterParams {
 }
 
 // Directions without a wall up to the next voxel have less.
-const FREE_WAY: f32 = -1.252;
+const UNOBSTRUCTED_THRESHOLD: f32 = -1.252;
 // Minimum distance from the eye. It prevents a division by zero.
-const NEAREST: f32 = 1e-12;
+const MIN_EYE_DISTANCE: f32 = 1e-12;
 
 @group(0) @binding(0) var<uniform> params: FogInscatterParams;
 @group(0) @binding(1) var voxels: texture_3d<f32>;
@@ -25,7 +25,7 @@ fn texel(voxel: vec3u, side: u32) -> vec4f {
 
 fn free(voxel: vec3u, way: vec3i) -> bool {
     for (var k = 0u; k < 3u; k++) {
-        if way[k] != 0 && texel(voxel, 2u * k + select(0u, 1u, way[k] < 0)).a >= FREE_WAY {
+        if way[k] != 0 && texel(voxel, 2u * k + select(0u, 1u, way[k] < 0)).a >= UNOBSTRUCTED_THRESHOLD {
             return false;
         }
     }
@@ -50,7 +50,7 @@ fn fog_inscatter(@builtin(global_invocation_id) voxel: vec3u) {
     }
     let middle = (params.world_from_voxels * vec4f(vec3f(voxel) + 0.5, 1.0)).xyz;
     let toward = middle * params.eye.w - params.eye.xyz;
-    let d = toward / max(length(toward), NEAREST);
+    let d = toward / max(length(toward), MIN_EYE_DISTANCE);
     let g = params.asymmetry;
     let even = vec3f(1.0 / 6.0) + 2.0 * g * g * (d * d - 1.0 / 3.0);
     var sum = vec3f(0.0);
@@ -58,5 +58,5 @@ fn fog_inscatter(@builtin(global_invocation_id) voxel: vec3u) {
         let along = 0.75 * g * d[axis];
         sum += (even[axis] + along) * own(voxel, 2u * axis) + (even[axis] - along) * own(voxel, 2u * axis + 1u);
     }
-    textureStore(light, voxel, vec4f(clamp(sum, vec3f(0.0), vec3f(LARGEST_HALF)), texel(voxel, 0u).a));
+    textureStore(light, voxel, vec4f(clamp(sum, vec3f(0.0), vec3f(MAX_HALF)), texel(voxel, 0u).a));
 }

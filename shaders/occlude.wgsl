@@ -5,7 +5,7 @@
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> passages: array<PackedLinkTerm>;
 // Transmittance of each set of occluders.
-@group(0) @binding(3) var<storage, read> passing: array<f32>;
+@group(0) @binding(3) var<storage, read> transmittances: array<f32>;
 // The first of them is the operator's link `span.base`.
 @group(0) @binding(4) var<storage, read_write> links: array<Link>;
 
@@ -27,7 +27,7 @@ fn occlude(
     for (var at = i; at < span.count && passages[at].link == link; at++) {
         let part = passages[at];
         let v = vec3f(unpack2x16float(part.xy), unpack2x16float(part.z_set).x);
-        sum += passing[part.z_set >> 16u] * v;
+        sum += transmittances[part.z_set >> 16u] * v;
     }
     let sender = links[link - span.base].z_sender & 0xffff0000u;
     let z = pack2x16float(vec2f(sum.z, 0.0)) & 0xffffu;

@@ -5,7 +5,7 @@
 @group(0) @binding(7) var<storage, read> values: array<VectorIrradiance>;
 
 // Twin: crates/meshless_gi/src/basis/probes.rs.
-fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
+fn probe_weight(probe: Point, x: vec3f, n: vec3f) -> f32 {
     let r = distance(x, probe.position);
     if r >= probe.radius {
         return 0.0;
@@ -36,7 +36,7 @@ fn probe_at(x: vec3f, n: vec3f) -> ProbeIrradiance {
     let range = grid_range(x);
     for (var at = range.x; at < range.y; at++) {
         let j = grid_entries[at];
-        let w = weight_in_space(points[j], x, n);
+        let w = probe_weight(points[j], x, n);
         if w > 0.0 {
             cover += w;
             all_weights += w * w;
@@ -67,7 +67,7 @@ fn around(light: ProbeIrradiance, n: vec3f) -> VectorIrradiance {
     let gx = light.linear.x + 2.0 * (a.y * n.x + m.x * n.y + m.y * n.z);
     let gy = light.linear.y + 2.0 * (m.x * n.x + a.z * n.y + m.z * n.z);
     let gz = light.linear.z + 2.0 * (m.y * n.x + m.z * n.y - (a.y + a.z) * n.z);
-    let e = vec4f(space_irradiance(light, n), 0.0) - (gx * n.x + gy * n.y + gz * n.z);
+    let e = vec4f(probe_irradiance(light, n), 0.0) - (gx * n.x + gy * n.y + gz * n.z);
     return VectorIrradiance(gx + e * n.x, gy + e * n.y, gz + e * n.z);
 }
 
@@ -81,8 +81,8 @@ fn next_scene(@builtin(global_invocation_id) id: vec3u) {
     if texel.a < 1.0 && at.lit {
         let light = probe(at.x, at.n);
         if light.reached {
-            let e = space_irradiance(light, at.n) * params.scale;
-            texel = vec4f(min(mix(e, texel.rgb, texel.a), vec3f(LARGEST_HALF)), 1.0);
+            let e = probe_irradiance(light, at.n) * params.scale;
+            texel = vec4f(min(mix(e, texel.rgb, texel.a), vec3f(MAX_HALF)), 1.0);
         }
     }
     textureStore(output, id.xy, texel);

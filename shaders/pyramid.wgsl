@@ -8,16 +8,16 @@
 @group(0) @binding(3) var gbuffer: texture_2d<u32>;
 @group(0) @binding(4) var<storage, read_write> cells: array<CellRange>;
 
-const NOTHING: f32 = 1e30;
-const STEEPEST: f32 = 1e9;
+const BACKGROUND_DEPTH: f32 = 1e30;
+const MAX_SLOPE: f32 = 1e9;
 // `high` of a cell without a normal: `max` leaves other values unchanged.
 const EMPTY_HIGH: u32 = 0x00818181u;
 
 fn linear_depth(pixel: vec2u, depth: f32) -> f32 {
     if depth <= 0.0 {
-        return NOTHING;
+        return BACKGROUND_DEPTH;
     }
-    return -view_place(pixel, depth).z;
+    return -view_position(pixel, depth).z;
 }
 
 fn beside(pixel: vec2u, by: vec2i) -> vec2u {
@@ -38,7 +38,7 @@ fn slope(pixel: vec2u, z: f32, by: vec2i) -> f32 {
     let p = beside(pixel, by);
     let other = linear_depth(p, lit_depth(p));
     // The step between a surface and the background has the largest slope.
-    return min(abs(other - z) / min(other, z), STEEPEST);
+    return min(abs(other - z) / min(other, z), MAX_SLOPE);
 }
 
 fn curvature(pixel: vec2u, by: vec2i) -> f32 {

@@ -13,7 +13,7 @@
 
 const FLOOR: f32 = 0.1;
 
-fn breaks(k: u32, at: vec2u) -> bool {
+fn is_discontinuous(k: u32, at: vec2u) -> bool {
     let cell = cells[cell_index(k, at)];
     var broken = false;
     switch screen.depth_test {
@@ -47,7 +47,7 @@ fn exceeds_prediction(k: u32, cell: vec2u) -> bool {
 }
 
 fn divides(k: u32, cell: vec2u) -> bool {
-    if k == screen.coarsest_level || breaks(k, cell) {
+    if k == screen.coarsest_level || is_discontinuous(k, cell) {
         return true;
     }
     let grid = level_grid(k);
@@ -55,7 +55,7 @@ fn divides(k: u32, cell: vec2u) -> bool {
         for (var i = 0u; i < 4u; i++) {
             // Negative coordinates are outside of the grid, too.
             let other = cell + 2u * vec2u(i & 1u, i >> 1u) - 1u;
-            if all(other < grid) && breaks(k, other) {
+            if all(other < grid) && is_discontinuous(k, other) {
                 return true;
             }
         }

@@ -14,9 +14,9 @@
 
 // Threads of `choose`.
 const CHUNKS: u32 = 256u;
-const FARTHEST: f32 = 1e8;
+const MAX_DISTANCE: f32 = 1e8;
 const MIN_COSINE: f32 = 0.1;
-const NEAREST_SQUARE: f32 = 1e-4;
+const MIN_DISTANCE_SQUARED: f32 = 1e-4;
 const TINY: f32 = 1.17549435e-38;
 // Squared radius of a uniform disk over its mean squared distance from the center.
 const DISK: f32 = 2.0;
@@ -80,7 +80,7 @@ fn texel_at(pixel: vec2u, depth: f32, bits: vec4u) -> RsmTexel {
     let uv = (vec2f(pixel) + 0.5) / f32(params.side);
     let h = params.space_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
     let x = h.xyz / h.w;
-    if !all(abs(x) < vec3f(FARTHEST)) {
+    if !all(abs(x) < vec3f(MAX_DISTANCE)) {
         return dark;
     }
     let n = gbuffer_normal(bits);
@@ -98,7 +98,7 @@ fn texel_at(pixel: vec2u, depth: f32, bits: vec4u) -> RsmTexel {
         let angle = texel_angle(pixel);
         area = angle * square;
         cosine = dot(n, to);
-        arriving = angle * (square / max(square, NEAREST_SQUARE));
+        arriving = angle * (square / max(square, MIN_DISTANCE_SQUARED));
         if light.kind == LIGHT_PATCH {
             arriving *= max(-dot(to, axis), 0.0);
         } else {

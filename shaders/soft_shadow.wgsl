@@ -131,7 +131,7 @@ struct Cell {
 }
 
 // The four texels around a direction.
-fn look_up(d: vec3f) -> Cell {
+fn lookup(d: vec3f) -> Cell {
     let r = sqrt(clamp(1.0 - d.z, 0.0, 1.0));
     let large = max(abs(d.x), abs(d.y));
     let small = min(abs(d.x), abs(d.y));
@@ -158,7 +158,7 @@ fn look_up(d: vec3f) -> Cell {
 }
 
 // Position of sample k relative to x.
-fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
+fn sample_position(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     if light.kind == SOFT_RECTANGLE {
         // Fibonacci lattice.
         let at = f32(k) + 0.5;
@@ -197,10 +197,10 @@ fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
     return vec4f(direction, select(0.0, w, w > 0.0 && w < 1e38));
 }
 
-fn sees(direction: vec3f, distance: f32, normal: vec3f) -> f32 {
+fn visibility_toward(direction: vec3f, distance: f32, normal: vec3f) -> f32 {
     let local = to_local(direction);
     let plane = to_local(normal);
-    let cell = look_up(local);
+    let cell = lookup(local);
     var seen = 0.0;
     for (var k = 0u; k < 4u; k++) {
         let over = dot(texel_direction(cell.texels[k]), plane);
@@ -229,10 +229,10 @@ fn occluded_irradiance(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     var seen = 0.0;
     var hidden = vec3f(0.0);
     for (var k = 0u; k < samples; k++) {
-        let to = sample_place(light, k, x) - x;
+        let to = sample_position(light, k, x) - x;
         let s = weigh(light, normal, to, n);
         if s.w > 0.0 {
-            let v = sees(s.xyz, sqrt(dot(to, to)), normal);
+            let v = visibility_toward(s.xyz, sqrt(dot(to, to)), normal);
             sum += s.w;
             seen += s.w * v;
             hidden += (s.w * (1.0 - v)) * s.xyz;

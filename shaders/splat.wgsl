@@ -17,7 +17,7 @@ const MIN_COVER_COSINE: f32 = 0.7;
 const FULL_COVER_COSINE: f32 = 0.9;
 
 // Minimum fraction of a pixel that functions cover.
-const MIN_SHARE: f32 = 1.0 / 1024.0;
+const MIN_COVERED_FRACTION: f32 = 1.0 / 1024.0;
 
 // Fraction of a function's weight that covers a surface, by the cosine between their normals.
 fn cover_of(cosine: f32) -> f32 {
@@ -58,7 +58,7 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
 // Irradiance. Alpha is its fraction of the light: 0 if no function covers the position.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
-    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_SHARE), found.covered));
+    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_COVERED_FRACTION), found.covered));
 }
 
 fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
@@ -88,5 +88,5 @@ fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f {
         return vec4f(0.0);
     }
     let e = irradiance_at(at.x, at.n);
-    return vec4f(min(e.rgb * params.scale, vec3f(LARGEST_HALF)), e.a);
+    return vec4f(min(e.rgb * params.scale, vec3f(MAX_HALF)), e.a);
 }

@@ -9,18 +9,18 @@
 
 const FRAC_1_PI: f32 = 0.318309886;
 // Fraction of the occluded radiance that is subtracted.
-const TAKEN: f32 = 0.998;
+const SUBTRACTED_FRACTION: f32 = 0.998;
 // Minimum perceptual roughness, and minimum cosine between the normal and the direction to the eye.
 const MIN_ROUGHNESS: f32 = 0.089;
 const MIN_NDOTV: f32 = 1e-4;
 
 // Occluded fraction of the light, and `true` if any function covers the point.
-struct Missing {
+struct OccludedFraction {
     share: vec3f,
     covered: bool,
 }
 
-fn missing_at(x: vec3f, n: vec3f) -> Missing {
+fn occluded_fraction(x: vec3f, n: vec3f) -> OccludedFraction {
     let range = grid_range(x);
     var hidden = vec3f(0.0);
     var whole = vec3f(0.0);
@@ -35,9 +35,9 @@ fn missing_at(x: vec3f, n: vec3f) -> Missing {
         }
     }
     if cover <= NO_COVER {
-        return Missing(vec3f(0.0), false);
+        return OccludedFraction(vec3f(0.0), false);
     }
-    return Missing(min(hidden / max(whole, vec3f(TINY)), vec3f(1.0)), true);
+    return OccludedFraction(min(hidden / max(whole, vec3f(TINY)), vec3f(1.0)), true);
 }
 
 // Unit direction from x toward the eye, the start of the pixel's ray.
@@ -47,7 +47,7 @@ fn eye_from(pixel: vec2u, x: vec3f) -> vec3f {
     return normalize(h.xyz / h.w - x);
 }
 
-fn fifth(v: f32) -> f32 {
+fn pow5(v: f32) -> f32 {
     return v * v * v * v * v;
 }
 
@@ -60,7 +60,7 @@ fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
     let more = 2.0 * r * r * lh * lh - 0.5;
     let nl = clamp(dot(n, l), 0.0, 1.0);
     let nv = clamp(dot(n, v), MIN_NDOTV, 1.0);
-    return (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv));
+    return (1.0 + more * pow5(1.0 - nl)) * (1.0 + more * pow5(1.0 - nv));
 }
 
 // Surface of a pixel.
@@ -146,7 +146,7 @@ fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f {
     if !at.lit {
         return vec4f(0.0);
     }
-    let missing = missing_at(at.x, at.n);
+    let missing = occluded_fraction(at.x, at.n);
     if !missing.covered {
         return vec4f(0.0);
     }
@@ -156,6 +156,6 @@ fn pixel_texel(pixel: vec2u, before: vec4f) -> vec4f {
     let texel = textureLoad(gbuffer, pixel, 0);
     let surface = Surface(at.n, eye_from(pixel, at.x), gbuffer_diffuse(texel), gbuffer_roughness(texel));
     let drawn = drawn_at(at.x, surface, gbuffer_f0(texel));
-    let radiance = TAKEN * params.scale * missing.share * drawn;
-    return vec4f(min(radiance, vec3f(LARGEST_HALF)), 1.0);
+    let radiance = SUBTRACTED_FRACTION * params.scale * missing.share * drawn;
+    return vec4f(min(radiance, vec3f(MAX_HALF)), 1.0);
 }

@@ -30,7 +30,7 @@ fn visible_surface(pixel: vec2u) -> VisibleSurface {
     if depth <= 0.0 {
         return VisibleSurface(vec3f(0.0), vec3f(0.0), 0.0, false);
     }
-    let x = view_place(pixel, depth);
+    let x = view_position(pixel, depth);
     return VisibleSurface(x, screen.view_from_world * pixel_normal(pixel), depth_reach(x.z, depth), true);
 }
 
@@ -41,7 +41,7 @@ fn surface_similarity(a: VisibleSurface, b: VisibleSurface) -> f32 {
 }
 
 // Interpolated value of a level between its nodes.
-struct Between {
+struct Interpolation {
     light: VectorIrradiance,
     covered: f32,
     weight: f32,
@@ -52,7 +52,7 @@ struct Between {
 // Node and its similarity to a point, 0 if the node has no value.
 struct Near {
     node: SubsplatNode,
-    likeness: f32,
+    similarity: f32,
     known: bool,
     // `true` for a node without a value on a surface.
     missing: bool,
@@ -70,13 +70,13 @@ fn near_node(k: u32, cell: vec2i, here: VisibleSurface) -> Near {
     }
     let there = visible_surface(vec2u(cell) << vec2u(k));
     if there.lit {
-        out.likeness = surface_similarity(here, there);
+        out.similarity = surface_similarity(here, there);
         out.known = true;
     }
     return out;
 }
 
-fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
+fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Interpolation {
     let first = vec2i(cell / 2u);
     let odd = (cell & vec2u(1u)) == vec2u(1u);
     let middle = all(odd);
@@ -97,14 +97,14 @@ fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
             weight = select(-0.03125, 0.3125, i < 4);
         }
         let near = near_node(k + 1u, first + step, here);
-        if !near.known || !node_is(near.node, COVERED) || near.likeness < CUBIC_MIN_SIMILARITY {
+        if !near.known || !node_is(near.node, COVERED) || near.similarity < CUBIC_MIN_SIMILARITY {
             sure = false;
             break;
         }
         add_scaled(&cubic, weight, node_light(near.node));
     }
     if sure {
-        return Between(cubic, 1.0, 1.0, true);
+        return Interpolation(cubic, 1.0, 1.0, true);
     }
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var covered = 0.0;
@@ -118,7 +118,7 @@ fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
         }
         let near = near_node(k + 1u, first + step, here);
         if near.known {
-            let weight = share * near.likeness;
+            let weight = share * near.similarity;
             total += weight;
             if node_is(near.node, COVERED) {
                 covered += weight;
@@ -131,10 +131,10 @@ fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
     if covered > 0.0 {
         add_scaled(&light, 1.0 / covered, sum);
     }
-    return Between(light, select(0.0, covered / max(total, 1e-30), total > 0.0), total, whole);
+    return Interpolation(light, select(0.0, covered / max(total, 1e-30), total > 0.0), total, whole);
 }
 
-fn state_of(found: Between) -> u32 {
+fn state_of(found: Interpolation) -> u32 {
     if found.weight <= screen.min_similarity {
         return 0u;
     }
@@ -175,7 +175,7 @@ fn texel_of(pixel: vec2u, here: VisibleSurface, light: VectorIrradiance) -> vec4
     let facing = max(dot(here.n, -normalize(here.x)), 0.0);
     let shade = screen.detail * facing + (1.0 - screen.detail);
     let e = shade * max(irradiance_dot(light, pixel_normal(pixel)), vec3f(0.0));
-    return vec4f(min(e, vec3f(LARGEST_HALF)), 1.0);
+    return vec4f(min(e, vec3f(MAX_HALF)), 1.0);
 }
 
 @compute @workgroup_size(8, 8)

@@ -25,16 +25,16 @@ struct WallWeight {
     part: f32,
 }
 
-const AHEAD: u32 = 4u;
+const STRAIGHT_STEP: u32 = 4u;
 // Code of a direction without a wall up to the next voxel. Other codes are distances to a wall
 // there.
 const UNOBSTRUCTED: u32 = 255u;
 const DISTANCE_STEPS: f32 = 254.0;
 const ALL_UNOBSTRUCTED: u32 = 0xffffffffu;
 // Minimum cosine between a side and the wall sample that it reads. Voxels without probes ignore it.
-const FACING: f32 = 0.5;
+const MIN_FACING_COSINE: f32 = 0.5;
 // Cosines that differ by less count as equal.
-const SAME: f32 = 1e-4;
+const COSINE_TOLERANCE: f32 = 1e-4;
 const WEIGHT_BITS: u32 = 12u;
 
 @group(0) @binding(0) var<uniform> params: VolumeParams;
@@ -101,14 +101,14 @@ fn light_of(voxel: vec3u) -> ProbeIrradiance {
 
 // First wall sample of a voxel with the largest cosine to `n`. Returns the end of the voxel's range
 // if no cosine is large enough.
-fn face_of(voxel: vec3u, n: vec3f) -> u32 {
+fn wall_sample_of(voxel: vec3u, n: vec3f) -> u32 {
     let i = index_of(voxel);
     let end = wall_starts[i + 1u];
-    var best = select(-2.0, FACING, is_reached(voxel));
+    var best = select(-2.0, MIN_FACING_COSINE, is_reached(voxel));
     var found = end;
     for (var face = wall_starts[i]; face < end; face++) {
         let cosine = dot(wall_samples[face].normal, n);
-        if cosine > best + SAME {
+        if cosine > best + COSINE_TOLERANCE {
             best = cosine;
             found = face;
         }
@@ -116,12 +116,12 @@ fn face_of(voxel: vec3u, n: vec3f) -> u32 {
     return found;
 }
 
-fn has_face(voxel: vec3u, n: vec3f) -> bool {
-    return face_of(voxel, n) < wall_starts[index_of(voxel) + 1u];
+fn has_wall_sample(voxel: vec3u, n: vec3f) -> bool {
+    return wall_sample_of(voxel, n) < wall_starts[index_of(voxel) + 1u];
 }
 
 // Irradiance of a wall sample.
-fn on_a_wall(face: u32) -> vec3f {
+fn wall_irradiance(face: u32) -> vec3f {
     var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     let end = wall_samples[face + 1u].start;
     for (var at = wall_samples[face].start; at < end; at++) {
@@ -144,14 +144,14 @@ fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     for (var k = 0u; k < 9u; k++) {
         let to = stepped(voxel, params.steps[side][k].xyz);
         if is_reached(to) {
-            sum += space_irradiance(light_of(to), n);
+            sum += probe_irradiance(light_of(to), n);
             count += 1.0;
         }
     }
     return sum / max(count, 1.0);
 }
 
-fn way_of(voxel: vec3u, side: u32) -> u32 {
+fn wall_distance(voxel: vec3u, side: u32) -> u32 {
     return (wall_distances[index_of(voxel)][side / 4u] >> (8u * (side % 4u))) & 255u;
 }
 
@@ -160,27 +160,27 @@ fn is_blocked(voxel: vec3u, by: vec3i) -> bool {
     var ends = false;
     for (var axis = 0u; axis < 3u; axis++) {
         let side = 2u * axis + select(0u, 1u, by[axis] < 0);
-        ends = ends || (by[axis] != 0 && way_of(voxel, side) != UNOBSTRUCTED);
+        ends = ends || (by[axis] != 0 && wall_distance(voxel, side) != UNOBSTRUCTED);
     }
     return ends;
 }
 
 // Distance that a side stores in addition to its light.
-fn stored_way(voxel: vec3u, side: u32) -> f32 {
+fn encode_distance(voxel: vec3u, side: u32) -> f32 {
     if all(wall_distances[index_of(voxel)] == vec2u(ALL_UNOBSTRUCTED)) {
         return -2.0;
     }
     if (wall_distances[index_of(voxel)].y >> 16u & 255u) == 0u {
         return -0.125;
     }
-    return -(0.25 + f32(way_of(voxel, side)) / DISTANCE_STEPS);
+    return -(0.25 + f32(wall_distance(voxel, side)) / DISTANCE_STEPS);
 }
 
 fn store(voxel: vec3u, side: u32, light: vec3f) {
     // Surfaces that face an axis use the lower half, those that face away use the upper half. The
     // axes are stacked along z.
     let texel = voxel + params.size * vec3u(0u, side % 2u, side / 2u);
-    textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), stored_way(voxel, side)));
+    textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(MAX_HALF)), encode_distance(voxel, side)));
 }
 
 @compute @workgroup_size(4, 4, 4)
@@ -191,16 +191,16 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
     let own = light_of(voxel);
     for (var side = 0u; side < 6u; side++) {
         let n = params.axes[side / 2u].xyz * select(1.0, -1.0, side % 2u == 1u);
-        let ahead = params.steps[side][AHEAD].xyz;
-        var light = space_irradiance(own, n);
+        let ahead = params.steps[side][STRAIGHT_STEP].xyz;
+        var light = probe_irradiance(own, n);
         // The side of the voxel that has this one ahead, unless it keeps its own light.
         let behind = stepped(voxel, -ahead);
-        if own.reached && inside(behind) && !has_face(behind, n) && !(is_reached(behind) && is_blocked(behind, ahead)) {
+        if own.reached && inside(behind) && !has_wall_sample(behind, n) && !(is_reached(behind) && is_blocked(behind, ahead)) {
             store(behind, side, light);
         }
-        let face = face_of(voxel, n);
+        let face = wall_sample_of(voxel, n);
         if face < wall_starts[index_of(voxel) + 1u] {
-            store(voxel, side, on_a_wall(face));
+            store(voxel, side, wall_irradiance(face));
             continue;
         }
         // A voxel's own light is stored if no voxel ahead provides it.

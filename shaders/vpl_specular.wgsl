@@ -49,7 +49,7 @@ struct Glossy {
 }
 
 // Node next to a point.
-struct Around {
+struct NeighborNode {
     weight: f32,
     at: Receiver,
 }
@@ -57,27 +57,27 @@ struct Around {
 // Prediction of the surrounding nodes.
 struct Prediction {
     light: SpecularRadiance,
-    around: array<Around, 4>,
+    around: array<NeighborNode, 4>,
     known: bool,
 }
 
-fn shine_of(light: SpecularRadiance, f0: vec3f) -> vec3f {
+fn specular_color(light: SpecularRadiance, f0: vec3f) -> vec3f {
     return f0 * light.f0 + f90(f0) * light.f90;
 }
 
 fn bright(light: SpecularRadiance, f0: vec3f) -> f32 {
-    return dot(vec3f(RED, GREEN, BLUE), shine_of(light, f0));
+    return dot(vec3f(RED, GREEN, BLUE), specular_color(light, f0));
 }
 
-fn pack_shine(light: SpecularRadiance) -> SpecularNode {
-    let a = clamp(light.f0, vec3f(0.0), vec3f(LARGEST_HALF));
-    let b = clamp(light.f90, vec3f(0.0), vec3f(LARGEST_HALF));
+fn pack_radiance(light: SpecularRadiance) -> SpecularNode {
+    let a = clamp(light.f0, vec3f(0.0), vec3f(MAX_HALF));
+    let b = clamp(light.f90, vec3f(0.0), vec3f(MAX_HALF));
     return SpecularNode(array<u32, 4>(
         pack2x16float(a.xy), pack2x16float(vec2f(a.z, b.x)), pack2x16float(b.yz), 1u,
     ));
 }
 
-fn unpack_shine(node: SpecularNode) -> SpecularRadiance {
+fn unpack_radiance(node: SpecularNode) -> SpecularRadiance {
     let a = unpack2x16float(node.words[0]);
     let b = unpack2x16float(node.words[1]);
     let c = unpack2x16float(node.words[2]);
@@ -93,7 +93,7 @@ fn glossy(pixel: vec2u) -> Glossy {
     out.texel = textureLoad(gbuffer, pixel, 0);
     let smooth_share = clamp((specular_params.max_roughness - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
     out.shown = max(gbuffer_metallic(out.texel), smooth_share);
-    out.x = view_place(pixel, out.depth);
+    out.x = view_position(pixel, out.depth);
     out.n = screen.view_from_world * gbuffer_normal(out.texel);
     return out;
 }
@@ -192,7 +192,7 @@ fn predict(k: u32, cell: vec2u, here: Glossy) -> Prediction {
             total += weight;
             out.around[c].weight = weight;
             out.around[c].at = receiver(pixel, there);
-            let light = unpack_shine(node);
+            let light = unpack_radiance(node);
             out.light.f0 += weight * light.f0;
             out.light.f90 += weight * light.f90;
         }
@@ -212,7 +212,7 @@ fn refine_mask_index(k: u32, cell: vec2u) -> u32 {
 }
 
 // Union of the refine masks of level `k` + 1 around a cell of level `k`.
-fn asked(k: u32, cell: vec2u) -> vec4u {
+fn combined_refine_masks(k: u32, cell: vec2u) -> vec4u {
     if k + 1u == screen.coarsest_level {
         return vec4u(0xffffffffu);
     }
@@ -253,7 +253,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     if k == screen.coarsest_level {
-        keep(k, cell, pack_shine(whole(pixel, here)), vec4u(0u));
+        keep(k, cell, pack_radiance(whole(pixel, here)), vec4u(0u));
         return;
     }
     if all((cell & vec2u(1u)) == vec2u(0u)) {
@@ -261,10 +261,10 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let before = predict(k, cell, here);
-    var wants = asked(k, cell);
+    var wants = combined_refine_masks(k, cell);
     let finer = k >= screen.finest_level;
     if before.known && (all(wants == vec4u(0u)) || !finer) {
-        keep(k, cell, pack_shine(before.light), vec4u(0u));
+        keep(k, cell, pack_radiance(before.light), vec4u(0u));
         return;
     }
     if !before.known && !finer {
@@ -275,8 +275,8 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     let earlier = bright(before.light, f0);
     let most = screen.radiance_threshold * (earlier + FLOOR * FRAC_1_PI);
     if before.known && specular_params.together == 1u {
-        let node = pack_shine(whole(pixel, here));
-        let off = abs(bright(unpack_shine(node), f0) - earlier);
+        let node = pack_radiance(whole(pixel, here));
+        let off = abs(bright(unpack_radiance(node), f0) - earlier);
         keep(k, cell, node, vec4u(select(0u, 0xffffffffu, off > most)));
         return;
     }
@@ -308,7 +308,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
             bits[g / 32u] |= 1u << (g % 32u);
         }
     }
-    keep(k, cell, pack_shine(light), bits);
+    keep(k, cell, pack_radiance(light), bits);
 }
 
 @compute @workgroup_size(8, 8)
@@ -326,7 +326,7 @@ fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
     var known = false;
     if all((pixel & vec2u(1u)) == vec2u(0u)) {
         let node = shines[cell_index(1u, pixel / 2u)];
-        light = unpack_shine(node);
+        light = unpack_radiance(node);
         known = node.words[3] == 1u;
     } else {
         let before = predict(0u, pixel, here);
@@ -334,9 +334,9 @@ fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
         known = before.known;
     }
     if !known {
-        light = unpack_shine(pack_shine(whole(pixel, here)));
+        light = unpack_radiance(pack_radiance(whole(pixel, here)));
     }
     let f0 = gbuffer_f0(here.texel);
-    let color = here.shown * multiscatter_compensation(gbuffer_roughness(here.texel), f0) * shine_of(light, f0);
-    textureStore(output, pixel, vec4f(min(color, vec3f(LARGEST_HALF)), 1.0));
+    let color = here.shown * multiscatter_compensation(gbuffer_roughness(here.texel), f0) * specular_color(light, f0);
+    textureStore(output, pixel, vec4f(min(color, vec3f(MAX_HALF)), 1.0));
 }

@@ -13,7 +13,7 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::BakedScene;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
-use support::app::{camera, headless_plugins, ready, run, target};
+use support::app::{camera, finish_plugins, headless_plugins, run, target};
 use support::scenes::cornell;
 use support::stage::{indirect, spawn_baked, spawn_light_source, view};
 
@@ -85,7 +85,7 @@ fn log_of_two_scenes_has_two_info_lines_and_the_plan_at_debug() {
         MeshlessGiPlugin::default(),
     ))
     .insert_resource(GlobalAmbientLight::NONE);
-    ready(&mut app);
+    finish_plugins(&mut app);
     let (room, bake) = cornell();
     let named = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     app.world_mut().entity_mut(named).insert(Name::new("Room"));

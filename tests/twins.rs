@@ -73,7 +73,7 @@ fn cpu(scene: &BakedScene, lights: &[FrameLight], settings: &FrameSettings) -> C
 
 /// Solves a frame on the device from the CPU's projection. A shadow ray that grazes an edge does
 /// not affect the kernels after `project`.
-fn solved(
+fn solve_from_projection(
     harness: &HeadlessDevice,
     kernels: &KernelPipelines,
     frame: GpuFrame,
@@ -265,18 +265,26 @@ fn flat<T: bytemuck::NoUninit>(items: &[T]) -> Vec<f32> {
 type Perturb = fn(&mut BakedScene);
 
 /// Solves on GPU and CPU, compares, and compares again with each of the `perturbations`.
-fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked, Perturb)]) {
-    scene_agrees(&synthetic::scene(form), settings, checked);
+fn assert_solve_matches_twin(
+    form: SenderForm,
+    settings: &FrameSettings,
+    checked: &[(Checked, Perturb)],
+) {
+    assert_scene_matches_twin(&synthetic::scene(form), settings, checked);
 }
 
-fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checked, Perturb)]) {
+fn assert_scene_matches_twin(
+    scene: &BakedScene,
+    settings: &FrameSettings,
+    checked: &[(Checked, Perturb)],
+) {
     let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let form = scene.data().operator.form;
     let lights = synthetic::lights();
     let twin = cpu(scene, &lights, settings);
     let frame = GpuFrame::new(&kernels, &harness.queue, scene, lights.len() as u32).unwrap();
-    let frame = solved(&harness, &kernels, frame, &twin, settings);
+    let frame = solve_from_projection(&harness, &kernels, frame, &twin, settings);
     for (i, &((name, pass, take, width, scale), perturb)) in checked.iter().enumerate() {
         let expected = take(&twin);
         let gpu: Vec<f32> = output(&harness, &frame, pass, expected.len());
@@ -307,12 +315,12 @@ const VALUES: Checked = (
 );
 
 /// Adds one percent to the weight of entry `at`.
-fn heavier(weights: &mut meshless_gi::internals::basis::Weights, at: usize) {
+fn increase_weight(weights: &mut meshless_gi::internals::basis::Weights, at: usize) {
     weights.entries[at].weight *= 1.01;
 }
 
 /// Reverses a few links, from link `at` on. Several are needed because some senders are black.
-fn bend(scene: &mut BakedScene, at: usize) {
+fn reverse_links(scene: &mut BakedScene, at: usize) {
     for link in scene.data_mut().operator.links[at..].iter_mut().take(5) {
         *link = Link::pack(-link.vector(), 1.0, link.sender() as u16);
     }
@@ -320,7 +328,7 @@ fn bend(scene: &mut BakedScene, at: usize) {
 
 #[test]
 fn frame_of_averages_matches_twin() {
-    solve_agrees(
+    assert_solve_matches_twin(
         SenderForm::Averages,
         &settings(0, false),
         &[
@@ -331,8 +339,8 @@ fn frame_of_averages_matches_twin() {
                     .iter_mut()
                     .for_each(|s| s.sky[0] += 0.1)
             }),
-            (SENDERS, |s| heavier(&mut s.data_mut().pull, 12)),
-            (VALUES, |s| bend(s, 99)),
+            (SENDERS, |s| increase_weight(&mut s.data_mut().pull, 12)),
+            (VALUES, |s| reverse_links(s, 99)),
             (VALUES, |s| s.data_mut().operator.rows[20].scale *= 1.001),
             (VALUES, |s| {
                 // The last point without its own row.
@@ -340,7 +348,7 @@ fn frame_of_averages_matches_twin() {
                     .rev()
                     .find(|&i| s.data().operator.rows[i].tier == 0);
                 let at = s.data().parents.starts[inactive.unwrap()] as usize;
-                heavier(&mut s.data_mut().parents, at);
+                increase_weight(&mut s.data_mut().parents, at);
             }),
         ],
     );
@@ -363,18 +371,18 @@ fn frame_of_differences_matches_twin() {
         12,
         Scale::Rms,
     );
-    solve_agrees(
+    assert_solve_matches_twin(
         SenderForm::Differences,
         &settings(0, false),
         &[
             (PUSHED, |s| {
-                (20..40).for_each(|at| heavier(&mut s.data_mut().parents, at))
+                (20..40).for_each(|at| increase_weight(&mut s.data_mut().parents, at))
             }),
-            (APPLIED, |s| bend(s, 1000)),
+            (APPLIED, |s| reverse_links(s, 1000)),
             (FLAT, |s| {
                 // A parent on the coarsest level, where all rows are active.
                 let first = s.data().parents.starts[s.data().points.len() - 1];
-                heavier(&mut s.data_mut().parents, first as usize);
+                increase_weight(&mut s.data_mut().parents, first as usize);
             }),
         ],
     );
@@ -394,7 +402,7 @@ fn frame_of_components_matches_twin() {
         &mut compression.columns[22]
     };
     for sweeps in [0, 2] {
-        solve_agrees(
+        assert_solve_matches_twin(
             SenderForm::Components,
             &settings(sweeps, false),
             &[
@@ -405,7 +413,7 @@ fn frame_of_components_matches_twin() {
                     let values = &mut s.data_mut().operator.compression.as_mut().unwrap().values;
                     values[20..60].iter_mut().for_each(|v| *v ^= 0x8000);
                 }),
-                (VALUES, |s| bend(s, 99)),
+                (VALUES, |s| reverse_links(s, 99)),
                 (VALUES, |s| COLUMN(s).scale *= 1.1),
             ],
         );
@@ -422,7 +430,7 @@ fn runtime_bounces_match_twin() {
     for form in [SenderForm::Averages, SenderForm::Differences] {
         let both: [(Checked, Perturb); 4] = [
             (BOUNCED, FURTHER),
-            (BOUNCED, |s| bend(s, 40)),
+            (BOUNCED, |s| reverse_links(s, 40)),
             (BOUNCED, |s| {
                 s.data_mut().points[60..150]
                     .iter_mut()
@@ -430,15 +438,15 @@ fn runtime_bounces_match_twin() {
             }),
             (VALUES, FURTHER),
         ];
-        solve_agrees(form, &settings(3, false), &both);
+        assert_solve_matches_twin(form, &settings(3, false), &both);
     }
 }
 
 /// Returns the scene with averages under a directional sky. Some links refer to the terms of the
 /// sky.
-fn under_a_sky() -> BakedScene {
+fn scene_with_directional_sky() -> BakedScene {
     let mut scene = synthetic::scene(SenderForm::Averages);
-    let mut dice = synthetic::Dice::new(7);
+    let mut random = synthetic::HashRandom::new(7);
     let senders = scene.data().senders();
     for (k, link) in scene
         .data_mut()
@@ -453,7 +461,7 @@ fn under_a_sky() -> BakedScene {
     }
     scene.data_mut().sky = Some(SkyVisibility {
         senders: (0..senders)
-            .map(|_| std::array::from_fn(|_| dice.signed()))
+            .map(|_| std::array::from_fn(|_| random.signed()))
             .collect(),
     });
     scene
@@ -475,8 +483,8 @@ fn directional_sky_matches_twin() {
             sky: sky + aside,
             ..settings(sweeps, false)
         };
-        scene_agrees(
-            &under_a_sky(),
+        assert_scene_matches_twin(
+            &scene_with_directional_sky(),
             &settings,
             &[
                 (BOUNCED, |s| {
@@ -495,7 +503,7 @@ fn directional_sky_matches_twin() {
 }
 
 /// Removes the rows of some points of tier 1, of senders if `senders`. These points then inherit.
-fn orphan(scene: &mut BakedScene, senders: bool) {
+fn remove_rows(scene: &mut BakedScene, senders: bool) {
     let (first, count) = (
         scene.data().level_starts[1] as usize,
         scene.data().senders(),
@@ -521,14 +529,14 @@ fn tiers_match_twin() {
             tier,
             ..settings(2, false)
         };
-        solve_agrees(
+        assert_solve_matches_twin(
             SenderForm::Averages,
             &settings,
             &[
-                (VALUES, |s| bend(s, 99)),
-                (VALUES, |s| orphan(s, false)),
-                (BOUNCED, |s| orphan(s, true)),
-                (BOUNCED, |s| bend(s, 40)),
+                (VALUES, |s| reverse_links(s, 99)),
+                (VALUES, |s| remove_rows(s, false)),
+                (BOUNCED, |s| remove_rows(s, true)),
+                (BOUNCED, |s| reverse_links(s, 40)),
             ],
         );
     }
@@ -544,7 +552,7 @@ fn baked_bounces_match_twin() {
         Scale::Item,
     );
     for form in [SenderForm::Averages, SenderForm::Differences] {
-        solve_agrees(
+        assert_solve_matches_twin(
             form,
             &settings(3, true),
             &[
@@ -554,12 +562,12 @@ fn baked_bounces_match_twin() {
                 // A parent on the coarsest level, of a sender on the next.
                 (FURTHER, |s| {
                     let first = s.data().parents.starts[s.data().level_starts[1] as usize + 2];
-                    heavier(&mut s.data_mut().parents, first as usize);
+                    increase_weight(&mut s.data_mut().parents, first as usize);
                 }),
                 (SENDERS, |s| {
                     s.data_mut().bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
                 }),
-                (VALUES, |s| bend(s, 77)),
+                (VALUES, |s| reverse_links(s, 77)),
             ],
         );
     }
@@ -586,7 +594,7 @@ fn links_above_binding_limit_are_split() {
         let settings = FrameSettings { tier, ..settings };
         let twin = cpu(&scene, &lights, &settings);
         let frame = GpuFrame::with_buffers(&harness.queue, make(limit).unwrap());
-        let frame = solved(&harness, &kernels, frame, &twin, &settings);
+        let frame = solve_from_projection(&harness, &kernels, frame, &twin, &settings);
         let parts = frame.counters().dispatches_of(Pass::Apply);
         if tier == 4 {
             assert!(
@@ -603,7 +611,7 @@ fn links_above_binding_limit_are_split() {
         let mut wrong = scene.clone();
         // Links of the last part that this tier uses.
         let sizes = scene.data().operator.tier_sizes();
-        bend(&mut wrong, sizes[tier as usize - 1].1 as usize - 5);
+        reverse_links(&mut wrong, sizes[tier as usize - 1].1 as usize - 5);
         let perturbed = cpu(&wrong, &lights, &settings);
         same(
             &format!("parts, tier {tier}"),
@@ -667,7 +675,7 @@ fn cornell_box_bakes_match_twin() {
         for tier in (1..=scene.data().tiers()).rev() {
             let settings = FrameSettings { tier, ..settings };
             let twin = cpu(&scene, &lights, &settings);
-            frame = solved(&harness, &kernels, frame, &twin, &settings);
+            frame = solve_from_projection(&harness, &kernels, frame, &twin, &settings);
             let expected = flat(twin.vector_irradiance());
             let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
             let perturbed = flat(cpu(&scene, &wrong, &settings).vector_irradiance());
@@ -688,7 +696,7 @@ fn cornell_box_bakes_match_twin() {
 /// created.
 #[test]
 fn octree_above_limit_falls_back_to_links() {
-    use bevy_meshless_gi::internals::plan::{FmmLimit, falls_back};
+    use bevy_meshless_gi::internals::plan::{FmmLimit, fmm_fallback_reason};
     use meshless_gi::{BounceMode, TransportMethod};
     let harness = harness();
     let kernels = KernelPipelines::new(&harness.device).unwrap();
@@ -703,15 +711,15 @@ fn octree_above_limit_falls_back_to_links() {
     };
     let levels = scene.data().fmm.as_ref().unwrap().levels() as u64;
     assert_eq!(run(&scene), [0, 0, 3 * levels, 3]);
-    assert_eq!(falls_back(&scene, 128 << 20), None);
-    let why = falls_back(&scene, 1 << 16);
+    assert_eq!(fmm_fallback_reason(&scene, 128 << 20), None);
+    let why = fmm_fallback_reason(&scene, 1 << 16);
     assert!(
         matches!(why, Some(FmmLimit::TooLarge { has: 65536, .. })),
         "{why:?}"
     );
     // An order that is too large for a workgroup.
     scene.data_mut().fmm.as_mut().unwrap().order = 7;
-    let why = falls_back(&scene, 128 << 20);
+    let why = fmm_fallback_reason(&scene, 128 << 20);
     assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
@@ -745,9 +753,9 @@ fn only_components_are_compressed() {
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
         .unwrap();
-    let made: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
+    let created: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
     assert_eq!(
-        made,
+        created,
         [
             Pass::Radiosity,
             Pass::Compress,
@@ -788,9 +796,9 @@ fn unused_buffers_are_not_created() {
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(0, false)))
         .unwrap();
-    let made: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
+    let created: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
     assert_eq!(
-        made,
+        created,
         [Pass::Radiosity, Pass::Pull, Pass::Apply, Pass::Averages]
     );
     assert_eq!(kernels.pipeline_count(), 4);

@@ -77,13 +77,13 @@ impl Capture {
     /// the exit code on an error.
     pub fn from_command_line(example: &str) -> Result<Option<Self>, ExitCode> {
         let mut arguments: Vec<String> = std::env::args().skip(1).collect();
-        let why = match Self::take_from(&mut arguments) {
+        let error = match Self::take_from(&mut arguments) {
             Ok(capture) if arguments.is_empty() => return Ok(capture),
             Ok(_) => format!("unknown arguments: {}", arguments.join(" ")),
-            Err(why) => why,
+            Err(error) => error,
         };
         eprintln!(
-            "{why}\nusage: {example} [--screenshot FILE.png [--size WIDTHxHEIGHT] [--at T] [--frames N] [--while-baking] [--press KEY,KEY]]"
+            "{error}\nusage: {example} [--screenshot FILE.png [--size WIDTHxHEIGHT] [--at T] [--frames N] [--while-baking] [--press KEY,KEY]]"
         );
         Err(ExitCode::from(2))
     }
@@ -125,7 +125,7 @@ impl Capture {
         let size = size.map_or(Ok(DEFAULT_SIZE), |text| parse_size(&text))?;
         let frames = match frames {
             None => 30,
-            Some(text) => text.parse().map_err(|why| format!("--frames: {why}"))?,
+            Some(text) => text.parse().map_err(|error| format!("--frames: {error}"))?,
         };
         let number = |text: String| match text.parse::<f32>() {
             Ok(number) if number.is_finite() => Ok(number),
@@ -196,13 +196,13 @@ impl Plugin for Capture {
             .insert_resource(UiScale(x as f32 / DEFAULT_SIZE.x as f32))
             .insert_resource(TimeUpdateStrategy::ManualDuration(sixtieth))
             .add_plugins(ScheduleRunnerPlugin::run_loop(Duration::ZERO))
-            .add_observer(aim)
+            .add_observer(set_target)
             .add_systems(PreUpdate, capture.after(InputSystems));
     }
 }
 
 /// Directs all cameras to the picture, except the plugin's own.
-fn aim(
+fn set_target(
     event: On<Add, Camera3d>,
     mut commands: Commands,
     picture: Res<Picture>,

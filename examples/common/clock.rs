@@ -45,11 +45,11 @@ impl Clock {
 impl Plugin for Clock {
     fn build(&self, app: &mut App) {
         app.insert_resource(self.clone())
-            .add_systems(Update, go_on.in_set(ClockSystems));
+            .add_systems(Update, advance.in_set(ClockSystems));
     }
 }
 
-fn go_on(
+fn advance(
     mut clock: ResMut<Clock>,
     baking: Query<(), With<GiBakeProgress>>,
     keys: Res<ButtonInput<KeyCode>>,

@@ -75,7 +75,7 @@ struct Controls;
 struct PlanText;
 
 /// Frames between two updates of the plan's text.
-const EVERY: u32 = 15;
+const UPDATE_INTERVAL: u32 = 15;
 /// Width of the panel, logical pixels.
 const WIDTH: f32 = 330.0;
 
@@ -376,8 +376,8 @@ fn write_plan(
         *frame = 0;
         return;
     }
-    if frame.is_multiple_of(EVERY) {
-        text.0 = table::words(&status, &diagnostics, &names);
+    if frame.is_multiple_of(UPDATE_INTERVAL) {
+        text.0 = table::overlay_text(&status, &diagnostics, &names);
     }
     *frame += 1;
 }

@@ -51,7 +51,7 @@ impl Plugin for Stage {
             .add_systems(Startup, set_up)
             .add_systems(
                 Update,
-                (move_light, switch, lay_out, tell)
+                (move_light, switch, lay_out, update_status)
                     .chain()
                     .in_set(StageSystems),
             );
@@ -98,12 +98,18 @@ fn set_up(mut commands: Commands, stage: Res<Stage>) {
         enabled: false,
         ..default()
     };
-    let asleep = Camera {
+    let inactive_camera = Camera {
         order: 1,
         is_active: false,
         ..default()
     };
-    commands.spawn((DirectOnly, Camera3d::default(), asleep, off, stage.look));
+    commands.spawn((
+        DirectOnly,
+        Camera3d::default(),
+        inactive_camera,
+        off,
+        stage.look,
+    ));
     commands.spawn((
         Help,
         Visibility::Visible,
@@ -221,7 +227,7 @@ fn keep_error(event: On<GiBakeFinished>, mut kept: ResMut<BakeError>) {
     kept.0 = event.result.as_ref().err().map(ToString::to_string);
 }
 
-fn tell(
+fn update_status(
     mut help: Single<&mut Text, With<Help>>,
     stage: Res<Stage>,
     baking: Query<&GiBakeProgress>,

@@ -11,7 +11,7 @@ use std::fmt::Write;
 pub struct PlanTable;
 
 /// Frames between two updates of the text.
-const EVERY: u32 = 15;
+const UPDATE_INTERVAL: u32 = 15;
 
 #[derive(Component)]
 struct Table;
@@ -21,7 +21,7 @@ impl Plugin for PlanTable {
         // Measures GPU times.
         app.add_plugins(RenderDiagnosticsPlugin)
             .add_systems(Startup, set_up)
-            .add_systems(Update, tell.after(GiSystems::CollectBakes));
+            .add_systems(Update, update_text.after(GiSystems::CollectBakes));
     }
 }
 
@@ -42,7 +42,7 @@ fn set_up(mut commands: Commands) {
     ));
 }
 
-fn tell(
+fn update_text(
     mut table: Single<(&mut Text, &mut Visibility), With<Table>>,
     keys: Res<ButtonInput<KeyCode>>,
     status: Res<GiFrameStats>,
@@ -58,8 +58,8 @@ fn tell(
     if **visibility == Visibility::Hidden {
         return;
     }
-    if frame.is_multiple_of(EVERY) {
-        text.0 = words(&status, &diagnostics, &names);
+    if frame.is_multiple_of(UPDATE_INTERVAL) {
+        text.0 = overlay_text(&status, &diagnostics, &names);
     }
     *frame += 1;
 }
@@ -86,7 +86,7 @@ fn named(plan: &str, names: &Query<Option<&Name>>) -> String {
 }
 
 /// Returns the plan and its measured times.
-pub fn words(
+pub fn overlay_text(
     status: &GiFrameStats,
     diagnostics: &DiagnosticsStore,
     names: &Query<Option<&Name>>,

@@ -73,11 +73,11 @@ pub fn look_at_light(
     let at_start = **transform == eye.start;
     let outlooks = Outlook::all(bake);
     let mut default_light = default_light.iter_mut().next();
-    let best = Lit::new(bake, &current.lights_with(None)).best(bake, &outlooks);
+    let best = LitPoints::new(bake, &current.lights_with(None)).best(bake, &outlooks);
     if let (true, Some(best)) = (at_start, best) {
         **transform = Transform::from_translation(best.from).looking_to(best.toward, Vec3::Y);
         if let Some((_, place)) = &mut default_light {
-            place.translation = best.from + 0.4 * best.free * best.toward;
+            place.translation = best.from + 0.4 * best.forward_clearance * best.toward;
         }
     }
     let lights = current.lights_with(
@@ -85,7 +85,7 @@ pub fn look_at_light(
             .as_ref()
             .map(|(light, at)| (*light, at.translation)),
     );
-    let lit = Lit::new(bake, &lights);
+    let lit = LitPoints::new(bake, &lights);
     let seen = lit.seen(bake, transform.translation);
     if let Some(ev100) = exposure_of(&around(&seen, transform.forward().into())) {
         exposure.ev100 = ev100;
@@ -100,7 +100,7 @@ struct Outlook {
     from: Vec3,
     toward: Vec3,
     /// Distance to the scene straight ahead, in meters.
-    free: f32,
+    forward_clearance: f32,
 }
 
 impl Outlook {
@@ -121,11 +121,11 @@ impl Outlook {
                 all.push(Self {
                     from: *from,
                     toward,
-                    free: free_way(&scene.data().bvh, *from, toward, far),
+                    forward_clearance: free_distance(&scene.data().bvh, *from, toward, far),
                 });
             }
         }
-        all.retain(|outlook| outlook.free < far);
+        all.retain(|outlook| outlook.forward_clearance < far);
         all
     }
 }
@@ -147,14 +147,14 @@ fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
         let z = 1.0 - (2.0 * i as f32 + 1.0) / RAYS as f32;
         let (sine, cosine) = (i as f32 * PI * (3.0 - 5f32.sqrt())).sin_cos();
         let r = (1.0 - z * z).sqrt();
-        free_way(bvh, from, Vec3::new(r * cosine, z, r * sine), far)
+        free_distance(bvh, from, Vec3::new(r * cosine, z, r * sine), far)
     };
     (0..RAYS).map(ray).fold(far, f32::min)
 }
 
 /// Returns the distance from a position to the first surface in a direction, to 0.1 % of `far`.
 /// Returns `far` if there is none.
-fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
+fn free_distance(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     let meets = |distance| bvh.occluded(&Ray::segment(from, toward, distance));
     if !meets(far) {
         return far;
@@ -172,9 +172,9 @@ fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
 }
 
 /// Points of the bake that receive light: positions, normals and luminances in cd/m².
-struct Lit(Vec<(Vec3, Vec3, f32)>);
+struct LitPoints(Vec<(Vec3, Vec3, f32)>);
 
-impl Lit {
+impl LitPoints {
     /// Solves the light once on the CPU.
     fn new(scene: &BakedScene, lights: &[Light]) -> Self {
         let slots: Vec<FrameLight> = (lights.iter())

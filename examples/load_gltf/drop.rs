@@ -33,7 +33,7 @@ pub struct CurrentScene {
 
 /// Entity that is despawned with the scene.
 #[derive(Component)]
-pub struct LevelPart;
+pub struct ScenePart;
 
 /// Point light of a scene without lights.
 #[derive(Component)]
@@ -60,7 +60,7 @@ pub fn read(path: &Path) -> Result<Loaded, String> {
 
 /// Replaces the displayed scene and starts its bake.
 pub fn show(world: &mut World, loaded: Loaded) {
-    let mut before = world.query_filtered::<Entity, With<LevelPart>>();
+    let mut before = world.query_filtered::<Entity, With<ScenePart>>();
     for entity in before.iter(world).collect::<Vec<_>>() {
         world.despawn(entity);
     }
@@ -74,7 +74,7 @@ pub fn show(world: &mut World, loaded: Loaded) {
     let scene = world.resource::<AssetServer>().load(scene);
     let name = loaded.path.file_name().unwrap_or_default();
     let root = (world.spawn((
-        LevelPart,
+        ScenePart,
         Name::new(name.to_string_lossy().into_owned()),
         WorldAssetRoot(scene),
         GiBakeTask::spawn(loaded.mesh, recipe),
@@ -95,7 +95,7 @@ pub fn show(world: &mut World, loaded: Loaded) {
 /// Spawns a point light and a sun.
 fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
     world.spawn((
-        LevelPart,
+        ScenePart,
         DefaultLight,
         Name::new("light"),
         PointLight {
@@ -109,7 +109,7 @@ fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
         Transform::from_translation(bounds.center()),
     ));
     world.spawn((
-        LevelPart,
+        ScenePart,
         Name::new("sun"),
         DirectionalLight {
             illuminance: SUN,

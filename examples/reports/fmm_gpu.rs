@@ -18,7 +18,7 @@ use meshless_gi::internals::frame::fmm_down::fmm_down;
 use meshless_gi::internals::frame::fmm_up::fmm_up;
 use meshless_gi::internals::transport::fmm::passes::Field;
 use meshless_gi::internals::transport::fmm::{Fmm, FmmSettings, Passes};
-use room::{glow, with_ball};
+use room::{varying_radiosity, with_ball};
 use std::error::Error;
 use std::time::Instant;
 
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("|---|---|---|---|---|---|---|---|");
     for points in [1000, 10_000, 30_000, 100_000, 300_000] {
         let room = with_ball(points);
-        let radiosity = glow(&room);
+        let radiosity = varying_radiosity(&room);
         // 50 points per leaf, as in [G08] §4.
         let settings = FmmSettings {
             leaf: 50,

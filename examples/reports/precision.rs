@@ -17,7 +17,7 @@ use meshless_gi::internals::frame::apply_one::apply_one_row;
 use meshless_gi::internals::frame::{SolveParams, VectorIrradiance};
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Light, Material, Preset, Progress, Quad,
-    Recipe, bake_scene, cornell_box, mesh_of_quads,
+    Recipe, TriangleMesh, bake_scene,
 };
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
@@ -26,7 +26,7 @@ use std::time::Instant;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 /// Number of positions at which the display is evaluated.
-const PLACES: usize = 20_000;
+const POSITIONS: usize = 20_000;
 /// Number of runs. The minimum counts.
 const RUNS: usize = 40;
 const BALL: (Vec3, f32) = (Vec3::new(-0.15, 1.25, 0.25), 0.35);
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut errors = String::new();
     let mut solves = String::new();
     for ball in [false, true] {
-        let mut quads = cornell_box();
+        let mut quads = Quad::cornell_box();
         if ball {
             quads.extend(sphere());
         }
@@ -55,7 +55,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             preset,
             ..Recipe::default()
         };
-        let scene = bake_scene(&mesh_of_quads(&quads), &recipe, 0, &Progress::default())?.scene;
+        let scene = bake_scene(
+            &TriangleMesh::from_quads(&quads),
+            &recipe,
+            0,
+            &Progress::default(),
+        )?
+        .scene;
         let mut frame = CpuFrame::new(&scene);
         let light = Light::Point {
             position: Vec3::new(0.4, 1.7, 0.5),
@@ -68,20 +74,21 @@ fn main() -> Result<(), Box<dyn Error>> {
         let scalars: Vec<[f32; 4]> = (scene.data().points.iter().zip(values))
             .map(|(p, e)| e.dot(p.n()).extend(0.0).to_array())
             .collect();
-        let mut positions = walls(&quads, PLACES);
+        let mut positions = walls(&quads, POSITIONS);
         display(name, &scene, values, &scalars, &positions);
-        errors += &apart(name, "walls", &scene, values, &scalars, &positions, 0.0);
+        errors += &irradiance_difference(name, "walls", &scene, values, &scalars, &positions, 0.0);
         if ball {
             positions = on_ball();
-            errors += &apart(name, "the ball", &scene, values, &scalars, &positions, 0.0);
+            errors +=
+                &irradiance_difference(name, "the ball", &scene, values, &scalars, &positions, 0.0);
         }
-        errors += &apart(
+        errors += &irradiance_difference(
             name,
             "walls, bumps of 20°",
             &scene,
             values,
             &scalars,
-            &walls(&quads, PLACES),
+            &walls(&quads, POSITIONS),
             20f32.to_radians(),
         );
         solves += &solve(&harness, name, &scene, frame.senders())?;
@@ -133,7 +140,7 @@ fn number(i: usize, k: u32) -> f32 {
 
 /// Returns positions on the box with their normals.
 fn walls(quads: &[Quad], count: usize) -> Vec<(Vec3, Vec3)> {
-    let flat = &quads[..cornell_box().len()];
+    let flat = &quads[..Quad::cornell_box().len()];
     (0..count)
         .map(|i| {
             let quad = &flat[i % flat.len()];
@@ -146,7 +153,7 @@ fn walls(quads: &[Quad], count: usize) -> Vec<(Vec3, Vec3)> {
 
 /// Returns positions on the ball with smooth normals.
 fn on_ball() -> Vec<(Vec3, Vec3)> {
-    (0..PLACES)
+    (0..POSITIONS)
         .map(|i| {
             let (y, phi) = (1.9 * number(i, 3) - 0.95, TAU * number(i, 4));
             let r = (1.0 - y * y).sqrt();
@@ -267,7 +274,7 @@ fn display(
 }
 
 /// Returns the difference of scalar and vector irradiance for normals bent by an angle in radians.
-fn apart(
+fn irradiance_difference(
     name: &str,
     position: &str,
     scene: &BakedScene,

@@ -30,13 +30,13 @@
 #ifdef IRRADIANCE_VOLUMES_ARE_USABLE
 
 // A texel of a voxel without walls in all directions has -2.
-const MESHLESS_GI_OPEN: f32 = -1.999;
+const MESHLESS_GI_NO_WALL_THRESHOLD: f32 = -1.999;
 // Offset that is added to a stored distance.
-const MESHLESS_GI_QUARTER: f32 = 0.25;
+const MESHLESS_GI_DISTANCE_OFFSET: f32 = 0.25;
 // A position this far beyond a wall, in voxels, gets no light through it. The weight falls smoothly
 // between the two distances.
-const MESHLESS_GI_BEFORE: f32 = 0.01;
-const MESHLESS_GI_BEYOND: f32 = 0.03;
+const MESHLESS_GI_WALL_FADE_START: f32 = 0.01;
+const MESHLESS_GI_WALL_FADE_END: f32 = 0.03;
 // If less than this weight remains of the eight voxels, all of them count.
 const MESHLESS_GI_MIN_WEIGHT: f32 = 1e-3;
 
@@ -107,7 +107,7 @@ fn irradiance_volume_light(
         here = select(here, display.rgb, is_shown);
 #endif
         // At an unobstructed position all six texels of all eight voxels are open.
-        if !is_shown && x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
+        if !is_shown && x.a < 0.0 && x.a > MESHLESS_GI_NO_WALL_THRESHOLD {
             let first = vec3u(place - 0.5);
             var sum = vec3f(0.0);
             var all_weights = 0.0;
@@ -119,9 +119,9 @@ fn irradiance_volume_light(
                 for (var axis = 0u; axis < 3u; axis++) {
                     let texel = voxel + size * vec3u(0u, select(0u, 1u, offset[axis] < 0.0), axis);
                     let way = textureLoad(voxels, texel, 0).a;
-                    if way > MESHLESS_GI_OPEN {
-                        let beyond = far[axis] + way + MESHLESS_GI_QUARTER;
-                        weight *= 1.0 - smoothstep(MESHLESS_GI_BEFORE, MESHLESS_GI_BEYOND, beyond);
+                    if way > MESHLESS_GI_NO_WALL_THRESHOLD {
+                        let beyond = far[axis] + way + MESHLESS_GI_DISTANCE_OFFSET;
+                        weight *= 1.0 - smoothstep(MESHLESS_GI_WALL_FADE_START, MESHLESS_GI_WALL_FADE_END, beyond);
                     }
                 }
                 if weight <= 0.0 {

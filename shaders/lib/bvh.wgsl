@@ -3,7 +3,7 @@
 // number of nodes.
 
 const STACK: u32 = 64u;
-const SMALLEST: f32 = 1e-18;
+const MIN_COMPONENT: f32 = 1e-18;
 
 // Coordinate system of a ray, in which it runs along z.
 struct Shear {
@@ -33,7 +33,7 @@ fn sheared(shear: Shear, origin: vec3f, corner: vec3f) -> vec3f {
     return vec3f(v[shear.axes.x] - shear.s.x * z, v[shear.axes.y] - shear.s.y * z, shear.s.z * z);
 }
 
-fn meets(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) -> bool {
+fn intersects(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) -> bool {
     let a = sheared(shear, origin, triangle.a);
     let b = sheared(shear, origin, triangle.b);
     let c = sheared(shear, origin, triangle.c);
@@ -59,7 +59,7 @@ fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
     // One bit per occluder.
     var crossed = vec2u(0u);
     // Finite, so that 0 · ∞ never occurs.
-    let inverse = 1.0 / select(direction, vec3f(SMALLEST), abs(direction) < vec3f(SMALLEST));
+    let inverse = 1.0 / select(direction, vec3f(MIN_COMPONENT), abs(direction) < vec3f(MIN_COMPONENT));
     let shear = shear_of(direction);
     var stack: array<u32, 64>;
     stack[0] = 0u;
@@ -85,7 +85,7 @@ fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
             continue;
         }
         for (var i = node.first; i < node.first + node.count; i++) {
-            if !meets(shear, origin, max_t, triangles[i]) {
+            if !intersects(shear, origin, max_t, triangles[i]) {
                 continue;
             }
             let occluder = triangles[i].occluder;

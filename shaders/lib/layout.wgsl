@@ -2,7 +2,7 @@
 // them with the types of the same names. SI units: meters, W/m², W/sr.
 
 // Largest finite half. Larger values are clamped, so that they do not become infinite.
-const LARGEST_HALF: f32 = 65504.0;
+const MAX_HALF: f32 = 65504.0;
 
 struct Point {
     position: vec3f,

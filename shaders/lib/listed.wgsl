@@ -11,11 +11,11 @@
 
 struct Listed {
     cell: vec2u,
-    // Index of its node, or NOWHERE if the node belongs to the level above.
+    // Index of its node, or NO_NODE if the node belongs to the level above.
     at: u32,
 }
 
-const NOWHERE: u32 = 0xffffffffu;
+const NO_NODE: u32 = 0xffffffffu;
 
 // Cell and node of entry `i` of the list of level `k`.
 fn listed(k: u32, i: u32) -> Listed {
@@ -26,7 +26,7 @@ fn listed(k: u32, i: u32) -> Listed {
     }
     // The node of an even cell is that of the level above.
     let above = k < screen.coarsest_level && all((cell & vec2u(1u)) == vec2u(0u));
-    return Listed(cell, select(cell_index(k, cell), NOWHERE, above));
+    return Listed(cell, select(cell_index(k, cell), NO_NODE, above));
 }
 
 @compute @workgroup_size(64)
@@ -35,7 +35,7 @@ fn evaluate_list(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgrou
     let count = min(counted[3], span.count);
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
         let item = listed(k, i);
-        if item.at != NOWHERE {
+        if item.at != NO_NODE {
             subsplats[item.at] = evaluate_subsplat(item.cell << vec2u(k), subsplats[item.at]);
         }
     }

@@ -6,7 +6,7 @@ const EVALUATED: u32 = 4u;
 const PROBE_FRACTION: u32 = 0xff00u;
 
 fn pack_halves(a: f32, b: f32) -> u32 {
-    return pack2x16float(clamp(vec2f(a, b), vec2f(-LARGEST_HALF), vec2f(LARGEST_HALF)));
+    return pack2x16float(clamp(vec2f(a, b), vec2f(-MAX_HALF), vec2f(MAX_HALF)));
 }
 
 fn node_new(e: VectorIrradiance, predicted_luminance: f32, state: u32) -> SubsplatNode {

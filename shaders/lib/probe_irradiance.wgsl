@@ -11,7 +11,7 @@ struct ProbeIrradiance {
 }
 
 // E(n), clamped to zero.
-fn space_irradiance(light: ProbeIrradiance, n: vec3f) -> vec3f {
+fn probe_irradiance(light: ProbeIrradiance, n: vec3f) -> vec3f {
     let square = n * n;
     let e = light.even.x
         + light.even.y * (square.x - square.z)

@@ -23,14 +23,14 @@ fn pixel_normal(pixel: vec2u) -> vec3f {
     return gbuffer_normal(textureLoad(gbuffer, pixel, 0));
 }
 
-const REACH: f32 = 1600.0;
+const MAX_REACH_PIXELS: f32 = 1600.0;
 
-// Reference length of depth tolerances: the distance z, but at most REACH widths of a pixel.
+// Reference length of depth tolerances: the distance z, but at most MAX_REACH_PIXELS widths of a pixel.
 fn depth_reach(z: f32, depth: f32) -> f32 {
     let m = screen.view_from_clip;
     let w = m[2].w * depth + m[3].w;
     let width = 2.0 * abs(m[1].y) / max(screen.viewport.w * abs(w), 1.17549435e-38);
-    return min(abs(z), REACH * width);
+    return min(abs(z), MAX_REACH_PIXELS * width);
 }
 
 const PLANE: f32 = 0.01;
@@ -42,7 +42,7 @@ fn plane_similarity(x: vec3f, n: vec3f, other_x: vec3f, other_n: vec3f, reach: f
     return clamp(2.0 - 2.0 * off / (PLANE * reach), 0.0, 1.0);
 }
 
-fn view_place(pixel: vec2u, depth: f32) -> vec3f {
+fn view_position(pixel: vec2u, depth: f32) -> vec3f {
     let at = (vec2f(pixel) + 0.5 - screen.viewport.xy) / screen.viewport.zw;
     let h = screen.view_from_clip * vec4f(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0, depth, 1.0);
     return h.xyz / h.w;

@@ -5,13 +5,13 @@
 
 const FRAC_1_PI: f32 = 0.318309886;
 const PI: f32 = 3.14159265;
-const LIFTS: f32 = 4.0;
+const RAY_OFFSET_SCALE: f32 = 4.0;
 const NEAR_FROM: f32 = 9.0;
 const NEAR_TO: f32 = 16.0;
 const FLAT_FROM: f32 = 0.8;
 const FLAT_TO: f32 = 0.9;
 const FADE: f32 = 0.1;
-const SHORTEST: f32 = 1e-7;
+const MIN_EDGE_LENGTH: f32 = 1e-7;
 const TINY: f32 = 1.17549435e-38;
 
 fn bvh_nodes() -> u32 {
@@ -49,7 +49,7 @@ fn second_tangent(n: vec3f) -> vec3f {
 fn vpl_edge(u: vec3f, v: vec3f) -> vec3f {
     let across = cross(u, v);
     let sine = length(across);
-    return across * (atan2(sine, dot(u, v)) / max(sine, SHORTEST));
+    return across * (atan2(sine, dot(u, v)) / max(sine, MIN_EDGE_LENGTH));
 }
 
 // Form factor over area of a square that has the area of a disk of squared radius `disk`.
@@ -71,7 +71,7 @@ fn vpl_near(toward: vec3f, normal: vec3f, disk: f32, n: vec3f) -> vec3f {
     let sum = vpl_edge(p, q) + vpl_edge(q, r) + vpl_edge(r, s) + vpl_edge(s, p);
     let factor = sum * (0.5 * FRAC_1_PI * select(1.0, -1.0, dot(sum, toward) < 0.0));
     let whole = length(factor);
-    if whole <= SHORTEST {
+    if whole <= MIN_EDGE_LENGTH {
         return vec3f(0.0);
     }
     let to = factor / whole;
@@ -83,7 +83,7 @@ fn vpl_near(toward: vec3f, normal: vec3f, disk: f32, n: vec3f) -> vec3f {
     } else if cosine < wide {
         clipped = (cosine + wide) * (cosine + wide) / (4.0 * wide);
     }
-    let fade = min(top / max(FADE * half * dot(n, normal), SHORTEST * half), 1.0);
+    let fade = min(top / max(FADE * half * dot(n, normal), MIN_EDGE_LENGTH * half), 1.0);
     return (to + n * (clipped - cosine)) * (fade * whole * FRAC_1_PI / disk);
 }
 
@@ -114,7 +114,7 @@ fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
 fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
     let at = (lit.local_from_space * vec4f(x, 1.0)).xyz;
     let turned = (lit.local_from_space * vec4f(n, 0.0)).xyz;
-    return at + turned / max(length(turned), TINY) * (LIFTS * ray_offset(at, lit.extent));
+    return at + turned / max(length(turned), TINY) * (RAY_OFFSET_SCALE * ray_offset(at, lit.extent));
 }
 
 // Transmittance of the baked scene from light `i` to the surface of the ray that starts at `start`

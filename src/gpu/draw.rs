@@ -18,7 +18,7 @@ pub fn draw_over(
     view: &ViewBuffers,
     [irradiance, gbuffer, lighting_passes]: [&wgpu::TextureView; 3],
 ) {
-    let kernel = kernels.drawing(format, how);
+    let kernel = kernels.render_kernel(format, how);
     let bind = kernels
         .device()
         .create_bind_group(&wgpu::BindGroupDescriptor {

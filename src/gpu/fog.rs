@@ -159,7 +159,7 @@ pub fn draw_fog(
         false => (Draw::Fog, 1),
         true => (Draw::FogSampled, 2),
     };
-    let kernel = kernels.drawing(format, how);
+    let kernel = kernels.render_kernel(format, how);
     let light = &buffers.lights[light].texture;
     let bind = (kernels.device()).create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some(KERNELS[FOG].name),

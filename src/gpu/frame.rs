@@ -9,7 +9,7 @@ use super::solve_recorder::Recorder;
 use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
 use meshless_gi::internals::frame::materials::current_surfaces;
-use meshless_gi::internals::frame::splat::SEAM;
+use meshless_gi::internals::frame::splat::FULL_COVER;
 use meshless_gi::internals::frame::{SolveSchedule, SplatParams};
 use meshless_gi::{BakedScene, FrameLight, FrameSettings, MaterialFactors};
 
@@ -38,7 +38,7 @@ pub struct GpuFrame {
     /// Inputs of the senders' surfaces on the GPU: factors of the materials, and the transmittance
     /// of each set of occluders. Empty for the values of the bake.
     factors: Vec<MaterialFactors>,
-    passing: Vec<f32>,
+    set_transmittances: Vec<f32>,
     counters: GpuCounters,
 }
 
@@ -67,7 +67,7 @@ impl GpuFrame {
             buffers,
             lights: 0,
             factors: Vec::new(),
-            passing: Vec::new(),
+            set_transmittances: Vec::new(),
             counters: GpuCounters::default(),
         }
     }
@@ -118,24 +118,30 @@ impl GpuFrame {
             return 0;
         }
         self.factors = factors.to_vec();
-        self.paint(queue, scene)
+        self.upload_surfaces(queue, scene)
     }
 
     /// Stores the transmittance of each set of occluders, and uploads the senders' surfaces that it
     /// changes.
-    pub(super) fn occluded(&mut self, queue: &wgpu::Queue, scene: &BakedScene, passing: Vec<f32>) {
-        self.passing = passing;
-        self.paint(queue, scene);
+    pub(super) fn update_transmittances(
+        &mut self,
+        queue: &wgpu::Queue,
+        scene: &BakedScene,
+        set_transmittances: Vec<f32>,
+    ) {
+        self.set_transmittances = set_transmittances;
+        self.upload_surfaces(queue, scene);
     }
 
     /// Uploads the current surfaces of the senders and returns their size in bytes.
-    fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
-        let (surfaces, seen) = current_surfaces(scene.data(), &self.factors, &self.passing);
+    fn upload_surfaces(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
+        let (surfaces, seen) =
+            current_surfaces(scene.data(), &self.factors, &self.set_transmittances);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffers.surfaces, 0, bytes);
         }
-        if let (Some(sky), false) = (&self.buffers.sky, self.passing.is_empty()) {
+        if let (Some(sky), false) = (&self.buffers.sky, self.set_transmittances.is_empty()) {
             queue.write_buffer(sky, 0, bytemuck::cast_slice(&seen));
         }
         bytes.len() as u64
@@ -278,7 +284,7 @@ impl GpuFrame {
     ) {
         let steps = SolveSchedule::new(&self.buffers.shape, settings);
         let mut pass = compute(encoder, "meshless_gi probes");
-        self.recorder(kernels).light_space(&mut pass, &steps);
+        self.recorder(kernels).apply_probes(&mut pass, &steps);
     }
 
     fn recorder<'a>(&'a mut self, kernels: &'a KernelPipelines) -> Recorder<'a> {
@@ -308,7 +314,7 @@ impl GpuFrame {
             self.buffers.grid,
         );
         SplatParams {
-            seam: if self.has_probes() { SEAM } else { 0.0 },
+            seam: if self.has_probes() { FULL_COVER } else { 0.0 },
             ..params
         }
     }

@@ -2,7 +2,7 @@
 
 use super::GpuError;
 use super::links::cut;
-use super::maker::Maker;
+use super::maker::BufferFactory;
 use super::spans::{SpanList, SpanTable, part_span};
 use meshless_gi::BakedScene;
 use meshless_gi::internals::frame::{SceneDimensions, Span};
@@ -28,7 +28,7 @@ impl LinkTables {
     /// # Errors
     /// [`GpuError::TooLarge`] if a single row does not fit a binding.
     pub fn new(
-        make: &Maker<'_>,
+        make: &BufferFactory<'_>,
         table: &mut SpanTable<'_>,
         scene: &BakedScene,
         shape: &SceneDimensions,

@@ -4,13 +4,13 @@ use super::GpuError;
 use bytemuck::Pod;
 
 /// Creates storage buffers that fit a binding of the device.
-pub(super) struct Maker<'a> {
+pub(super) struct BufferFactory<'a> {
     pub device: &'a wgpu::Device,
     pub queue: &'a wgpu::Queue,
     pub limit: u64,
 }
 
-impl<'a> Maker<'a> {
+impl<'a> BufferFactory<'a> {
     pub fn new(device: &'a wgpu::Device, queue: &'a wgpu::Queue) -> Self {
         Self {
             device,

@@ -3,7 +3,7 @@
 
 use super::dispatch::{MAX_GROUPS, compute};
 use super::links::cut;
-use super::maker::Maker;
+use super::maker::BufferFactory;
 use super::pipelines::KernelPipelines;
 use super::spans::{SpanList, SpanTable};
 use super::{GpuError, GpuFrame, Pass};
@@ -17,7 +17,7 @@ use meshless_gi::{BakedScene, Bvh};
 
 /// Terms of the operator's links or of the probes' links.
 #[derive(Debug)]
-pub(super) struct PassageBuffers {
+pub(super) struct OccludedLinkBuffers {
     /// Spans of the terms of each chunk of links. The base of a span is the first link of its
     /// chunk.
     parts: SpanList,
@@ -27,16 +27,16 @@ pub(super) struct PassageBuffers {
 /// Occluders of a baked scene.
 #[derive(Debug)]
 pub(super) struct OccluderBuffers {
-    links: PassageBuffers,
-    probes: PassageBuffers,
+    links: OccludedLinkBuffers,
+    probes: OccludedLinkBuffers,
     /// Transmittance of each set of occluders.
-    passing: wgpu::Buffer,
+    set_transmittances: wgpu::Buffer,
 }
 
-impl PassageBuffers {
+impl OccludedLinkBuffers {
     /// Creates the buffers for rows in the order of their links.
     fn new(
-        make: &Maker<'_>,
+        make: &BufferFactory<'_>,
         table: &mut SpanTable<'_>,
         rows: &[Row],
         passages: &[PackedLinkTerm],
@@ -63,7 +63,7 @@ impl PassageBuffers {
 impl OccluderBuffers {
     /// Creates the buffers. `ordered` are the operator's rows in the order of their links.
     pub fn new(
-        make: &Maker<'_>,
+        make: &BufferFactory<'_>,
         table: &mut SpanTable<'_>,
         scene: &BakedScene,
         occluders: &Occluders,
@@ -71,17 +71,20 @@ impl OccluderBuffers {
     ) -> Result<Self, GpuError> {
         let rows = scene.data().probes.as_ref().map_or(&[][..], |p| &p.rows);
         Ok(Self {
-            links: PassageBuffers::new(make, table, ordered, &occluders.links)?,
-            probes: PassageBuffers::new(make, table, rows, &occluders.probes)?,
-            passing: make.empty::<f32>("what passes occluders", occluders.sets.len() as u64)?,
+            links: OccludedLinkBuffers::new(make, table, ordered, &occluders.links)?,
+            probes: OccludedLinkBuffers::new(make, table, rows, &occluders.probes)?,
+            set_transmittances: make
+                .empty::<f32>("what passes occluders", occluders.sets.len() as u64)?,
         })
     }
 
     /// Returns every buffer with its name.
     pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         let passages = self.links.passages.iter().chain(&self.probes.passages);
-        (passages.map(|b| ("passages", b)))
-            .chain(std::iter::once(("what passes occluders", &self.passing)))
+        (passages.map(|b| ("passages", b))).chain(std::iter::once((
+            "what passes occluders",
+            &self.set_transmittances,
+        )))
     }
 }
 
@@ -107,7 +110,7 @@ impl GpuFrame {
         let before = self.counters().dispatches_of(Pass::Occlude);
         let buffers = self.buffers();
         if let Some(own) = &buffers.occluders {
-            queue.write_buffer(&own.passing, 0, bytemuck::cast_slice(&passes));
+            queue.write_buffer(&own.set_transmittances, 0, bytemuck::cast_slice(&passes));
             let first = scene.data().bvh.first_occluder();
             let mut moving = Bvh {
                 nodes: Vec::new(),
@@ -138,7 +141,7 @@ impl GpuFrame {
                     &[
                         (1, spans),
                         (2, passages.as_entire_binding()),
-                        (3, own.passing.as_entire_binding()),
+                        (3, own.set_transmittances.as_entire_binding()),
                         (4, links.as_entire_binding()),
                     ],
                 );
@@ -150,7 +153,7 @@ impl GpuFrame {
             drop(pass);
             (0..dispatched).for_each(|_| self.count(Pass::Occlude));
         }
-        self.occluded(queue, scene, passes);
+        self.update_transmittances(queue, scene, passes);
         self.counters().dispatches_of(Pass::Occlude) - before
     }
 }

@@ -56,7 +56,7 @@ pub struct KernelPipelines {
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
     passes: [OnceLock<ComputeKernel>; Pass::COUNT],
     /// Pipelines that draw, one for each target format and each kind of draw.
-    drawings: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
+    render_kernels: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
     created: AtomicU32,
 }
 
@@ -128,7 +128,7 @@ impl KernelPipelines {
             device: device.clone(),
             modules: [const { OnceLock::new() }; KERNELS.len()],
             passes: [const { OnceLock::new() }; Pass::COUNT],
-            drawings: Mutex::default(),
+            render_kernels: Mutex::default(),
             created: AtomicU32::new(0),
         })
     }
@@ -180,17 +180,20 @@ impl KernelPipelines {
 
     /// Returns the pipeline of this kind of draw for a target of this format. The first call
     /// creates it.
-    pub fn drawing(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
-        let mut made = self.drawings.lock().unwrap_or_else(PoisonError::into_inner);
+    pub fn render_kernel(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
+        let mut made = self
+            .render_kernels
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         if let Some((_, kernel)) = made.iter().find(|(of, _)| *of == (format, draw)) {
             return kernel.clone();
         }
-        let kernel = self.make_drawing(format, draw);
+        let kernel = self.create_render_kernel(format, draw);
         made.push(((format, draw), kernel.clone()));
         kernel
     }
 
-    fn make_drawing(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
+    fn create_render_kernel(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
         let [screen, irradiance, gloss, shade] = COMPOSITE_ENTRIES;
         let [fog_screen, fog, fog_sampled] = FOG_ENTRIES;
         // The last value is a kind of binding that the entry point does not have.

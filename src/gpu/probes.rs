@@ -4,7 +4,7 @@
 use super::dispatch::compute;
 use super::frame::SplatTargets;
 use super::links::cut;
-use super::maker::Maker;
+use super::maker::BufferFactory;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::ViewBuffers;
 use super::spans::{SpanList, SpanTable, part_span};
@@ -30,7 +30,7 @@ pub(super) struct ProbeBuffers {
 
 impl ProbeBuffers {
     pub fn new(
-        make: &Maker<'_>,
+        make: &BufferFactory<'_>,
         table: &mut SpanTable<'_>,
         probes: &Probes,
     ) -> Result<Self, GpuError> {

@@ -59,12 +59,12 @@ pub struct RsmBuffers {
     capacity: u32,
     used: u32,
     /// Number of texels of the current light.
-    filled: u32,
+    texel_count: u32,
     /// Buffers of one node and one triangle, bound if there is no baked scene.
-    nothing: [wgpu::Buffer; 2],
+    empty_bvh: [wgpu::Buffer; 2],
     /// Uniform buffers of a frame. The number in use follows.
     uniforms: Vec<wgpu::Buffer>,
-    taken: usize,
+    used_uniforms: usize,
     counters: GpuCounters,
 }
 
@@ -81,13 +81,13 @@ impl RsmBuffers {
             vpls: storage::<Vpl>(device, "virtual point lights", vpls)?,
             capacity: vpls,
             used: 0,
-            filled: 0,
-            nothing: [
+            texel_count: 0,
+            empty_bvh: [
                 storage::<BvhNode>(device, "no BVH nodes", 1)?,
                 storage::<BvhTriangle>(device, "no BVH triangles", 1)?,
             ],
             uniforms: Vec::new(),
-            taken: 0,
+            used_uniforms: 0,
             counters: GpuCounters::default(),
         })
     }
@@ -107,17 +107,17 @@ impl RsmBuffers {
             self.vpls = storage::<Vpl>(device, "virtual point lights", vpls)?;
             self.capacity = vpls;
         }
-        (self.used, self.filled, self.taken) = (0, 0, 0);
+        (self.used, self.texel_count, self.used_uniforms) = (0, 0, 0);
         Ok(())
     }
 
     /// Begins a frame with the virtual lights of the previous frame. Only views may be recorded. Do
     /// not call it between recording a frame and its submission.
     pub fn reuse_frame(&mut self) {
-        (self.filled, self.taken) = (0, 0);
+        (self.texel_count, self.used_uniforms) = (0, 0);
     }
 
-    /// Records one map of a light. Call [`RsmBuffers::choose`] after its last map. Maps that do not
+    /// Records one map of a light. Call [`RsmBuffers::select_vpls`] after its last map. Maps that do not
     /// fit are left out, see [`RsmBuffers::begin`].
     pub fn map(
         &mut self,
@@ -128,11 +128,11 @@ impl RsmBuffers {
     ) {
         let side = map.params.side;
         let count = side.saturating_mul(side);
-        if !side.is_power_of_two() || count > self.room - self.filled {
+        if !side.is_power_of_two() || count > self.room - self.texel_count {
             return;
         }
         let params = RsmParams {
-            first: self.filled,
+            first: self.texel_count,
             ..map.params
         };
         let at = self.uniform(kernels, queue, &params);
@@ -147,17 +147,17 @@ impl RsmBuffers {
         );
         let groups = side.div_ceil(8);
         self.dispatch(kernels, encoder, Pass::RsmTexels, &bind, [groups, groups]);
-        self.filled += count;
+        self.texel_count += count;
     }
 
     /// Begins the next light. The previous light need not be complete.
     pub fn next_light(&mut self) {
-        self.filled = 0;
+        self.texel_count = 0;
     }
 
     /// Records the shadows of the baked scenes on the maps of a light, and the selection of its
     /// `vpls` virtual point lights.
-    pub fn choose(
+    pub fn select_vpls(
         &mut self,
         kernels: &KernelPipelines,
         queue: &wgpu::Queue,
@@ -166,7 +166,7 @@ impl RsmBuffers {
         scenes: &[(Mat4, &SceneBuffers)],
         vpls: u32,
     ) {
-        let texels = std::mem::take(&mut self.filled);
+        let texels = std::mem::take(&mut self.texel_count);
         let vpls = vpls.min(MAX_VPLS).min(self.capacity - self.used);
         if vpls == 0 || texels == 0 {
             return;
@@ -280,7 +280,7 @@ impl RsmBuffers {
     pub fn tree<'a>(&'a self, shadows: Option<&VplShadows<'a>>) -> [&'a wgpu::Buffer; 2] {
         match shadows {
             Some(by) => [&by.scene.nodes, &by.scene.triangles],
-            None => [&self.nothing[0], &self.nothing[1]],
+            None => [&self.empty_bvh[0], &self.empty_bvh[1]],
         }
     }
 
@@ -318,7 +318,12 @@ impl RsmBuffers {
     /// Returns the size of its buffers in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let own = [&self.texels, &self.vpls, &self.nothing[0], &self.nothing[1]];
+        let own = [
+            &self.texels,
+            &self.vpls,
+            &self.empty_bvh[0],
+            &self.empty_bvh[1],
+        ];
         let all = own.into_iter().chain(&self.uniforms);
         all.map(wgpu::Buffer::size).sum()
     }
@@ -330,7 +335,7 @@ impl RsmBuffers {
         queue: &wgpu::Queue,
         data: &T,
     ) -> usize {
-        if self.taken == self.uniforms.len() {
+        if self.used_uniforms == self.uniforms.len() {
             let buffer = kernels.device().create_buffer(&wgpu::BufferDescriptor {
                 label: Some("reflective map"),
                 size: UNIFORM,
@@ -339,9 +344,13 @@ impl RsmBuffers {
             });
             self.uniforms.push(buffer);
         }
-        queue.write_buffer(&self.uniforms[self.taken], 0, bytemuck::bytes_of(data));
-        self.taken += 1;
-        self.taken - 1
+        queue.write_buffer(
+            &self.uniforms[self.used_uniforms],
+            0,
+            bytemuck::bytes_of(data),
+        );
+        self.used_uniforms += 1;
+        self.used_uniforms - 1
     }
 
     fn dispatch(

@@ -4,7 +4,7 @@ use super::GpuError;
 use super::Pass;
 use super::fmm::GpuFmm;
 use super::link_tables::LinkTables;
-use super::maker::{Maker, binding_limit, uniform};
+use super::maker::{BufferFactory, binding_limit, uniform};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
 use super::spans::{SpanList, SpanTable, span};
@@ -91,7 +91,7 @@ pub struct SceneBuffers {
 
 impl BounceBuffers {
     fn new(
-        make: &Maker<'_>,
+        make: &BufferFactory<'_>,
         bounces: &BounceOperator,
         coefficients: u64,
     ) -> Result<Self, GpuError> {
@@ -104,7 +104,7 @@ impl BounceBuffers {
 }
 
 impl ComponentBuffers {
-    fn new(make: &Maker<'_>, compression: &Compression) -> Result<Self, GpuError> {
+    fn new(make: &BufferFactory<'_>, compression: &Compression) -> Result<Self, GpuError> {
         Ok(Self {
             columns: make.upload("columns", &compression.columns)?,
             members: make.upload("column senders", &compression.members)?,
@@ -142,7 +142,7 @@ impl SceneBuffers {
         slots: u32,
         limit: u64,
     ) -> Result<Self, GpuError> {
-        let make = Maker {
+        let make = BufferFactory {
             device,
             queue,
             limit,
@@ -266,7 +266,7 @@ impl SceneBuffers {
         if slots <= self.slots {
             return Ok(());
         }
-        let make = Maker::new(device, queue);
+        let make = BufferFactory::new(device, queue);
         // Reserves 50 % more, so that lights that are added one by one do not copy the buffer each
         // time. Reserves only the required size if more would exceed the limit.
         let senders = self.shape.senders() as u64;

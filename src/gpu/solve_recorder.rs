@@ -131,7 +131,7 @@ impl Recorder<'_> {
     }
 
     /// Applies the probes' rows to the senders.
-    pub fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &SolveSchedule) {
+    pub fn apply_probes(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &SolveSchedule) {
         let b = self.b;
         let Some(probes) = &b.probes else { return };
         self.apply(

@@ -18,12 +18,12 @@ pub struct SubtractShadowBuffers {
     lights: wgpu::Buffer,
     room: usize,
     /// Texture that is bound without tables.
-    blank: wgpu::TextureView,
+    placeholder: wgpu::TextureView,
     counters: GpuCounters,
 }
 
 /// Creates a storage buffer for `count` lights.
-fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuError> {
+fn create_light_buffer(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuError> {
     let bytes = (size_of::<SoftLight>() as u64).saturating_mul(count.max(1) as u64);
     let limit = binding_limit(device);
     if bytes > limit {
@@ -42,7 +42,7 @@ fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuErro
 }
 
 /// Creates a texture of two layers of one texel.
-fn blank(device: &wgpu::Device) -> wgpu::TextureView {
+fn placeholder(device: &wgpu::Device) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("no tables"),
         size: wgpu::Extent3d {
@@ -75,9 +75,9 @@ impl SubtractShadowBuffers {
                 "subtract_shadow",
                 size_of::<SubtractShadowParams>() as u64,
             ),
-            lights: room_for(device, lights)?,
+            lights: create_light_buffer(device, lights)?,
             room: lights.max(1),
-            blank: blank(device),
+            placeholder: placeholder(device),
             counters: GpuCounters::default(),
         })
     }
@@ -98,7 +98,7 @@ impl SubtractShadowBuffers {
         gloss: bool,
     ) -> Result<(), GpuError> {
         if lights.len() > self.room {
-            self.lights = room_for(kernels.device(), lights.len())?;
+            self.lights = create_light_buffer(kernels.device(), lights.len())?;
             self.room = lights.len();
         }
         if !lights.is_empty() {
@@ -147,7 +147,7 @@ impl SubtractShadowBuffers {
             (8, texture(targets.output)),
             (10, self.params.as_entire_binding()),
             (11, self.lights.as_entire_binding()),
-            (12, texture(tables.unwrap_or(&self.blank))),
+            (12, texture(tables.unwrap_or(&self.placeholder))),
         ];
         if let Some(earlier) = targets.earlier {
             resources.push((9, texture(earlier)));

@@ -2,7 +2,7 @@
 //! that an engine reads. A scene without a visible volume has no parameters, weights or texture.
 
 use super::dispatch::compute;
-use super::maker::{Maker, uniform};
+use super::maker::{BufferFactory, uniform};
 use super::pipelines::KernelPipelines;
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};
@@ -40,7 +40,7 @@ impl VolumeBuffers {
             weights.is_whole(),
             "a volume whose voxel weights are incomplete"
         );
-        let make = Maker::new(device, queue);
+        let make = BufferFactory::new(device, queue);
         let found = weights.wall_samples();
         let wall_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
         // An additional element marks the end of the last wall sample's weights.

@@ -15,7 +15,7 @@ pub const MAX_TRUNCATED_FRACTION: f32 = 0.03;
 /// in which the light changes.
 pub const MAX_AUTO_BOUNCES: u32 = 16;
 /// Number of reflections for a bake without a bound on the gain.
-const UNKNOWN: u32 = 4;
+const DEFAULT_BOUNCES: u32 = 4;
 /// A choice and its reason.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BounceSelection {
@@ -83,7 +83,7 @@ impl BounceSelector {
     /// Returns the number of reflections of this frame's solve: `requested`, or the number that the
     /// bake's surfaces need with these factors of its materials. Without factors, the materials are
     /// as baked. Returns `None` for a bake that holds its bounces.
-    pub fn pick(
+    pub fn select(
         &mut self,
         requested: GiBounceCount,
         bake: &BakedScene,
@@ -104,7 +104,7 @@ impl BounceSelector {
             bounces: match (requested, gain) {
                 (GiBounceCount::Fixed(bounces), _) => bounces.clamp(1, max),
                 (GiBounceCount::Auto, Some(gain)) => bounces_for_spectral_radius(gain),
-                (GiBounceCount::Auto, None) => UNKNOWN,
+                (GiBounceCount::Auto, None) => DEFAULT_BOUNCES,
             },
             forced: requested != GiBounceCount::Auto,
             gain,

@@ -56,8 +56,8 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
     }
 
     /// Clears all values but the bake, after the device released the scene.
-    pub fn forget(&mut self) {
-        self.slots.forget();
+    pub fn reset(&mut self) {
+        self.slots.reset();
         self.solved = None;
         self.factors.clear();
         self.gains.clear();
@@ -203,7 +203,7 @@ impl<L: Clone + PartialEq, S: PartialEq> MapChangeDetector<L, S> {
     }
 
     /// Clears the virtual lights, after the device released them.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.complete.clear();
         self.complete_frames = 0;
         self.shadowers.clear();
@@ -217,7 +217,7 @@ mod tests {
     use meshless_gi::Channels;
 
     #[test]
-    fn changes_are_measured_against_the_device() {
+    fn changed_settings_and_occluders_are_detected() {
         let mut changes = ChangeDetector::<u32>::default();
         let now = FrameSettings::default();
         assert!(changes.settings_changed(&now, GiColorMode::Auto, false));
@@ -236,12 +236,12 @@ mod tests {
         changes.gains = vec![1.0, 0.5];
         assert_eq!(changes.changed_occluders(&[1.0, 0.5]), 0);
         assert_eq!(changes.changed_occluders(&[0.0, 0.25]), 2);
-        changes.forget();
+        changes.reset();
         assert!(changes.solved.is_none() && changes.gains.is_empty());
     }
 
     #[test]
-    fn soft_lights_and_volumes_are_compared_with_the_device() {
+    fn changed_soft_lights_and_volumes_are_detected() {
         let bounds = Bounds {
             min: Vec3::ZERO,
             max: Vec3::ONE,
@@ -256,12 +256,12 @@ mod tests {
         assert!(changes.soft_lights_changed(&[at(0.51)], bounds));
         assert!(changes.soft_lights_changed(&[], bounds));
         assert!(!changes.volume_changed(&3) && changes.volume_changed(&4));
-        changes.forget();
+        changes.reset();
         assert!(changes.soft_lights_changed(&[at(0.5)], bounds) && changes.volume_changed(&3));
     }
 
     #[test]
-    fn maps_rest_after_complete_frames_without_change() {
+    fn unchanged_maps_are_kept_after_complete_frames() {
         let id = LightId(5, 0);
         let mut maps = MapChangeDetector::<u32, u32>::default();
         let changed =
@@ -288,7 +288,7 @@ mod tests {
         assert!(draw(&mut maps, 1, true, false) && settle(&mut maps) >= SETTLE_FRAMES as usize);
         assert!(maps.changed([id].into_iter(), || vec![8]));
         assert!(maps.changed([].into_iter(), || vec![7]));
-        maps.forget();
+        maps.reset();
         assert!(changed(&maps));
     }
 }

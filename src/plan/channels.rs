@@ -68,7 +68,11 @@ impl ColorModeSelector {
     /// Returns the channels of this frame's solve. Three channels start with the frame that needs
     /// them. One channel starts after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that need no more.
     /// The first light is taken as it is, and darkness changes nothing.
-    pub fn pick(&mut self, requested: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
+    pub fn select(
+        &mut self,
+        requested: GiColorMode,
+        found: SceneChromaticity,
+    ) -> ColorModeSelection {
         let waits = match found.colors {
             ColorUniformity::Dark => false,
             ColorUniformity::One => {
@@ -120,36 +124,45 @@ mod tests {
         SceneChromaticity { colors, hue: WARM }
     }
 
-    fn auto(picker: &mut ColorModeSelector, colors: ColorUniformity) -> Channels {
-        let picked = picker.pick(GiColorMode::Auto, chromaticity_of(colors));
+    fn auto(selector: &mut ColorModeSelector, colors: ColorUniformity) -> Channels {
+        let picked = selector.select(GiColorMode::Auto, chromaticity_of(colors));
         assert!(!picked.forced && !picked.why.is_empty());
         picked.channels
     }
 
     #[test]
-    fn color_mode_switches_to_rgb_at_once_and_back_after_hysteresis() {
-        let mut picker = ColorModeSelector::new();
-        assert_eq!(auto(&mut picker, ColorUniformity::Dark), Channels::Three);
-        assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::One(WARM));
-        // The light blinks.
+    fn color_mode_switches_to_rgb_immediately_and_back_after_hysteresis() {
+        let mut selector = ColorModeSelector::new();
+        assert_eq!(auto(&mut selector, ColorUniformity::Dark), Channels::Three);
         assert_eq!(
-            auto(&mut picker, ColorUniformity::Dark),
+            auto(&mut selector, ColorUniformity::One),
             Channels::One(WARM)
         );
-        assert_eq!(auto(&mut picker, ColorUniformity::Lights), Channels::Three);
-        for _ in 1..MONOCHROME_HYSTERESIS_FRAMES {
-            assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::Three);
-        }
-        assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::One(WARM));
+        // The light blinks.
         assert_eq!(
-            auto(&mut picker, ColorUniformity::Surfaces),
+            auto(&mut selector, ColorUniformity::Dark),
+            Channels::One(WARM)
+        );
+        assert_eq!(
+            auto(&mut selector, ColorUniformity::Lights),
+            Channels::Three
+        );
+        for _ in 1..MONOCHROME_HYSTERESIS_FRAMES {
+            assert_eq!(auto(&mut selector, ColorUniformity::One), Channels::Three);
+        }
+        assert_eq!(
+            auto(&mut selector, ColorUniformity::One),
+            Channels::One(WARM)
+        );
+        assert_eq!(
+            auto(&mut selector, ColorUniformity::Surfaces),
             Channels::Three
         );
         // Darkness does not count as a color.
         for _ in 0..2 * MONOCHROME_HYSTERESIS_FRAMES {
-            assert_eq!(auto(&mut picker, ColorUniformity::Dark), Channels::Three);
+            assert_eq!(auto(&mut selector, ColorUniformity::Dark), Channels::Three);
         }
-        assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::Three);
+        assert_eq!(auto(&mut selector, ColorUniformity::One), Channels::Three);
     }
 
     #[test]
@@ -159,7 +172,7 @@ mod tests {
             MONOCHROME_HYSTERESIS_FRAMES - 1,
             MONOCHROME_HYSTERESIS_FRAMES + 5,
         ] {
-            let mut picker = ColorModeSelector::new();
+            let mut selector = ColorModeSelector::new();
             let (mut before, mut changes) = (Channels::Three, 0);
             for k in 0..1000 {
                 let colors = if k % period == 0 {
@@ -167,7 +180,7 @@ mod tests {
                 } else {
                     ColorUniformity::One
                 };
-                let now = auto(&mut picker, colors);
+                let now = auto(&mut selector, colors);
                 // Never one channel where there are several colors.
                 assert!(colors == ColorUniformity::One || now == Channels::Three);
                 changes += u32::from(now != before);
@@ -182,19 +195,22 @@ mod tests {
     }
 
     #[test]
-    fn color_mode_setting_overrides_and_is_removed_with_it() {
-        let mut picker = ColorModeSelector::new();
+    fn color_mode_setting_overrides_until_removed() {
+        let mut selector = ColorModeSelector::new();
         for colors in [
             ColorUniformity::Dark,
             ColorUniformity::One,
             ColorUniformity::Lights,
         ] {
-            let three = picker.pick(GiColorMode::Rgb, chromaticity_of(colors));
+            let three = selector.select(GiColorMode::Rgb, chromaticity_of(colors));
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
-            let one = picker.pick(GiColorMode::Monochrome, chromaticity_of(colors));
+            let one = selector.select(GiColorMode::Monochrome, chromaticity_of(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
             assert_eq!(one.to_string(), "one channel: requested");
         }
-        assert_eq!(auto(&mut picker, ColorUniformity::Lights), Channels::Three);
+        assert_eq!(
+            auto(&mut selector, ColorUniformity::Lights),
+            Channels::Three
+        );
     }
 }

@@ -14,17 +14,17 @@ mod solve_cost;
 
 pub use solve_cost::SolveCost;
 
-use super::{Effect, FrameStage, FrameState, Pass, Plan, SceneId, ViewId, kind_of};
+use super::{Effect, FrameStage, FrameState, LightId, Pass, Plan, SceneId, ViewId, kind_of};
 use std::collections::BTreeMap;
 use std::fmt;
 
 /// Weight of a new measurement in the running means.
-const SMOOTH: f64 = 0.2;
+const SMOOTHING_FACTOR: f64 = 0.2;
 /// Number of measurements that are ignored after the unit of the work changed. Timestamps arrive
 /// some frames late.
-const LATE: u32 = 4;
+const MAX_LATE_MEASUREMENTS: u32 = 4;
 /// Number of plans without a group after which the group is removed.
-const KEPT: u64 = 1000;
+const MAX_UNUSED_PLANS: u64 = 1000;
 
 /// Passes that the device's timestamps measure as one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -37,6 +37,8 @@ pub struct TimingScope {
     pub scene: SceneId,
     /// View of the passes. `None` for work that all views share.
     pub view: Option<ViewId>,
+    /// Light of the passes. `None` except for reflective shadow maps.
+    pub light: Option<LightId>,
 }
 
 impl TimingScope {
@@ -50,14 +52,19 @@ impl TimingScope {
                 None => pass.scene,
             },
             view: pass.view,
+            light: pass.light,
         }
     }
 
     /// Returns the name of the timestamp span.
     #[must_use]
     pub fn span(&self) -> String {
-        let of = self.view.map_or(self.scene.0, |view| view.0);
-        format!("{}_{of:x}", self.stage.name())
+        let name = self.stage.name();
+        match (self.view, self.light) {
+            (Some(view), _) => format!("{name}_{:x}", view.0),
+            (None, Some(light)) => format!("{name}_{:x}_{}", light.0, light.1),
+            (None, None) => format!("{name}_{:x}", self.scene.0),
+        }
     }
 }
 
@@ -79,6 +86,8 @@ pub enum Work {
     Sights(u64),
     /// Number of voxels of a volume.
     Voxels(u64),
+    /// Number of texels of reflective shadow maps.
+    Texels(u64),
     /// Number of pixels, counted once per layer. A layer is a scene, a list of virtual lights, or a
     /// fog volume in front of a scene.
     Pixels(u64),
@@ -96,7 +105,8 @@ impl Work {
             | Self::Pixels(n)
             | Self::Passages(n)
             | Self::Sights(n)
-            | Self::Voxels(n) => (n > 0).then_some(n as f64),
+            | Self::Voxels(n)
+            | Self::Texels(n) => (n > 0).then_some(n as f64),
         }
     }
 
@@ -111,6 +121,7 @@ impl Work {
             Self::Passages(_) => Unit::Passages,
             Self::Sights(_) => Unit::Sights,
             Self::Voxels(_) => Unit::Voxels,
+            Self::Texels(_) => Unit::Texels,
         }
     }
 
@@ -137,6 +148,7 @@ enum Unit {
     Passages,
     Sights,
     Voxels,
+    Texels,
 }
 
 impl fmt::Display for Work {
@@ -150,6 +162,7 @@ impl fmt::Display for Work {
             Self::Passages(n) => write!(f, "{n} parts of links"),
             Self::Sights(n) => write!(f, "{n} sights of lights"),
             Self::Voxels(n) => write!(f, "{n} voxels"),
+            Self::Texels(n) => write!(f, "{n} texels of maps"),
         }
     }
 }
@@ -189,7 +202,7 @@ impl fmt::Display for Cost {
 }
 
 /// Sets the timing scope of each pass and adds up the work of each scope.
-pub(super) fn weigh<R>(
+pub(super) fn compute_work<R>(
     effects: &[Effect<R>],
     state: &FrameState,
     passes: &mut [Pass],
@@ -233,8 +246,8 @@ impl Means {
     }
 }
 
-fn mix(mean: &mut Option<f64>, value: f64) {
-    *mean = Some(mean.map_or(value, |m| m + SMOOTH * (value - m)));
+fn update_mean(mean: &mut Option<f64>, value: f64) {
+    *mean = Some(mean.map_or(value, |m| m + SMOOTHING_FACTOR * (value - m)));
 }
 
 /// Model of the costs on one device.
@@ -263,15 +276,19 @@ impl CostModel {
             if means.unit != unit {
                 *means = Means {
                     unit,
-                    late: if means.ms.is_some() { LATE } else { 0 },
+                    late: if means.ms.is_some() {
+                        MAX_LATE_MEASUREMENTS
+                    } else {
+                        0
+                    },
                     ..Means::default()
                 };
             }
             if let Some(work) = cost.work.amount() {
-                mix(&mut means.work, work);
+                update_mean(&mut means.work, work);
             }
         }
-        let oldest = self.plans.saturating_sub(KEPT);
+        let oldest = self.plans.saturating_sub(MAX_UNUSED_PLANS);
         self.groups.retain(|_, (_, seen)| *seen > oldest);
     }
 
@@ -288,7 +305,7 @@ impl CostModel {
             means.late -= 1;
             return;
         }
-        mix(&mut means.ms, f64::from(ms));
+        update_mean(&mut means.ms, f64::from(ms));
         if means.rate().is_some() {
             let unit = means.unit;
             let alike = |t: &TimingScope, m: &Means| t.stage == timed.stage && m.unit == unit;
@@ -300,7 +317,7 @@ impl CostModel {
     }
 
     /// Writes the available costs into the plan.
-    pub fn price(&self, plan: &mut Plan) {
+    pub fn write_costs(&self, plan: &mut Plan) {
         for (timed, cost) in &mut plan.costs {
             let unit = cost.work.unit();
             let means = self.groups.get(timed).map(|(means, _)| *means);

@@ -224,7 +224,7 @@ impl Plan {
 
 /// State of the log for one kind.
 #[derive(Clone, Debug)]
-struct Standing {
+struct DecisionHistory {
     /// Choice that was reported last. `None` after its end was reported.
     reported: Option<String>,
     /// The last decision, and its frame.
@@ -239,7 +239,7 @@ struct Standing {
 /// Follows decisions frame by frame and reports their changes.
 #[derive(Clone, Debug, Default)]
 pub struct DecisionLog {
-    standing: BTreeMap<DecisionKind, Standing>,
+    history: BTreeMap<DecisionKind, DecisionHistory>,
     frame: u64,
 }
 
@@ -256,37 +256,37 @@ impl DecisionLog {
         self.frame += 1;
         let now = self.frame;
         for decision in decisions {
-            let standing = (self.standing.entry(decision.kind.clone())).or_insert(Standing {
+            let history = (self.history.entry(decision.kind.clone())).or_insert(DecisionHistory {
                 reported: None,
                 last: decision.clone(),
                 seen: now,
                 quiet_until: 0,
                 silence: LOG_DEBOUNCE_FRAMES,
             });
-            standing.last = decision;
-            standing.seen = now;
+            history.last = decision;
+            history.seen = now;
         }
         let mut lines = Vec::new();
-        self.standing.retain(|kind, standing| {
-            let here = now - standing.seen < LOG_DEBOUNCE_FRAMES;
-            let choice = here.then(|| standing.last.choice.clone());
-            if choice != standing.reported && now >= standing.quiet_until {
+        self.history.retain(|kind, history| {
+            let here = now - history.seen < LOG_DEBOUNCE_FRAMES;
+            let choice = here.then(|| history.last.choice.clone());
+            if choice != history.reported && now >= history.quiet_until {
                 lines.push(match here {
-                    true => standing.last.words(name),
+                    true => history.last.words(name),
                     false => format!("{}: ended", kind.words(name)),
                 });
-                standing.reported = choice;
-                standing.quiet_until = now + standing.silence;
-                standing.silence = standing.silence.saturating_mul(2);
+                history.reported = choice;
+                history.quiet_until = now + history.silence;
+                history.silence = history.silence.saturating_mul(2);
             }
             // Without a change for the length of the silence, the next change is reported in its
             // frame.
-            let calm = standing.quiet_until.saturating_add(standing.silence);
-            let settled = standing.reported.is_some() == here;
+            let calm = history.quiet_until.saturating_add(history.silence);
+            let settled = history.reported.is_some() == here;
             if settled && now >= calm {
-                standing.silence = LOG_DEBOUNCE_FRAMES;
+                history.silence = LOG_DEBOUNCE_FRAMES;
             }
-            here || standing.reported.is_some() || now < calm
+            here || history.reported.is_some() || now < calm
         });
         lines
     }

@@ -72,7 +72,7 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
 /// `largest` bytes. Returns `None` if the octree runs, if there is none, or if there are no links
 /// to replace it.
 #[must_use]
-pub fn falls_back(scene: &BakedScene, largest: u64) -> Option<FmmLimit> {
+pub fn fmm_fallback_reason(scene: &BakedScene, largest: u64) -> Option<FmmLimit> {
     let why = octree_fits(scene.data().fmm.as_ref()?, largest).err();
     why.filter(|_| scene.data().link_tiers() > 0)
 }

@@ -73,9 +73,9 @@ pub struct Inventory {
     /// Number of scenes with a changed sky.
     pub skies_changed: u32,
     /// Number of scenes with emissive surfaces, by the bake and the settings.
-    pub glowing: u32,
+    pub emissive_scenes: u32,
     /// Number of scenes with changed emission.
-    pub glow_changed: u32,
+    pub emissions_changed: u32,
     /// Number of materials that may change
     /// ([`dynamic_materials`](meshless_gi::Recipe::dynamic_materials)).
     pub dynamic_materials: u32,
@@ -115,7 +115,7 @@ impl Inventory {
         self.lights.iter().all(lights)
             && [
                 self.skies_changed,
-                self.glow_changed,
+                self.emissions_changed,
                 self.materials_changed,
                 self.doors_moved,
                 self.bakes_moved,
@@ -168,8 +168,8 @@ impl fmt::Display for Inventory {
             SkyKind::Varied => Some("a sky that varies"),
         };
         shine.extend(sky.map(|sky| format!("{sky}{}", changed(self.skies_changed, "changed"))));
-        if self.glowing > 0 {
-            let glow = changed(self.glow_changed, "changed");
+        if self.emissive_scenes > 0 {
+            let glow = changed(self.emissions_changed, "changed");
             shine.push(format!("surfaces that glow{glow}"));
         }
         if shine.is_empty() {

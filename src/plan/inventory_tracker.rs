@@ -55,7 +55,7 @@ pub struct WorldSnapshot<'a, K> {
 
 /// Chromaticity of a set of colors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Hues {
+enum Chromaticity {
     /// All colors are black.
     #[default]
     None,
@@ -65,10 +65,10 @@ enum Hues {
     Several,
 }
 
-impl Hues {
+impl Chromaticity {
     /// Largest difference of two chromaticities that count as equal, per part. It covers an eighth
     /// of an 8-bit step and the rounding of textures.
-    const ALIKE: f32 = 2e-3;
+    const MAX_DIFFERENCE: f32 = 2e-3;
     const GRAY: Self = Self::One(Vec3::ONE);
 
     fn from_color(color: Vec3) -> Self {
@@ -83,7 +83,8 @@ impl Hues {
         match (self, other) {
             (Self::None, hues) | (hues, Self::None) => hues,
             (Self::One(a), Self::One(b))
-                if a.abs_diff_eq(b, Self::ALIKE) || a.abs_diff_eq(-b, Self::ALIKE) =>
+                if a.abs_diff_eq(b, Self::MAX_DIFFERENCE)
+                    || a.abs_diff_eq(-b, Self::MAX_DIFFERENCE) =>
             {
                 self
             }
@@ -110,7 +111,7 @@ impl Hues {
 
     /// Returns the colors of a scene with light of these chromaticities. `gray` is `true` if all
     /// its surfaces are gray.
-    fn on_surfaces(self, gray: bool) -> SceneChromaticity {
+    fn to_scene_chromaticity(self, gray: bool) -> SceneChromaticity {
         let (colors, hue) = match (self, gray) {
             (Self::None, _) => (ColorUniformity::Dark, Vec3::ONE),
             (_, false) => (ColorUniformity::Surfaces, Vec3::ONE),
@@ -126,59 +127,63 @@ impl Hues {
 
 /// Colors of a bake's surfaces.
 #[derive(Clone, Debug)]
-struct Facts {
+struct BakeColors {
     /// Bake of the surfaces.
     bake: Weak<BakedScene>,
     /// Reflected and emitted colors of all surfaces.
-    all: [Hues; 2],
+    all: [Chromaticity; 2],
     /// Reflected and emitted colors of the surfaces without a dynamic material.
-    rest: [Hues; 2],
+    rest: [Chromaticity; 2],
     /// Reflected and emitted colors of each dynamic material, for factors of one. Textures are
     /// included.
-    shares: Vec<[Hues; 2]>,
+    shares: Vec<[Chromaticity; 2]>,
 }
 
-impl Facts {
+impl BakeColors {
     fn from_bake(bake: &Arc<BakedScene>) -> Self {
-        let mut facts = Self {
+        let mut bake_colors = Self {
             bake: Arc::downgrade(bake),
-            all: [Hues::None; 2],
-            rest: [Hues::None; 2],
+            all: [Chromaticity::None; 2],
+            rest: [Chromaticity::None; 2],
             shares: Vec::new(),
         };
-        let add = |hues: &mut [Hues; 2], [albedo, emission]: [[f32; 3]; 2]| {
-            hues[0] = hues[0].with(Hues::from_color(albedo.into()));
-            hues[1] = hues[1].with(Hues::from_color(emission.into()));
+        let add = |hues: &mut [Chromaticity; 2], [albedo, emission]: [[f32; 3]; 2]| {
+            hues[0] = hues[0].with(Chromaticity::from_color(albedo.into()));
+            hues[1] = hues[1].with(Chromaticity::from_color(emission.into()));
         };
         for (j, surface) in bake.data().surfaces.iter().enumerate() {
             let own = [surface.albedo, surface.emission];
-            add(&mut facts.all, own);
+            add(&mut bake_colors.all, own);
             let covers = |live: &DynamicMaterials| !live.row(j).is_empty();
             // Points that do not send light have no row.
             if j < bake.data().senders() && !bake.data().materials.as_ref().is_some_and(covers) {
-                add(&mut facts.rest, own);
+                add(&mut bake_colors.rest, own);
             }
         }
         if let Some(live) = &bake.data().materials {
-            facts.shares = vec![[Hues::None; 2]; live.factors.len()];
+            bake_colors.shares = vec![[Chromaticity::None; 2]; live.factors.len()];
             for share in &live.shares {
-                if let Some(hues) = facts.shares.get_mut(share.material as usize) {
+                if let Some(hues) = bake_colors.shares.get_mut(share.material as usize) {
                     add(hues, [share.albedo, share.emission]);
                 }
             }
         }
-        facts
+        bake_colors
     }
 
     /// Returns the reflected and emitted colors with these factors of the materials. All are as
     /// baked if there are no factors.
-    fn surface_hues(&self, materials: &[MaterialFactors]) -> [Hues; 2] {
+    fn surface_hues(&self, materials: &[MaterialFactors]) -> [Chromaticity; 2] {
         if materials.is_empty() {
             return self.all;
         }
         let mut now = self.rest;
         for (m, factors) in materials.iter().enumerate() {
-            let shares = self.shares.get(m).copied().unwrap_or([Hues::GRAY; 2]);
+            let shares = self
+                .shares
+                .get(m)
+                .copied()
+                .unwrap_or([Chromaticity::GRAY; 2]);
             let factors = [factors.base_color, factors.emissive];
             for k in 0..2 {
                 now[k] = now[k].with(shares[k].times(factors[k].into()));
@@ -190,20 +195,20 @@ impl Facts {
 
 /// State of a scene in the previous frame.
 #[derive(Clone, Debug)]
-struct Before {
+struct PreviousScene {
     transform: [f32; 12],
     sky: SkyRadiance,
     emission: f32,
     materials: Vec<MaterialFactors>,
     gains: Vec<f32>,
-    facts: Option<Facts>,
+    bake_colors: Option<BakeColors>,
 }
 
 /// Computes the inventory of each frame. `K` identifies a light.
 #[derive(Clone, Debug)]
 pub struct InventoryTracker<K> {
     lights: BTreeMap<K, Light>,
-    scenes: BTreeMap<SceneId, Before>,
+    scenes: BTreeMap<SceneId, PreviousScene>,
     colors: BTreeMap<SceneId, SceneChromaticity>,
 }
 
@@ -275,7 +280,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     }
 
     /// Returns the inventory of this frame, compared with the previous one.
-    pub fn survey(&mut self, found: &WorldSnapshot<'_, K>) -> Inventory {
+    pub fn update(&mut self, found: &WorldSnapshot<'_, K>) -> Inventory {
         let mut out = Inventory {
             bakes: found.scenes.len() as u32,
             reflectors: found.reflectors,
@@ -286,8 +291,8 @@ impl<K: Copy + Ord> InventoryTracker<K> {
             ..Inventory::default()
         };
         let lights = self.count_lights(found, &mut out);
-        let all = |hues: Hues, (_, light): (usize, &Hues)| hues.with(*light);
-        let world = lights.iter().enumerate().fold(Hues::None, all);
+        let all = |hues: Chromaticity, (_, light): (usize, &Chromaticity)| hues.with(*light);
+        let world = lights.iter().enumerate().fold(Chromaticity::None, all);
         let (mut hues, mut gray) = (world, true);
         self.colors.clear();
         let mut before = std::mem::take(&mut self.scenes);
@@ -299,14 +304,14 @@ impl<K: Copy + Ord> InventoryTracker<K> {
                 [] => world,
                 unlit => (lights.iter().enumerate())
                     .filter(|(k, _)| unlit.binary_search(k).is_err())
-                    .fold(Hues::None, all),
+                    .fold(Chromaticity::None, all),
             };
-            (self.colors).insert(scene.id, lit.with(hue).on_surfaces(reflects_gray));
+            (self.colors).insert(scene.id, lit.with(hue).to_scene_chromaticity(reflects_gray));
             hues = hues.with(hue);
             gray &= reflects_gray;
         }
         out.bakes_moved += before.len() as u32;
-        out.colors = hues.on_surfaces(gray).colors;
+        out.colors = hues.to_scene_chromaticity(gray).colors;
         out
     }
 
@@ -318,8 +323,12 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     }
 
     /// Counts the lights and returns the chromaticity of each.
-    fn count_lights(&mut self, found: &WorldSnapshot<'_, K>, out: &mut Inventory) -> Vec<Hues> {
-        let mut hues = vec![Hues::None; found.lights.len()];
+    fn count_lights(
+        &mut self,
+        found: &WorldSnapshot<'_, K>,
+        out: &mut Inventory,
+    ) -> Vec<Chromaticity> {
+        let mut hues = vec![Chromaticity::None; found.lights.len()];
         let mut before = std::mem::take(&mut self.lights);
         for ((key, light), hue) in found.lights.iter().zip(&mut hues) {
             let Some((sort, color, placement)) = parts(light) else {
@@ -328,7 +337,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
             let census = &mut out.lights[sort as usize];
             census.all += 1;
             census.on += u32::from(color != Vec3::ZERO);
-            *hue = Hues::from_color(color);
+            *hue = Chromaticity::from_color(color);
             match before.remove(key).as_ref().and_then(parts) {
                 Some((was, tint, stood)) if was == sort => {
                     census.moved += u32::from(stood != placement);
@@ -349,41 +358,45 @@ impl<K: Copy + Ord> InventoryTracker<K> {
 /// surfaces are gray.
 fn count_scene(
     scene: &SceneSnapshot<'_>,
-    was: Option<Before>,
+    was: Option<PreviousScene>,
     out: &mut Inventory,
-) -> (Before, Hues, bool) {
+) -> (PreviousScene, Chromaticity, bool) {
     let differ = |a: &[f32], b: &[f32]| {
         let same = a.iter().zip(b).filter(|(x, y)| x == y).count();
         (a.len() - same) as u32
     };
-    let sky = Hues::from_colors(scene.sky.terms).with(Hues::from_color(scene.sky.mean));
+    let sky =
+        Chromaticity::from_colors(scene.sky.terms).with(Chromaticity::from_color(scene.sky.mean));
     let skies = match (sky, scene.sky.is_uniform()) {
-        (Hues::None, _) => SkyKind::None,
+        (Chromaticity::None, _) => SkyKind::None,
         (_, true) => SkyKind::Uniform,
         (_, false) => SkyKind::Varied,
     };
     out.skies = out.skies.max(skies);
     out.dynamic_materials += scene.materials.len() as u32;
     out.doors += scene.gains.len() as u32;
-    let facts = match (scene.bake, was.as_ref().and_then(|w| w.facts.clone())) {
-        (Some(bake), Some(facts)) if facts.bake.as_ptr() == Arc::as_ptr(bake) => Some(facts),
-        (Some(bake), _) => Some(Facts::from_bake(bake)),
+    let bake_colors = match (scene.bake, was.as_ref().and_then(|w| w.bake_colors.clone())) {
+        (Some(bake), Some(bake_colors)) if bake_colors.bake.as_ptr() == Arc::as_ptr(bake) => {
+            Some(bake_colors)
+        }
+        (Some(bake), _) => Some(BakeColors::from_bake(bake)),
         (None, _) => None,
     };
-    let [reflected, emitted] = facts
+    let [reflected, emitted] = bake_colors
         .as_ref()
-        .map_or([Hues::None; 2], |f| f.surface_hues(scene.materials));
+        .map_or([Chromaticity::None; 2], |f| f.surface_hues(scene.materials));
     let glow = match scene.emission <= 0.0 {
-        true => Hues::None,
+        true => Chromaticity::None,
         false => emitted,
     };
-    out.glowing += u32::from(glow != Hues::None);
+    out.emissive_scenes += u32::from(glow != Chromaticity::None);
     let gray = reflected.is_gray();
     match &was {
         Some(was) => {
             out.bakes_moved += u32::from(was.transform != scene.transform);
             out.skies_changed += u32::from(was.sky != scene.sky);
-            out.glow_changed += u32::from(was.emission != scene.emission && glow != Hues::None);
+            out.emissions_changed +=
+                u32::from(was.emission != scene.emission && glow != Chromaticity::None);
             let same = was.materials.iter().zip(scene.materials);
             let same = same.filter(|(a, b)| a == b).count();
             out.materials_changed += (scene.materials.len() - same) as u32;
@@ -394,20 +407,20 @@ fn count_scene(
             out.doors_moved += scene.gains.len() as u32;
             out.materials_changed += scene.materials.len() as u32;
             out.skies_changed += u32::from(skies != SkyKind::None);
-            out.glow_changed += u32::from(glow != Hues::None);
+            out.emissions_changed += u32::from(glow != Chromaticity::None);
         }
     }
-    let now = Before {
+    let now = PreviousScene {
         transform: scene.transform,
         sky: scene.sky,
         emission: scene.emission,
         materials: scene.materials.to_vec(),
         gains: scene.gains.to_vec(),
-        facts,
+        bake_colors,
     };
     // A bake for a uniform sky uses the mean of any other sky.
     let sky = match scene.bake.is_some_and(|bake| bake.data().sky.is_none()) {
-        true => Hues::from_color(scene.sky.mean),
+        true => Chromaticity::from_color(scene.sky.mean),
         false => sky,
     };
     (now, sky.with(glow), gray)

@@ -276,7 +276,7 @@ impl<K: Copy + Ord> SlotTable<K> {
     }
 
     /// Discards all values, after the device released the scene.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.unproject();
         self.applied.fill([0.0; 3]);
         self.lost = false;

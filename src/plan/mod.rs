@@ -63,7 +63,7 @@ pub use channels::{
 pub use cost::{Cost, CostModel, SolveCost, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
 pub use effect::{Effect, PassKind, kind_of};
-pub use fmm::{FmmLimit, falls_back, octree_fits};
+pub use fmm::{FmmLimit, fmm_fallback_reason, octree_fits};
 pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, SkyKind};
 pub use inventory_tracker::{InventoryTracker, SceneSnapshot, WorldSnapshot};
 pub use lights::{
@@ -77,7 +77,7 @@ pub use settings::{GiBounceCount, GiColorMode, GiQuality, LightKind};
 pub use stage::FrameStage;
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,
-    SlotChange, SoftState, ViewId, ViewState, VolumeState,
+    SlotChange, SoftShadowState, ViewId, ViewState, VolumeState,
 };
 pub use tier_controller::{TierCandidate, TierController};
 pub use tier_selection::TierSelection;

@@ -62,7 +62,7 @@ impl fmt::Display for RunReason {
 #[non_exhaustive]
 pub enum SkipReason {
     /// The device lacks compute shaders or large enough limits.
-    DeviceUnable,
+    DeviceUnsupported,
     /// The asset is not loaded.
     AssetMissing,
     /// The scene is hidden.
@@ -95,13 +95,13 @@ pub enum SkipReason {
     /// A light casts soft shadows, and this bake has no visibility.
     NoVisibility,
     /// A volume is requested, and the bake has no probes.
-    NoFreeSpace,
+    NoProbes,
 }
 
 impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::DeviceUnable => f.write_str("the device cannot run the kernels"),
+            Self::DeviceUnsupported => f.write_str("the device cannot run the kernels"),
             Self::AssetMissing => f.write_str("the baked asset is not loaded"),
             Self::Hidden => f.write_str("the scene is hidden"),
             Self::TooLarge { needs, has } => {
@@ -125,7 +125,7 @@ impl fmt::Display for SkipReason {
             Self::NoVisibility => {
                 f.write_str("a light casts soft shadows, and the bake holds no visibility")
             }
-            Self::NoFreeSpace => f.write_str("the scene has a volume, but the bake has no probes"),
+            Self::NoProbes => f.write_str("the scene has a volume, but the bake has no probes"),
             Self::NoMaps => f.write_str("lights of this kind cast no reflective shadow maps"),
         }
     }

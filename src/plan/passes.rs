@@ -52,7 +52,7 @@ impl Plan {
         for effect in effects {
             (effect.schedule)(state, &mut plan);
         }
-        plan.costs = cost::weigh(effects, state, &mut plan.passes);
+        plan.costs = cost::compute_work(effects, state, &mut plan.passes);
         plan
     }
 

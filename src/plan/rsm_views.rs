@@ -100,7 +100,7 @@ fn round_to_step(value: f32) -> f32 {
 }
 
 /// Returns the axes of a view along `forward`.
-fn looking(forward: Vec3) -> Mat3 {
+fn view_rotation(forward: Vec3) -> Mat3 {
     let up = if forward.y.abs() < 0.99 {
         Vec3::Y
     } else {
@@ -116,7 +116,7 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
     if forward == Vec3::ZERO {
         return Vec::new();
     }
-    let axes = looking(forward);
+    let axes = view_rotation(forward);
     let turned = axes.transpose();
     let spread = Mat3::from_cols(
         turned.x_axis.abs(),
@@ -231,13 +231,13 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
     let half = seen.iter().map(|s| s.angle(axis)).fold(0.0, f32::max);
     let aimed = round_to_step(half);
     if axis != Vec3::ZERO && aimed <= cone.min(MAX_RSM_HALF_ANGLE) {
-        return vec![view(looking(axis), aimed)];
+        return vec![view(view_rotation(axis), aimed)];
     }
     if cone <= MAX_RSM_HALF_ANGLE {
-        return vec![view(looking(along), cone.max(1e-3))];
+        return vec![view(view_rotation(along), cone.max(1e-3))];
     }
     if axis != Vec3::ZERO && half <= MAX_RSM_HALF_ANGLE {
-        return vec![view(looking(axis), MAX_RSM_HALF_ANGLE)];
+        return vec![view(view_rotation(axis), MAX_RSM_HALF_ANGLE)];
     }
     let faces = [
         Vec3::X,
@@ -247,14 +247,17 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         Vec3::Z,
         Vec3::NEG_Z,
     ];
-    (faces.into_iter().map(looking))
-        .filter(|axes| seen.iter().any(|s| in_face(&(axes.transpose() * s.to), s)))
+    (faces.into_iter().map(view_rotation))
+        .filter(|axes| {
+            seen.iter()
+                .any(|s| is_in_face(&(axes.transpose() * s.to), s))
+        })
         .map(|axes| view(axes, FRAC_PI_2 / 2.0))
         .collect()
 }
 
 /// Returns `true` if a sphere meets the 90° pyramid of a view. `to` is its center in view space.
-fn in_face(to: &Vec3, seen: &BoundingSphere) -> bool {
+fn is_in_face(to: &Vec3, seen: &BoundingSphere) -> bool {
     let reach = seen.radius * 2f32.sqrt();
     -to.z + reach >= to.x.abs().max(to.y.abs())
 }

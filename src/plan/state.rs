@@ -52,11 +52,11 @@ pub enum SlotChange {
 
 /// Requests of lights with soft shadows in a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SoftState {
+pub struct SoftShadowState {
     /// Number of lights that cast them in the scene.
     pub lights: usize,
     /// `true` if the bake's points have visibility.
-    pub remembers: bool,
+    pub has_visibility: bool,
     /// `true` if the device holds the shadowed irradiance of these lights in their current state.
     pub held: bool,
     /// Bytes of the largest buffer on the device, if it is too large.
@@ -118,7 +118,7 @@ pub struct SceneState {
     /// Treatment of the sky.
     pub sky: SkyUse,
     /// Requests of lights with soft shadows.
-    pub soft: SoftState,
+    pub soft: SoftShadowState,
     /// Operator tier of its frames, with the reason. `None` until the bake is loaded.
     pub tier: Option<TierSelection>,
     /// Number of channels in which links are applied, with the reason. `None` until the bake is
@@ -130,7 +130,7 @@ pub struct SceneState {
     /// Number of shadow rays per projection of a light slot.
     pub rays: u64,
     /// Limit because of which its frames use links in place of its octree
-    /// ([`falls_back`](super::falls_back)). `None` if they do not, or if there is no octree.
+    /// ([`fmm_fallback_reason`](super::fmm_fallback_reason)). `None` if they do not, or if there is no octree.
     pub no_octree: Option<FmmLimit>,
 }
 
@@ -156,7 +156,7 @@ impl SceneState {
             probe_links: 0,
             volume: VolumeState::default(),
             sky: SkyUse::Uniform,
-            soft: SoftState::default(),
+            soft: SoftShadowState::default(),
             tier: None,
             channels: None,
             bounces: None,
@@ -197,7 +197,7 @@ pub enum DisplayUse {
     /// All pixels, as its settings request.
     Full,
     /// All pixels, because the device has no room for the buffers of subsplats.
-    NoRoom,
+    BuffersTooLarge,
 }
 
 impl DisplayUse {
@@ -206,7 +206,7 @@ impl DisplayUse {
     pub fn choice(self) -> &'static str {
         match self {
             Self::Subsplats => "subsplats",
-            Self::Full | Self::NoRoom => "every pixel",
+            Self::Full | Self::BuffersTooLarge => "every pixel",
         }
     }
 
@@ -216,7 +216,7 @@ impl DisplayUse {
         match self {
             Self::Subsplats => "light varies less than pixels do",
             Self::Full => "requested",
-            Self::NoRoom => "the device has no room for subsplats",
+            Self::BuffersTooLarge => "the device has no room for subsplats",
         }
     }
 }
@@ -231,7 +231,7 @@ pub struct ViewState {
     /// `true` if it draws a G-buffer (deferred, high dynamic range, one sample per pixel).
     pub has_gbuffer: bool,
     /// `true` if it shows the specular reflection of virtual lights.
-    pub gloss: bool,
+    pub specular: bool,
     /// `true` if it shows the full picture with direct light, from which soft shadows are
     /// subtracted.
     pub lit: bool,
@@ -265,6 +265,8 @@ pub struct BounceState {
     /// Number of reflective shadow maps that show dynamic objects in its light
     /// ([`map_views`](super::map_views)). The error is the reason why there is none.
     pub maps: Result<u32, SkipReason>,
+    /// Number of texels of a map.
+    pub texels_per_map: u64,
     /// Views that may show its light.
     pub views: Vec<ViewId>,
 }
@@ -286,7 +288,7 @@ pub struct FogState {
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameState {
     /// `true` if the device supports the kernels.
-    pub device_able: bool,
+    pub is_device_supported: bool,
     /// Largest buffer that the device binds, bytes.
     pub largest_binding: u64,
     /// Number of frames out of view after which a scene's buffers are released.
@@ -298,7 +300,7 @@ pub struct FrameState {
     /// Lights that request a bounce off dynamic objects.
     pub bounces: Vec<BounceState>,
     /// `true` if the virtual lights on the device are still valid for all of them.
-    pub bounces_held: bool,
+    pub virtual_lights_valid: bool,
     /// Fog by camera and scene.
     pub fogs: Vec<FogState>,
     /// Inventory of the world.
@@ -324,8 +326,8 @@ impl FrameState {
     /// # Errors
     /// The reason why it does not.
     pub fn check_active(&self, scene: &SceneState) -> Result<(), SkipReason> {
-        if !self.device_able {
-            Err(SkipReason::DeviceUnable)
+        if !self.is_device_supported {
+            Err(SkipReason::DeviceUnsupported)
         } else if !scene.loaded {
             Err(SkipReason::AssetMissing)
         } else if scene.largest_buffer == u64::MAX {
@@ -368,7 +370,7 @@ impl FrameState {
     pub fn maps_of(&self, light: &BounceState) -> Result<u32, SkipReason> {
         let shown = |id: &ViewId| self.views.iter().any(|v| v.id == *id && v.displays());
         match light.maps {
-            _ if !self.device_able => Err(SkipReason::DeviceUnable),
+            _ if !self.is_device_supported => Err(SkipReason::DeviceUnsupported),
             Ok(_) if !light.views.iter().any(shown) => Err(SkipReason::NotInView),
             maps => maps,
         }
@@ -379,13 +381,13 @@ impl Default for FrameState {
     /// Creates a frame with a capable device, WebGPU's default binding size and an empty world.
     fn default() -> Self {
         Self {
-            device_able: true,
+            is_device_supported: true,
             largest_binding: 128 << 20,
             unload_after_frames: 120,
             scenes: Vec::new(),
             views: Vec::new(),
             bounces: Vec::new(),
-            bounces_held: false,
+            virtual_lights_valid: false,
             fogs: Vec::new(),
             inventory: Inventory::default(),
         }

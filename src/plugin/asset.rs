@@ -37,7 +37,7 @@ impl Plugin for BakedAssetPlugin {
         let checker = SceneChecker {
             reports: reports.clone(),
             #[cfg(feature = "gltf")]
-            folders: super::asset_folders::AssetFolders::of_app(app),
+            folders: super::asset_folders::AssetFolders::from_app(app),
         };
         app.init_asset::<GiBakedScene>()
             .insert_resource(reports)

@@ -19,7 +19,7 @@ pub(crate) struct AssetFolders {
 
 impl AssetFolders {
     /// Reads the folders from the app's [`AssetPlugin`].
-    pub fn of_app(app: &App) -> Self {
+    pub fn from_app(app: &App) -> Self {
         let Some(base) = base_folder() else {
             return Self::default();
         };

@@ -38,7 +38,7 @@ impl Process for GiBakeProcessor {
                 bytes
             }
             None => {
-                let baked = inputs.bake_beside_app(&self.bakes).await;
+                let baked = inputs.bake_in_app(&self.bakes).await;
                 let scene = baked.map_err(failed)?;
                 let bytes = scene.to_bytes().map_err(failed)?;
                 if let Some(store) = store {

@@ -4,11 +4,11 @@
 //! ```no_run
 //! use bevy::prelude::*;
 //! use bevy_meshless_gi::prelude::*;
-//! use bevy_meshless_gi::meshless_gi::internals::scene::{cornell_box, mesh_of_quads};
+//! use bevy_meshless_gi::meshless_gi::{Quad, TriangleMesh};
 //!
 //! fn start(mut commands: Commands) {
 //!     // A `TriangleMesh` in the local space of the entity that it is spawned on.
-//!     let room = mesh_of_quads(&cornell_box());
+//!     let room = TriangleMesh::from_quads(&Quad::cornell_box());
 //!     commands.spawn((Transform::default(), GiBakeTask::spawn(room, Recipe::default())));
 //! }
 //! ```

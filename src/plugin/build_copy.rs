@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn copy_asset_copies_what_changed_and_leaves_no_ignore() {
+    fn copy_asset_copies_changed_files_and_removes_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let output = folder.path().join("out/output.png");
         let meta = meta_path(&output);

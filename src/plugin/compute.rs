@@ -15,7 +15,7 @@ use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
 
 /// Checks that the device meets the requirements of the kernels.
-pub(crate) fn device_able(device: &RenderDevice) -> Result<(), GpuError> {
+pub(crate) fn check_device(device: &RenderDevice) -> Result<(), GpuError> {
     KernelPipelines::new(device.wgpu_device()).map(drop)
 }
 
@@ -38,7 +38,7 @@ pub(crate) fn compute(
     let render = &mut *render;
     if device.is_changed() {
         // Buffers of a lost device are of no use.
-        costs.forget();
+        costs.reset();
         *render = GiRender {
             frame: render.frame,
             effects: render.effects,
@@ -46,10 +46,10 @@ pub(crate) fn compute(
         };
     }
     render.frame += 1;
-    let state = render.observe(&world, largest_binding(&device), &coefficients);
+    let mut state = render.observe(&world, largest_binding(&device));
     render.plan = Plan::new(render.effects, &state);
-    costs.price(&mut render.plan);
-    render.prepare(&world.maps, device.wgpu_device(), &coefficients);
+    costs.write_costs(&mut render.plan);
+    render.prepare(&world.maps, device.wgpu_device());
     if render.plan.is_empty() {
         if render.scenes.values().all(|s| s.frame.is_none()) {
             render.kernels = None;
@@ -61,7 +61,7 @@ pub(crate) fn compute(
             Ok(kernels) => render.kernels = Some(kernels),
             Err(error) => {
                 // `finish` has checked the first device. A new one after a loss may differ.
-                render.unable = true;
+                render.is_device_unsupported = true;
                 error!("indirect lighting stays off: {error}");
                 render.plan = Plan::default();
                 return;
@@ -72,14 +72,29 @@ pub(crate) fn compute(
     let recorder = recorder.as_deref();
     let encoder = ctx.command_encoder();
     let whole = recorder.time_span(encoder, FramePoint::Scenes.span());
-    for scene in &world.gi.scenes {
-        render.record_scene(scene, &world, &queue, encoder, recorder, &coefficients);
+    let mut failed = false;
+    for (scene, state) in world.gi.scenes.iter().zip(&mut state.scenes) {
+        let coefficients = &coefficients;
+        let recorded = render.record_scene(scene, &world, &queue, encoder, recorder, coefficients);
+        if let Err(bytes) = recorded {
+            state.largest_buffer = bytes;
+            failed = true;
+        }
     }
     whole.end(encoder);
+    if failed {
+        // The passes of other scenes are the same. Views do not show the failed ones.
+        render.plan = Plan::new(render.effects, &state);
+        costs.write_costs(&mut render.plan);
+    }
 }
 
 impl GiRender {
-    /// Records the passes of a scene, and releases it if one of them fails.
+    /// Records the passes of a scene.
+    ///
+    /// # Errors
+    /// Returns the bytes of the buffer that does not fit the device if a pass fails, `u64::MAX` for
+    /// another limit. The scene is released then.
     fn record_scene(
         &mut self,
         scene: &ExtractedScene,
@@ -88,34 +103,32 @@ impl GiRender {
         encoder: &mut wgpu::CommandEncoder,
         recorder: Recorder<'_>,
         coefficients: &SharedCoefficients,
-    ) {
+    ) -> Result<(), u64> {
         let (Some(runtime), Some(kernels)) = (self.scenes.get_mut(&scene.id), &self.kernels) else {
-            return;
+            return Ok(());
         };
-        let read_back = runtime.read_back.take();
-        let had_values = read_back.is_some();
         let mut ctx = SceneContext {
             kernels,
             queue,
             encoder,
             scene,
             volumes: &world.volumes,
-            read_back,
+            coefficients,
+            earlier: runtime.states.take_transient(),
             runtime,
         };
         let recorded = record_scene(self.effects, &self.plan, &mut ctx, recorder);
-        if had_values && runtime.read_back.is_none() {
-            coefficients.forget(scene.id.0);
-        }
-        if let Err(error) = recorded {
-            let root = Entity::from_bits(scene.id.0);
-            warn!("baked scene {root}: indirect lighting is off: {error}");
-            let bytes = match error {
-                GpuError::TooLarge { bytes, .. } => bytes,
-                _ => u64::MAX,
-            };
-            runtime.too_large = Some((bytes, runtime.changes.slots.len()));
-            self.release(scene.id);
-        }
+        let Err(error) = recorded else {
+            return Ok(());
+        };
+        let root = Entity::from_bits(scene.id.0);
+        warn!("baked scene {root}: indirect lighting is off: {error}");
+        let bytes = match error {
+            GpuError::TooLarge { bytes, .. } => bytes,
+            _ => u64::MAX,
+        };
+        runtime.too_large = Some((bytes, runtime.changes.slots.len()));
+        self.release(scene.id);
+        Err(bytes)
     }
 }

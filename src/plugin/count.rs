@@ -1,10 +1,11 @@
 //! Counters of a rendered frame, from the buffers and passes of the render world.
 
 use super::GiFrameStats;
+use super::effect_states::EffectStates;
 use super::effects::count_stages;
 use super::frame_record::FrameRecord;
-use super::readback::SharedCoefficients;
 use super::render_state::GiRender;
+use super::splatting::ViewSubsplats;
 use crate::gpu::{GpuCounters, KernelPipelines};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -26,22 +27,19 @@ impl GiRender {
             ..FrameRecord::default()
         };
         self.count_scenes(&mut total, &mut counters);
-        if let Some(reflections) = &self.reflections {
-            total.add(&reflections.counters());
-            let (buffers, bytes) = reflections.size();
+        total.add(&self.states.counters());
+        for states in self.post_process.values().chain([&self.states]) {
+            let (buffers, bytes) = states.size();
             counters.buffers += buffers;
             counters.bytes += bytes;
         }
-        for (id, view) in &mut self.views {
-            if let Some(counts) = view.subsplats().and_then(|s| s.counts()) {
+        for (id, view) in &self.views {
+            let subsplats = view.states.get::<ViewSubsplats>();
+            if let Some(counts) = subsplats.and_then(ViewSubsplats::counts) {
                 counters.subsplats.insert(id.0, counts);
             }
             counters.buffers += view.buffer_count();
             counters.bytes += view.bytes();
-        }
-        for buffers in self.fogs.values() {
-            counters.buffers += buffers.count();
-            counters.bytes += buffers.bytes();
         }
         let recorded = total.difference_from(&self.counted);
         counters.dispatches = count_stages(self.effects, &self.plan, &recorded);
@@ -59,18 +57,10 @@ impl GiRender {
                 counters.buffers += frame.buffers().count() as u32;
                 of_scene += frame.buffers().bytes();
             }
-            if let Some((counted, buffers, bytes)) = runtime.soft.size() {
-                total.add(&counted);
-                counters.buffers += buffers;
-                of_scene += bytes;
-            }
-            let (buffers, bytes) = runtime.volume.size();
+            total.add(&runtime.states.counters());
+            let (buffers, bytes) = runtime.states.size();
             counters.buffers += buffers;
             of_scene += bytes;
-            if let Some(read_back) = &runtime.read_back {
-                counters.buffers += 1;
-                of_scene += read_back.bytes();
-            }
             counters.bytes += of_scene;
             if runtime.frame.is_some() {
                 counters.scene_bytes.insert(id.0, of_scene);
@@ -92,20 +82,17 @@ impl GiRender {
 
 /// Publishes the counters of a submitted frame to the main world, and maps buffers that were copied
 /// for the CPU.
-pub(crate) fn publish(
-    mut render: ResMut<GiRender>,
-    status: Res<GiFrameStats>,
-    coefficients: Res<SharedCoefficients>,
-) {
+pub(crate) fn publish(mut render: ResMut<GiRender>, status: Res<GiFrameStats>) {
     status.set(render.count());
-    for (id, runtime) in &mut render.scenes {
-        if let Some(read_back) = &mut runtime.read_back {
-            read_back.fetch(id.0, &coefficients);
-        }
-    }
-    for view in render.views.values_mut() {
-        if let Some(subsplats) = view.subsplats() {
-            subsplats.fetch();
-        }
-    }
+    let GiRender {
+        scenes,
+        views,
+        post_process,
+        states,
+        ..
+    } = &mut *render;
+    let of_scenes = scenes.values_mut().map(|scene| &mut scene.states);
+    let of_views = views.values_mut().map(|view| &mut view.states);
+    let all = of_scenes.chain(of_views).chain(post_process.values_mut());
+    all.chain([states]).for_each(EffectStates::fetch);
 }

@@ -22,7 +22,7 @@ const VOLUMES: &str = "IRRADIANCE_VOLUME";
 
 /// Bevy's deferred lighting without volumes, by pipeline key. Created again with the device.
 #[derive(Resource, Default)]
-pub(crate) struct WithoutVolumes(HashMap<MeshPipelineKey, CachedRenderPipelineId>);
+pub(crate) struct PipelinesWithoutVolumes(HashMap<MeshPipelineKey, CachedRenderPipelineId>);
 
 /// Cameras of the main world whose pipeline without volumes is compiled. Other cameras use no
 /// volumes, because their G-buffer would be dark until then. Shared by both worlds.
@@ -38,13 +38,13 @@ impl ReadyDisplays {
 }
 
 /// Views with Bevy's deferred lighting.
-type Lit = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
+type DeferredViews = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
 
 /// Removes the volumes from the deferred lighting of views that have a display and show a volume,
 /// and compiles the pipelines for that. Runs after Bevy's choice of the pipeline.
-pub(crate) fn leave_volumes_out(
+pub(crate) fn exclude_volumes(
     mut commands: Commands,
-    mut made: ResMut<WithoutVolumes>,
+    mut made: ResMut<PipelinesWithoutVolumes>,
     ready: Res<ReadyDisplays>,
     world: Res<ExtractedVolumes>,
     pipelines: Res<PipelineCache>,
@@ -52,7 +52,7 @@ pub(crate) fn leave_volumes_out(
         Option<Res<DeferredLightingLayout>>,
         Option<Res<ViewKeyCache>>,
     ),
-    views: Query<(Entity, &ExtractedView), Lit>,
+    views: Query<(Entity, &ExtractedView), DeferredViews>,
 ) {
     let mut ready = ready.0.lock().unwrap_or_else(PoisonError::into_inner);
     ready.clear();

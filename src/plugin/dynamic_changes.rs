@@ -1,6 +1,6 @@
 //! Detection of changes that the reflective shadow maps show.
 
-use super::rsm::{AskingLights, GiRsmCamera, Marked};
+use super::rsm::{GiRsmCamera, RsmMesh, RsmRequests};
 use bevy::asset::AssetEvent;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
 use bevy::ecs::prelude::*;
@@ -13,11 +13,11 @@ use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::transform::components::GlobalTransform;
 
 /// A mesh below a reflector.
-type Moving = (With<Marked>, With<Mesh3d>, Without<GiRsmCamera>);
+type RsmMeshFilter = (With<RsmMesh>, With<Mesh3d>, Without<GiRsmCamera>);
 
 /// Changes of a mesh.
 type Changes = Or<(
-    Added<Marked>,
+    Added<RsmMesh>,
     Changed<GlobalTransform>,
     Changed<InheritedVisibility>,
     Changed<RenderLayers>,
@@ -27,7 +27,7 @@ type Changes = Or<(
 )>;
 
 /// Meshes without change detection: animated meshes, and meshes with custom materials.
-type Restless = Or<(
+type WithoutChangeDetection = Or<(
     With<SkinnedMesh>,
     With<MeshMorphWeights>,
     Without<MeshMaterial3d<StandardMaterial>>,
@@ -36,16 +36,16 @@ type Restless = Or<(
 /// Sources of changes in the maps, apart from their views.
 #[derive(SystemParam)]
 #[allow(clippy::type_complexity, reason = "filters of queries")]
-pub(crate) struct Motion<'w, 's> {
-    changed: Query<'w, 's, (), (Moving, Changes)>,
-    restless: Query<'w, 's, (), (Moving, Restless)>,
-    gone: RemovedComponents<'w, 's, Marked>,
+pub(crate) struct DynamicChanges<'w, 's> {
+    changed: Query<'w, 's, (), (RsmMeshFilter, Changes)>,
+    without_change_detection: Query<'w, 's, (), (RsmMeshFilter, WithoutChangeDetection)>,
+    gone: RemovedComponents<'w, 's, RsmMesh>,
     meshes: MessageReader<'w, 's, AssetEvent<Mesh>>,
     materials: MessageReader<'w, 's, AssetEvent<StandardMaterial>>,
     images: MessageReader<'w, 's, AssetEvent<Image>>,
 }
 
-impl Motion<'_, '_> {
+impl DynamicChanges<'_, '_> {
     /// Returns `true` if anything changed since the last call.
     fn any(&mut self) -> bool {
         // Reads all of them, so that no event remains for a later frame.
@@ -60,13 +60,16 @@ impl Motion<'_, '_> {
             || materials
             || images
             || !self.changed.is_empty()
-            || !self.restless.is_empty()
+            || !self.without_change_detection.is_empty()
     }
 }
 
 /// Stores whether objects may look different in the maps, for the plan's
 /// [`MapChangeDetector`](crate::plan::MapChangeDetector). Runs after
 /// [`update_rsm_cameras`](super::rsm::update_rsm_cameras) and after the frame's asset events.
-pub(crate) fn detect_dynamic_changes(mut asking: ResMut<AskingLights>, mut motion: Motion) {
-    asking.objects_changed = motion.any();
+pub(crate) fn detect_dynamic_changes(
+    mut requests: ResMut<RsmRequests>,
+    mut motion: DynamicChanges,
+) {
+    requests.objects_changed = motion.any();
 }

@@ -10,7 +10,7 @@ pub(crate) use super::extract_lights::{
     ExtractedGiLight, LightKey, LightParts, LightPartsItem, LightSources,
 };
 use super::forward_camera::ForwardDisplays;
-use super::gizmos::{GiGizmos, wants_coefficients};
+use super::gizmos::{GiGizmos, requests_coefficients};
 use super::materials::{GiDynamicMaterials, ResolvedMaterials};
 use super::occluders::{GiOccluder, transmittances};
 use super::quality::GiActiveTier;
@@ -73,7 +73,7 @@ pub(crate) struct ExtractedGiView {
     pub layers: RenderLayers,
     pub settings: GiCamera,
     pub display: GiSplatting,
-    pub gloss: Option<GiSpecular>,
+    pub specular: Option<GiSpecular>,
     pub has_gbuffer: bool,
     /// Surfaces read the display while they are drawn ([`super::forward_display`]).
     pub forward: bool,
@@ -119,7 +119,7 @@ pub(crate) struct View {
     frustum: &'static Frustum,
     msaa: Option<&'static Msaa>,
     layers: Option<&'static RenderLayers>,
-    brought: Brought,
+    gbuffer_components: GbufferComponents,
 }
 
 /// Returns `true` if the scene's bounds intersect the frustum and the layers of a camera.
@@ -148,7 +148,7 @@ fn sky_of(sky: &GiSky, placement: Option<&SimilarityTransform>) -> SkyRadiance {
 }
 
 /// Components that [`GiCamera`] adds to its camera, in addition to one sample per pixel.
-pub(crate) type Brought = (
+pub(crate) type GbufferComponents = (
     Has<Hdr>,
     Has<DepthPrepass>,
     Has<NormalPrepass>,
@@ -165,7 +165,7 @@ pub(crate) fn draws_gbuffer(
 
 /// Entities that were warned about. Each gets one warning of a kind.
 #[derive(Default)]
-struct Warned {
+struct IssuedWarnings {
     /// Roots with a non-uniform scale.
     non_uniform_scale: HashSet<Entity>,
     /// Roots whose bake supports only a uniform sky.
@@ -174,7 +174,7 @@ struct Warned {
     unknown_names: HashSet<Entity>,
 }
 
-impl Warned {
+impl IssuedWarnings {
     fn check_scale(&mut self, root: Entity, placement: Option<&SimilarityTransform>) {
         if placement.is_some_and(|p| p.distorted) && self.non_uniform_scale.insert(root) {
             warn!(
@@ -227,7 +227,7 @@ impl Warned {
 /// State that [`extract`] keeps between frames.
 #[derive(Default)]
 pub(crate) struct ExtractState {
-    warned: Warned,
+    warned: IssuedWarnings,
     /// Materials of the roots that have dynamic ones.
     materials: HashMap<Entity, ResolvedMaterials>,
 }
@@ -311,8 +311,8 @@ impl ViewSources<'_, '_> {
                 id: ViewId(view.entity.to_bits()),
                 settings: view.settings.clone(),
                 display: *view.display,
-                gloss: view.specular.copied(),
-                has_gbuffer: draws_gbuffer(view.brought, view.msaa),
+                specular: view.specular.copied(),
+                has_gbuffer: draws_gbuffer(view.gbuffer_components, view.msaa),
                 forward: false,
                 pixels: size.map_or(0, |size| u64::from(size.x) * u64::from(size.y)),
                 sees: scenes.iter().filter(sees).map(|s| s.id).collect(),
@@ -342,7 +342,7 @@ pub(crate) fn extract(
     out.read_back = gizmos
         .as_ref()
         .and_then(|store| store.get_config::<GiGizmos>())
-        .is_some_and(wants_coefficients);
+        .is_some_and(requests_coefficients);
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();

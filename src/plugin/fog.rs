@@ -11,7 +11,7 @@ use super::extract::{ExtractedGi, in_view};
 use super::rsm::GiRsmCamera;
 use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, add_warnings};
-use super::volume::{DisplayParts, FoundParts, Voxels, displays};
+use super::volume::{DisplayItem, DisplayQuery, Voxels, displays};
 use super::volumetric_fog::GiVolumetricFog;
 use crate::plan::{FogState, SceneId, ViewId};
 use bevy::asset::AssetId;
@@ -91,7 +91,7 @@ impl ExtractedFogs {
 }
 
 /// Returns the factor of the light in a camera's fog. `None` if the camera shows no such light.
-fn shown(camera: &Camera, parts: FoundParts<'_>) -> Option<f32> {
+fn shown(camera: &Camera, parts: DisplayItem<'_>) -> Option<f32> {
     let intensity = match parts.0 {
         None => 1.0,
         Some(ours) if ours.debug_view == GiDebugView::Final && displays(parts) => {
@@ -107,7 +107,7 @@ fn rgb(color: Color) -> Vec3 {
 }
 
 /// Converts Bevy's fog to the type of the core. Returns `None` if it has no fog.
-fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
+fn convert_fog(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
     let affine = transform.affine();
     let found = Fog {
         world_from_local: affine.into(),
@@ -138,7 +138,7 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
 
 /// Returns `true` if two cubes with edges of 1 may overlap: neither lies beyond a side of the
 /// other.
-pub(crate) fn meet(a: &Affine3A, b: &Affine3A) -> bool {
+pub(crate) fn cubes_overlap(a: &Affine3A, b: &Affine3A) -> bool {
     let within = |of: &Affine3A, other: &Affine3A| {
         let transform = of.inverse() * *other;
         let half = (0..3).fold(Vec3A::ZERO, |sum, k| {
@@ -160,7 +160,7 @@ type FogCameras<'w, 's> = Query<
         &'static VolumetricFog,
         &'static Frustum,
         Option<&'static RenderLayers>,
-        DisplayParts,
+        DisplayQuery,
     ),
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
@@ -220,7 +220,7 @@ pub(crate) fn extract_fogs(
         let layers = layers.cloned().unwrap_or_default();
         let mut lit = Vec::new();
         for (volume, transform) in &fogs {
-            let (Some(fog), affine) = (fog_of(volume, transform), transform.affine()) else {
+            let (Some(fog), affine) = (convert_fog(volume, transform), transform.affine()) else {
                 continue;
             };
             let cube = Aabb {
@@ -232,7 +232,7 @@ pub(crate) fn extract_fogs(
             }
             for (level, k) in at.iter().enumerate() {
                 if in_view(&world.scenes[*k], frustum, &layers)
-                    && meet(&levels[level].cube, &affine)
+                    && cubes_overlap(&levels[level].cube, &affine)
                 {
                     lit.push(LitFog {
                         scene: level,
@@ -263,7 +263,7 @@ pub(crate) fn check_fog(
     volumes: Query<(), With<Voxels>>,
     fogs: Query<(), With<FogVolume>>,
     light_sources: Query<(), With<VolumetricLight>>,
-    cameras: Query<(&Camera, &VolumetricFog, DisplayParts), Without<GiRsmCamera>>,
+    cameras: Query<(&Camera, &VolumetricFog, DisplayQuery), Without<GiRsmCamera>>,
     mut findings: ResMut<GiWarnings>,
 ) {
     let there = !volumes.is_empty() && !fogs.is_empty() && !light_sources.is_empty();
@@ -296,19 +296,22 @@ mod tests {
             )
         };
         let one = cube(0.0, 0.0, 1.0);
-        assert!(meet(&one, &cube(0.9, 0.0, 1.0)));
-        assert!(!meet(&one, &cube(1.1, 0.0, 1.0)));
+        assert!(cubes_overlap(&one, &cube(0.9, 0.0, 1.0)));
+        assert!(!cubes_overlap(&one, &cube(1.1, 0.0, 1.0)));
         // One within the other, either way.
-        assert!(meet(&one, &cube(3.0, 0.3, 20.0)) && meet(&cube(3.0, 0.3, 20.0), &one));
+        assert!(
+            cubes_overlap(&one, &cube(3.0, 0.3, 20.0))
+                && cubes_overlap(&cube(3.0, 0.3, 20.0), &one)
+        );
         // A corner reaches farther than a side.
-        assert!(meet(&one, &cube(1.1, 0.8, 1.0)));
+        assert!(cubes_overlap(&one, &cube(1.1, 0.8, 1.0)));
     }
 
     #[test]
     fn invalid_fog_volumes_are_skipped() {
         let transform = GlobalTransform::from(Transform::from_xyz(1.0, 2.0, 3.0));
         let fog = FogVolume::default();
-        assert!(fog_of(&fog, &transform).is_some());
+        assert!(convert_fog(&fog, &transform).is_some());
         let no = [
             FogVolume {
                 density_factor: 0.0,
@@ -332,11 +335,11 @@ mod tests {
             },
         ];
         for (k, none) in no.iter().enumerate() {
-            assert!(fog_of(none, &transform).is_none(), "{k}");
+            assert!(convert_fog(none, &transform).is_none(), "{k}");
         }
         for none in [Vec3::new(1.0, 0.0, 1.0), Vec3::splat(f32::NAN)] {
             let flat = GlobalTransform::from(Transform::from_scale(none));
-            assert!(fog_of(&fog, &flat).is_none());
+            assert!(convert_fog(&fog, &flat).is_none());
         }
     }
 }

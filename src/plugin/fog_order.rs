@@ -54,7 +54,7 @@ impl ScheduleBuildPass for FogFirst {
         let ours = of(GiRenderSystems::CompositeFog.intern());
         let all = of(Core3dSystems::EarlyPostProcess.intern());
         for &fog in &ours {
-            let before = leads_to(&dependencies, fog);
+            let before = predecessors(&dependencies, fog);
             for &other in all.iter().filter(|s| !ours.contains(s)) {
                 if !before.contains(&other) {
                     dependencies.add_edge(fog, other);
@@ -66,7 +66,7 @@ impl ScheduleBuildPass for FogFirst {
 }
 
 /// Returns the systems that run before a system.
-fn leads_to(graph: &DiGraph<SystemKey>, system: SystemKey) -> HashSet<SystemKey> {
+fn predecessors(graph: &DiGraph<SystemKey>, system: SystemKey) -> HashSet<SystemKey> {
     let (mut found, mut next) = (HashSet::default(), vec![system]);
     while let Some(system) = next.pop() {
         for before in graph.neighbors_directed(system, Direction::Incoming) {
@@ -85,9 +85,9 @@ mod tests {
     use bevy::ecs::prelude::*;
 
     #[derive(Resource, Default)]
-    struct Ran(Vec<&'static str>);
+    struct RunOrder(Vec<&'static str>);
 
-    fn noted(name: &'static str) -> impl Fn(ResMut<Ran>) {
+    fn record_run(name: &'static str) -> impl Fn(ResMut<RunOrder>) {
         move |mut ran| ran.0.push(name)
     }
 
@@ -96,20 +96,20 @@ mod tests {
         let early = Core3dSystems::EarlyPostProcess;
         let mut schedule = Core3d::base_schedule();
         schedule.add_build_pass(FogFirst::default());
-        let anti_alias = noted("anti_alias").in_set(early.clone());
-        schedule.add_systems((anti_alias, noted("upscale").in_set(early.clone())));
-        schedule.add_systems(noted("tonemap").in_set(Core3dSystems::PostProcess));
-        let fog = noted("fog").in_set(GiRenderSystems::CompositeFog);
+        let anti_alias = record_run("anti_alias").in_set(early.clone());
+        schedule.add_systems((anti_alias, record_run("upscale").in_set(early.clone())));
+        schedule.add_systems(record_run("tonemap").in_set(Core3dSystems::PostProcess));
+        let fog = record_run("fog").in_set(GiRenderSystems::CompositeFog);
         schedule.add_systems(fog.in_set(early.clone()));
-        let requested = noted("requested").before(GiRenderSystems::CompositeFog);
+        let requested = record_run("requested").before(GiRenderSystems::CompositeFog);
         schedule.add_systems(requested.in_set(early.clone()));
-        let bevys = noted("bevys_fog").after(Core3dSystems::MainPass);
+        let bevys = record_run("bevys_fog").after(Core3dSystems::MainPass);
         schedule.add_systems(bevys.before(early));
-        schedule.add_systems(noted("opaque").in_set(Core3dSystems::MainPass));
+        schedule.add_systems(record_run("opaque").in_set(Core3dSystems::MainPass));
         let mut world = World::new();
-        world.init_resource::<Ran>();
+        world.init_resource::<RunOrder>();
         schedule.run(&mut world);
-        let ran = &world.resource::<Ran>().0;
+        let ran = &world.resource::<RunOrder>().0;
         assert_eq!(ran[..4], ["opaque", "bevys_fog", "requested", "fog"]);
         assert_eq!(ran.len(), 7);
         assert_eq!(ran[6], "tonemap");

@@ -81,7 +81,7 @@ impl ForwardPartsItem<'_, '_> {
                 ..GiCamera::default()
             },
             display: *self.display,
-            gloss: None,
+            specular: None,
             has_gbuffer: self.depth && self.normal && !self.deferred,
             forward: true,
             pixels: pixels.map_or(0, |size| u64::from(size.x) * u64::from(size.y)),

@@ -38,7 +38,7 @@ use bytemuck::{Pod, Zeroable};
 /// The shader of the draws.
 const SHADER: &str = include_str!("../../shaders/engine/forward.wgsl");
 /// Format of the texture that surfaces read.
-const SHOWN: TextureFormat = TextureFormat::Rgba16Float;
+const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Adds the systems to the render world.
 pub(crate) fn add_systems(app: &mut SubApp) {
@@ -75,8 +75,8 @@ struct ForwardView {
 
 /// Pipelines of the draws.
 struct Pipelines {
-    of_one: wgpu::RenderPipeline,
-    of_samples: wgpu::RenderPipeline,
+    single_sampled: wgpu::RenderPipeline,
+    multisampled: wgpu::RenderPipeline,
     shown: wgpu::RenderPipeline,
 }
 
@@ -125,9 +125,9 @@ impl Pipelines {
             bias: wgpu::DepthBiasState::default(),
         });
         Self {
-            of_one: draw("gbuffer_of_one", gbuffer.clone(), depth.clone()),
-            of_samples: draw("gbuffer_of_samples", gbuffer, depth),
-            shown: draw("shown", wgpu::ColorTargetState::from(SHOWN), None),
+            single_sampled: draw("gbuffer_of_one", gbuffer.clone(), depth.clone()),
+            multisampled: draw("gbuffer_of_samples", gbuffer, depth),
+            shown: draw("shown", wgpu::ColorTargetState::from(DISPLAY_FORMAT), None),
         }
     }
 }
@@ -157,7 +157,11 @@ impl ForwardView {
             size: [width, height],
             depth: texture("meshless_gi depth", TextureFormat::Depth32Float, own).1,
             gbuffer: texture("meshless_gi normals", TextureFormat::Rgba32Uint, own).1,
-            shown: texture("meshless_gi display", SHOWN, TextureUsages::COPY_SRC),
+            shown: texture(
+                "meshless_gi display",
+                DISPLAY_FORMAT,
+                TextureUsages::COPY_SRC,
+            ),
             sampler: device.create_sampler(&SamplerDescriptor::default()),
             params: device.wgpu_device().create_buffer(&wgpu::BufferDescriptor {
                 label: Some("meshless_gi forward"),
@@ -274,8 +278,8 @@ pub(crate) fn draw(
         device.wgpu_device().create_bind_group(&descriptor)
     };
     let (pipeline, first) = match sampled {
-        false => (&pipelines.of_one, 0),
-        true => (&pipelines.of_samples, 2),
+        false => (&pipelines.single_sampled, 0),
+        true => (&pipelines.multisampled, 2),
     };
     let gbuffer = bind(pipeline, &[entry(first, depth), entry(first + 1, normals)]);
     full_screen(
@@ -320,7 +324,7 @@ pub(crate) fn draw(
     let drawn = light.as_ref().map(|light| (&pipelines.shown, light));
     full_screen(&mut ctx, "meshless_gi display", (&own.shown.1, None), drawn);
     if let Some(theirs) = &own.transmission
-        && theirs.format() == SHOWN
+        && theirs.format() == DISPLAY_FORMAT
         && theirs.size() == own.shown.0.size()
     {
         ctx.command_encoder().copy_texture_to_texture(

@@ -57,7 +57,7 @@ impl Default for GiGizmos {
 }
 
 /// Returns `true` if the frame must read back coefficients.
-pub(crate) fn wants_coefficients((config, group): (&GizmoConfig, &GiGizmos)) -> bool {
+pub(crate) fn requests_coefficients((config, group): (&GizmoConfig, &GiGizmos)) -> bool {
     config.enabled && group.coefficients
 }
 

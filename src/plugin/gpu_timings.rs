@@ -8,7 +8,7 @@
 use super::GiFrameStats;
 use super::effects::EFFECTS;
 use super::quality::{SolveCostSource, span_name};
-use crate::plan::{CostModel, FrameStage, Plan, TimingScope, Work};
+use crate::plan::{CostModel, FrameStage, Pass, Plan, RunReason, TimingScope, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -25,12 +25,12 @@ impl DeviceCosts {
     }
 
     /// Writes the known costs into the plan.
-    pub fn price(&self, plan: &mut Plan) {
-        self.model().price(plan);
+    pub fn write_costs(&self, plan: &mut Plan) {
+        self.model().write_costs(plan);
     }
 
     /// Removes all costs. Used after a change of the device.
-    pub fn forget(&self) {
+    pub fn reset(&self) {
         *self.model() = CostModel::new();
     }
 }
@@ -44,21 +44,58 @@ pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
     solve.into_iter().chain([scope.span()]).collect()
 }
 
-/// Diagnostic path of the milliseconds of a scope. `None` if no effect has it.
-fn path(scope: &TimingScope) -> Option<DiagnosticPath> {
+/// Names of the spans that time a map of a light, below the span of the point of the frame: of its
+/// drawing, and of its reading.
+pub(crate) fn map_spans(pass: &Pass, index: usize) -> [String; 2] {
+    let name = pass.timing.map_or_else(String::new, |scope| scope.span());
+    ["draw", "read"].map(|part| format!("{name}_{part}_{index}"))
+}
+
+/// Diagnostic paths of the milliseconds of a scope, whose sum is its time. Empty if no effect has
+/// the scope.
+fn paths(scope: &TimingScope, plan: &Plan) -> Vec<DiagnosticPath> {
     let kinds = EFFECTS.iter().flat_map(|effect| effect.passes);
     let kind = kinds
         .filter(|kind| kind.per_view == scope.view.is_some())
-        .find(|kind| kind.timed_with == Some(scope.stage))?;
-    let spans = spans(scope);
-    let names = spans.iter().map(String::as_str);
-    let parts = ["render", kind.record.how.point().span()].into_iter();
-    let parts = parts.chain(names).chain(["elapsed_gpu"]);
-    Some(DiagnosticPath::from_components(parts))
+        .find(|kind| kind.timed_with == Some(scope.stage));
+    let Some(kind) = kind else {
+        return Vec::new();
+    };
+    let point = kind.record.how.point().span();
+    let path = |names: &[String]| {
+        let names = names.iter().map(String::as_str);
+        let parts = ["render", point].into_iter().chain(names);
+        DiagnosticPath::from_components(parts.chain(["elapsed_gpu"]))
+    };
+    if scope.light.is_none() {
+        return vec![path(&spans(scope))];
+    }
+    let pass = plan.passes.iter().find(|p| p.timing == Some(*scope));
+    let maps = match pass.map(|pass| (pass, &pass.reason)) {
+        Some((pass, RunReason::Moving(maps))) => (0..*maps as usize).map(|i| map_spans(pass, i)),
+        _ => return Vec::new(),
+    };
+    maps.flatten().map(|name| path(&[name])).collect()
+}
+
+/// Returns the milliseconds of a scope, and the time of its last measurement. `None` without a
+/// measurement of each of its spans.
+fn measurement(
+    store: &DiagnosticsStore,
+    scope: &TimingScope,
+    plan: &Plan,
+) -> Option<(Instant, f64)> {
+    let mut sum = None;
+    for path in paths(scope, plan) {
+        let found = store.get(&path)?.measurement()?;
+        let (last, ms) = sum.unwrap_or((found.time, 0.0));
+        sum = Some((found.time.max(last), ms + found.value));
+    }
+    sum
 }
 
 /// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
-pub(crate) fn learn(
+pub(crate) fn record_timings(
     status: Res<GiFrameStats>,
     costs: Res<DeviceCosts>,
     given: Res<SolveCostSource>,
@@ -83,14 +120,12 @@ pub(crate) fn learn(
             model.record_time(*timed, of(links));
             continue;
         }
-        let measurement = (store.as_ref()).and_then(|s| s.get(&path(timed)?)?.measurement());
-        if let Some(found) = measurement
-            && seen
-                .insert(*timed, (found.time, counters.frame))
-                .map(|s| s.0)
-                != Some(found.time)
+        let measured = store.as_ref();
+        let measured = measured.and_then(|store| measurement(store, timed, &counters.plan));
+        if let Some((time, ms)) = measured
+            && seen.insert(*timed, (time, counters.frame)).map(|s| s.0) != Some(time)
         {
-            model.record_time(*timed, found.value as f32);
+            model.record_time(*timed, ms as f32);
         }
     }
     // Spans that no plan had for long are removed.

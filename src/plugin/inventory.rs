@@ -4,11 +4,11 @@
 
 use super::camera::GiCamera;
 use super::extract::{
-    Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
+    ExtractedGi, ExtractedGiLight, ExtractedScene, GbufferComponents, LightKey, draws_gbuffer,
 };
 use super::reflector::GiReflector;
 use super::render_state::bounds;
-use super::rsm::{AskingLights, GiRsmCamera};
+use super::rsm::{GiRsmCamera, RsmRequests};
 use crate::plan::{
     BounceSelector, Cameras, ColorModeSelector, InventoryTracker, SceneId, SceneSnapshot,
     WorldSnapshot, light_affects,
@@ -29,7 +29,7 @@ use std::sync::Arc;
 pub(crate) struct NormalMaps(HashSet<AssetId<StandardMaterial>>);
 
 /// Updates the materials that were added, changed or removed in this frame.
-pub(crate) fn follow_materials(
+pub(crate) fn update_normal_maps(
     mut found: ResMut<NormalMaps>,
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,
@@ -54,7 +54,7 @@ type AnyCamera = (
     &'static Camera,
     Option<&'static GiCamera>,
     Option<&'static Msaa>,
-    Brought,
+    GbufferComponents,
 );
 
 /// Returns `true` if a light of the world may light a scene. It has to share a layer with the
@@ -71,7 +71,7 @@ fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
 
 /// Selectors of one scene.
 #[derive(Default)]
-pub(crate) struct Pickers {
+pub(crate) struct SceneSelectors {
     channels: ColorModeSelector,
     bounces: BounceSelector,
     /// The bake that reflections are picked for.
@@ -86,10 +86,10 @@ pub(crate) struct Pickers {
 )]
 pub(crate) fn take_inventory(
     mut world: ResMut<ExtractedGi>,
-    mut surveyor: Local<InventoryTracker<LightKey>>,
-    mut pickers: Local<BTreeMap<SceneId, Pickers>>,
+    mut tracker: Local<InventoryTracker<LightKey>>,
+    mut selectors: Local<BTreeMap<SceneId, SceneSelectors>>,
     cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<GiRsmCamera>)>>,
-    asking: Extract<Res<AskingLights>>,
+    requests: Extract<Res<RsmRequests>>,
     maps: Extract<Res<NormalMaps>>,
     (reflectors, fogs): (
         Extract<Query<(), With<GiReflector>>>,
@@ -97,7 +97,7 @@ pub(crate) fn take_inventory(
     ),
 ) {
     let mut counted = Cameras::default();
-    for (camera, ours, msaa, brought) in &cameras {
+    for (camera, ours, msaa, gbuffer_components) in &cameras {
         if !camera.is_active {
             continue;
         }
@@ -110,7 +110,7 @@ pub(crate) fn take_inventory(
         let one_sample = msaa.is_some_and(|m| *m == Msaa::Off);
         let kind = match ours {
             Some(camera) if !camera.enabled => off,
-            Some(_) if draws_gbuffer(brought, msaa) => shown,
+            Some(_) if draws_gbuffer(gbuffer_components, msaa) => shown,
             _ if one_sample => forward,
             _ => sampled,
         };
@@ -137,23 +137,23 @@ pub(crate) fn take_inventory(
             .collect(),
         cameras: counted,
         reflectors: reflectors.iter().count() as u32,
-        bouncing_lights: asking.lights.len() as u32,
+        bouncing_lights: requests.lights.len() as u32,
         normal_maps: maps.0.len() as u32,
         fogs: fogs.iter().count() as u32,
     };
-    world.inventory = surveyor.survey(&found);
-    pickers.retain(|id, _| world.scenes.iter().any(|s| s.id == *id));
+    world.inventory = tracker.update(&found);
+    selectors.retain(|id, _| world.scenes.iter().any(|s| s.id == *id));
     for scene in &mut world.scenes {
         let Some(bake) = &scene.bake else { continue };
-        let pickers = pickers.entry(scene.id).or_default();
+        let selectors = selectors.entry(scene.id).or_default();
         let requested = scene.solver.color_mode;
-        let colors = surveyor.colors_of(scene.id);
-        scene.channels = Some(pickers.channels.pick(requested, colors));
+        let colors = tracker.colors_of(scene.id);
+        scene.channels = Some(selectors.channels.select(requested, colors));
         let which = Arc::as_ptr(bake) as usize;
-        if pickers.bake != which {
-            (pickers.bake, pickers.bounces) = (which, BounceSelector::new());
+        if selectors.bake != which {
+            (selectors.bake, selectors.bounces) = (which, BounceSelector::new());
         }
         let requested = scene.solver.bounces;
-        scene.bounces = pickers.bounces.pick(requested, bake, &scene.materials);
+        scene.bounces = selectors.bounces.select(requested, bake, &scene.materials);
     }
 }

@@ -23,7 +23,7 @@ fn add_update_systems(app: &mut App) {
         PreUpdate,
         (
             bake_task::collect_bakes,
-            gpu_timings::learn,
+            gpu_timings::record_timings,
             plan_log::log_decisions,
             scene_log::log_scenes,
         )
@@ -75,7 +75,7 @@ fn add_post_update_systems(app: &mut App) {
     )
     .add_systems(
         PostUpdate,
-        inventory::follow_materials
+        inventory::update_normal_maps
             .after(AssetEventSystems)
             .run_if(resource_exists::<Assets<StandardMaterial>>),
     );

@@ -39,7 +39,7 @@ pub(crate) struct ResolvedMaterials {
 
 impl ResolvedMaterials {
     /// Resolves the names that differ from those of the last frame.
-    fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&GiDynamicMaterials>) {
+    fn resolve(&mut self, bake: &Arc<BakedScene>, named: Option<&GiDynamicMaterials>) {
         let named = named.map_or(&[][..], |n| &n.0);
         if self.bake.as_ptr() == Arc::as_ptr(bake) && self.named == named {
             return;
@@ -70,7 +70,7 @@ impl ResolvedMaterials {
         named: Option<&GiDynamicMaterials>,
         assets: Option<&Assets<StandardMaterial>>,
     ) -> (Vec<MaterialFactors>, &[String]) {
-        self.follow(bake, named);
+        self.resolve(bake, named);
         let Some(live) = &bake.data().materials else {
             return (Vec::new(), &self.unknown);
         };

@@ -51,6 +51,7 @@ mod debug;
 mod deferred;
 mod diagnostics;
 mod dynamic_changes;
+mod effect_states;
 pub(crate) mod effects;
 mod entity_bake;
 mod environment;

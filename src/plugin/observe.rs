@@ -2,10 +2,9 @@
 
 use super::camera::GiDebugView;
 use super::effects::rsm::shadowers;
-use super::effects::volume::{SceneVolume, VolumeRequest};
+use super::effects::{soft_shadows, volume};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedGiView, ExtractedScene, LightKey};
 use super::fog::ExtractedFogs;
-use super::readback::SharedCoefficients;
 use super::render_state::{GiRender, SceneRuntime, bounds};
 use super::rsm_render::LightMaps;
 use super::soft_shadow::ExtractedSoft;
@@ -13,7 +12,7 @@ use super::splatting::GiSplatting;
 use super::transform::SimilarityTransform;
 use super::volume::ExtractedVolumes;
 use crate::plan::{
-    DisplayUse, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState, falls_back,
+    DisplayUse, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState, fmm_fallback_reason,
 };
 use bevy::ecs::prelude::*;
 use bevy::ecs::system::SystemParam;
@@ -35,7 +34,7 @@ fn describe_view(view: &ExtractedGiView, too_large: bool) -> ViewState {
     ViewState {
         id: view.id,
         // Irradiance is shown for a white, rough surface.
-        gloss: view.gloss.is_some()
+        specular: view.specular.is_some()
             && !view.forward
             && !too_large
             && settings.debug_view != GiDebugView::Irradiance,
@@ -46,7 +45,7 @@ fn describe_view(view: &ExtractedGiView, too_large: bool) -> ViewState {
         pixels: view.pixels,
         display: match view.display {
             GiSplatting::PerPixel => DisplayUse::Full,
-            GiSplatting::Multiresolution(_) if too_large => DisplayUse::NoRoom,
+            GiSplatting::Multiresolution(_) if too_large => DisplayUse::BuffersTooLarge,
             GiSplatting::Multiresolution(_) => DisplayUse::Subsplats,
         },
         sees: view.sees.clone(),
@@ -74,32 +73,27 @@ fn describe_scene(scene: &ExtractedScene, largest_binding: u64, read_back: bool)
             (Some(bake), false) if bake.data().sky.is_some() => SkyUse::Terms,
             (Some(_), false) => SkyUse::Mean,
         },
-        no_octree: bake.and_then(|b| falls_back(b, largest_binding)),
+        no_octree: bake.and_then(|b| fmm_fallback_reason(b, largest_binding)),
         ..SceneState::new(scene.id)
     }
 }
 
 impl GiRender {
     /// Removes scenes that are gone, and describes the frame for the plan.
-    pub fn observe(
-        &mut self,
-        world: &ExtractedWorld,
-        largest_binding: u64,
-        coefficients: &SharedCoefficients,
-    ) -> FrameState {
-        self.remove_gone(&world.gi, coefficients);
+    pub fn observe(&mut self, world: &ExtractedWorld, largest_binding: u64) -> FrameState {
+        self.remove_gone(&world.gi);
         let too_large = |id| self.views.get(id).is_some_and(|v| v.too_large);
         let views = (world.gi.views.iter())
             .map(|view| describe_view(view, too_large(&view.id)))
             .collect();
         let mut state = FrameState {
-            device_able: !self.unable,
+            is_device_supported: !self.is_device_unsupported,
             largest_binding,
             unload_after_frames: world.gi.unload_after_frames,
             scenes: Vec::with_capacity(world.gi.scenes.len()),
             views,
             bounces: world.maps.describe(&world.gi),
-            bounces_held: false,
+            virtual_lights_valid: false,
             fogs: world.fogs.describe(),
             inventory: world.gi.inventory.clone(),
         };
@@ -113,18 +107,17 @@ impl GiRender {
         let bouncing = (state.bounces.iter()).filter(|light| state.maps_of(light).is_ok());
         let shadowers = || shadowers(&world.gi, &self.scenes);
         let changed = (self.map_changes).changed(bouncing.map(|light| light.id), shadowers);
-        state.bounces_held = !changed;
+        state.virtual_lights_valid = !changed;
         state
     }
 
     /// Releases scenes that left the world or lost their bake.
-    fn remove_gone(&mut self, world: &ExtractedGi, coefficients: &SharedCoefficients) {
+    fn remove_gone(&mut self, world: &ExtractedGi) {
         let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
         let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
         for id in gone {
             self.release(id);
             self.scenes.remove(&id);
-            coefficients.forget(id.0);
         }
     }
 
@@ -149,20 +142,16 @@ impl GiRender {
         let runtime =
             (self.scenes.entry(scene.id)).or_insert_with(|| SceneRuntime::new(bake.clone()));
         runtime.solved_tier = None;
-        let is_visible =
-            state.shown && (shown || SceneVolume::is_visible(&world.volumes, scene.id));
+        let is_visible = state.shown && (shown || volume::is_visible(&world.volumes, scene.id));
         runtime.idle_frames = match is_visible {
             true => 0,
             false => runtime.idle_frames.saturating_add(1),
         };
         if is_visible && let Some(placement) = &scene.placement {
             observe_lights(runtime, scene, placement, world, &mut state);
-            if !runtime.soft.is_requested()
-                && let Some(counted) = runtime.soft.release()
-            {
-                runtime.changes.soft_lights = None;
-                self.retired.add(&counted);
-            }
+            let counted = soft_shadows::observe(runtime, scene, placement, world, &mut state);
+            self.retired.add(&counted);
+            volume::observe(runtime, scene, placement, world, &mut state);
         }
         let forced = scene.channels.is_some_and(|picked| picked.forced);
         let (now, mode) = (scene.frame_settings(), scene.solver.color_mode);
@@ -178,7 +167,7 @@ impl GiRender {
     }
 }
 
-/// Describes the lights, occluders and volume of a scene in view.
+/// Describes the lights and occluders of a scene in view.
 fn observe_lights(
     runtime: &mut SceneRuntime,
     scene: &ExtractedScene,
@@ -204,20 +193,4 @@ fn observe_lights(
     let bounds = bounds(&runtime.bake);
     let Slots { changes, stale } = runtime.changes.slots.update(&lights, bounds);
     (state.slots, state.stale) = (changes, stale);
-    runtime
-        .soft
-        .select_lights(&world.soft, bounds, &scene.layers, &local_from_world);
-    state.soft = runtime.soft.describe(&runtime.bake);
-    state.soft.held = !(runtime.changes).soft_lights_changed(&runtime.soft.local_lights(), bounds);
-    let requested = VolumeRequest::new(&world.volumes, scene.id, &local_from_world);
-    match requested {
-        Some(requested) => {
-            state.volume = runtime.volume.describe(&requested);
-            state.volume.held = !runtime.changes.volume_changed(&requested.target);
-        }
-        None => {
-            runtime.volume = SceneVolume::default();
-            runtime.changes.volume = None;
-        }
-    }
 }

@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn occluder_with_lowest_transmittance_wins() {
+    fn occluders_with_same_name_use_lowest_transmittance() {
         let known = Occluders {
             names: vec!["door".into(), "lift".into(), "gate".into()],
             ..Occluders::default()

@@ -162,7 +162,7 @@ fn material() -> StandardMaterial {
 
 /// Distance between the back and the front of a cell, in spacings. It exceeds the relief of curved
 /// surfaces and is too small to be visible.
-const THICK: f32 = 0.1;
+const CELL_THICKNESS: f32 = 0.1;
 
 /// Most points of a mesh: some 60 MB of vertices, a quarter of the largest buffer that every WebGPU
 /// device has.
@@ -174,19 +174,19 @@ fn cells(cloud: &PointCloud) -> Vec<Mesh> {
     let parts = cloud.parts(MAX_POINTS);
     parts
         .iter()
-        .map(|part| some_cells(cloud, &smooth, part))
+        .map(|part| cell_mesh(cloud, &smooth, part))
         .collect()
 }
 
 /// The cells of some points, front and back: corners with their normals and the point's color.
-fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
+fn cell_mesh(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
     let (mut positions, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     let mut indices: Vec<u32> = Vec::new();
     for i in part.iter().map(|i| *i as usize) {
         let outline = cloud.outline(i);
         let own = &smooth[cloud.corners_of(i)];
         let [r, g, b] = cloud.albedo[i].to_array();
-        let back = cloud.normals[i] * (-THICK * cloud.spacing(i));
+        let back = cloud.normals[i] * (-CELL_THICKNESS * cloud.spacing(i));
         for (side, offset) in [(1.0, Vec3::ZERO), (-1.0, back)] {
             let first = positions.len() as u32;
             for (corner, normal) in outline.iter().zip(own) {
@@ -273,7 +273,7 @@ fn spawn_point_cloud_meshes(
 }
 
 /// Components that the parts of a cloud copy from it.
-type Drawn = (
+type CopiedComponents = (
     Option<&'static MeshMaterial3d<StandardMaterial>>,
     Option<&'static RenderLayers>,
     Has<NotShadowCaster>,
@@ -283,8 +283,8 @@ type Drawn = (
 /// Copies the render components of clouds to their parts. Runs after [`spawn_point_cloud_meshes`].
 fn sync_point_cloud_parts(
     mut commands: Commands,
-    parts: Query<(Entity, &ChildOf, Drawn), With<GiPointCloudPart>>,
-    clouds: Query<Drawn, Without<GiPointCloudPart>>,
+    parts: Query<(Entity, &ChildOf, CopiedComponents), With<GiPointCloudPart>>,
+    clouds: Query<CopiedComponents, Without<GiPointCloudPart>>,
 ) {
     for (part, of, own) in &parts {
         let Ok(cloud) = clouds.get(of.parent()) else {

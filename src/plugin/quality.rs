@@ -16,7 +16,7 @@ use super::frame_record::FrameRecord;
 use super::scene::GiScene;
 use super::solver::GiSolver;
 use crate::plan::{
-    BounceSelector, GiQuality, TierCandidate, TierController, TierSelection, falls_back,
+    BounceSelector, GiQuality, TierCandidate, TierController, TierSelection, fmm_fallback_reason,
 };
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
@@ -110,7 +110,7 @@ impl SelectionInputs {
             Some(_) => 0,
             // Dynamic materials may need more. The measured cost of solves includes them.
             None => {
-                let selected = BounceSelector::new().pick(solver.bounces, bake, &[]);
+                let selected = BounceSelector::new().select(solver.bounces, bake, &[]);
                 selected.map_or(0, |selected| selected.bounces - 1)
             }
         };
@@ -118,7 +118,7 @@ impl SelectionInputs {
             bake: Arc::as_ptr(bake) as usize,
             quality: bits(quality),
             sweeps,
-            links_only: falls_back(bake, max_binding).is_some(),
+            links_only: fmm_fallback_reason(bake, max_binding).is_some(),
         }
     }
 }

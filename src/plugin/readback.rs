@@ -4,6 +4,8 @@
 //! frames later their lengths are stored for the main world. Nothing is allocated while the gizmos
 //! are off.
 
+use super::effect_states::EffectState;
+use crate::plan::SceneId;
 use bevy::ecs::prelude::*;
 use meshless_gi::internals::frame::VectorIrradiance;
 use std::collections::BTreeMap;
@@ -27,14 +29,14 @@ impl SharedCoefficients {
             .cloned()
     }
 
-    pub(crate) fn set(&self, scene: u64, values: Vec<f32>) {
+    fn set(&self, scene: u64, values: Vec<f32>) {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .insert(scene, Arc::new(values));
     }
 
-    pub(crate) fn forget(&self, scene: u64) {
+    fn remove(&self, scene: u64) {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -42,8 +44,11 @@ impl SharedCoefficients {
     }
 }
 
-/// Copies a scene's vector irradiances to the CPU, one copy at a time.
+/// Copies a scene's vector irradiances to the CPU, one copy at a time. Removes the values of the
+/// scene when it is dropped.
 pub(crate) struct CoefficientReadback {
+    scene: SceneId,
+    shared: SharedCoefficients,
     staging: wgpu::Buffer,
     /// A copy is on its way: recorded, or being mapped.
     busy: Arc<AtomicBool>,
@@ -51,9 +56,16 @@ pub(crate) struct CoefficientReadback {
 }
 
 impl CoefficientReadback {
-    /// Creates a buffer for a copy of `bytes` bytes.
-    pub fn new(device: &wgpu::Device, bytes: u64) -> Self {
+    /// Creates a buffer for a copy of `bytes` bytes. The values go to `shared`.
+    pub fn new(
+        device: &wgpu::Device,
+        bytes: u64,
+        scene: SceneId,
+        shared: &SharedCoefficients,
+    ) -> Self {
         Self {
+            scene,
+            shared: shared.clone(),
             staging: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("meshless_gi coefficients"),
                 size: bytes,
@@ -65,11 +77,6 @@ impl CoefficientReadback {
         }
     }
 
-    /// Bytes on the device.
-    pub fn bytes(&self) -> u64 {
-        self.staging.size()
-    }
-
     /// Records a copy, unless one is on its way.
     pub fn copy(&mut self, encoder: &mut wgpu::CommandEncoder, values: &wgpu::Buffer) {
         if values.size() == self.staging.size() && !self.busy.swap(true, Ordering::AcqRel) {
@@ -77,13 +84,30 @@ impl CoefficientReadback {
             self.recorded = true;
         }
     }
+}
 
-    /// Maps the copy and passes its values on when that is done. Call it after the submission.
-    pub fn fetch(&mut self, scene: u64, to: &SharedCoefficients) {
+impl Drop for CoefficientReadback {
+    fn drop(&mut self) {
+        self.shared.remove(self.scene.0);
+    }
+}
+
+impl EffectState for CoefficientReadback {
+    fn size(&self) -> (u32, u64) {
+        (1, self.staging.size())
+    }
+
+    fn is_transient(&self) -> bool {
+        true
+    }
+
+    /// Maps the copy and stores its values when that is done.
+    fn fetch(&mut self) {
         if !std::mem::take(&mut self.recorded) {
             return;
         }
-        let (staging, busy, to) = (self.staging.clone(), self.busy.clone(), to.clone());
+        let (staging, busy, scene) = (self.staging.clone(), self.busy.clone(), self.scene.0);
+        let to = self.shared.clone();
         self.staging
             .map_async(wgpu::MapMode::Read, .., move |mapped| {
                 if mapped.is_ok() {

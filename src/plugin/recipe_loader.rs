@@ -106,7 +106,7 @@ pub enum GiRecipeLoadError {
 pub(crate) struct RecipeInputs {
     pub recipe: Recipe,
     /// The recipe sets the quality, by `preset` or by `target_nrmse`.
-    pub names_preset: bool,
+    pub has_preset: bool,
     /// Path of the recipe.
     path: AssetPath<'static>,
     /// Scene file as the recipe names it.
@@ -126,7 +126,7 @@ impl RecipeInputs {
         let scene = recipe.scene.clone().ok_or(GiRecipeLoadError::NoScene)?;
         let files = SceneFiles::read(path, &scene, reader).await?;
         Ok(Self {
-            names_preset: recipe.target_nrmse.is_some() || names_preset(&text),
+            has_preset: recipe.target_nrmse.is_some() || has_preset(&text),
             recipe,
             path: path.clone(),
             scene,
@@ -180,10 +180,7 @@ impl RecipeInputs {
     }
 
     /// Bakes in a running app.
-    pub async fn bake_beside_app(
-        &self,
-        bakes: &RecipeBakes,
-    ) -> Result<BakedScene, GiRecipeLoadError> {
+    pub async fn bake_in_app(&self, bakes: &RecipeBakes) -> Result<BakedScene, GiRecipeLoadError> {
         let running = bakes.start(self.path.clone());
         let work = self.bake_in_background(bake_threads(), running.progress.clone())?;
         work.await
@@ -198,7 +195,7 @@ impl RecipeInputs {
 }
 
 /// Returns true if the text of a recipe has a `preset`.
-fn names_preset(text: &str) -> bool {
+fn has_preset(text: &str) -> bool {
     #[derive(Default, Deserialize)]
     #[serde(default)]
     struct Named {
@@ -266,7 +263,7 @@ impl AssetLoader for GiRecipeLoader {
             folders: &self.folders,
         };
         let mut inputs = RecipeInputs::read(&path, bytes, &mut reader).await?;
-        let preset = match inputs.names_preset {
+        let preset = match inputs.has_preset {
             true => "",
             false => {
                 inputs.recipe.preset = Preset::Draft;
@@ -277,7 +274,7 @@ impl AssetLoader for GiRecipeLoader {
             "`{path}` is an unprocessed recipe: it is baked at every start of the app{preset}. Process the assets to bake once: \
              call `process_assets` as a build step, or run the app with `AssetMode::Processed`."
         );
-        Ok(inputs.bake_beside_app(&self.bakes).await?.into())
+        Ok(inputs.bake_in_app(&self.bakes).await?.into())
     }
 
     fn extensions(&self) -> &[&str] {
@@ -318,10 +315,10 @@ impl AssetLoader for RecipeInputLoader {
 
 #[cfg(test)]
 mod tests {
-    use super::names_preset;
+    use super::has_preset;
 
     #[test]
-    fn names_preset_is_true_for_a_preset_in_the_text_only() {
+    fn has_preset_is_true_only_for_preset_in_text() {
         for (text, named) in [
             (r#"(scene: "a.glb")"#, false),
             (r#"(scene: "a.glb", preset: Medium)"#, true),
@@ -333,7 +330,7 @@ mod tests {
             (r#"(scene: "a.glb" /* preset: Draft */)"#, false),
             ("()", false),
         ] {
-            assert_eq!(names_preset(text), named, "{text}");
+            assert_eq!(has_preset(text), named, "{text}");
         }
     }
 }

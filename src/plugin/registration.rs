@@ -51,7 +51,7 @@ pub(super) fn add_resources(app: &mut App) {
         .init_resource::<SolveCostSource>()
         .init_resource::<deferred::ReadyDisplays>()
         .init_resource::<SharedCoefficients>()
-        .init_resource::<rsm::AskingLights>()
+        .init_resource::<rsm::RsmRequests>()
         .init_resource::<inventory::NormalMaps>()
         .init_resource::<gpu_timings::DeviceCosts>()
         .add_plugins(asset::BakedAssetPlugin);

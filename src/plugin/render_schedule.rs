@@ -28,7 +28,7 @@ pub(super) fn build(app: &mut App) {
         warn!("MeshlessGiPlugin: the renderer has no device; indirect light is disabled");
         return;
     };
-    if let Err(error) = compute::device_able(device) {
+    if let Err(error) = compute::check_device(device) {
         warn!("MeshlessGiPlugin: {error}; indirect light is disabled");
         return;
     }
@@ -76,11 +76,11 @@ fn add_solve(render_app: &mut SubApp) {
                 .in_set(RenderGraphSystems::Render)
                 .before(camera_driver),
         )
-        .init_gpu_resource::<deferred::WithoutVolumes>()
+        .init_gpu_resource::<deferred::PipelinesWithoutVolumes>()
         .add_systems(
             Render,
             (
-                deferred::leave_volumes_out
+                deferred::exclude_volumes
                     .in_set(RenderSystems::Prepare)
                     .after(prepare_deferred_lighting_pipelines),
                 count::publish.in_set(RenderSystems::Cleanup),

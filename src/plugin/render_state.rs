@@ -3,17 +3,16 @@
 //! Buffers exist because a pass of a plan needs them: pipelines are created when a pass first
 //! records, buffers when a scene comes into view. Pipelines go with the last scene's buffers.
 
+use super::effect_states::{EffectState, EffectStates};
 use super::effects::rsm::{MapChanges, Reflections};
-use super::effects::soft_shadows::SceneSoft;
-use super::effects::volume::{SceneVolume, VolumeTarget};
+use super::effects::volume::VolumeTarget;
 use super::effects::{EFFECTS, Effect};
 use super::extract::{ExtractedScene, LightKey};
-use super::readback::{CoefficientReadback, SharedCoefficients};
 use super::record::{FramePoint, has_passes};
 use super::rsm_render::LightMaps;
 use super::view_state::ViewRuntime;
 use super::volume::ExtractedVolume;
-use crate::gpu::{FogBuffers, GpuCounters, GpuFrame, KernelPipelines};
+use crate::gpu::{GpuCounters, GpuFrame, KernelPipelines};
 use crate::plan::{ChangeDetector, Plan, SceneId, ViewId};
 use bevy::ecs::prelude::*;
 use bevy::log::warn_once;
@@ -29,9 +28,8 @@ pub(crate) struct SceneRuntime {
     pub changes: ChangeDetector<LightKey, VolumeTarget>,
     /// Buffers of the bake. `None` before the upload.
     pub frame: Option<GpuFrame>,
-    pub soft: SceneSoft,
-    pub volume: SceneVolume,
-    pub read_back: Option<CoefficientReadback>,
+    /// States of the effects.
+    pub states: EffectStates,
     /// Tier of the solve that was recorded in this frame.
     pub solved_tier: Option<u32>,
     /// Frames since the scene was last in a view.
@@ -48,9 +46,7 @@ impl SceneRuntime {
             changes: ChangeDetector::new(&bake),
             bake,
             frame: None,
-            soft: SceneSoft::default(),
-            volume: SceneVolume::default(),
-            read_back: None,
+            states: EffectStates::default(),
             solved_tier: None,
             idle_frames: 0,
             too_large: None,
@@ -72,11 +68,12 @@ pub(crate) struct GiRender {
     pub kernels: Option<KernelPipelines>,
     pub scenes: BTreeMap<SceneId, SceneRuntime>,
     pub views: BTreeMap<ViewId, ViewRuntime>,
-    pub reflections: Option<Reflections>,
+    /// States of the effects in the post-processing of each view.
+    pub post_process: BTreeMap<ViewId, EffectStates>,
+    /// States of the effects that belong to no scene and no view.
+    pub states: EffectStates,
     /// Values that the virtual lights were computed from.
     pub map_changes: MapChanges,
-    /// Parameters of the fog in each view.
-    pub fogs: BTreeMap<ViewId, FogBuffers>,
     pub plan: Plan,
     /// Number of frames so far.
     pub frame: u64,
@@ -85,7 +82,7 @@ pub(crate) struct GiRender {
     /// Counters of released buffers, and of buffers that belong to no scene.
     pub retired: GpuCounters,
     /// The device lacks a requirement of the kernels.
-    pub unable: bool,
+    pub is_device_unsupported: bool,
 }
 
 impl Default for GiRender {
@@ -95,14 +92,14 @@ impl Default for GiRender {
             kernels: None,
             scenes: BTreeMap::new(),
             views: BTreeMap::new(),
-            reflections: None,
+            post_process: BTreeMap::new(),
+            states: EffectStates::default(),
             map_changes: MapChanges::default(),
-            fogs: BTreeMap::new(),
             plan: Plan::default(),
             frame: 0,
             counted: GpuCounters::default(),
             retired: GpuCounters::default(),
-            unable: false,
+            is_device_unsupported: false,
         }
     }
 }
@@ -135,40 +132,32 @@ impl GiRender {
         if let Some(frame) = runtime.frame.take() {
             self.retired.add(&frame.counters());
         }
-        if let Some(counted) = runtime.soft.release() {
-            self.retired.add(&counted);
-        }
-        runtime.volume = SceneVolume::default();
-        runtime.changes.forget();
-        runtime.read_back = None;
+        let states = std::mem::take(&mut runtime.states);
+        self.retired.add(&states.counters());
+        runtime.changes.reset();
         runtime.solved_tier = None;
     }
 
     /// Releases the buffers that the plan does not use, and makes room for the maps that it draws.
-    pub fn prepare(
-        &mut self,
-        lights: &LightMaps,
-        device: &wgpu::Device,
-        coefficients: &SharedCoefficients,
-    ) {
+    pub fn prepare(&mut self, lights: &LightMaps, device: &wgpu::Device) {
         for id in self.plan.release.clone() {
             self.release(id);
-            coefficients.forget(id.0);
         }
         let (effects, plan) = (self.effects, &self.plan);
         (self.views).retain(|view, _| has_passes(effects, plan, *view, FramePoint::MainPass));
-        (self.fogs).retain(|view, _| has_passes(effects, plan, *view, FramePoint::PostProcess));
-        let before = self.reflections.take();
-        let counted = before.as_ref().map(Reflections::counters);
+        let is_used = |view: &ViewId| has_passes(effects, plan, *view, FramePoint::PostProcess);
+        (self.post_process).retain(|view, _| is_used(view));
+        let before = self.states.take::<Reflections>();
+        let counted = before.as_ref().map(EffectState::counters);
         match Reflections::begin(before, lights, plan, &mut self.map_changes, device) {
-            Ok(reflections) => self.reflections = reflections,
+            Ok(Some(reflections)) => {
+                self.states.insert(reflections);
+                return;
+            }
+            Ok(None) => {}
             Err(error) => warn_once!("dynamic objects reflect no light: {error}"),
         }
-        if self.reflections.is_none() {
-            self.map_changes.forget();
-            if let Some(counted) = counted {
-                self.retired.add(&counted);
-            }
-        }
+        self.map_changes.reset();
+        self.retired.add(&counted.unwrap_or_default());
     }
 }

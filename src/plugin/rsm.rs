@@ -63,9 +63,9 @@ pub struct GiRsmCamera {
 
 /// A mesh to which the plugin added [`RSM_RENDER_LAYER`].
 #[derive(Component)]
-pub(crate) struct Marked {
+pub(crate) struct RsmMesh {
     /// The mesh had no `RenderLayers` before.
-    bare: bool,
+    had_no_layers: bool,
 }
 
 /// Dynamic objects and their meshes.
@@ -74,9 +74,9 @@ pub(crate) struct Marked {
 pub(crate) struct DynamicMeshes<'w, 's> {
     reflectors: Query<'w, 's, Entity, With<GiReflector>>,
     children: Query<'w, 's, &'static Children>,
-    meshes: Query<'w, 's, (Option<&'static RenderLayers>, Has<Marked>), With<Mesh3d>>,
-    marked: Query<'w, 's, (Entity, &'static Marked, Option<&'static RenderLayers>)>,
-    without_bounds: Query<'w, 's, (Entity, &'static Mesh3d), (With<Marked>, Without<Aabb>)>,
+    meshes: Query<'w, 's, (Option<&'static RenderLayers>, Has<RsmMesh>), With<Mesh3d>>,
+    marked: Query<'w, 's, (Entity, &'static RsmMesh, Option<&'static RenderLayers>)>,
+    without_bounds: Query<'w, 's, (Entity, &'static Mesh3d), (With<RsmMesh>, Without<Aabb>)>,
 }
 
 /// Adds the render layer of dynamic objects to the meshes below [`GiReflector`]s, and removes it
@@ -108,9 +108,11 @@ pub(crate) fn update_rsm_layers(
             continue;
         };
         if !had || !layers.is_some_and(|l| l.intersects(&capture)) {
-            let bare = layers.is_none();
+            let had_no_layers = layers.is_none();
             let layers = layers.cloned().unwrap_or_default().with(RSM_RENDER_LAYER);
-            commands.entity(entity).insert((layers, Marked { bare }));
+            commands
+                .entity(entity)
+                .insert((layers, RsmMesh { had_no_layers }));
         }
     }
     // Bevy computes no bounds for meshes that it does not cull. The cameras need them.
@@ -124,10 +126,10 @@ pub(crate) fn update_rsm_layers(
             continue;
         }
         let mut entity = commands.entity(entity);
-        entity.remove::<Marked>();
+        entity.remove::<RsmMesh>();
         if let Some(layers) = layers {
             let own = layers.clone().without(RSM_RENDER_LAYER);
-            if mark.bare && own == RenderLayers::default() {
+            if mark.had_no_layers && own == RenderLayers::default() {
                 entity.remove::<RenderLayers>();
             } else {
                 entity.insert(own);
@@ -138,7 +140,7 @@ pub(crate) fn update_rsm_layers(
 
 /// A light with a reflective shadow map, and the cameras of its maps in this frame.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct AskingLight {
+pub(crate) struct RsmRequest {
     pub key: LightKey,
     /// Light in world space.
     pub light: FrameLight,
@@ -151,8 +153,8 @@ pub(crate) struct AskingLight {
 
 /// All lights with reflective shadow maps in this frame.
 #[derive(Resource, Clone, Debug, Default)]
-pub(crate) struct AskingLights {
-    pub lights: Vec<AskingLight>,
+pub(crate) struct RsmRequests {
+    pub lights: Vec<RsmRequest>,
     /// `true` if an object may look different from the last frame in the maps.
     pub objects_changed: bool,
 }
@@ -209,10 +211,10 @@ pub(crate) struct RsmLights<'w, 's> {
 
 impl RsmLights<'_, '_> {
     /// Returns all lights, sorted by their keys. The order of the world's entities varies.
-    fn collect(&self) -> Vec<AskingLight> {
+    fn collect(&self) -> Vec<RsmRequest> {
         let mut lights = Vec::new();
         let mut add = |kind, parts: &LightPartsItem, light, settings: &GiReflectiveShadowMap| {
-            lights.push(AskingLight {
+            lights.push(RsmRequest {
                 key: (parts.entity.to_bits(), kind),
                 light: FrameLight::expand(&light, 1)[0],
                 layers: parts.layers.cloned().unwrap_or_default(),
@@ -244,7 +246,7 @@ type DynamicBounds<'w, 's> = Query<
         &'static Aabb,
         &'static InheritedVisibility,
     ),
-    (With<Marked>, Without<GiRsmCamera>),
+    (With<RsmMesh>, Without<GiRsmCamera>),
 >;
 
 /// Positions the camera of one map, or spawns it, and returns it.
@@ -283,18 +285,18 @@ fn place_camera(
 /// draw.
 pub(crate) fn update_rsm_cameras(
     mut commands: Commands,
-    mut asking: ResMut<AskingLights>,
+    mut requests: ResMut<RsmRequests>,
     cameras: Query<(&Camera, &GiCamera), Without<GiRsmCamera>>,
     lights: RsmLights,
     dynamic: DynamicBounds,
     mut captures: Captures,
 ) {
-    asking.lights = lights.collect();
-    if asking.lights.is_empty() && captures.is_empty() {
+    requests.lights = lights.collect();
+    if requests.lights.is_empty() && captures.is_empty() {
         return;
     }
     let shown = cameras.iter().any(|(c, gi)| c.is_active && gi.enabled);
-    let boxes: Vec<Bounds> = match shown && !asking.lights.is_empty() {
+    let boxes: Vec<Bounds> = match shown && !requests.lights.is_empty() {
         true => (dynamic.iter())
             .filter(|(.., visible)| visible.get())
             .map(|(at, aabb, _)| bounds(at, aabb))
@@ -303,8 +305,8 @@ pub(crate) fn update_rsm_cameras(
     };
 
     let mut order = RSM_CAMERA_ORDER;
-    let asking = &mut *asking;
-    for light in asking.lights.iter_mut().filter(|_| shown) {
+    let requests = &mut *requests;
+    for light in requests.lights.iter_mut().filter(|_| shown) {
         let texels = light.settings.texels();
         light.maps = map_views(&light.light, &boxes, texels).map(|views| {
             let mut placed = |(map, view): (usize, &MapView)| {
@@ -323,7 +325,7 @@ pub(crate) fn update_rsm_cameras(
     }
     for (entity, capture, mut camera, ..) in &mut captures {
         let key = (capture.light.to_bits(), capture.kind);
-        let light = asking.lights.iter().find(|light| light.key == key);
+        let light = requests.lights.iter().find(|light| light.key == key);
         match light.map(|light| &light.maps) {
             None => commands.entity(entity).despawn(),
             Some(Ok(maps)) if maps.contains(&entity) => {}

@@ -11,7 +11,7 @@
 use super::extract::{ExtractedGi, LightKey};
 use super::record::{MapDrawContext, MapOfLight, MapReadContext, draw_light_map, read_light_map};
 use super::render_state::GiRender;
-use super::rsm::{AskingLight, AskingLights};
+use super::rsm::{RsmRequest, RsmRequests};
 use crate::plan::{BounceState, LightId};
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
@@ -42,7 +42,7 @@ pub(crate) fn schedule() -> Schedule {
 
 /// Lights that bounce from dynamic objects in the frame that is drawn.
 #[derive(Resource, Default)]
-pub(crate) struct LightMaps(pub AskingLights);
+pub(crate) struct LightMaps(pub RsmRequests);
 
 /// A light's name in the plan.
 pub(crate) fn light_id(key: LightKey) -> LightId {
@@ -50,17 +50,18 @@ pub(crate) fn light_id(key: LightKey) -> LightId {
 }
 
 /// Extracts the maps of lights. Runs in the same schedule as `extract`.
-pub(crate) fn extract_maps(mut maps: ResMut<LightMaps>, asking: Extract<Res<AskingLights>>) {
-    maps.0.clone_from(&asking);
+pub(crate) fn extract_maps(mut maps: ResMut<LightMaps>, requests: Extract<Res<RsmRequests>>) {
+    maps.0.clone_from(&requests);
 }
 
 impl LightMaps {
     /// Describes the lights for the plan.
     pub fn describe(&self, world: &ExtractedGi) -> Vec<BounceState> {
         let lights = &self.0.lights;
-        let state = |light: &AskingLight| BounceState {
+        let state = |light: &RsmRequest| BounceState {
             id: light_id(light.key),
             maps: light.maps.as_ref().map(|m| m.len() as u32).map_err(|w| *w),
+            texels_per_map: u64::from(light.settings.texels()).pow(2),
             views: (world.views.iter())
                 .filter(|v| v.layers.intersects(&light.layers))
                 .map(|v| v.id)
@@ -116,6 +117,7 @@ fn draw(
         return;
     };
     let mut ctx = MapDrawContext {
+        map,
         world,
         camera,
         depth,
@@ -145,14 +147,15 @@ fn read(
         return;
     }
     let render = &mut *render;
-    let (Some(map), Some(kernels), Some(reflections), Some(gbuffer)) = (
+    let (Some(map), Some(kernels), Some(gbuffer)) = (
         map_of(&lights, id.main_entity.id()),
         &render.kernels,
-        &mut render.reflections,
         textures.deferred_view(),
     ) else {
         return;
     };
+    let recorder = ctx.diagnostic_recorder();
+    let recorder = recorder.as_deref();
     let mut ctx = MapReadContext {
         kernels,
         queue: &queue,
@@ -164,9 +167,9 @@ fn read(
         complete: pipelines.waiting_pipelines().next().is_none(),
         world: &world,
         scenes: &render.scenes,
-        reflections,
+        states: &mut render.states,
         changes: &mut render.map_changes,
     };
     let light = light_id(map.light.key);
-    read_light_map(render.effects, &render.plan, light, &mut ctx);
+    read_light_map(render.effects, &render.plan, light, &mut ctx, recorder);
 }

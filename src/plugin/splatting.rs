@@ -1,6 +1,7 @@
 //! Evaluation of indirect light in a camera: by subsplats (\[N09\]), which evaluate the baked basis
 //! and virtual lights at a fraction of the pixels, or at every pixel.
 
+use super::effect_states::EffectState;
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, NodeLights, RsmBuffers, SceneBuffers, SubsplatBuffers,
     SubsplatTargets, ViewBuffers, VplShadows,
@@ -80,14 +81,6 @@ impl ViewSubsplats {
         }
     }
 
-    /// Number of buffers and their bytes.
-    pub fn size(&self) -> (u32, u64) {
-        let lights = self.lights.iter().flatten();
-        let own = lights.chain([&self.counted.staging]);
-        let (count, bytes) = own.fold((0, 0), |(n, b), buffer| (n + 1, b + buffer.size()));
-        (self.buffers.count() + count, self.buffers.bytes() + bytes)
-    }
-
     /// Counts of subsplats of a recent frame.
     pub fn counts(&self) -> Option<SubsplatCounts> {
         self.counted.latest_counts()
@@ -137,9 +130,18 @@ impl ViewSubsplats {
         self.counted.copy(encoder, &self.buffers);
         self.buffers.counters().difference_from(&before)
     }
+}
 
-    /// Maps the counts. Call it after the submission.
-    pub fn fetch(&mut self) {
+impl EffectState for ViewSubsplats {
+    fn size(&self) -> (u32, u64) {
+        let lights = self.lights.iter().flatten();
+        let own = lights.chain([&self.counted.staging]);
+        let (count, bytes) = own.fold((0, 0), |(n, b), buffer| (n + 1, b + buffer.size()));
+        (self.buffers.count() + count, self.buffers.bytes() + bytes)
+    }
+
+    /// Maps the counts.
+    fn fetch(&mut self) {
         self.counted.fetch();
     }
 }

@@ -4,7 +4,7 @@
 //! are added and pictures become too bright and flat. Each warning is logged once.
 
 use super::camera::GiCamera;
-use super::extract::{Brought, draws_gbuffer};
+use super::extract::{GbufferComponents, draws_gbuffer};
 use super::reflector::GiReflector;
 use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
@@ -197,7 +197,7 @@ pub(crate) struct OtherLight<'w, 's> {
             Option<&'static AmbientLight>,
             Option<&'static EnvironmentMapLight>,
             Option<&'static Msaa>,
-            Brought,
+            GbufferComponents,
         ),
         Without<GiRsmCamera>,
     >,
@@ -214,12 +214,12 @@ impl OtherLight<'_, '_> {
     }
 
     fn check(&self, found: &mut Vec<GiWarning>) {
-        for (_, _, own, environment, msaa, brought) in self
+        for (_, _, own, environment, msaa, gbuffer_components) in self
             .cameras
             .iter()
             .filter(|(c, gi, ..)| c.is_active && gi.enabled)
         {
-            if !draws_gbuffer(brought, msaa) {
+            if !draws_gbuffer(gbuffer_components, msaa) {
                 found.push(GiWarning::NoGbuffer);
                 continue;
             }
@@ -291,7 +291,7 @@ pub(crate) fn check(
             !gi_volumes.is_empty()
                 && (*warning == GiWarning::TransparentMaterial || reflectors.is_empty())
         };
-        let dark = (materials.meshes.iter()).filter_map(|m| without_light(assets.get(&m.0)?));
+        let dark = (materials.meshes.iter()).filter_map(|m| material_warning(assets.get(&m.0)?));
         found.extend(dark.filter(|warning| !is_lit(warning)));
     }
     // Without a baked scene nothing is counted twice.
@@ -312,7 +312,7 @@ pub(super) fn add_warnings(found: Vec<GiWarning>, warnings: &mut GiWarnings) {
 }
 
 /// Reason that surfaces of this material get no indirect light. `None` if they get it or need none.
-fn without_light(material: &StandardMaterial) -> Option<GiWarning> {
+fn material_warning(material: &StandardMaterial) -> Option<GiWarning> {
     let solid = matches!(
         material.alpha_mode,
         AlphaMode::Opaque | AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage

@@ -1,21 +1,17 @@
 //! State of a view on the device.
 
-use super::effects::subtract_shadow::ViewShadow;
-use super::effects::vpl_specular::ViewSpecular;
-use super::splatting::ViewSubsplats;
+use super::effect_states::EffectStates;
 use crate::gpu::ViewBuffers;
 use crate::plan::{SceneId, ViewId};
 use std::collections::BTreeMap;
 
 /// Buffers and textures of a view: the irradiance of its pixels (two textures for several layers),
-/// parameters, and the state of its effects.
+/// parameters, and the states of its effects.
 pub(crate) struct ViewRuntime {
     pub(super) size: [u32; 2],
     pub(super) irradiance: [Option<wgpu::TextureView>; 2],
     pub(super) buffers: BTreeMap<SceneId, ViewBuffers>,
-    pub(super) subsplats: Option<ViewSubsplats>,
-    pub(super) specular: Option<ViewSpecular>,
-    pub(super) shadow: Option<ViewShadow>,
+    pub(super) states: EffectStates,
     /// The device cannot hold subsplats of this size.
     pub(super) too_large: bool,
 }
@@ -35,25 +31,15 @@ impl ViewRuntime {
             size,
             irradiance: [None, None],
             buffers: BTreeMap::new(),
-            subsplats: None,
-            specular: None,
-            shadow: None,
+            states: EffectStates::default(),
             too_large: false,
         }
     }
 
     /// Number of buffers.
     pub fn buffer_count(&self) -> u32 {
-        let specular = self.specular.as_ref().map_or(0, |s| s.size().0);
         let own: u32 = self.buffers.values().map(ViewBuffers::count).sum();
-        let shadow = self.shadow.as_ref().map_or(0, |s| s.size().0);
-        let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().0);
-        own + subsplats + specular + shadow
-    }
-
-    /// Subsplats of the view. `None` if it evaluates light at every pixel.
-    pub fn subsplats(&mut self) -> Option<&mut ViewSubsplats> {
-        self.subsplats.as_mut()
+        own + self.states.size().0
     }
 
     /// Bytes of parameters and textures.
@@ -63,10 +49,7 @@ impl ViewRuntime {
             * u64::from(self.size[1])
             * 8;
         let parameters: u64 = self.buffers.values().map(ViewBuffers::bytes).sum();
-        let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().1);
-        let specular = self.specular.as_ref().map_or(0, |s| s.size().1);
-        let shadow = self.shadow.as_ref().map_or(0, |s| s.size().1);
-        textures + parameters + subsplats + specular + shadow
+        textures + parameters + self.states.size().1
     }
 
     pub(super) fn irradiance(&mut self, index: usize, device: &wgpu::Device) -> wgpu::TextureView {

@@ -8,7 +8,7 @@
 use super::asset::GiBakedScene;
 use super::camera::GiCamera;
 use super::deferred::ReadyDisplays;
-use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
+use super::extract::{ExtractedGi, GbufferComponents, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
 use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
@@ -189,18 +189,22 @@ pub(crate) fn update_irradiance_volumes(
 type WithDisplay = Or<(With<GiCamera>, With<GiRsmCamera>)>;
 
 /// Query data of a camera's display.
-pub(super) type DisplayParts = (Option<&'static GiCamera>, Option<&'static Msaa>, Brought);
+pub(super) type DisplayQuery = (
+    Option<&'static GiCamera>,
+    Option<&'static Msaa>,
+    GbufferComponents,
+);
 
-/// Query item of [`DisplayParts`].
-pub(super) type FoundParts<'a> = (
+/// Query item of [`DisplayQuery`].
+pub(super) type DisplayItem<'a> = (
     Option<&'a GiCamera>,
     Option<&'a Msaa>,
     (bool, bool, bool, bool),
 );
 
 /// Returns `true` if the camera shows indirect light over its G-buffer.
-pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
-    display.is_some_and(|d| d.enabled) && draws_gbuffer(brought, msaa)
+pub(super) fn displays((display, msaa, gbuffer_components): DisplayItem<'_>) -> bool {
+    display.is_some_and(|d| d.enabled) && draws_gbuffer(gbuffer_components, msaa)
 }
 
 /// Hides our volumes from cameras with a display of their own, unless [`super::deferred`] takes
@@ -210,7 +214,7 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
 pub(crate) fn hide_irradiance_volumes(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
-    mut cameras: Query<(Entity, &mut VisibleEntities, DisplayParts), WithDisplay>,
+    mut cameras: Query<(Entity, &mut VisibleEntities, DisplayQuery), WithDisplay>,
 ) {
     if volumes.is_empty() {
         return;
@@ -287,7 +291,7 @@ pub(crate) fn extract_volumes(
     fogs: Res<ExtractedFogs>,
     volumes: Extract<Query<(Entity, &ChildOf, &Voxels, &IrradianceVolume)>>,
     cameras: Extract<ForwardCameras>,
-    displays: Extract<Query<(Entity, &Camera, &VisibleEntities, DisplayParts)>>,
+    displays: Extract<Query<(Entity, &Camera, &VisibleEntities, DisplayQuery)>>,
     images: Option<Res<RenderAssets<GpuImage>>>,
 ) {
     out.all.clear();

@@ -16,13 +16,13 @@ use bevy::ecs::prelude::*;
 use bevy::shader::{Shader, ShaderImport, Source};
 
 /// Source of the plugin's module.
-const OURS: &str = include_str!("../../shaders/engine/irradiance_volume.wgsl");
+const PLUGIN_SHADER: &str = include_str!("../../shaders/engine/irradiance_volume.wgsl");
 /// Import name of the module in Bevy's shaders.
 const MODULE: &str = "bevy_pbr::irradiance_volume";
 /// Call in Bevy's module, without spaces.
-const CALLED: &str = "fnirradiance_volume_light(world_position:vec3<f32>,N:vec3<f32>,clusterable_object_index_ranges:ptr<function,ClusterableObjectIndexRanges>,)->vec3<f32>{";
+const BEVY_SIGNATURE: &str = "fnirradiance_volume_light(world_position:vec3<f32>,N:vec3<f32>,clusterable_object_index_ranges:ptr<function,ClusterableObjectIndexRanges>,)->vec3<f32>{";
 /// Lookup in Bevy's module, without spaces.
-const LOOKS_UP: &str = "light_probe_iterator_next(&iterator)";
+const BEVY_LOOKUP: &str = "light_probe_iterator_next(&iterator)";
 
 /// Definition of the module for cameras with a display ([`super::forward_display`]).
 const DISPLAY: &str = "MESHLESS_GI_DISPLAY";
@@ -32,11 +32,11 @@ const DISPLAY: &str = "MESHLESS_GI_DISPLAY";
 pub(crate) enum Module {
     /// Bevy's module.
     #[default]
-    Theirs,
+    Bevy,
     /// Bevy's module, kept because it differs from the supported release.
     Unknown,
     /// The plugin's module, with or without the display of forward cameras.
-    Ours { display: bool },
+    Plugin { display: bool },
 }
 
 /// Replaces the module when Bevy has loaded it and a scene has a volume, and once more for the
@@ -51,9 +51,9 @@ pub(crate) fn replace(
 ) {
     let display = !displays.is_empty();
     let needed = match *module {
-        Module::Theirs => true,
+        Module::Bevy => true,
         Module::Unknown => false,
-        Module::Ours { display: has } => display && !has,
+        Module::Plugin { display: has } => display && !has,
     };
     let Some(mut shaders) = shaders.filter(|_| needed && !volumes.is_empty()) else {
         return;
@@ -62,13 +62,13 @@ pub(crate) fn replace(
     let Some((id, theirs)) = found else {
         return;
     };
-    if *module == Module::Theirs && !is_known(theirs) {
+    if *module == Module::Bevy && !is_known(theirs) {
         *module = Module::Unknown;
         add_warnings(vec![GiWarning::VolumeShader], &mut findings);
         return;
     }
     let ours = replace_shader(theirs, display);
-    *module = Module::Ours { display };
+    *module = Module::Plugin { display };
     // The id exists, so the insertion cannot fail.
     let _ = shaders.insert(id, ours);
 }
@@ -76,7 +76,7 @@ pub(crate) fn replace(
 fn replace_shader(theirs: &Shader, display: bool) -> Shader {
     let mut defs = theirs.shader_defs.clone();
     defs.extend(display.then(|| DISPLAY.into()));
-    Shader::from_wgsl_with_defs(OURS, &theirs.path, defs)
+    Shader::from_wgsl_with_defs(PLUGIN_SHADER, &theirs.path, defs)
 }
 
 fn is_module(shader: &Shader) -> bool {
@@ -89,7 +89,7 @@ fn is_known(shader: &Shader) -> bool {
         return false;
     };
     let dense: String = text.split_whitespace().collect();
-    dense.contains(CALLED) && dense.contains(LOOKS_UP)
+    dense.contains(BEVY_SIGNATURE) && dense.contains(BEVY_LOOKUP)
 }
 
 #[cfg(test)]
@@ -101,7 +101,7 @@ mod tests {
 
     /// Returns a module with this text as it is in a world with a volume, and whether a warning is
     /// reported.
-    fn become_of(text: &str, volume: bool) -> (String, bool) {
+    fn replaced_module(text: &str, volume: bool) -> (String, bool) {
         let mut world = World::new();
         world.init_resource::<Assets<Shader>>();
         world.init_resource::<GiWarnings>();
@@ -122,15 +122,24 @@ mod tests {
     #[test]
     fn shader_module_is_replaced_if_known_and_requested() {
         let known = "fn irradiance_volume_light(world_position: vec3<f32>, N: vec3<f32>,\n    clusterable_object_index_ranges: ptr<function, ClusterableObjectIndexRanges>,) -> vec3<f32> {\n    let found = light_probe_iterator_next(&iterator);\n}";
-        assert_eq!(become_of(known, true), (OURS.to_owned(), false));
-        assert_eq!(become_of(known, false), (format!("{HEAD}{known}"), false));
+        assert_eq!(
+            replaced_module(known, true),
+            (PLUGIN_SHADER.to_owned(), false)
+        );
+        assert_eq!(
+            replaced_module(known, false),
+            (format!("{HEAD}{known}"), false)
+        );
         for (from, to) in [
             ("N: vec3<f32>", "N: vec4<f32>"),
             ("(&iterator)", "(iterator)"),
         ] {
             let other = known.replace(from, to);
             assert_ne!(other, known);
-            assert_eq!(become_of(&other, true), (format!("{HEAD}{other}"), true));
+            assert_eq!(
+                replaced_module(&other, true),
+                (format!("{HEAD}{other}"), true)
+            );
         }
     }
 }

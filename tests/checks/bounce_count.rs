@@ -9,7 +9,7 @@ use glam::Vec3;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Preset, Progress, Quad, Recipe,
-    bake_scene, load_gltf, mesh_of_quads,
+    TriangleMesh, bake_scene, load_gltf,
 };
 use std::path::Path;
 use std::time::Instant;
@@ -44,7 +44,7 @@ fn automatic_bounce_count_truncation_is_small() {
         frame.converge(&scene, &FrameSettings::default(), 1e-4);
         let all = light(&frame, &scene);
         let picked = BounceSelector::new()
-            .pick(GiBounceCount::Auto, &scene, &[])
+            .select(GiBounceCount::Auto, &scene, &[])
             .unwrap();
         println!("{name}: {picked}");
         let missing: Vec<f64> = (1..=picked.bounces)
@@ -88,11 +88,15 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
             [wall(Vec3::ZERO, [u, v]), wall(Vec3::AXES[axis], [v, u])]
         })
         .collect();
-    let mesh = mesh_of_quads(&quads);
+    let mesh = TriangleMesh::from_quads(&quads);
     let bake = bake_scene(&mesh, &draft(), 0, &Progress::default()).unwrap();
     let scene = bake.scene;
-    let pick = |requested| BounceSelector::new().pick(requested, &scene, &[]).unwrap();
-    let dark = pick(GiBounceCount::Auto);
+    let select = |requested| {
+        BounceSelector::new()
+            .select(requested, &scene, &[])
+            .unwrap()
+    };
+    let dark = select(GiBounceCount::Auto);
     println!("{dark}");
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
     assert_eq!(
@@ -100,7 +104,7 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
         bounces_for_spectral_radius(scene.info().energy.spectral_radius_bound)
     );
     for (requested, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
-        let picked = pick(GiBounceCount::Fixed(requested));
+        let picked = select(GiBounceCount::Fixed(requested));
         assert_eq!((picked.bounces, picked.forced), (taken, true));
     }
 }

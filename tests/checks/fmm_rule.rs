@@ -12,7 +12,7 @@ use meshless_gi::internals::scene::PlyPoints;
 use meshless_gi::{
     BakedScene, BounceMode, Bounces, CpuFrame, Evaluator, FmmRecipe, FrameLight, FrameSettings,
     Geometry, Irradiance, Light, Limits, Material, PointCloud, Preset, Progress, Quad, Ray, Recipe,
-    ReferenceSettings, TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
+    ReferenceSettings, TransportMethod, TriangleMesh, bake_scene,
 };
 
 const REFLECTIONS: u32 = 4;
@@ -108,16 +108,20 @@ fn room_with_ball() -> TriangleMesh {
         faces: 0,
     };
     let cloud = PointCloud::new(ball, &[]).expect("a cloud");
-    let walls = mesh_of_quads(&cornell_box()[..5]);
+    let walls = TriangleMesh::from_quads(&Quad::cornell_box()[..5]);
     TriangleMesh::joined(vec![walls, cloud.mesh().0])
 }
 
 #[test]
 fn fmm_rooms_of_triangles_points_and_both_match_reference() {
-    let solid = mesh_of_quads(&cornell_box());
+    let solid = TriangleMesh::from_quads(&Quad::cornell_box());
     let points = PointCloud::new(scatter(&solid, 0.035, 1).expect("points"), &[]);
     let rooms = [
-        ("triangles", mesh_of_quads(&cornell_box()), 0.1),
+        (
+            "triangles",
+            TriangleMesh::from_quads(&Quad::cornell_box()),
+            0.1,
+        ),
         ("points", points.expect("a cloud").mesh().0, 0.1),
         (
             "a ball of points in a room of triangles",
@@ -151,8 +155,8 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
         // The bake has no links, so the light is from the octree.
         assert!(fmm.0.data().operator.links.is_empty() && fmm.0.data().fmm.is_some());
         assert_eq!((fmm.0.data().tiers(), fmm.0.data().link_tiers()), (1, 0));
-        let turned: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
-        assert!(nrmse(&turned, &truth) > 0.2);
+        let reversed: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
+        assert!(nrmse(&reversed, &truth) > 0.2);
         if name.contains("ball") {
             // The ball colors the floor below it. Without the ball, the same positions are less
             // red.
@@ -160,7 +164,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
                 x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < 0.7
             };
             let floor: Vec<_> = samples.iter().filter(below).copied().collect();
-            let bare = mesh_of_quads(&cornell_box()[..5]);
+            let bare = TriangleMesh::from_quads(&Quad::cornell_box()[..5]);
             let empty = baked(&bare, &quick(TransportMethod::fmm(), false));
             let tints = [(&fmm.0, &mesh), (&empty, &bare)].map(|(scene, mesh)| {
                 let sum: Vec3 = indirect(scene, mesh, &floor).into_iter().sum();
@@ -210,7 +214,7 @@ fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
 
 #[test]
 fn fmm_bake_has_links_as_lower_tiers() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let both = baked(&mesh, &quick(TransportMethod::fmm(), true));
     let links = baked(&mesh, &quick(TransportMethod::Bounded, false));
     let tiers = both.data().link_tiers();
@@ -245,22 +249,22 @@ fn fmm_bake_has_links_as_lower_tiers() {
     // With a budget that the octree exceeds, the controller selects a tier of links.
     let choices = TierCandidate::all_of(&both, 3);
     assert_eq!(choices.len() as u32, tiers + 1);
-    let mut picker = TierController::new(
+    let mut controller = TierController::new(
         GiQuality::GpuBudget(std::time::Duration::from_millis(1)),
         choices,
     );
-    assert_eq!(picker.tier(), tiers + 1);
+    assert_eq!(controller.tier(), tiers + 1);
     for _ in 0..20 {
-        let work = picker.tiers()[picker.tier() as usize - 1].work;
-        let octree = picker.tiers()[tiers as usize].work;
-        picker.record_sample(2.0 * work as f32 / octree as f32);
+        let work = controller.tiers()[controller.tier() as usize - 1].work;
+        let octree = controller.tiers()[tiers as usize].work;
+        controller.record_sample(2.0 * work as f32 / octree as f32);
     }
-    assert!(picker.tier() <= tiers, "{}", picker.selection());
+    assert!(controller.tier() <= tiers, "{}", controller.selection());
 }
 
 #[test]
 fn fmm_bake_any_thread_count_writes_equal_bytes() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let bytes = |threads| {
         bake_scene(
             &mesh,
@@ -298,7 +302,7 @@ fn fmm_closed_room_conserves_energy() {
                 }
             })
             .collect();
-        let mesh = mesh_of_quads(&walls);
+        let mesh = TriangleMesh::from_quads(&walls);
         baked(&mesh, &quick(TransportMethod::fmm(), false))
     };
     for albedo in [0.0f32, 0.5, 0.9] {

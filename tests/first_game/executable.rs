@@ -45,7 +45,7 @@ impl Executable {
         std::fs::write(&source, main).expect("a program");
         let name = format!("first_game{}", std::env::consts::EXE_SUFFIX);
         let program = folder.path().join(name);
-        succeed(
+        run_command(
             Command::new(Path::new(env!("CARGO")).with_file_name("rustc"))
                 .args(["--edition", "2024"])
                 .args(library_arguments())
@@ -74,7 +74,7 @@ fn replace_one(text: &str, from: &str, to: &str) -> String {
 
 /// Runs a command and returns its output.
 #[track_caller]
-fn succeed(command: &mut Command) -> Output {
+fn run_command(command: &mut Command) -> Output {
     let output = command.output().expect("the command starts");
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{command:?}\n{errors}");
@@ -85,7 +85,7 @@ fn succeed(command: &mut Command) -> Output {
 fn library_arguments() -> Vec<String> {
     let test = std::env::current_exe().expect("the test has a path");
     let target = test.ancestors().nth(3).expect("target/debug/deps/test");
-    let output = succeed(
+    let output = run_command(
         Command::new(env!("CARGO"))
             .args([
                 "test",

@@ -72,7 +72,7 @@ fn hall() -> Room {
 }
 
 /// Creates a folder with the scene and the recipe of README.
-fn level_folder() -> tempfile::TempDir {
+fn scene_folder() -> tempfile::TempDir {
     let root = tempfile::tempdir().expect("a folder");
     let assets = root.path().join("assets");
     std::fs::create_dir(&assets).expect("a folder");
@@ -122,14 +122,14 @@ fn first_game_from_bevy_meshes_is_lit() {
 
 #[test]
 fn first_game_from_a_recipe_is_lit() {
-    let root = level_folder();
+    let root = scene_folder();
     let program = programs().path();
     assert_lit("recipe", program, Some(root.path()));
 }
 
 #[test]
 fn first_game_from_processed_assets_is_lit_and_bakes_once() {
-    let root = level_folder();
+    let root = scene_folder();
     let program = programs().path();
     let baked = |text: &str| text.matches("baked `").count();
     let first = assert_lit("processed", program, Some(root.path()));
@@ -140,7 +140,7 @@ fn first_game_from_processed_assets_is_lit_and_bakes_once() {
 
 #[test]
 fn first_game_from_shipped_assets_is_lit() {
-    let root = level_folder();
+    let root = scene_folder();
     let build = GiProcessAssetsOptions {
         source: root.path().join("assets"),
         processed: root.path().join("imported_assets/Default"),
@@ -160,7 +160,7 @@ fn first_game_from_shipped_assets_is_lit() {
 }
 
 #[test]
-fn readme_first_program_is_the_example_minimal() {
+fn readme_first_program_matches_minimal_example() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/minimal.rs");
     let example = std::fs::read_to_string(file).expect("the example is there");
     let code: String = example

@@ -39,7 +39,7 @@ pub struct MeasurePlugin;
 impl Plugin for MeasurePlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<Measurement>()
-            .add_observer(receive)
+            .add_observer(store_pixels)
             .add_systems(Startup, shrink_window)
             .add_systems(Last, measure);
     }
@@ -66,7 +66,7 @@ struct Measurement {
 }
 
 /// Stores the pixels of the second camera.
-fn receive(event: On<ReadbackComplete>, mut measurement: ResMut<Measurement>) {
+fn store_pixels(event: On<ReadbackComplete>, mut measurement: ResMut<Measurement>) {
     let half = |at: usize| {
         let bits = [event.data[at], event.data[at + 1]];
         half::f16::from_le_bytes(bits).to_f32()
@@ -271,7 +271,7 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     let local_from_world = root.to_matrix().inverse();
     let assets = world.resource::<Assets<GiBakedScene>>();
     let scene: &BakedScene = &assets.get(&gi.0).expect("the bake is loaded").scene;
-    let picked = BounceSelector::new().pick(solver.bounces, scene, &[]);
+    let picked = BounceSelector::new().select(solver.bounces, scene, &[]);
     let settings = FrameSettings {
         emission: environment.emissive_luminance,
         ..FrameSettings::bounces(picked.map_or(1, |picked| picked.bounces))
@@ -305,22 +305,22 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
 }
 
 /// Compares the pictures and prints the result.
-fn report(world: &mut World, ours: &[Vec3]) {
+fn report(world: &mut World, plugin_pixels: &[Vec3]) {
     let (cpu, covered) = cpu_picture(world);
     let picture = |pixels: &[Vec3]| LinearImage {
         width: WIDTH,
         height: HEIGHT,
         pixels: pixels.to_vec(),
     };
-    let difference = flip(&picture(&cpu), &picture(ours));
-    let error: f32 = cpu.iter().zip(ours).map(|(a, b)| (*a - *b).length_squared()).sum();
+    let difference = flip(&picture(&cpu), &picture(plugin_pixels));
+    let error: f32 = cpu.iter().zip(plugin_pixels).map(|(a, b)| (*a - *b).length_squared()).sum();
     let power: f32 = cpu.iter().map(|a| a.length_squared()).sum();
     let mean = cpu.iter().map(|p| p.element_sum()).sum::<f32>() / (3 * cpu.len()) as f32;
     // The comparison distinguishes pictures. A reversed picture has a large error.
-    let mut turned = ours.to_vec();
-    turned.reverse();
-    let perturbed = flip(&picture(&cpu), &picture(&turned));
-    write_pictures(ours, &cpu);
+    let mut reversed = plugin_pixels.to_vec();
+    reversed.reverse();
+    let perturbed = flip(&picture(&cpu), &picture(&reversed));
+    write_pictures(plugin_pixels, &cpu);
     println!(
         "FIRST_GAME flip={difference:.4} nrmse={:.4} mean={mean:.4} covered={covered:.3} \
          perturbed={perturbed:.4}",
@@ -329,11 +329,11 @@ fn report(world: &mut World, ours: &[Vec3]) {
 }
 
 /// Writes the pictures of the plugin and of the CPU next to each other.
-fn write_pictures(ours: &[Vec3], cpu: &[Vec3]) {
+fn write_pictures(plugin_pixels: &[Vec3], cpu: &[Vec3]) {
     let srgb = |v: f32| Color::linear_rgb(v.clamp(0.0, 1.0), 0.0, 0.0).to_srgba().red;
     let mut bytes = Vec::new();
     for y in 0..HEIGHT {
-        for picture in [ours, cpu] {
+        for picture in [plugin_pixels, cpu] {
             let row = &picture[(y * WIDTH) as usize..((y + 1) * WIDTH) as usize];
             let channels = row.iter().flat_map(|p| p.to_array());
             bytes.extend(channels.map(|v| (255.0 * srgb(v) + 0.5) as u8));

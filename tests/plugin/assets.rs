@@ -1,7 +1,7 @@
 //! Baked assets in Bevy: loading, hot reload, background bakes, and a plugin that is inert without
 //! a renderer or on an unsupported device.
 
-use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
+use crate::support::app::{camera, finish_plugins, headless_plugins, picture, run, target};
 use crate::support::assets::{bake_threads, bare_app, until, until_ended};
 use crate::support::log::warnings;
 use crate::support::scenes::{Room, cornell};
@@ -61,11 +61,11 @@ fn plugin_without_renderer_loads_assets_only() {
             .resource::<AssetServer>()
             .get_load_state(&broken)
         {
-            Some(bevy::asset::LoadState::Failed(why)) => Some(why.to_string()),
+            Some(bevy::asset::LoadState::Failed(error)) => Some(error.to_string()),
             _ => None,
         };
-        let why = until(&mut app, "failing", failed);
-        assert!(why.contains("damaged.mgi"), "{why}");
+        let error = until(&mut app, "failing", failed);
+        assert!(error.contains("damaged.mgi"), "{error}");
     }
 }
 
@@ -85,7 +85,7 @@ fn unsupported_device_renders_without_indirect_light() {
     });
     app.add_plugins((plugins, MeshlessGiPlugin::default()));
     app.insert_resource(GlobalAmbientLight::NONE);
-    let ((), logged) = warnings(|| ready(&mut app));
+    let ((), logged) = warnings(|| finish_plugins(&mut app));
     assert_eq!(logged.len(), 1, "one warning: {logged:?}");
     assert!(
         logged[0].contains("indirect light is disabled")
@@ -123,7 +123,7 @@ fn unsupported_device_renders_without_indirect_light() {
     );
 }
 
-fn level(room: &Room) -> TriangleMesh {
+fn scene_mesh(room: &Room) -> TriangleMesh {
     let mut triangles = Vec::new();
     for q in &room.0 {
         let [a, b, c, d] = [
@@ -139,7 +139,7 @@ fn level(room: &Room) -> TriangleMesh {
     TriangleMesh::new(triangles, of, materials)
 }
 
-fn quick() -> Recipe {
+fn quick_recipe() -> Recipe {
     Recipe {
         preset: Preset::Draft,
         coarse_radius: Some(0.6),
@@ -151,7 +151,7 @@ fn quick() -> Recipe {
 
 /// Results of bakes.
 #[derive(Resource, Default)]
-struct Ends(Vec<GiBakeFinished>);
+struct BakeResults(Vec<GiBakeFinished>);
 
 fn asset_points(app: &App, handle: &Handle<GiBakedScene>) -> u64 {
     let assets = app.world().resource::<Assets<GiBakedScene>>();
@@ -159,15 +159,15 @@ fn asset_points(app: &App, handle: &Handle<GiBakedScene>) -> u64 {
 }
 
 #[test]
-fn background_bake_lights_scene_fails_or_is_cancelled() {
+fn background_bake_finishes_fails_or_is_canceled() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
-    app.init_resource::<Ends>();
-    app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<Ends>| {
+    app.init_resource::<BakeResults>();
+    app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<BakeResults>| {
         ends.0.push(event.event().clone());
     });
-    let end_of = |app: &App, entity: Entity| {
-        let ends = &app.world().resource::<Ends>().0;
+    let result_of = |app: &App, entity: Entity| {
+        let ends = &app.world().resource::<BakeResults>().0;
         let of: Vec<_> = ends.iter().filter(|end| end.entity == entity).collect();
         assert!(of.len() <= 1, "one end for each bake: {of:?}");
         of.first().map(|end| end.result.clone())
@@ -175,22 +175,22 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
     let room = Room::cornell();
     let good = app
         .world_mut()
-        .spawn(GiBakeTask::spawn(level(&room), quick()))
+        .spawn(GiBakeTask::spawn(scene_mesh(&room), quick_recipe()))
         .id();
     let empty = app
         .world_mut()
         .spawn(GiBakeTask::spawn(
             TriangleMesh::new(vec![], vec![], vec![]),
-            quick(),
+            quick_recipe(),
         ))
         .id();
     let wrong = Recipe {
         rays_per_point: Some(1),
-        ..quick()
+        ..quick_recipe()
     };
     let wrong = app
         .world_mut()
-        .spawn(GiBakeTask::spawn(level(&room), wrong))
+        .spawn(GiBakeTask::spawn(scene_mesh(&room), wrong))
         .id();
     let mut stages = Vec::new();
     let handle = until(&mut app, "baking", |app| {
@@ -209,7 +209,7 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
         .get(&handle)
         .unwrap();
     assert!(asset.scene.data().points.len() > 100 && !asset.scene.data().operator.links.is_empty());
-    let summary = end_of(&app, good)
+    let summary = result_of(&app, good)
         .expect("the event comes with the light")
         .unwrap();
     assert!(summary.seconds > 0.0 && !summary.loaded);
@@ -217,7 +217,7 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
     assert!(!app.world().entity(good).contains::<GiBakeTask>());
     assert!(!app.world().entity(good).contains::<GiBakeProgress>());
     for (entity, word) in [(empty, "no surface"), (wrong, "rays")] {
-        let result = until(&mut app, "failing", |app| end_of(app, entity));
+        let result = until(&mut app, "failing", |app| result_of(app, entity));
         let error = result.unwrap_err().to_string();
         assert!(error.contains(word), "{error}");
         assert!(app.world().get::<GiScene>(entity).is_none());
@@ -227,14 +227,14 @@ fn background_bake_lights_scene_fails_or_is_cancelled() {
     // Running bakes block no thread of Bevy's pools, which pipelines also use. This holds for pools
     // of any size.
     let pool = bevy::tasks::AsyncComputeTaskPool::get();
-    let slow = Recipe {
+    let slow_recipe = Recipe {
         rays_per_point: Some(60_000),
         preset: Preset::High,
         ..Recipe::default()
     };
     let many: Vec<Entity> = (0..pool.thread_num())
         .map(|_| {
-            let bake = GiBakeTask::spawn(level(&room), slow.clone());
+            let bake = GiBakeTask::spawn(scene_mesh(&room), slow_recipe.clone());
             app.world_mut().spawn(bake).id()
         })
         .collect();

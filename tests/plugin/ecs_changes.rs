@@ -1,12 +1,12 @@
 //! Changes by a game in the running plugin: switched lights, render layers, textures, resized
 //! targets, added and removed entities, and camera requirements.
 
-use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
+use crate::support::app::{HEIGHT, WIDTH, app, camera, create_target_image, picture, run, target};
 use crate::support::flip::flip;
 use crate::support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, bevy_light, counters, indirect, light_source, room_and_camera,
-    settings, spawn_light_source, spawn_room, view, work,
+    CANDELA, MAX, assert_pictures_match, bevy_light, counters, indirect, light_source,
+    room_and_camera, settings, spawn_light_source, spawn_room, view, work,
 };
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::RenderLayers;
@@ -28,7 +28,7 @@ fn cpu(lights: &[Light]) -> crate::support::flip::Picture {
 }
 
 #[test]
-fn initially_dark_lights_light_up_when_switched_on() {
+fn initially_dark_lights_are_projected_when_switched_on() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let positions = [
@@ -73,7 +73,7 @@ fn initially_dark_lights_light_up_when_switched_on() {
             .iter()
             .map(|p| crate::support::stage::light_source(*p))
             .collect();
-        assert_alike(
+        assert_pictures_match(
             &format!("switched_{i}"),
             &cpu(&lit),
             &picture(&mut app, &image),
@@ -82,7 +82,7 @@ fn initially_dark_lights_light_up_when_switched_on() {
 }
 
 #[test]
-fn eighty_lights_plus_forty_grow_slots() {
+fn added_lights_grow_slots_and_project_only_new() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let position = |i: usize| {
@@ -123,7 +123,7 @@ fn eighty_lights_plus_forty_grow_slots() {
         range: 20.0,
     };
     let all: Vec<Light> = (0..120).map(|i| dim(position(i))).collect();
-    assert_alike("many_lights", &cpu(&all), &picture(&mut app, &image));
+    assert_pictures_match("many_lights", &cpu(&all), &picture(&mut app, &image));
 
     // One light moves. Then all but three are despawned.
     let bytes = counters(&app).bytes;
@@ -146,13 +146,13 @@ fn eighty_lights_plus_forty_grow_slots() {
     let c = counters(&app);
     assert_eq!((c.projected_slots, c.bytes), (0, bytes), "{}", c.plan);
     let left = [dim(to), dim(position(8)), dim(position(9))];
-    assert_alike("three_lights", &cpu(&left), &picture(&mut app, &image));
+    assert_pictures_match("three_lights", &cpu(&left), &picture(&mut app, &image));
 }
 
 #[test]
 fn render_layers_select_cameras_and_lights() {
     let mut app = app();
-    let (root, eye, image) = room_and_camera(&mut app);
+    let (root, camera_entity, image) = room_and_camera(&mut app);
     let positions = [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)];
     spawn_light_source(&mut app, positions[0]);
     let elsewhere = spawn_light_source(&mut app, positions[1]);
@@ -162,7 +162,7 @@ fn render_layers_select_cameras_and_lights() {
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!(c.projected_slots, 1, "{}", c.plan);
-    assert_alike(
+    assert_pictures_match(
         "one_layer",
         &cpu(&[light_source(positions[0])]),
         &picture(&mut app, &image),
@@ -172,7 +172,7 @@ fn render_layers_select_cameras_and_lights() {
     app.world_mut().entity_mut(root).insert(both);
     run(&mut app, 1);
     assert_eq!(counters(&app).projected_slots, 1);
-    assert_alike(
+    assert_pictures_match(
         "both_layers",
         &cpu(&positions.map(light_source)),
         &picture(&mut app, &image),
@@ -189,14 +189,14 @@ fn render_layers_select_cameras_and_lights() {
         c.plan
     );
     app.world_mut()
-        .entity_mut(eye)
+        .entity_mut(camera_entity)
         .insert(RenderLayers::from_layers(&[0, 5]));
     run(&mut app, 1);
     assert_eq!(counters(&app).active_scenes, 1);
 }
 
 #[test]
-fn root_rotating_with_lights_costs_nothing() {
+fn root_moving_with_its_lights_runs_no_transport() {
     let mut app = app();
     let (root, ..) = room_and_camera(&mut app);
     for position in [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)] {
@@ -219,14 +219,14 @@ fn root_rotating_with_lights_costs_nothing() {
 #[test]
 fn hidden_or_removed_scene_frees_memory() {
     let mut app = app();
-    let (root, eye, _) = room_and_camera(&mut app);
+    let (root, camera_entity, _) = room_and_camera(&mut app);
     let light_source = spawn_light_source(&mut app, Vec3::new(0.0, 1.6, 0.3));
     app.world_mut()
         .resource_mut::<GiSettings>()
         .unload_after_frames = 3;
     run(&mut app, 2);
     let shown = counters(&app);
-    let holds = |app: &App| {
+    let gpu_resources = |app: &App| {
         let c = counters(app);
         (c.pipelines, c.buffers, c.bytes)
     };
@@ -235,7 +235,7 @@ fn hidden_or_removed_scene_frees_memory() {
     for visibility in [Visibility::Hidden, Visibility::Inherited] {
         app.world_mut().entity_mut(root).insert(visibility);
         run(&mut app, 6);
-        let held = holds(&app);
+        let held = gpu_resources(&app);
         match visibility {
             Visibility::Hidden => assert_eq!(held, (0, 0, 0), "{}", counters(&app).plan),
             _ => assert_eq!(held, (shown.pipelines, shown.buffers, shown.bytes)),
@@ -250,19 +250,28 @@ fn hidden_or_removed_scene_frees_memory() {
         .spawn((camera(&image, view()), indirect()))
         .id();
     run(&mut app, 2);
-    assert!(holds(&app).2 > shown.bytes);
+    assert!(gpu_resources(&app).2 > shown.bytes);
     app.world_mut().despawn(second);
     run(&mut app, 1);
-    assert_eq!(holds(&app), (shown.pipelines, shown.buffers, shown.bytes));
-    app.world_mut().get_mut::<GiCamera>(eye).unwrap().enabled = false;
+    assert_eq!(
+        gpu_resources(&app),
+        (shown.pipelines, shown.buffers, shown.bytes)
+    );
+    app.world_mut()
+        .get_mut::<GiCamera>(camera_entity)
+        .unwrap()
+        .enabled = false;
     run(&mut app, 6);
-    assert_eq!(holds(&app), (0, 0, 0), "no camera asks");
-    app.world_mut().get_mut::<GiCamera>(eye).unwrap().enabled = true;
+    assert_eq!(gpu_resources(&app), (0, 0, 0), "no camera asks");
+    app.world_mut()
+        .get_mut::<GiCamera>(camera_entity)
+        .unwrap()
+        .enabled = true;
     run(&mut app, 1);
     assert_eq!(counters(&app).projected_slots, 1);
-    app.world_mut().despawn(eye);
+    app.world_mut().despawn(camera_entity);
     run(&mut app, 6);
-    assert_eq!(holds(&app), (0, 0, 0), "the camera has gone");
+    assert_eq!(gpu_resources(&app), (0, 0, 0), "the camera has gone");
 
     // Read-back coefficients for gizmos are removed with the scene.
     app.world_mut().spawn((camera(&image, view()), indirect()));
@@ -278,19 +287,19 @@ fn hidden_or_removed_scene_frees_memory() {
     run(&mut app, 1);
     app.world_mut().despawn(root);
     run(&mut app, 1);
-    assert_eq!(holds(&app), (0, 0, 0), "the scene has gone");
+    assert_eq!(gpu_resources(&app), (0, 0, 0), "the scene has gone");
     run(&mut app, 2);
     assert!(back(&app).is_none(), "and its coefficients");
 }
 
 #[test]
-fn resized_target_is_followed() {
+fn resized_target_matches_cpu_without_solve() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let position = Vec3::new(0.2, 1.5, 0.4);
     spawn_light_source(&mut app, position);
     run(&mut app, 3);
-    assert_alike(
+    assert_pictures_match(
         "before",
         &cpu(&[light_source(position)]),
         &picture(&mut app, &image),
@@ -300,7 +309,7 @@ fn resized_target_is_followed() {
     for [w, h] in [[96, 128], [160, 64]] {
         app.world_mut()
             .resource_mut::<Assets<Image>>()
-            .insert(&image, drawable(w, h))
+            .insert(&image, create_target_image(w, h))
             .expect("the handle is known");
         run(&mut app, 3);
         let resized = cpu_indirect_sized(
@@ -312,7 +321,7 @@ fn resized_target_is_followed() {
             &settings(),
             [w, h],
         );
-        assert_alike(
+        assert_pictures_match(
             &format!("resized_{w}"),
             &resized,
             &picture(&mut app, &image),
@@ -399,13 +408,13 @@ fn normal_maps_and_base_color_textures_are_used() {
     for other in [draw(false, true), draw(true, false)] {
         assert!(flip(&both, &other) > MAX, "each of them shows");
     }
-    assert_alike("textured", &both, &picture(&mut app, &image));
+    assert_pictures_match("textured", &both, &picture(&mut app, &image));
 }
 
 #[test]
 fn indirect_light_precedes_transparency_and_tonemapping() {
     let mut app = app();
-    let (_, eye, image) = room_and_camera(&mut app);
+    let (_, camera_entity, image) = room_and_camera(&mut app);
     let position = Vec3::new(0.2, 1.5, 0.4);
     spawn_light_source(&mut app, position);
     // A pane of tinted glass in front of the camera.
@@ -434,11 +443,11 @@ fn indirect_light_precedes_transparency_and_tonemapping() {
             *value = (1.0 - alpha) * *value + alpha * tint;
         }
     }
-    assert_alike("glass", &through, &picture(&mut app, &image));
+    assert_pictures_match("glass", &through, &picture(&mut app, &image));
 
     // Reinhard: x / (1 + x) of the sum, after the pane and after indirect light.
     app.world_mut()
-        .entity_mut(eye)
+        .entity_mut(camera_entity)
         .insert((Tonemapping::Reinhard, Exposure { ev100: 7.7 }));
     run(&mut app, 4);
     let mut mapped = bare.clone();
@@ -451,7 +460,7 @@ fn indirect_light_precedes_transparency_and_tonemapping() {
         }
     }
     assert!(flip(&mapped, &wrong) > MAX, "tonemapping shows");
-    assert_alike("tonemapped", &mapped, &picture(&mut app, &image));
+    assert_pictures_match("tonemapped", &mapped, &picture(&mut app, &image));
 }
 
 #[test]
@@ -460,11 +469,11 @@ fn gi_camera_adds_requirements_and_warns_on_removal() {
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
     // `GiCamera` must override Bevy's default sample count.
-    let eye = app
+    let camera_entity = app
         .world_mut()
         .spawn((camera(&image, view()), Msaa::Sample4, GiCamera::default()))
         .id();
-    let entity = app.world().entity(eye);
+    let entity = app.world().entity(camera_entity);
     assert!(
         entity.contains::<Hdr>()
             && entity.contains::<DepthPrepass>()
@@ -480,7 +489,7 @@ fn gi_camera_adds_requirements_and_warns_on_removal() {
     assert_eq!(counters(&app).active_scenes, 1);
     assert_eq!(app.world().resource::<GiWarnings>().0, []);
 
-    app.world_mut().entity_mut(eye).remove::<Hdr>();
+    app.world_mut().entity_mut(camera_entity).remove::<Hdr>();
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(c.active_scenes, 0, "{}", c.plan);
@@ -510,12 +519,12 @@ fn sky_emission_and_bounce_changes_skip_projection() {
             irradiance: Vec3::splat(900.0),
         },
     ];
-    assert_alike("two_lights", &cpu(&lights), &picture(&mut app, &image));
+    assert_pictures_match("two_lights", &cpu(&lights), &picture(&mut app, &image));
     app.world_mut()
         .entity_mut(both)
         .remove::<DirectionalLight>();
     run(&mut app, 1);
-    assert_alike("one_left", &cpu(&lights[..1]), &picture(&mut app, &image));
+    assert_pictures_match("one_left", &cpu(&lights[..1]), &picture(&mut app, &image));
 
     let (room, bake) = cornell();
     let change = |app: &mut App, set: fn(&mut GiEnvironment, &mut GiSolver)| {
@@ -547,5 +556,5 @@ fn sky_emission_and_bounce_changes_skip_projection() {
         &lights[..1],
         &changed,
     );
-    assert_alike("sky", &cpu, &picture(&mut app, &image));
+    assert_pictures_match("sky", &cpu, &picture(&mut app, &image));
 }

@@ -34,7 +34,7 @@ fn scene_runs_only_required_effects() {
         ..Recipe::default()
     };
     let bakes = bakes(&recipe).expect("bakes");
-    let mut seen: Vec<FrameRecord> = Vec::new();
+    let mut records: Vec<FrameRecord> = Vec::new();
     for scene in &SCENES {
         let mut app = app();
         spawn(&mut app, scene, &bakes, SIZE);
@@ -56,15 +56,15 @@ fn scene_runs_only_required_effects() {
         let channels = &found.plan.channels;
         assert_eq!(channels.len(), 1);
         assert_eq!(one(&channels[0].1), scene.gray, "{}", found.plan);
-        seen.push(found);
+        records.push(found);
     }
     // Changes of the light add no pipeline, buffer or byte to a scene with one light.
-    let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
+    let of = |k: usize| (records[k].pipelines, records[k].buffers, records[k].bytes);
     assert_eq!(of(0), of(2));
     assert_eq!(of(0), of(3));
     // A gray scene has as many pipelines and buffers as a colored scene.
     assert_eq!((of(4).0, of(4).1), (of(3).0, of(3).1));
-    let everything = seen.len() - 1;
+    let everything = records.len() - 1;
     for k in 0..everything {
         assert!(
             of(k).0 < of(everything).0 && of(k).1 < of(everything).1 && of(k).2 < of(everything).2

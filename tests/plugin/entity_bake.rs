@@ -5,17 +5,17 @@
 #[allow(dead_code, reason = "its `main` opens a window")]
 mod minimal;
 
-use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::app::{app, camera, finish_plugins, headless_plugins, picture, run, target};
 use crate::support::assets::{bake_threads, until, until_ended};
 use crate::support::bakes::{
-    Ends, bake, bare_app, end_of, keep_ends, quick, room_root, scene_of, slow, spawn_mesh,
-    triangle, triangles,
+    BakeResults, bake, bare_app, quick_recipe, room_root, scene_of, slow_recipe, spawn_mesh,
+    store_results, triangle, triangles, wait_for_result,
 };
 use crate::support::glb::glb;
 use crate::support::log::warnings;
 use crate::support::scenes::{Room, cpu_indirect};
 use crate::support::stage::{
-    assert_alike, bevy_light, indirect, keep, light_source, settings, view,
+    assert_pictures_match, bevy_light, indirect, light_source, save_picture, settings, view,
 };
 use bevy::asset::{AssetPlugin, RenderAssetUsages};
 use bevy::image::Image;
@@ -35,7 +35,7 @@ fn without_request(scene: &BakedScene) -> BakedScene {
 }
 
 #[test]
-fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
+fn gltf_scene_baked_from_entities_equals_bake_of_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("room.glb");
     std::fs::write(&file, glb(&Room::cornell())).unwrap();
@@ -45,8 +45,8 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     };
     let mut app = App::new();
     app.add_plugins((headless_plugins().set(assets), MeshlessGiPlugin::default()));
-    keep_ends(&mut app);
-    ready(&mut app);
+    store_results(&mut app);
+    finish_plugins(&mut app);
     let scene = GltfAssetLabel::Scene(0).from_asset("room.glb");
     let scene = app.world().resource::<AssetServer>().load(scene);
     // The scene is not loaded yet. The root's own transform is not part of the bake.
@@ -57,20 +57,23 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
         .id();
     let recipe = Recipe {
         dynamic_materials: true,
-        ..quick()
+        ..quick_recipe()
     };
     app.world_mut().entity_mut(root).bake_gi(recipe.clone());
     let progress = app.world().get::<GiBakeProgress>(root).unwrap();
     assert_eq!(progress.stage, BakeStage::Waiting);
-    let summary = end_of(&mut app, root).unwrap();
+    let summary = wait_for_result(&mut app, root).unwrap();
     assert_eq!(summary.warnings, []);
-    let ours = scene_of(&app, root);
+    let from_entities = scene_of(&app, root);
 
     let mesh = load_gltf(&file).unwrap().mesh;
-    let theirs = bake_scene(&mesh, &recipe, 2, &Progress::default()).unwrap();
-    let theirs = theirs.scene;
-    assert_eq!(triangles(&ours), triangles(&theirs));
-    assert_eq!((ours.info().triangles, theirs.info().triangles), (20, 20));
+    let from_file = bake_scene(&mesh, &recipe, 2, &Progress::default()).unwrap();
+    let from_file = from_file.scene;
+    assert_eq!(triangles(&from_entities), triangles(&from_file));
+    assert_eq!(
+        (from_entities.info().triangles, from_file.info().triangles),
+        (20, 20)
+    );
     let factors = |scene: &BakedScene| {
         let live = scene.data().materials.as_ref().unwrap();
         let mut all: Vec<_> = (live.factors.iter())
@@ -83,16 +86,19 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
         all.retain(|(color, _)| color.map(f32::from_bits) != [1.0; 3]);
         all
     };
-    assert_eq!(factors(&ours), factors(&theirs));
+    assert_eq!(factors(&from_entities), factors(&from_file));
     // The order of triangles differs, but the points are equal.
-    assert_eq!(ours.data().points, theirs.data().points);
-    let (a, b) = (ours.info().estimated_nrmse, theirs.info().estimated_nrmse);
+    assert_eq!(from_entities.data().points, from_file.data().points);
+    let (a, b) = (
+        from_entities.info().estimated_nrmse,
+        from_file.info().estimated_nrmse,
+    );
     println!("estimated NRMSE: entities {a}, file {b}");
     assert!(a > 0.0 && (a - b).abs() < 1e-3 * b, "{a} {b}");
     // The scene's materials are in `GiDynamicMaterials`, so that light follows their changes.
     let named = app.world().get::<GiDynamicMaterials>(root).unwrap();
     assert!(!named.0.is_empty());
-    let live = ours.data().materials.as_ref().unwrap();
+    let live = from_entities.data().materials.as_ref().unwrap();
     for (name, _) in &named.0 {
         assert!(live.names.contains(name), "{name}");
     }
@@ -101,10 +107,10 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
 #[test]
 fn entity_bake_picture_matches_cpu() {
     let mut app = app();
-    keep_ends(&mut app);
+    store_results(&mut app);
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
-    let (_, scene) = bake(&mut app, root, quick());
+    let (_, scene) = bake(&mut app, root, quick_recipe());
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
     let position = Vec3::new(0.1, 1.5, 0.4);
@@ -114,30 +120,33 @@ fn entity_bake_picture_matches_cpu() {
     let light = [light_source(position)];
     let still = Transform::IDENTITY;
     let cpu = cpu_indirect(&room, &scene, still, view(), &light, &settings());
-    assert_alike("entity_bake", &cpu, &picture(&mut app, &image));
+    assert_pictures_match("entity_bake", &cpu, &picture(&mut app, &image));
 }
 
 #[test]
 fn minimal_example_has_indirect_light() {
     let mut app = app();
-    keep_ends(&mut app);
+    store_results(&mut app);
     app.world_mut().run_system_cached(minimal::set_up).unwrap();
     let image = target(&mut app);
     let mut cameras = app.world_mut().query_filtered::<Entity, With<Camera3d>>();
-    let eye = cameras.single(app.world()).unwrap();
-    let at = *app.world().get::<Transform>(eye).unwrap();
-    (app.world_mut().entity_mut(eye)).insert(camera(&image, at));
+    let camera_entity = cameras.single(app.world()).unwrap();
+    let at = *app.world().get::<Transform>(camera_entity).unwrap();
+    (app.world_mut().entity_mut(camera_entity)).insert(camera(&image, at));
     let mut roots = (app.world_mut()).query_filtered::<Entity, With<GiBakeRequest>>();
     let root = roots.single(app.world()).unwrap();
-    let summary = end_of(&mut app, root).unwrap();
+    let summary = wait_for_result(&mut app, root).unwrap();
     assert_eq!((summary.triangles, summary.warnings.len()), (7 * 12, 0));
     run(&mut app, 3);
     let lit = picture(&mut app, &image);
-    keep("minimal_lit", &lit);
-    app.world_mut().get_mut::<GiCamera>(eye).unwrap().enabled = false;
+    save_picture("minimal_lit", &lit);
+    app.world_mut()
+        .get_mut::<GiCamera>(camera_entity)
+        .unwrap()
+        .enabled = false;
     run(&mut app, 2);
     let direct = picture(&mut app, &image);
-    keep("minimal_direct", &direct);
+    save_picture("minimal_direct", &direct);
     assert!(
         lit.mean() > 1.2 * direct.mean(),
         "{} {}",
@@ -194,7 +203,7 @@ fn unusable_meshes_are_named_and_skipped() {
     app.world_mut().entity_mut(lid).insert(Visibility::Visible);
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
 
-    let (bake, logged) = warnings(|| bake(&mut app, root, quick()));
+    let (bake, logged) = warnings(|| bake(&mut app, root, quick_recipe()));
     let (summary, scene) = bake;
     assert_eq!(scene.info().triangles, 21, "the room and the lid");
     let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
@@ -226,7 +235,7 @@ fn entity_bake_without_usable_meshes_returns_named_error() {
     let mut app = bare_app(&std::env::temp_dir());
     let world = app.world_mut();
     let empty = world.spawn(GiBakeRequest::from(Preset::Draft)).id();
-    let result = end_of(&mut app, empty);
+    let result = wait_for_result(&mut app, empty);
     assert!(matches!(
         &result,
         Err(GiBakeError::Empty { warnings, .. }) if warnings.is_empty()
@@ -237,8 +246,8 @@ fn entity_bake_without_usable_meshes_returns_named_error() {
     let plain = StandardMaterial::default();
     spawn_mesh(&mut app, root, extracted, plain.clone(), default());
     let nan = triangle([Vec3::NAN; 3]);
-    app.world_mut().entity_mut(root).bake_gi(quick());
-    let error = end_of(&mut app, root).unwrap_err().to_string();
+    app.world_mut().entity_mut(root).bake_gi(quick_recipe());
+    let error = wait_for_result(&mut app, root).unwrap_err().to_string();
     assert!(
         error.contains("`cave`") && error.contains("MAIN_WORLD"),
         "{error}"
@@ -249,9 +258,9 @@ fn entity_bake_without_usable_meshes_returns_named_error() {
     // The bake's thread detects that all triangles are unusable.
     let root = app.world_mut().spawn_empty().id();
     spawn_mesh(&mut app, root, nan, plain, default());
-    app.world_mut().entity_mut(root).bake_gi(quick());
+    app.world_mut().entity_mut(root).bake_gi(quick_recipe());
     assert!(matches!(
-        end_of(&mut app, root),
+        wait_for_result(&mut app, root),
         Err(GiBakeError::Empty { warnings, .. }) if warnings.len() == 1
     ));
 }
@@ -262,7 +271,7 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
     let room = Room::cornell();
     let [replaced, despawned, removed] = [0; 3].map(|_| {
         let root = room_root(&mut app, &room);
-        app.world_mut().entity_mut(root).bake_gi(slow());
+        app.world_mut().entity_mut(root).bake_gi(slow_recipe());
         root
     });
     let is_baking = |app: &App, root: Entity| app.world().get::<GiBakeTask>(root).is_some();
@@ -273,7 +282,7 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
             .then_some(())
     });
     let slow_bakes = bake_threads();
-    app.world_mut().entity_mut(replaced).bake_gi(quick());
+    app.world_mut().entity_mut(replaced).bake_gi(quick_recipe());
     assert!(!is_baking(&app, replaced), "the earlier bake is canceled");
     app.world_mut().despawn(despawned);
     app.world_mut()
@@ -281,7 +290,7 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
         .remove::<GiBakeRequest>();
     assert!(!is_baking(&app, removed));
     assert!(!app.world().entity(removed).contains::<GiBakeProgress>());
-    let summary = end_of(&mut app, replaced).unwrap();
+    let summary = wait_for_result(&mut app, replaced).unwrap();
     assert!(
         scene_of(&app, replaced)
             .info()
@@ -293,16 +302,19 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
         app.update();
     }
     assert!(
-        app.world().resource::<Ends>().0.is_empty(),
+        app.world().resource::<BakeResults>().0.is_empty(),
         "one end in all"
     );
     // Of two requests in one command queue the last one counts. A request for a despawned entity
     // has no effect.
     let mut commands = app.world_mut().commands();
-    commands.entity(replaced).bake_gi(slow()).bake_gi(quick());
-    commands.entity(despawned).bake_gi(quick());
+    commands
+        .entity(replaced)
+        .bake_gi(slow_recipe())
+        .bake_gi(quick_recipe());
+    commands.entity(despawned).bake_gi(quick_recipe());
     app.world_mut().flush();
-    end_of(&mut app, replaced).unwrap();
+    wait_for_result(&mut app, replaced).unwrap();
     // Canceled bakes end, so that they do not delay the end of the app.
     until_ended(&mut app, &slow_bakes);
     drop(app);
@@ -341,7 +353,7 @@ fn mirrored_and_instanced_meshes_keep_front_faces() {
     }
     // The root's transform, mirrored or not, is not part of the bake.
     (app.world_mut().entity_mut(root)).insert(mirror.with_translation(Vec3::splat(5.0)));
-    let (summary, scene) = bake(&mut app, root, quick());
+    let (summary, scene) = bake(&mut app, root, quick_recipe());
     assert_eq!((summary.triangles, summary.warnings.len()), (22, 0));
     let normal = |flip: f32| {
         let corner = |p: Vec3| turned.transform_point(p) * Vec3::new(flip, 1.0, 1.0);
@@ -389,10 +401,10 @@ fn floor() -> Mesh {
 }
 
 /// Returns a recipe with points of the finest hierarchy level on both halves of the floor.
-fn fine() -> Recipe {
+fn fine_recipe() -> Recipe {
     Recipe {
         max_refinement_points: None,
-        ..quick()
+        ..quick_recipe()
     }
 }
 
@@ -463,7 +475,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
         ..default()
     };
     let root = room_with_floor(&mut app, floor(), material.clone());
-    let (summary, scene) = bake(&mut app, root, fine());
+    let (summary, scene) = bake(&mut app, root, fine_recipe());
     assert_eq!(summary.warnings, []);
     let [left, right] = halves(&scene);
     assert!(left.0.x > 0.5 && right.0.x < 0.3, "{left:?} {right:?}");
@@ -471,7 +483,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     // Flipped texture coordinates.
     material.flip(true, false);
     let root = room_with_floor(&mut app, floor(), material.clone());
-    let [left, right] = halves(&bake(&mut app, root, fine()).1);
+    let [left, right] = halves(&bake(&mut app, root, fine_recipe()).1);
     assert!(right.0.x > 0.5 && left.0.x < 0.3, "{left:?} {right:?}");
     // An emission texture. Its black texel emits no light.
     let root = room_with_floor(
@@ -483,7 +495,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
             ..default()
         },
     );
-    let [left, right] = halves(&bake(&mut app, root, fine()).1);
+    let [left, right] = halves(&bake(&mut app, root, fine_recipe()).1);
     assert!(
         left.1.x > 3.0 * right.1.x && left.1.x > 3.0,
         "{left:?} {right:?}"
@@ -505,7 +517,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
         ..default()
     };
     let root = room_with_floor(&mut app, painted, white);
-    let [left, right] = halves(&bake(&mut app, root, fine()).1);
+    let [left, right] = halves(&bake(&mut app, root, fine_recipe()).1);
     near(left.0, Vec3::new(1.0, 0.5, 0.25));
     near(right.0, Vec3::new(0.2, 0.1, 0.05));
 
@@ -521,7 +533,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
             ..default()
         },
     );
-    let scene = bake(&mut app, root, quick()).1;
+    let scene = bake(&mut app, root, quick_recipe()).1;
     assert_eq!(
         scene.data().bvh.triangles.len(),
         18,
@@ -546,7 +558,7 @@ fn unreadable_images_are_named_and_use_factors() {
         ..default()
     };
     let root = room_with_floor(&mut app, floor(), material);
-    let (summary, scene) = bake(&mut app, root, quick());
+    let (summary, scene) = bake(&mut app, root, quick_recipe());
     let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
     assert_eq!(texts.len(), 2, "{texts:#?}");
     assert!(
@@ -576,7 +588,7 @@ fn equal_scenes_any_spawn_order_have_equal_bakes() {
     reversed.0.reverse();
     let [a, b, c] = [room.clone(), reversed, room.recolored(|c| 0.9 * c)].map(|room| {
         let root = room_root(&mut app, &room);
-        bake(&mut app, root, quick()).1
+        bake(&mut app, root, quick_recipe()).1
     });
     assert_eq!(a, b);
     assert!(!a.info().request.is_empty());
@@ -592,17 +604,17 @@ fn saved_bake_is_loaded_if_matching_and_else_replaced() {
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
     let request = |recipe: Recipe| GiBakeRequest::new(recipe).save_to(&file);
-    let (first, baked) = bake(&mut app, root, request(quick()));
+    let (first, baked) = bake(&mut app, root, request(quick_recipe()));
     assert!(!first.loaded && first.warnings.is_empty());
     let read = || BakedScene::read(&file, &default()).unwrap();
     assert_eq!(read(), *baked);
-    let (again, loaded) = bake(&mut app, root, request(quick()));
+    let (again, loaded) = bake(&mut app, root, request(quick_recipe()));
     assert!(again.loaded);
     assert_eq!(loaded, baked);
     // Another recipe, then other meshes.
     let finer = Recipe {
         rays_per_point: Some(96),
-        ..quick()
+        ..quick_recipe()
     };
     assert!(!bake(&mut app, root, request(finer.clone())).0.loaded);
     assert!(read().info().recipe.contains("rays_per_point:96"));
@@ -647,7 +659,7 @@ fn loaded_bake_of_other_meshes_warns_once() {
     let mut app = bare_app(folder.path());
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
-    let request = GiBakeRequest::new(quick()).save_to(folder.path().join("room.mgi"));
+    let request = GiBakeRequest::new(quick_recipe()).save_to(folder.path().join("room.mgi"));
     bake(&mut app, root, request);
     let load = |app: &mut App, room: &Room| {
         let root = room_root(app, room);
@@ -731,7 +743,7 @@ fn occluder_entities_are_found_by_name_or_component() {
     });
     let recipe = Recipe {
         occluders: ["door", "gate"].map(OccluderDesc::node).into(),
-        ..quick()
+        ..quick_recipe()
     };
     let (summary, scene) = bake(&mut app, root, recipe);
     let occluders = scene.data().occluders.as_ref().unwrap();
@@ -746,7 +758,7 @@ fn occluder_entities_are_found_by_name_or_component() {
     door.transmittance = 0.6;
     let recipe = Recipe {
         occluders: vec!["door".into()],
-        ..quick()
+        ..quick_recipe()
     };
     let (summary, _) = bake(&mut app, root, recipe);
     let found: Vec<String> = (summary.warnings.iter())
@@ -767,7 +779,7 @@ fn dynamic_materials_keep_app_names() {
     app.world_mut().entity_mut(root).insert(given);
     let recipe = Recipe {
         dynamic_materials: true,
-        ..quick()
+        ..quick_recipe()
     };
     let (_, scene) = bake(&mut app, root, recipe);
     let named = &app.world().get::<GiDynamicMaterials>(root).unwrap().0;
@@ -809,7 +821,7 @@ fn custom_material_is_gray_and_named() {
     (app.world_mut().entity_mut(floor))
         .remove::<MeshMaterial3d<StandardMaterial>>()
         .insert((MeshMaterial3d(paint), Name::new("pond")));
-    let (summary, scene) = bake(&mut app, root, quick());
+    let (summary, scene) = bake(&mut app, root, quick_recipe());
     assert_eq!(scene.info().triangles, 20);
     assert!(matches!(
         &summary.warnings[..],
@@ -839,7 +851,7 @@ fn failed_scenes_and_missing_assets_are_named() {
     let lost = spawn_mesh(&mut app, root, tile, default(), default());
     let no_material = MeshMaterial3d::<StandardMaterial>(server.load("nowhere.material"));
     app.world_mut().entity_mut(lost).insert(no_material);
-    let (summary, scene) = bake(&mut app, root, quick());
+    let (summary, scene) = bake(&mut app, root, quick_recipe());
     assert_eq!(scene.info().triangles, 22);
     let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
     for part in [

@@ -2,7 +2,7 @@
 //! follow lights and tiers.
 
 use crate::common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
-use crate::support::app::{headless_plugins, ready, run};
+use crate::support::app::{finish_plugins, headless_plugins, run};
 use crate::support::stage::{lit_room, spawn_light_source};
 use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
@@ -12,11 +12,11 @@ use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{GiBounceCount, GiDebugView, GiSolver};
 use meshless_gi::Preset;
 
-const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+const LIGHT_POSITION: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 
 /// Requested presets.
 #[derive(Resource, Default)]
-struct Asked(Vec<Preset>);
+struct RequestedPresets(Vec<Preset>);
 
 /// Creates an app with the panel. Returns it with scene, camera and light.
 fn app_with_panel() -> (App, Entity, Entity, Entity) {
@@ -28,13 +28,15 @@ fn app_with_panel() -> (App, Entity, Entity, Entity) {
     ))
     .insert_resource(GlobalAmbientLight::NONE)
     .insert_resource(PanelPreset(Preset::Draft))
-    .init_resource::<Asked>()
-    .add_observer(|event: On<BakeAgain>, mut requested: ResMut<Asked>| requested.0.push(event.0));
+    .init_resource::<RequestedPresets>()
+    .add_observer(
+        |event: On<BakeAgain>, mut requested: ResMut<RequestedPresets>| requested.0.push(event.0),
+    );
     assert!(app.is_plugin_added::<DiagnosticsPlugin>());
-    ready(&mut app);
-    let (root, eye, _, light_source) = lit_room(&mut app, PLACE);
+    finish_plugins(&mut app);
+    let (root, camera_entity, _, light_source) = lit_room(&mut app, LIGHT_POSITION);
     run(&mut app, 4);
-    (app, root, eye, light_source)
+    (app, root, camera_entity, light_source)
 }
 
 fn find(app: &mut App, control: Control) -> Option<(Entity, bool)> {
@@ -61,7 +63,7 @@ fn press(app: &mut App, control: Control) {
 
 #[test]
 fn panel_pressed_controls_change_components() {
-    let (mut app, root, eye, light_source) = app_with_panel();
+    let (mut app, root, camera_entity, light_source) = app_with_panel();
     let tier = GiQuality::Tier(1);
     for control in [
         Control::View(GiDebugView::Irradiance),
@@ -75,22 +77,22 @@ fn panel_pressed_controls_change_components() {
         press(&mut app, control);
     }
     let world = app.world();
-    let camera = world.get::<GiCamera>(eye).unwrap();
+    let camera = world.get::<GiCamera>(camera_entity).unwrap();
     assert_eq!(camera.debug_view, GiDebugView::Irradiance);
     let solver = world.get::<GiSolver>(root).unwrap();
     assert_eq!(solver.bounces, GiBounceCount::Fixed(3));
     assert_eq!(*world.get::<GiQuality>(root).unwrap(), tier);
-    let display = *world.get::<GiSplatting>(eye).unwrap();
+    let display = *world.get::<GiSplatting>(camera_entity).unwrap();
     assert_eq!(display, GiSplatting::default());
     assert!(!world.get::<GiLight>(light_source).unwrap().enabled);
-    assert_eq!(world.resource::<Asked>().0, [Preset::High]);
+    assert_eq!(world.resource::<RequestedPresets>().0, [Preset::High]);
     press(&mut app, Control::Light(light_source));
     assert!(app.world().get::<GiLight>(light_source).unwrap().enabled);
 }
 
 #[test]
 fn panel_marks_follow_component_changes() {
-    let (mut app, root, eye, light_source) = app_with_panel();
+    let (mut app, root, camera_entity, light_source) = app_with_panel();
     let marked = |app: &mut App, control| find(app, control).expect("a control").1;
     // The tests' cameras evaluate every pixel and show indirect light only.
     assert!(marked(&mut app, Control::Full(true)));
@@ -98,7 +100,7 @@ fn panel_marks_follow_component_changes() {
     assert!(!marked(&mut app, Control::View(GiDebugView::Final)));
     assert!(marked(&mut app, Control::Light(light_source)));
     let world = app.world_mut();
-    world.get_mut::<GiCamera>(eye).unwrap().debug_view = GiDebugView::Final;
+    world.get_mut::<GiCamera>(camera_entity).unwrap().debug_view = GiDebugView::Final;
     world.get_mut::<GiSolver>(root).unwrap().bounces = GiBounceCount::Auto;
     let off = GiLight {
         enabled: false,
@@ -121,7 +123,7 @@ fn panel_controls_follow_lights_and_key() {
     let tier = |n| Control::Quality(GiQuality::Tier(n));
     assert!(find(&mut app, tier(tiers)).is_some());
     assert!(find(&mut app, tier(tiers + 1)).is_none());
-    let second = spawn_light_source(&mut app, PLACE + Vec3::X);
+    let second = spawn_light_source(&mut app, LIGHT_POSITION + Vec3::X);
     assert!(find(&mut app, Control::Light(second)).is_none());
     run(&mut app, 2);
     assert!(find(&mut app, Control::Light(second)).is_some());

@@ -5,8 +5,8 @@ use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, bevy_light, counters, indirect, keep, light_source, settings,
-    spawn_room, view, work,
+    CANDELA, MAX, assert_pictures_match, bevy_light, counters, indirect, light_source,
+    save_picture, settings, spawn_room, view, work,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
@@ -38,7 +38,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &[light_source(positions[0])],
         &settings(),
     );
-    assert_alike("still", &still, &picture(&mut app, &image));
+    assert_pictures_match("still", &still, &picture(&mut app, &image));
 
     app.world_mut()
         .get_mut::<Transform>(light)
@@ -64,7 +64,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &settings(),
     );
     assert!(flip(&still, &moved) > MAX, "the light's move shows");
-    assert_alike("moved", &moved, &picture(&mut app, &image));
+    assert_pictures_match("moved", &moved, &picture(&mut app, &image));
 
     // The root is translated, rotated and scaled.
     let placed = Transform {
@@ -88,7 +88,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
         &settings(),
     );
     assert!(flip(&moved, &placed) > MAX, "the root's move shows");
-    assert_alike("placed", &placed, &picture(&mut app, &image));
+    assert_pictures_match("placed", &placed, &picture(&mut app, &image));
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn two_cameras_share_solve_and_show_equal_light() {
         "the two sides differ"
     );
     for (i, image) in images.iter().enumerate() {
-        assert_alike(
+        assert_pictures_match(
             &format!("camera_{i}"),
             &expected[i],
             &picture(&mut app, image),
@@ -160,7 +160,7 @@ fn picture_is_sum_of_direct_and_indirect_light() {
         enabled: false,
         ..default()
     };
-    let eye = app.world_mut().spawn((camera(&image, view()), off)).id();
+    let camera_entity = app.world_mut().spawn((camera(&image, view()), off)).id();
     let position = Vec3::new(0.0, 1.6, 0.3);
     app.world_mut().spawn((
         PointLight {
@@ -171,7 +171,9 @@ fn picture_is_sum_of_direct_and_indirect_light() {
     ));
     run(&mut app, 3);
     let direct = picture(&mut app, &image);
-    app.world_mut().entity_mut(eye).insert(GiCamera::default());
+    app.world_mut()
+        .entity_mut(camera_entity)
+        .insert(GiCamera::default());
     run(&mut app, 3);
     let lit = picture(&mut app, &image);
     let indirect = cpu_indirect(
@@ -183,8 +185,8 @@ fn picture_is_sum_of_direct_and_indirect_light() {
         &settings(),
     );
     let sum = direct.plus(&indirect);
-    keep("direct", &direct);
-    assert_alike("lit", &sum, &lit);
+    save_picture("direct", &direct);
+    assert_pictures_match("lit", &sum, &lit);
     assert!(flip(&direct, &lit) > MAX, "indirect light shows");
 }
 
@@ -202,7 +204,7 @@ fn eight_lights(app: &mut App) -> Vec<Entity> {
 }
 
 #[test]
-fn static_lights_cost_nothing_and_one_moved_costs_one() {
+fn static_lights_run_no_transport_and_moved_light_projects_once() {
     let mut app = app();
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
@@ -337,7 +339,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
 
 #[test]
 fn app_without_scenes_has_no_gpu_resources() {
-    let nothing = |app: &App, why: &str| {
+    let assert_no_gpu_resources = |app: &App, condition: &str| {
         let c = counters(app);
         assert!(c.frame > 0, "frames are counted");
         let found = (
@@ -347,36 +349,36 @@ fn app_without_scenes_has_no_gpu_resources() {
             c.active_scenes,
             c.dispatches.len(),
         );
-        assert_eq!(found, (0, 0, 0, 0, 0), "{why}: {}", c.plan);
+        assert_eq!(found, (0, 0, 0, 0, 0), "{condition}: {}", c.plan);
     };
     let mut app = app();
     eight_lights(&mut app);
     let image = target(&mut app);
     let plain = app.world_mut().spawn(camera(&image, view())).id();
     run(&mut app, 2);
-    nothing(&app, "no baked scene");
+    assert_no_gpu_resources(&app, "no baked scene");
 
     let root = spawn_room(&mut app, Transform::IDENTITY);
     run(&mut app, 2);
-    nothing(&app, "a camera without the component");
+    assert_no_gpu_resources(&app, "a camera without the component");
 
     app.world_mut().entity_mut(plain).insert((
         GiCamera::default(),
         Transform::from_xyz(0.0, 0.0, 30.0).looking_to(Vec3::Z, Vec3::Y),
     ));
     run(&mut app, 2);
-    nothing(&app, "the scene is behind the camera");
+    assert_no_gpu_resources(&app, "the scene is behind the camera");
 
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
     app.world_mut().entity_mut(plain).insert(view());
     run(&mut app, 2);
-    nothing(&app, "the scene is hidden");
+    assert_no_gpu_resources(&app, "the scene is hidden");
 
     app.world_mut()
         .entity_mut(root)
         .insert((Visibility::Inherited, GiScene(Handle::default())));
     run(&mut app, 2);
-    nothing(&app, "the asset is not loaded");
+    assert_no_gpu_resources(&app, "the asset is not loaded");
 
     // After the asset is loaded, the scene has buffers and pipelines. A scene that is hidden for a
     // few frames keeps them. A despawned scene frees them.
@@ -407,7 +409,7 @@ fn app_without_scenes_has_no_gpu_resources() {
     assert!(counters(&app).active_scenes == 1);
     app.world_mut().despawn(root);
     run(&mut app, 1);
-    nothing(&app, "the scene was despawned");
+    assert_no_gpu_resources(&app, "the scene was despawned");
 }
 
 #[test]
@@ -462,7 +464,7 @@ fn new_bake_replaces_old_in_next_frame() {
         &[light_source(position)],
         &settings(),
     );
-    assert_alike("baked_again", &cpu, &new);
+    assert_pictures_match("baked_again", &cpu, &new);
     let before = cpu_indirect(
         &room,
         &bake,
@@ -471,7 +473,7 @@ fn new_bake_replaces_old_in_next_frame() {
         &[light_source(position)],
         &settings(),
     );
-    assert_alike("baked_before", &before, &old);
+    assert_pictures_match("baked_before", &before, &old);
 }
 
 /// Returns the mean of 4 × 4 pixels in the middle.
@@ -518,14 +520,14 @@ fn white_wall_under_sky_matches_bevy_light() {
     room.spawn(&mut app, root);
     let image = target(&mut app);
     let front = Transform::from_xyz(0.0, 0.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y);
-    let eye = app
+    let camera_entity = app
         .world_mut()
         .spawn((camera(&image, front), GiCamera::default()))
         .id();
     run(&mut app, 3);
     let ours = middle(&picture(&mut app, &image));
 
-    app.world_mut().entity_mut(eye).insert(GiCamera {
+    app.world_mut().entity_mut(camera_entity).insert(GiCamera {
         enabled: false,
         ..default()
     });
@@ -648,7 +650,7 @@ fn double_counting_warns_once() {
     app.insert_resource(GlobalAmbientLight::default());
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
-    let eye = app
+    let camera_entity = app
         .world_mut()
         .spawn((camera(&image, view()), GiCamera::default()))
         .id();
@@ -659,7 +661,7 @@ fn double_counting_warns_once() {
     );
     app.insert_resource(GlobalAmbientLight::NONE);
     app.world_mut()
-        .entity_mut(eye)
+        .entity_mut(camera_entity)
         .insert(AmbientLight::default());
     run(&mut app, 2);
     let found = &app.world().resource::<GiWarnings>().0;
@@ -717,7 +719,7 @@ fn two_baked_scenes_add_up_in_one_camera() {
             &settings(),
         )
     });
-    assert_alike("two_scenes", &left.plus(&right), &picture(&mut app, &image));
+    assert_pictures_match("two_scenes", &left.plus(&right), &picture(&mut app, &image));
 }
 
 #[test]
@@ -732,9 +734,9 @@ fn side_by_side_views_on_one_target_are_separate() {
         Transform::from_xyz(0.8, 1.2, 4.5).looking_at(Vec3::new(0.1, 0.9, 0.0), Vec3::Y),
     ];
     for (i, at) in views.into_iter().enumerate() {
-        let eye = app.world_mut().spawn((camera(&image, at), indirect())).id();
-        let mut eye = app.world_mut().entity_mut(eye);
-        let mut camera = eye.get_mut::<Camera>().unwrap();
+        let camera_entity = app.world_mut().spawn((camera(&image, at), indirect())).id();
+        let mut camera_entity = app.world_mut().entity_mut(camera_entity);
+        let mut camera = camera_entity.get_mut::<Camera>().unwrap();
         camera.order = i as isize;
         camera.viewport = Some(bevy::camera::Viewport {
             physical_position: UVec2::new(i as u32 * half, 0),
@@ -760,7 +762,7 @@ fn side_by_side_views_on_one_target_are_separate() {
             &settings(),
             [half, HEIGHT],
         );
-        assert_alike(
+        assert_pictures_match(
             &format!("half_{i}"),
             &cpu,
             &both.columns(i * half as usize, half as usize),
@@ -774,7 +776,7 @@ fn every_light_type_is_extracted_and_can_opt_out() {
     let (room, bake) = cornell();
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
-    let eye = app
+    let camera_entity = app
         .world_mut()
         .spawn((camera(&image, view()), indirect()))
         .id();
@@ -847,7 +849,7 @@ fn every_light_type_is_extracted_and_can_opt_out() {
         &lights,
         &settings(),
     );
-    assert_alike("lights", &cpu, &picture(&mut app, &image));
+    assert_pictures_match("lights", &cpu, &picture(&mut app, &image));
     for i in 0..lights.len() {
         let mut fewer = lights.to_vec();
         fewer.remove(i);
@@ -867,7 +869,10 @@ fn every_light_type_is_extracted_and_can_opt_out() {
     }
 
     // The debug view shows irradiance on white surfaces.
-    app.world_mut().get_mut::<GiCamera>(eye).unwrap().debug_view = GiDebugView::Irradiance;
+    app.world_mut()
+        .get_mut::<GiCamera>(camera_entity)
+        .unwrap()
+        .debug_view = GiDebugView::Irradiance;
     run(&mut app, 1);
     let white = cpu_indirect(
         &room.recolored(|_| Vec3::ONE),
@@ -877,7 +882,7 @@ fn every_light_type_is_extracted_and_can_opt_out() {
         &lights,
         &settings(),
     );
-    assert_alike("irradiance", &white, &picture(&mut app, &image));
+    assert_pictures_match("irradiance", &white, &picture(&mut app, &image));
 }
 
 #[test]
@@ -931,7 +936,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
         );
     }
     let dots = picture(&mut app, &image);
-    keep("dots", &plain.beside(&dots));
+    save_picture("dots", &plain.beside(&dots));
     let green = |p: &Picture| {
         p.pixels
             .iter()

@@ -6,8 +6,8 @@ use crate::support::app::{app, camera, picture, run};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{cornell, cpu_indirect};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, bevy_light, counters, indirect, light_source, lit_room, settings,
-    spawn_room, view,
+    CANDELA, MAX, assert_pictures_match, bevy_light, counters, indirect, light_source, lit_room,
+    settings, spawn_room, view,
 };
 use bevy::camera::Hdr;
 use bevy::gizmos::config::GizmoConfigStore;
@@ -20,11 +20,11 @@ use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{GiColorMode, GiGizmos, GiSettings, GiWarning, GiWarnings};
 use meshless_gi::Light;
 
-const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);
+const LIGHT_POSITION: Vec3 = Vec3::new(0.2, 1.5, 0.4);
 
-/// Spawns a room, a camera that shows indirect light only, its target, and a light at [`PLACE`].
+/// Spawns a room, a camera that shows indirect light only, its target, and a light at [`LIGHT_POSITION`].
 fn stage(app: &mut App) -> (Entity, Entity, Handle<Image>, Entity) {
-    lit_room(app, PLACE)
+    lit_room(app, LIGHT_POSITION)
 }
 
 fn cpu(lights: &[Light]) -> Picture {
@@ -34,18 +34,18 @@ fn cpu(lights: &[Light]) -> Picture {
 }
 
 #[track_caller]
-fn finite(p: &Picture, what: &str) {
+fn finite(p: &Picture, case: &str) {
     let wrong = p.pixels.iter().flatten().filter(|v| !v.is_finite()).count();
-    assert_eq!(wrong, 0, "{what}: values that are not finite");
+    assert_eq!(wrong, 0, "{case}: values that are not finite");
 }
 
 #[test]
-fn invalid_values_leave_no_trace() {
+fn invalid_values_do_not_affect_later_frames() {
     let mut app = app();
     let (root, _, image, light_entity) = stage(&mut app);
     run(&mut app, 2);
-    let right = cpu(&[light_source(PLACE)]);
-    assert_alike("before", &right, &picture(&mut app, &image));
+    let right = cpu(&[light_source(LIGHT_POSITION)]);
+    assert_pictures_match("before", &right, &picture(&mut app, &image));
 
     type Set = fn(&mut PointLight, &mut Transform);
     let light_sources: [(&str, Set); 7] = [
@@ -57,17 +57,17 @@ fn invalid_values_leave_no_trace() {
         ("no place", |_, t| t.translation.x = f32::NAN),
         ("an endless place", |_, t| t.translation.y = f32::INFINITY),
     ];
-    for (what, set) in light_sources {
-        let (mut light, mut at) = (bevy_light(), Transform::from_translation(PLACE));
+    for (case, set) in light_sources {
+        let (mut light, mut at) = (bevy_light(), Transform::from_translation(LIGHT_POSITION));
         set(&mut light, &mut at);
         app.world_mut().entity_mut(light_entity).insert((light, at));
         run(&mut app, 2);
-        finite(&picture(&mut app, &image), what);
+        finite(&picture(&mut app, &image), case);
     }
-    let whole = (bevy_light(), Transform::from_translation(PLACE));
+    let whole = (bevy_light(), Transform::from_translation(LIGHT_POSITION));
     app.world_mut().entity_mut(light_entity).insert(whole);
     run(&mut app, 1);
-    assert_alike("after_lights", &right, &picture(&mut app, &image));
+    assert_pictures_match("after_lights", &right, &picture(&mut app, &image));
 
     // Lights without a direction. They are hidden, because Bevy's renderer does not support visible
     // ones.
@@ -100,7 +100,7 @@ fn invalid_values_leave_no_trace() {
         .entity_mut(root)
         .insert((GiEnvironment::default(), GiSolver::default()));
     run(&mut app, 1);
-    assert_alike("after_lighting", &right, &picture(&mut app, &image));
+    assert_pictures_match("after_lighting", &right, &picture(&mut app, &image));
 }
 
 #[test]
@@ -121,13 +121,17 @@ fn root_with_invalid_transform_is_hidden_and_frees_memory() {
     app.world_mut().get_mut::<Transform>(root).unwrap().scale = Vec3::ONE;
     run(&mut app, 2);
     let again = picture(&mut app, &image);
-    assert_alike("placed_again", &cpu(&[light_source(PLACE)]), &again);
+    assert_pictures_match(
+        "placed_again",
+        &cpu(&[light_source(LIGHT_POSITION)]),
+        &again,
+    );
 }
 
 #[test]
 fn respawned_roots_and_cameras_render_again() {
     let mut app = app();
-    let (mut root, mut eye, image, _) = stage(&mut app);
+    let (mut root, mut camera_entity, image, _) = stage(&mut app);
     run(&mut app, 2);
     let (bytes, pipelines) = (counters(&app).bytes, counters(&app).pipelines);
     for i in 0..6 {
@@ -148,25 +152,33 @@ fn respawned_roots_and_cameras_render_again() {
         );
         match i % 3 {
             0 => {
-                app.world_mut().despawn(eye);
-                eye = app
+                app.world_mut().despawn(camera_entity);
+                camera_entity = app
                     .world_mut()
                     .spawn((camera(&image, view()), indirect()))
                     .id();
             }
             1 => {
-                app.world_mut().entity_mut(eye).remove::<GiCamera>();
+                app.world_mut()
+                    .entity_mut(camera_entity)
+                    .remove::<GiCamera>();
                 run(&mut app, 1);
                 let c = counters(&app);
                 assert_eq!(c.dispatches.len(), 0, "{}", c.plan);
-                app.world_mut().entity_mut(eye).insert(indirect());
+                app.world_mut().entity_mut(camera_entity).insert(indirect());
             }
             _ => {
-                app.world_mut().get_mut::<Camera>(eye).unwrap().is_active = false;
+                app.world_mut()
+                    .get_mut::<Camera>(camera_entity)
+                    .unwrap()
+                    .is_active = false;
                 run(&mut app, 1);
                 let c = counters(&app);
                 assert_eq!(c.dispatches.len(), 0, "{}", c.plan);
-                app.world_mut().get_mut::<Camera>(eye).unwrap().is_active = true;
+                app.world_mut()
+                    .get_mut::<Camera>(camera_entity)
+                    .unwrap()
+                    .is_active = true;
             }
         }
         run(&mut app, 2);
@@ -178,9 +190,9 @@ fn respawned_roots_and_cameras_render_again() {
             c.plan
         );
     }
-    assert_alike(
+    assert_pictures_match(
         "at_last",
-        &cpu(&[light_source(PLACE)]),
+        &cpu(&[light_source(LIGHT_POSITION)]),
         &picture(&mut app, &image),
     );
 }
@@ -219,7 +231,7 @@ fn thousand_lights_then_none_frees_slots() {
             range: 20.0,
         })
         .collect();
-    assert_alike("thousand", &cpu(&lights), &picture(&mut app, &image));
+    assert_pictures_match("thousand", &cpu(&lights), &picture(&mut app, &image));
     for light_source in light_sources {
         app.world_mut().despawn(light_source);
     }
@@ -229,7 +241,7 @@ fn thousand_lights_then_none_frees_slots() {
 }
 
 #[test]
-fn failed_asset_leaves_nothing_and_can_be_replaced() {
+fn failed_asset_allocates_nothing_and_can_be_replaced() {
     let mut app = app();
     let (root, _, image, _) = stage(&mut app);
     let missing = app
@@ -243,9 +255,9 @@ fn failed_asset_leaves_nothing_and_can_be_replaced() {
     assert_eq!((c.pipelines, c.buffers), (0, 0), "{}", c.plan);
     app.world_mut().entity_mut(root).insert(good);
     run(&mut app, 2);
-    assert_alike(
+    assert_pictures_match(
         "replaced",
-        &cpu(&[light_source(PLACE)]),
+        &cpu(&[light_source(LIGHT_POSITION)]),
         &picture(&mut app, &image),
     );
 }
@@ -253,37 +265,45 @@ fn failed_asset_leaves_nothing_and_can_be_replaced() {
 #[test]
 fn camera_that_regains_prepasses_renders_again() {
     let mut app = app();
-    let (_, eye, image, _) = stage(&mut app);
+    let (_, camera_entity, image, _) = stage(&mut app);
     run(&mut app, 2);
-    app.world_mut().entity_mut(eye).remove::<Hdr>();
+    app.world_mut().entity_mut(camera_entity).remove::<Hdr>();
     run(&mut app, 2);
     assert_eq!(counters(&app).active_scenes, 0);
-    app.world_mut().entity_mut(eye).insert(Hdr);
+    app.world_mut().entity_mut(camera_entity).insert(Hdr);
     run(&mut app, 3);
     let again = picture(&mut app, &image);
-    assert_alike("regained", &cpu(&[light_source(PLACE)]), &again);
+    assert_pictures_match("regained", &cpu(&[light_source(LIGHT_POSITION)]), &again);
 
     // Multisampling set at run time: Bevy removes it from a deferred camera.
-    app.world_mut().entity_mut(eye).insert(Msaa::Sample4);
+    app.world_mut()
+        .entity_mut(camera_entity)
+        .insert(Msaa::Sample4);
     run(&mut app, 3);
-    assert_eq!(app.world().get::<Msaa>(eye), Some(&Msaa::Off));
+    assert_eq!(app.world().get::<Msaa>(camera_entity), Some(&Msaa::Off));
     let again = picture(&mut app, &image);
-    assert_alike("one_sample_again", &cpu(&[light_source(PLACE)]), &again);
+    assert_pictures_match(
+        "one_sample_again",
+        &cpu(&[light_source(LIGHT_POSITION)]),
+        &again,
+    );
 }
 
 #[test]
 fn jittered_camera_reconstructs_surface_positions() {
     let mut app = app();
-    let (_, eye, image, _) = stage(&mut app);
+    let (_, camera_entity, image, _) = stage(&mut app);
     run(&mut app, 2);
     // Horizontal shift by an eighth of the picture, much more than the jitter of antialiasing.
     let shift = 16;
-    app.world_mut().entity_mut(eye).insert(TemporalJitter {
-        offset: Vec2::new(shift as f32, 0.0),
-    });
+    app.world_mut()
+        .entity_mut(camera_entity)
+        .insert(TemporalJitter {
+            offset: Vec2::new(shift as f32, 0.0),
+        });
     run(&mut app, 3);
     let jittered = picture(&mut app, &image);
-    let still = cpu(&[light_source(PLACE)]);
+    let still = cpu(&[light_source(LIGHT_POSITION)]);
     let width = still.width - shift;
     let (left, right) = (still.columns(0, width), still.columns(shift, width));
     let moved_right = jittered.columns(shift, width);
@@ -291,16 +311,16 @@ fn jittered_camera_reconstructs_surface_positions() {
     assert!(flip(&left, &right) > MAX, "the jitter shows");
     // The test accepts both signs of Bevy's jitter.
     if flip(&left, &moved_right) < flip(&right, &moved_left) {
-        assert_alike("jittered", &left, &moved_right);
+        assert_pictures_match("jittered", &left, &moved_right);
     } else {
-        assert_alike("jittered", &right, &moved_left);
+        assert_pictures_match("jittered", &right, &moved_left);
     }
 }
 
 #[test]
 fn every_double_counting_is_reported() {
     let mut app = app();
-    let (_, eye, _, _) = stage(&mut app);
+    let (_, camera_entity, _, _) = stage(&mut app);
     run(&mut app, 1);
     let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), []);
@@ -312,11 +332,11 @@ fn every_double_counting_is_reported() {
         intensity: 100.0,
         ..default()
     };
-    app.world_mut().entity_mut(eye).insert(map());
+    app.world_mut().entity_mut(camera_entity).insert(map());
     run(&mut app, 1);
     assert_eq!(found(&app), [GiWarning::EnvironmentMap]);
     app.world_mut()
-        .entity_mut(eye)
+        .entity_mut(camera_entity)
         .remove::<EnvironmentMapLight>();
     app.world_mut()
         .spawn((LightProbe::default(), map(), Transform::IDENTITY));

@@ -5,7 +5,7 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Quad, Room, cpu_indirect};
 use crate::support::stage::{
-    MAX, assert_alike, bevy_light, counters, indirect, light_source, settings, view, work,
+    MAX, assert_pictures_match, bevy_light, counters, indirect, light_source, settings, view, work,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
@@ -45,15 +45,15 @@ fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedSce
 }
 
 /// Position of the light: in the small part, behind the screen.
-const PLACE: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
+const LIGHT_POSITION: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
 
 /// Draws the CPU's picture for the transmittance `gain` of the screen.
-fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
-    lit_from(PLACE, room, bake, gain)
+fn cpu_picture(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
+    cpu_picture_lit_from(LIGHT_POSITION, room, bake, gain)
 }
 
-/// Draws [`right`] with the light at `position`.
-fn lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
+/// Draws [`cpu_picture`] with the light at `position`.
+fn cpu_picture_lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     let mut frame = CpuFrame::new(bake);
     frame.set_occluders(bake, &[gain]);
     let mut now = bake.clone();
@@ -78,7 +78,7 @@ fn lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Pictur
 
 /// Creates an app with a room, its bake, a light and a camera, and runs three frames.
 fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
-    stage_lit_from(PLACE, room, scene)
+    stage_lit_from(LIGHT_POSITION, room, scene)
 }
 
 /// Creates the app of [`stage`] with the light at `position`.
@@ -105,12 +105,12 @@ fn stage_lit_from(position: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, 
 fn light_follows_door_in_same_frame_and_idles_without_change() {
     let (room, bake) = cornell();
     let (mut app, image) = stage(&room, bake.clone());
-    let open = right(&room, &bake, 1.0);
-    assert_alike("open", &open, &picture(&mut app, &image));
+    let open = cpu_picture(&room, &bake, 1.0);
+    assert_pictures_match("open", &open, &picture(&mut app, &image));
 
     // One entity names the screen and leaves it open. Another entity names an occluder that does
     // not exist.
-    let say = |app: &mut App, name: &str, transmittance: f32| {
+    let spawn_occluder = |app: &mut App, name: &str, transmittance: f32| {
         let name = name.into();
         let occluder = GiOccluder {
             name,
@@ -118,8 +118,8 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
         };
         app.world_mut().spawn(occluder).id()
     };
-    let door = say(&mut app, "screen", 1.0);
-    say(&mut app, "gate", 0.0);
+    let door = spawn_occluder(&mut app, "screen", 1.0);
+    spawn_occluder(&mut app, "gate", 0.0);
     run(&mut app, 1);
     let none = ([0; 4], 0);
     let c = counters(&app);
@@ -134,9 +134,9 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
         assert_eq!(c.dispatches_of(FrameStage::OCCLUDE), 1, "{}", c.plan);
         assert!(c.plan.to_string().contains("opened or shut"), "{}", c.plan);
         assert!(c.projected_slots == 1 && c.dispatches_of(FrameStage::APPLY) > 0);
-        let now = right(&room, &bake, transmittance);
+        let now = cpu_picture(&room, &bake, transmittance);
         let found = picture(&mut app, &image);
-        assert_alike("door", &now, &found);
+        assert_pictures_match("door", &now, &found);
         assert!(flip(&last, &now) > MAX, "the change shows");
         last = now;
         run(&mut app, 1);
@@ -147,16 +147,16 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
 
     // Of two entities with the same name the smallest transmittance applies. After both are
     // despawned, the screen is open.
-    let other = say(&mut app, "screen", 0.0);
+    let other = spawn_occluder(&mut app, "screen", 0.0);
     run(&mut app, 1);
     assert_eq!(counters(&app).dispatches_of(FrameStage::OCCLUDE), 1);
-    let shut = right(&room, &bake, 0.0);
-    assert_alike("two of them", &shut, &picture(&mut app, &image));
+    let shut = cpu_picture(&room, &bake, 0.0);
+    assert_pictures_match("two of them", &shut, &picture(&mut app, &image));
     app.world_mut().despawn(other);
     app.world_mut().despawn(door);
     run(&mut app, 1);
     assert_eq!(counters(&app).dispatches_of(FrameStage::OCCLUDE), 1);
-    assert_alike("gone", &open, &picture(&mut app, &image));
+    assert_pictures_match("gone", &open, &picture(&mut app, &image));
 }
 
 /// A closed screen matches the CPU if it is drawn in the farther half of an occluder three times as
@@ -185,8 +185,8 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
         transmittance: 0.0,
     });
     run(&mut app, 2);
-    let shut = lit_from(position, &room, &bake, 0.0);
-    assert_alike("drawn door", &shut, &picture(&mut app, &image));
+    let shut = cpu_picture_lit_from(position, &room, &bake, 0.0);
+    assert_pictures_match("drawn door", &shut, &picture(&mut app, &image));
     // With clip planes that do not shift with the normal, the screen is black.
     let mut upright = (*bake).clone();
     let arrays = upright.data_mut();
@@ -195,7 +195,7 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
         let length = Vec3::from_slice(&plane[..3]).length();
         *plane = plane.map(|c| c / length);
     }
-    let black = lit_from(position, &room, &upright, 0.0);
+    let black = cpu_picture_lit_from(position, &room, &upright, 0.0);
     assert!(flip(&shut, &black) > MAX, "{}", flip(&shut, &black));
 }
 

@@ -5,7 +5,7 @@
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::scenes::{Room, cpu_indirect};
 use crate::support::stage::{
-    assert_alike, counters, indirect, light_source, settings, spawn_light_source, view,
+    assert_pictures_match, counters, indirect, light_source, settings, spawn_light_source, view,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::{FrameStage, TierCandidate};
@@ -19,7 +19,7 @@ const FROM: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 const TO: Vec3 = Vec3::new(0.4, 1.4, 0.2);
 
 /// Returns the room and its bake of method `fmm`, with links as the lower tiers.
-fn baked(order: u32) -> (Room, Arc<BakedScene>) {
+fn bake_room(order: u32) -> (Room, Arc<BakedScene>) {
     let room = Room::cornell();
     let bake = room.bake_as(&Recipe {
         viewpoints: vec![[0.0, 1.0, 0.6]],
@@ -38,14 +38,14 @@ fn baked(order: u32) -> (Room, Arc<BakedScene>) {
     (room, bake)
 }
 
-struct Stand {
+struct TestScene {
     app: App,
     root: Entity,
     light_source: Entity,
     image: Handle<Image>,
 }
 
-fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
+fn test_scene(room: &Room, bake: &Arc<BakedScene>) -> TestScene {
     let mut app = app();
     let asset = (app.world_mut().resource_mut::<Assets<GiBakedScene>>()).add(GiBakedScene {
         scene: bake.clone(),
@@ -58,7 +58,7 @@ fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
     let light_source = spawn_light_source(&mut app, FROM);
-    Stand {
+    TestScene {
         app,
         root,
         light_source,
@@ -66,9 +66,9 @@ fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
     }
 }
 
-impl Stand {
+impl TestScene {
     /// Moves the light in each of `frames` frames. The last position is `TO`.
-    fn walk(&mut self, frames: usize) {
+    fn move_light(&mut self, frames: usize) {
         for k in 1..=frames {
             let position = FROM.lerp(TO, k as f32 / frames as f32);
             let world = self.app.world_mut();
@@ -90,11 +90,11 @@ impl Stand {
 
 #[test]
 fn moving_light_uses_octree_if_it_fits_else_links() {
-    let (room, bake) = baked(2);
+    let (room, bake) = bake_room(2);
     let tiers = bake.data().tiers();
     let links = bake.data().link_tiers();
     assert!(links >= 1 && tiers == links + 1);
-    let mut stand = stand(&room, &bake);
+    let mut test_scene = test_scene(&room, &bake);
     let cpu = |tier| {
         let settings = FrameSettings { tier, ..settings() };
         let lights = [light_source(TO)];
@@ -112,15 +112,18 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     // the points. Links take one dispatch per bounce.
     let levels = bake.data().fmm.as_ref().expect("an octree").levels() as u32;
     let reflections = settings().sweeps + 1;
-    let walked = reflections * (2 * levels + 1);
+    let octree_dispatches = reflections * (2 * levels + 1);
 
     // The octree fits: it solves in each frame in which the light moves.
-    stand.walk(4);
-    let (plan, dispatched) = stand.solved();
+    test_scene.move_light(4);
+    let (plan, dispatched) = test_scene.solved();
     let reason = format!("with tier {tiers} of {tiers}, the octree: full quality is requested");
-    assert!(plan.contains(&reason) && dispatched == walked, "{plan}");
-    let found = picture(&mut stand.app, &stand.image);
-    assert_alike("octree", &by_octree, &found);
+    assert!(
+        plan.contains(&reason) && dispatched == octree_dispatches,
+        "{plan}"
+    );
+    let found = picture(&mut test_scene.app, &test_scene.image);
+    assert_pictures_match("octree", &by_octree, &found);
     let own = found.nrmse(&by_octree);
     assert!(found.nrmse(&by_links) > 2.0 * own, "{own}");
 
@@ -128,7 +131,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     // octree's cost. A solve takes 2 ms with all links and 20 ms with the octree.
     let choices = TierCandidate::all_of(&bake, settings().sweeps);
     let work = choices[links as usize - 1].work;
-    stand
+    test_scene
         .app
         .insert_resource(SolveCostSource::Given(Arc::new(move |requested| {
             if requested > work {
@@ -137,13 +140,16 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
                 2.0 * requested as f32 / work as f32
             }
         })));
-    let root = stand.root;
-    let ask = |stand: &mut Stand, quality: GiQuality| {
-        stand.app.world_mut().entity_mut(root).insert(quality);
+    let root = test_scene.root;
+    let request_quality = |test_scene: &mut TestScene, quality: GiQuality| {
+        test_scene.app.world_mut().entity_mut(root).insert(quality);
     };
-    ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(4)));
-    stand.walk(20);
-    let (plan, dispatched) = stand.solved();
+    request_quality(
+        &mut test_scene,
+        GiQuality::GpuBudget(Duration::from_millis(4)),
+    );
+    test_scene.move_light(20);
+    let (plan, dispatched) = test_scene.solved();
     let reason = format!(
         "with tier {links} of {tiers}: 2.00 ms a solve, within 4 ms; tier {tiers}, the octree, would take"
     );
@@ -151,27 +157,33 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
         plan.contains(&reason) && dispatched == reflections,
         "{plan}"
     );
-    let found = picture(&mut stand.app, &stand.image);
-    assert_alike("links below the octree", &by_links, &found);
+    let found = picture(&mut test_scene.app, &test_scene.image);
+    assert_pictures_match("links below the octree", &by_links, &found);
     let own = found.nrmse(&by_links);
     assert!(found.nrmse(&by_octree) > 2.0 * own, "{own}");
 
     // With a sufficient budget the octree is used.
-    ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(40)));
-    stand.walk(20);
-    let (plan, dispatched) = stand.solved();
+    request_quality(
+        &mut test_scene,
+        GiQuality::GpuBudget(Duration::from_millis(40)),
+    );
+    test_scene.move_light(20);
+    let (plan, dispatched) = test_scene.solved();
     let reason = "the octree: 20.00 ms a solve, within 40 ms; there is no higher one";
-    assert!(plan.contains(reason) && dispatched == walked, "{plan}");
+    assert!(
+        plan.contains(reason) && dispatched == octree_dispatches,
+        "{plan}"
+    );
 }
 
 #[test]
 fn device_below_octree_limits_uses_links_with_reason() {
     // Expansions of this order do not fit into a workgroup.
-    let (room, bake) = baked(7);
+    let (room, bake) = bake_room(7);
     let links = bake.data().link_tiers();
-    let mut stand = stand(&room, &bake);
-    stand.walk(4);
-    let (plan, dispatched) = stand.solved();
+    let mut test_scene = test_scene(&room, &bake);
+    test_scene.move_light(4);
+    let (plan, dispatched) = test_scene.solved();
     assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
     let reason = format!("with tier {links} of {links}: full quality is requested");
     assert!(plan.contains(&reason), "{plan}");
@@ -190,7 +202,11 @@ fn device_below_octree_limits_uses_links_with_reason() {
         &lights,
         &settings,
     );
-    assert_alike("no octree", &cpu, &picture(&mut stand.app, &stand.image));
+    assert_pictures_match(
+        "no octree",
+        &cpu,
+        &picture(&mut test_scene.app, &test_scene.image),
+    );
 
     // A budget selects among the available tiers. The cost is 2 ms for all links and proportional
     // to the number of links. A budget of 3 ms selects all links.
@@ -198,15 +214,15 @@ fn device_below_octree_limits_uses_links_with_reason() {
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
     let cost = move |requested: u64| 2.0 * requested as f32 / work as f32;
-    (stand.app).insert_resource(SolveCostSource::Given(Arc::new(cost)));
-    let root = stand.root;
-    let ask = |stand: &mut Stand, ms: f32| {
+    (test_scene.app).insert_resource(SolveCostSource::Given(Arc::new(cost)));
+    let root = test_scene.root;
+    let request_quality = |test_scene: &mut TestScene, ms: f32| {
         let budget = GiQuality::GpuBudget(Duration::from_secs_f32(1e-3 * ms));
-        stand.app.world_mut().entity_mut(root).insert(budget);
-        stand.walk(20);
-        stand.solved().0
+        test_scene.app.world_mut().entity_mut(root).insert(budget);
+        test_scene.move_light(20);
+        test_scene.solved().0
     };
-    let plan = ask(&mut stand, 3.0);
+    let plan = request_quality(&mut test_scene, 3.0);
     let reason = "2.00 ms a solve, within 3 ms; there is no higher one";
     assert!(plan.contains(reason), "{plan}");
     // A slightly smaller budget selects the next lower tier, not the lowest one.
@@ -214,7 +230,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
     // The lower tier takes at most 4/5 of the budget.
     let budget = 0.5 * (below / 0.8 + 2.0);
     assert!(below < 0.8 * budget && budget < 2.0, "{below}");
-    let plan = ask(&mut stand, budget);
+    let plan = request_quality(&mut test_scene, budget);
     assert!(
         links > 2 && plan.contains(&format!("with tier {} of {links}: ", links - 1)),
         "{plan}"

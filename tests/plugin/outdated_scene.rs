@@ -1,6 +1,6 @@
 //! Bakes of a changed scene, recipe or bake version: content and time of the loader's reports.
 
-use crate::support::app::ready;
+use crate::support::app::finish_plugins;
 use crate::support::assets::until;
 use crate::support::glb::{glb, gltf};
 use crate::support::log::warnings;
@@ -20,14 +20,14 @@ const RECIPE: &str =
     r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.6, levels: 3, rays: 64)"#;
 
 /// Returns the room with a shifted block.
-fn moved() -> Room {
+fn shifted_room() -> Room {
     let mut room = Room::cornell();
     room.0[5..].iter_mut().for_each(|quad| quad.corner.x -= 0.4);
     room
 }
 
 /// Writes a scene, its recipe and its bake to a folder of assets.
-fn write_level(root: &Path) -> PathBuf {
+fn write_scene(root: &Path) -> PathBuf {
     let assets = root.join("assets");
     std::fs::create_dir_all(&assets).unwrap();
     std::fs::write(assets.join("room.glb"), glb(&Room::cornell())).unwrap();
@@ -50,7 +50,7 @@ struct Changes(Arc<Mutex<Option<Sink>>>);
 type Sink = Box<dyn Fn(&str) + Send>;
 
 impl Changes {
-    fn tell(&self, path: &str) {
+    fn notify(&self, path: &str) {
         self.0.lock().unwrap().as_ref().expect("an app watches")(path);
     }
 }
@@ -87,7 +87,7 @@ fn app_with(assets: AssetPlugin, path: &str, changes: &Changes) -> App {
     app.edit_schedule(Last, |schedule| {
         schedule.set_executor(SingleThreadedExecutor::new());
     });
-    ready(&mut app);
+    finish_plugins(&mut app);
     let bake = app
         .world()
         .resource::<AssetServer>()
@@ -96,7 +96,7 @@ fn app_with(assets: AssetPlugin, path: &str, changes: &Changes) -> App {
     app
 }
 
-fn unprocessed(assets: &Path) -> AssetPlugin {
+fn unprocessed_assets(assets: &Path) -> AssetPlugin {
     AssetPlugin {
         file_path: assets.to_string_lossy().into_owned(),
         ..default()
@@ -128,16 +128,16 @@ fn findings(app: &App) -> &[GiWarning] {
 #[test]
 fn changed_scene_is_reported_once() {
     let root = tempfile::tempdir().unwrap();
-    let assets = write_level(root.path());
+    let assets = write_scene(root.path());
     let changes = Changes::default();
-    let mut app = app_with(unprocessed(&assets), "room.mgi", &changes);
+    let mut app = app_with(unprocessed_assets(&assets), "room.mgi", &changes);
     let ((), lines) = warnings(|| load(&mut app));
     assert_eq!(stale(&app, "room.mgi"), None);
     assert!(lines.is_empty() && findings(&app).is_empty(), "{lines:?}");
 
     // After the scene file changes, Bevy reloads the bake.
-    std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
-    changes.tell("room.glb");
+    std::fs::write(assets.join("room.glb"), glb(&shifted_room())).unwrap();
+    changes.notify("room.glb");
     let (found, lines) = warnings(|| {
         let found = until(&mut app, "the comparison", |app| stale(app, "room.mgi"));
         (0..20).for_each(|_| app.update());
@@ -159,7 +159,7 @@ fn changed_scene_is_reported_once() {
     let (json, binary) = gltf(&Room::cornell(), "room.bin");
     std::fs::write(assets.join("room.bin"), binary).unwrap();
     std::fs::write(assets.join("room.glb"), json).unwrap();
-    changes.tell("room.glb");
+    changes.notify("room.glb");
     until(&mut app, "the comparison", |app| {
         stale(app, "room.mgi").is_none().then_some(())
     });
@@ -168,8 +168,8 @@ fn changed_scene_is_reported_once() {
 #[test]
 fn unchecked_scene_is_not_reported() {
     let root = tempfile::tempdir().unwrap();
-    let assets = write_level(root.path());
-    std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
+    let assets = write_scene(root.path());
+    std::fs::write(assets.join("room.glb"), glb(&shifted_room())).unwrap();
     // `check_level` is an earlier name of `check_scene`.
     let meta = |check: &str| {
         let text = format!(
@@ -178,17 +178,17 @@ fn unchecked_scene_is_not_reported() {
         std::fs::write(assets.join("room.mgi.meta"), text).unwrap();
     };
     meta("check_scene: Never");
-    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    let mut app = app_with(unprocessed_assets(&assets), "room.mgi", &Changes::default());
     load(&mut app);
     assert_eq!(stale(&app, "room.mgi"), None);
     meta("check_level: Always");
-    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    let mut app = app_with(unprocessed_assets(&assets), "room.mgi", &Changes::default());
     let found = until(&mut app, "the comparison", |app| stale(app, "room.mgi"));
     assert!(found.contains("content"), "{found}");
 
     // Without the scene file, the bake is not compared.
     std::fs::remove_file(assets.join("room.glb")).unwrap();
-    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    let mut app = app_with(unprocessed_assets(&assets), "room.mgi", &Changes::default());
     load(&mut app);
     assert_eq!(stale(&app, "room.mgi"), None);
 }
@@ -196,13 +196,13 @@ fn unchecked_scene_is_not_reported() {
 #[test]
 fn bake_of_other_version_is_reported_without_scene() {
     let root = tempfile::tempdir().unwrap();
-    let assets = write_level(root.path());
+    let assets = write_scene(root.path());
     let file = assets.join("room.mgi");
     let mut scene = BakedScene::read(&file, &Limits::default()).unwrap();
     scene.data_mut().info.bake_version -= 1;
     scene.data_mut().info.scene = None;
     scene.write(&file).unwrap();
-    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    let mut app = app_with(unprocessed_assets(&assets), "room.mgi", &Changes::default());
     let ((), lines) = warnings(|| load(&mut app));
     assert_eq!(stale(&app, "room.mgi").as_deref(), Some("bake version"));
     assert!(
@@ -214,7 +214,7 @@ fn bake_of_other_version_is_reported_without_scene() {
 #[test]
 fn processed_recipe_with_changed_sources_is_reported() {
     let root = tempfile::tempdir().unwrap();
-    let assets = write_level(root.path());
+    let assets = write_scene(root.path());
     let processed = || AssetPlugin {
         mode: AssetMode::Processed,
         use_asset_processor_override: Some(false),
@@ -223,14 +223,14 @@ fn processed_recipe_with_changed_sources_is_reported() {
             .join("imported_assets/Default")
             .to_string_lossy()
             .into_owned(),
-        ..unprocessed(&assets)
+        ..unprocessed_assets(&assets)
     };
     let app = || app_with(processed(), "room.gi.ron", &Changes::default());
     let mut fresh = app();
     load(&mut fresh);
     assert_eq!(stale(&fresh, "room.gi.ron"), None);
 
-    std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
+    std::fs::write(assets.join("room.glb"), glb(&shifted_room())).unwrap();
     let finer = RECIPE.replace("rays: 64", "rays: 96");
     std::fs::write(assets.join("room.gi.ron"), finer).unwrap();
     let mut changed = app();

@@ -1,12 +1,12 @@
 //! Plan of the running plugin: inventory, decisions with their settings, and costs from the device
 //! or the test.
 
-use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::app::{app, camera, finish_plugins, headless_plugins, picture, run, target};
 use crate::support::flip::flip;
 use crate::support::scenes::{Room, cornell, cpu_indirect};
 use crate::support::stage::{
-    CANDELA, MAX, assert_alike, counters, indirect, light_source, lit_room, settings, spawn_baked,
-    spawn_light_source, view,
+    CANDELA, MAX, assert_pictures_match, counters, indirect, light_source, lit_room, settings,
+    spawn_baked, spawn_light_source, view,
 };
 use bevy::light::RectLight;
 use bevy::prelude::*;
@@ -23,7 +23,7 @@ use bevy_meshless_gi::{GiColorMode, GiReflectiveShadowMap, GiReflector};
 use meshless_gi::{Channels, FrameSettings, Light};
 use std::sync::Arc;
 
-const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+const LIGHT_POSITION: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 
 fn plan(app: &App) -> Plan {
     counters(app).plan
@@ -45,10 +45,10 @@ fn move_to(app: &mut App, entity: Entity, position: Vec3) {
 }
 
 #[test]
-fn inventory_follows_world() {
+fn inventory_after_world_changes_has_new_counts() {
     let mut app = app();
-    let (root, eye, _, light_source) = lit_room(&mut app, PLACE);
-    let second = spawn_light_source(&mut app, -PLACE + 2.0 * Vec3::Y);
+    let (root, camera_entity, _, light_source) = lit_room(&mut app, LIGHT_POSITION);
+    let second = spawn_light_source(&mut app, -LIGHT_POSITION + 2.0 * Vec3::Y);
     run(&mut app, 2);
     let found = inventory(&app);
     let points = found.lights_of(LightKind::Point);
@@ -64,7 +64,7 @@ fn inventory_follows_world() {
     assert_eq!(found.colors, ColorUniformity::Surfaces);
 
     // One light moves and the other changes its color, each in one frame.
-    move_to(&mut app, light_source, PLACE + 0.1 * Vec3::X);
+    move_to(&mut app, light_source, LIGHT_POSITION + 0.1 * Vec3::X);
     let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
     light.color = Color::linear_rgb(1.0, 0.5, 0.5);
     run(&mut app, 1);
@@ -105,7 +105,7 @@ fn inventory_follows_world() {
     assert_eq!(inventory(&app).normal_maps, 0);
 
     // A camera that is off is counted as such.
-    let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
+    let mut camera = app.world_mut().get_mut::<GiCamera>(camera_entity).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
     let cameras = inventory(&app).cameras;
@@ -117,7 +117,7 @@ fn inventory_follows_world() {
 #[test]
 fn costs_are_measured_and_predict_other_tier() {
     let mut app = app();
-    let (root, _, _, light_source) = lit_room(&mut app, PLACE);
+    let (root, _, _, light_source) = lit_room(&mut app, LIGHT_POSITION);
     run(&mut app, 1);
     let first = plan(&app);
     for stage in [
@@ -142,7 +142,11 @@ fn costs_are_measured_and_predict_other_tier() {
         1e-4 * links as f32
     })));
     for k in 0..6 {
-        move_to(&mut app, light_source, PLACE + 0.01 * k as f32 * Vec3::X);
+        move_to(
+            &mut app,
+            light_source,
+            LIGHT_POSITION + 0.01 * k as f32 * Vec3::X,
+        );
         run(&mut app, 1);
     }
     let seen = cost(&plan(&app), FrameStage::APPLY);
@@ -174,7 +178,7 @@ fn costs_are_measured_and_predict_other_tier() {
 #[test]
 fn forced_tier_changes_only_tier_decision() {
     let mut app = app();
-    let (root, eye, _, light_source) = lit_room(&mut app, PLACE);
+    let (root, camera_entity, _, light_source) = lit_room(&mut app, LIGHT_POSITION);
     run(&mut app, 2);
     let standing = |app: &App| {
         let mut found = plan(app).decisions();
@@ -207,13 +211,17 @@ fn forced_tier_changes_only_tier_decision() {
     assert!(matches!(differ[..], [DecisionKind::Tier(_)]), "{differ:?}");
     for k in 0..20 {
         if k % 3 != 0 {
-            move_to(&mut app, light_source, PLACE + 0.01 * k as f32 * Vec3::X);
+            move_to(
+                &mut app,
+                light_source,
+                LIGHT_POSITION + 0.01 * k as f32 * Vec3::X,
+            );
         }
         run(&mut app, 1);
         assert_eq!(standing(&app), forced, "frame {k}");
     }
     // If the only camera is off, the plan is empty.
-    let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
+    let mut camera = app.world_mut().get_mut::<GiCamera>(camera_entity).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
     let found = plan(&app);
@@ -234,12 +242,36 @@ fn gpu_timings_reach_plan() {
         MeshlessGiPlugin::default(),
     ))
     .insert_resource(GlobalAmbientLight::NONE);
-    ready(&mut app);
+    finish_plugins(&mut app);
     let clocked = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
     let features = app.world().resource::<RenderDevice>().features();
-    let (_, _, _, light_source) = lit_room(&mut app, PLACE);
+    let (_, _, _, light_source) = lit_room(&mut app, LIGHT_POSITION);
     for k in 0..8 {
-        move_to(&mut app, light_source, PLACE + 0.01 * k as f32 * Vec3::X);
+        move_to(
+            &mut app,
+            light_source,
+            LIGHT_POSITION + 0.01 * k as f32 * Vec3::X,
+        );
+        run(&mut app, 1);
+    }
+    let found = plan(&app);
+    assert!(cost(&found, FrameStage::SPLAT).work == Work::Pixels(128 * 96));
+    // A dynamic object in a reflective shadow map.
+    let ball = Mesh::from(Sphere::new(0.2));
+    let ball = Mesh3d(app.world_mut().resource_mut::<Assets<Mesh>>().add(ball));
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    let material = MeshMaterial3d(materials.add(StandardMaterial::default()));
+    let place = Transform::from_translation(LIGHT_POSITION - 0.6 * Vec3::Y);
+    (app.world_mut()).spawn((ball, material, place, GiReflector));
+    let map = GiReflectiveShadowMap::default();
+    let texels = u64::from(map.texels());
+    app.world_mut().entity_mut(light_source).insert(map);
+    for k in 0..8 {
+        move_to(
+            &mut app,
+            light_source,
+            LIGHT_POSITION + 0.01 * k as f32 * Vec3::X,
+        );
         run(&mut app, 1);
     }
     let found = plan(&app);
@@ -249,6 +281,7 @@ fn gpu_timings_reach_plan() {
         FrameStage::APPLY,
         FrameStage::SPLAT,
         FrameStage::COMPOSITE,
+        FrameStage::RSM,
     ] {
         let cost = cost(&found, stage);
         if features.contains(clocked) {
@@ -262,7 +295,10 @@ fn gpu_timings_reach_plan() {
             assert_eq!((cost.predicted, cost.measured), (None, None));
         }
     }
-    assert!(cost(&found, FrameStage::SPLAT).work == Work::Pixels(128 * 96));
+    let Work::Texels(all) = cost(&found, FrameStage::RSM).work else {
+        panic!("{found}");
+    };
+    assert!(all > 0 && all % (texels * texels) == 0, "{all}");
 }
 
 /// The solve uses the number of bounces for the surface albedo with `Auto`, and the set number with
@@ -274,8 +310,8 @@ fn bounce_count_follows_surface_albedo() {
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
-    spawn_light_source(&mut app, PLACE);
-    let ask = |app: &mut App, bounces: GiBounceCount| {
+    spawn_light_source(&mut app, LIGHT_POSITION);
+    let solve_with = |app: &mut App, bounces: GiBounceCount| {
         let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
         solver.bounces = bounces;
         run(app, 1);
@@ -290,7 +326,7 @@ fn bounce_count_follows_surface_albedo() {
             sweeps: picked.bounces - 1,
             ..settings()
         };
-        let lights = [light_source(PLACE)];
+        let lights = [light_source(LIGHT_POSITION)];
         let cpu = cpu_indirect(
             &room,
             &bake,
@@ -299,12 +335,12 @@ fn bounce_count_follows_surface_albedo() {
             &lights,
             &settings,
         );
-        assert_alike("reflections", &cpu, &picture(app, &image));
+        assert_pictures_match("reflections", &cpu, &picture(app, &image));
         (picked, cpu)
     };
-    let (few, short) = ask(&mut app, GiBounceCount::Fixed(2));
+    let (few, short) = solve_with(&mut app, GiBounceCount::Fixed(2));
     assert!(few.forced && few.bounces == 2, "{few}");
-    let (many, whole) = ask(&mut app, GiBounceCount::Auto);
+    let (many, whole) = solve_with(&mut app, GiBounceCount::Auto);
     let gain = bake.info().energy.spectral_radius_bound;
     assert!(
         !many.forced && many.bounces == bounces_for_spectral_radius(gain),
@@ -316,7 +352,7 @@ fn bounce_count_follows_surface_albedo() {
         sweeps: 4 * many.bounces,
         ..settings()
     };
-    let lights = [light_source(PLACE)];
+    let lights = [light_source(LIGHT_POSITION)];
     let all = cpu_indirect(
         &room,
         &bake,
@@ -343,7 +379,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     let root = spawn_baked(&mut app, &gray, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
-    let light_source = spawn_light_source(&mut app, PLACE);
+    let light_source = spawn_light_source(&mut app, LIGHT_POSITION);
     let paint = |app: &mut App, [r, g, b]: [f32; 3]| {
         let mut light = app.world_mut().get_mut::<PointLight>(light_source).unwrap();
         light.color = Color::linear_rgb(r, g, b);
@@ -376,26 +412,26 @@ fn gray_room_uses_monochrome_until_colored_light() {
         "{first}"
     );
     assert!(matches!(cost(&first, FrameStage::APPLY).work, Work::OneChannel(n) if n > 1000));
-    let warm = right(&[(PLACE, WARM)]);
-    assert_alike("one_channel", &warm, &picture(&mut app, &image));
+    let warm = right(&[(LIGHT_POSITION, WARM)]);
+    assert_pictures_match("one_channel", &warm, &picture(&mut app, &image));
     // Another color of all lights still uses one channel, in the same frame.
     paint(&mut app, BLUE);
     run(&mut app, 1);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
-    let blue = right(&[(PLACE, BLUE)]);
+    let blue = right(&[(LIGHT_POSITION, BLUE)]);
     assert!(flip(&warm, &blue) > MAX);
-    assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
+    assert_pictures_match("one_other_channel", &blue, &picture(&mut app, &image));
 
     // A second light in another color switches to three channels in the same frame.
-    let position = PLACE + 0.6 * Vec3::X;
+    let position = LIGHT_POSITION + 0.6 * Vec3::X;
     let second = spawn_light_source(&mut app, position);
     run(&mut app, 1);
     assert_eq!(channels(&app).channels, Channels::Three);
     let work = |app: &App| counters(app).dispatches_of(FrameStage::APPLY);
     assert!(work(&app) > 0);
-    let both = right(&[(PLACE, BLUE), (position, [1.0; 3])]);
+    let both = right(&[(LIGHT_POSITION, BLUE), (position, [1.0; 3])]);
     assert!(flip(&blue, &both) > MAX);
-    assert_alike("two_colors", &both, &picture(&mut app, &image));
+    assert_pictures_match("two_colors", &both, &picture(&mut app, &image));
 
     // After its removal, one channel returns after `MONOCHROME_HYSTERESIS_FRAMES` frames, without a
     // solve.
@@ -411,19 +447,19 @@ fn gray_room_uses_monochrome_until_colored_light() {
     }
     assert_eq!(changed, 1);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
-    assert_alike("blue_again", &blue, &picture(&mut app, &image));
+    assert_pictures_match("blue_again", &blue, &picture(&mut app, &image));
 
     // A setting forces the channels, and the light follows in the same frame.
-    let ask = |app: &mut App, channels| {
+    let solve_with = |app: &mut App, channels| {
         let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
         solver.color_mode = channels;
         run(app, 1);
     };
-    ask(&mut app, GiColorMode::Rgb);
+    solve_with(&mut app, GiColorMode::Rgb);
     assert_eq!(channels(&app).channels, Channels::Three);
     assert!(channels(&app).forced && work(&app) > 0);
     spawn_light_source(&mut app, position);
-    ask(&mut app, GiColorMode::Monochrome);
+    solve_with(&mut app, GiColorMode::Monochrome);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert!(channels(&app).forced && work(&app) > 0);
     let found = picture(&mut app, &image);
@@ -432,7 +468,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
         !found.pixels.iter().any(colored),
         "green decides, and light is white"
     );
-    ask(&mut app, GiColorMode::Auto);
+    solve_with(&mut app, GiColorMode::Auto);
     assert!(!channels(&app).forced && work(&app) > 0);
-    assert_alike("as_it_takes", &both, &picture(&mut app, &image));
+    assert_pictures_match("as_it_takes", &both, &picture(&mut app, &image));
 }

@@ -1,10 +1,10 @@
 //! Point clouds in the running plugin: a room as points from a `.ply` file, compared with the same
 //! room as meshes in direct and indirect light. Also tests invalid files.
 
-use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
+use crate::support::app::{camera, finish_plugins, headless_plugins, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::Room;
-use crate::support::stage::{keep, spawn_light_source, view};
+use crate::support::stage::{save_picture, spawn_light_source, view};
 use bevy::camera::visibility::RenderLayers;
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
@@ -13,9 +13,7 @@ use bevy_meshless_gi::point_cloud::{GiPointCloud, GiPointCloudAsset};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::internals::samples::scatter;
 use meshless_gi::internals::scene::{PlyEncoding, PlyPoints, write_ply};
-use meshless_gi::{
-    Material, PointCloud, Preset, Progress, Quad, Recipe, TriangleMesh, bake_scene, mesh_of_quads,
-};
+use meshless_gi::{Material, PointCloud, Preset, Progress, Quad, Recipe, TriangleMesh, bake_scene};
 use std::path::Path;
 
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.0, 1.7, 0.4);
@@ -32,7 +30,7 @@ fn room_mesh() -> TriangleMesh {
             material: Material::diffuse(q.color),
         })
         .collect();
-    mesh_of_quads(&quads)
+    TriangleMesh::from_quads(&quads)
 }
 
 fn write(to: &Path, points: &PlyPoints) {
@@ -57,12 +55,12 @@ fn app_in(folder: &Path) -> App {
     });
     app.add_plugins((plugins, MeshlessGiPlugin::default()))
         .insert_resource(GlobalAmbientLight::NONE);
-    ready(&mut app);
+    finish_plugins(&mut app);
     app
 }
 
 /// Returns the room's picture with a bake of `mesh`. `spawn` spawns the drawn room.
-fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -> Picture {
+fn draw_room(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -> Picture {
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[0.0, 1.0, 0.6]],
@@ -94,14 +92,14 @@ fn point_room_picture_matches_triangle_room() {
     let points = scatter(&mesh, 0.03, 3).expect("so many fit");
     assert!(points.positions.len() > 10_000);
     write(&folder.path().join("room.ply"), &points);
-    let expected = shown(&mesh, folder.path(), |app, root| {
+    let expected = draw_room(&mesh, folder.path(), |app, root| {
         Room::cornell().spawn(app, root);
     });
     let loaded =
         meshless_gi::internals::scene::load_ply(folder.path().join("room.ply"), &[]).unwrap();
     let (cells, _) = loaded.cloud.mesh();
     let count = loaded.cloud.len();
-    let drawn = shown(&cells, folder.path(), |app, root| {
+    let drawn = draw_room(&cells, folder.path(), |app, root| {
         let handle: Handle<GiPointCloudAsset> =
             app.world().resource::<AssetServer>().load("room.ply");
         let entity = app
@@ -124,7 +122,7 @@ fn point_room_picture_matches_triangle_room() {
             .expect("drawn with something");
         assert_eq!(material.0, cloud.material);
     });
-    keep("points", &expected.beside(&drawn));
+    save_picture("points", &expected.beside(&drawn));
     let (d, nrmse) = (flip(&expected, &drawn), drawn.nrmse(&expected));
     println!("a room of {count} points: FLIP {d:.4}, NRMSE {nrmse:.4}");
     assert!(d < 0.04 && nrmse < 0.06, "FLIP {d}, NRMSE {nrmse}");

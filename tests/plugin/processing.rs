@@ -1,12 +1,12 @@
 //! Asset processing: the build step, apps with and without their own asset processor, and apps that
 //! load processed assets.
 
-use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
-use crate::support::assets::{bare_app_with, shipped, until};
+use crate::support::app::{camera, finish_plugins, headless_plugins, picture, run, target};
+use crate::support::assets::{bare_app_with, shipped_asset_plugin, until};
 use crate::support::glb::{glb, gltf, textured_glb};
 use crate::support::log::Log;
 use crate::support::scenes::Room;
-use crate::support::stage::{indirect, keep, spawn_light_source, view};
+use crate::support::stage::{indirect, save_picture, spawn_light_source, view};
 use bevy::asset::io::Reader;
 use bevy::asset::processor::AssetProcessor;
 use bevy::asset::{AssetLoader, AssetMetaCheck, LoadContext, UntypedHandle};
@@ -137,8 +137,9 @@ fn wait_for(app: &mut App, handles: &[UntypedHandle]) {
     until(app, "loading", |app| {
         let server = app.world().resource::<AssetServer>();
         for (handle, name) in handles.iter().zip(ASSETS) {
-            if let Some(bevy::asset::LoadState::Failed(why)) = server.get_load_state(handle.id()) {
-                panic!("{name}: {why}");
+            if let Some(bevy::asset::LoadState::Failed(error)) = server.get_load_state(handle.id())
+            {
+                panic!("{name}: {error}");
             }
         }
         let loaded = |h: &UntypedHandle| server.is_loaded_with_dependencies(h.id());
@@ -169,7 +170,7 @@ fn process_assets_in_child_process() {
         Some("step") => match process_assets(&GiProcessAssetsOptions::default()) {
             Ok(report) => println!("BAKED {:?} KEPT {:?}", report.baked, report.kept),
             Err(GiProcessAssetsError::Failed(failed)) => println!("FAILED {failed:?}"),
-            Err(why) => panic!("{why}"),
+            Err(error) => panic!("{error}"),
         },
         Some("game") => run_game(),
         _ => load_unprocessed(),
@@ -201,7 +202,7 @@ fn run_game() {
     .init_asset::<Bytes>()
     .init_asset_loader::<BytesLoader>()
     .add_plugins(MeshlessGiPlugin::default());
-    ready(&mut app);
+    finish_plugins(&mut app);
     app.update();
     let processor = app.world().resource::<AssetProcessor>().clone();
     let mut finished = bevy::tasks::IoTaskPool::get()
@@ -265,13 +266,13 @@ fn process_assets_game_without_processor_loads_all_and_is_lit() {
 
     let mut app = App::new();
     app.add_plugins((
-        headless_plugins().set(shipped(&processed)),
+        headless_plugins().set(shipped_asset_plugin(&processed)),
         MeshlessGiPlugin::default(),
     ))
     .init_asset::<Bytes>()
     .init_asset_loader::<BytesLoader>()
     .insert_resource(GlobalAmbientLight::NONE);
-    ready(&mut app);
+    finish_plugins(&mut app);
     let handles = load_all(&app);
     wait_for(&mut app, &handles);
     let talk = handles[5].clone().typed::<Bytes>();
@@ -287,7 +288,7 @@ fn process_assets_game_without_processor_loads_all_and_is_lit() {
     let light_source = spawn_light_source(&mut app, Vec3::new(0.0, 1.6, 0.4));
     run(&mut app, 4);
     let lit = picture(&mut app, &image);
-    keep("processed_level", &lit);
+    save_picture("processed_level", &lit);
     assert!(lit.mean() > 0.003, "{}", lit.mean());
     app.world_mut().despawn(light_source);
     run(&mut app, 4);
@@ -361,7 +362,7 @@ fn process_assets_time_limit_leaves_no_output() {
 }
 
 #[test]
-fn process_assets_deleted_source_loses_its_output() {
+fn process_assets_deleted_source_removes_its_output() {
     let root = tempfile::tempdir().unwrap();
     write_game(root.path());
     let processed = root.path().join("imported_assets/Default");
@@ -392,10 +393,10 @@ fn recipe_that_contains_bake_loads_without_meta() {
     let container = std::fs::read(processed.join("levels/room.gi.ron")).unwrap();
     let bake = BakedScene::from_bytes(&container, &Limits::default()).unwrap();
     let apps = [
-        shipped(&processed),
+        shipped_asset_plugin(&processed),
         AssetPlugin {
             meta_check: AssetMetaCheck::Never,
-            ..shipped(&processed)
+            ..shipped_asset_plugin(&processed)
         },
         AssetPlugin {
             file_path: processed.to_string_lossy().into_owned(),
@@ -414,7 +415,7 @@ fn unprocessed_recipe_without_preset_is_baked_at_draft() {
     write_game(root.path());
     let recipe = root.path().join("assets/levels/room.gi.ron");
     let bare = RECIPE.replace("preset: Draft, ", "");
-    for (text, preset, says) in [
+    for (text, preset, names_draft) in [
         (bare.clone(), "preset:Draft", true),
         (
             bare.replace("levels", "preset: High, levels"),
@@ -432,7 +433,7 @@ fn unprocessed_recipe_without_preset_is_baked_at_draft() {
             warning.contains("levels/room.gi.ron") && warning.contains("process_assets"),
             "{warning}"
         );
-        assert_eq!(warning.contains("Draft"), says, "{warning}");
+        assert_eq!(warning.contains("Draft"), names_draft, "{warning}");
         // The progress is a message in the main world.
         let progress: Vec<&str> = text.lines().filter(|l| l.starts_with("PROGRESS")).collect();
         assert!(!progress.is_empty(), "{text}");
@@ -447,7 +448,9 @@ fn unprocessed_recipe_without_preset_is_baked_at_draft() {
     }
     std::fs::write(&recipe, bare).unwrap();
     process_assets(&build(root.path())).unwrap();
-    let mut app = bare_app_with(shipped(&root.path().join("imported_assets/Default")));
+    let mut app = bare_app_with(shipped_asset_plugin(
+        &root.path().join("imported_assets/Default"),
+    ));
     let scene = load_bake(&mut app, "levels/room.gi.ron");
     assert!(scene.info().given_recipe.contains("preset:Medium"));
 }

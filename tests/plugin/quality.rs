@@ -1,9 +1,13 @@
 //! Tier of the operator in the running plugin: selected by number, by error, and by a GPU budget
 //! while camera and light move. The test provides the time, so that no test depends on a clock.
 
-use crate::support::app::{app, drawable, headless_plugins, picture, ready, run};
+use crate::support::app::{
+    app, create_target_image, finish_plugins, headless_plugins, picture, run,
+};
 use crate::support::scenes::{cornell, cpu_indirect};
-use crate::support::stage::{assert_alike, counters, light_source, lit_room, settings, view};
+use crate::support::stage::{
+    assert_pictures_match, counters, light_source, lit_room, settings, view,
+};
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
@@ -18,24 +22,24 @@ use std::time::Duration;
 
 struct Stage {
     root: Entity,
-    eye: Entity,
+    camera_entity: Entity,
     light_source: Entity,
     image: Handle<Image>,
 }
 
-const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+const LIGHT_POSITION: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 
 fn stage(app: &mut App) -> Stage {
-    let (root, eye, image, light_source) = lit_room(app, PLACE);
+    let (root, camera_entity, image, light_source) = lit_room(app, LIGHT_POSITION);
     Stage {
         root,
-        eye,
+        camera_entity,
         light_source,
         image,
     }
 }
 
-fn ask(app: &mut App, stage: &Stage, quality: GiQuality) {
+fn set_quality(app: &mut App, stage: &Stage, quality: GiQuality) {
     app.world_mut().entity_mut(stage.root).insert(quality);
 }
 
@@ -54,10 +58,10 @@ fn requested_tier_matches_cpu() {
     let (room, bake) = cornell();
     let tiers = bake.data().operator.tiers();
     assert_eq!(tiers, 4);
-    let lights: [Light; 1] = [light_source(PLACE)];
-    let mut seen = Vec::new();
+    let lights: [Light; 1] = [light_source(LIGHT_POSITION)];
+    let mut pictures = Vec::new();
     for n in [4, 1, 2] {
-        ask(&mut app, &stage, GiQuality::Tier(n));
+        set_quality(&mut app, &stage, GiQuality::Tier(n));
         run(&mut app, 2);
         let c = counters(&app);
         assert!(
@@ -80,18 +84,18 @@ fn requested_tier_matches_cpu() {
             &settings,
         );
         let found = picture(&mut app, &stage.image);
-        assert_alike(&format!("tier_{n}"), &cpu, &found);
-        seen.push((found, cpu));
+        assert_pictures_match(&format!("tier_{n}"), &cpu, &found);
+        pictures.push((found, cpu));
     }
     // Each picture is closest to the CPU's picture of its own tier.
-    for (i, (found, own)) in seen.iter().enumerate() {
-        for (j, (_, other)) in seen.iter().enumerate() {
+    for (i, (found, own)) in pictures.iter().enumerate() {
+        for (j, (_, other)) in pictures.iter().enumerate() {
             let (near, far) = (found.nrmse(own), found.nrmse(other));
             assert!(i == j || far > 2.0 * near, "{i}, {j}: {far} and {near}");
         }
     }
     // Without motion, a change of the tier causes one solve.
-    ask(&mut app, &stage, GiQuality::Tier(3));
+    set_quality(&mut app, &stage, GiQuality::Tier(3));
     run(&mut app, 1);
     assert_eq!(counters(&app).solved.values().collect::<Vec<_>>(), [&3]);
     run(&mut app, 1);
@@ -103,7 +107,7 @@ fn requested_tier_matches_cpu() {
         .map(|t| t.error)
         .collect();
     for max in [upper[0], 1e-6, f32::NAN] {
-        ask(&mut app, &stage, GiQuality::MaxError(max));
+        set_quality(&mut app, &stage, GiQuality::MaxError(max));
         run(&mut app, 1);
         let expected = upper
             .iter()
@@ -118,9 +122,11 @@ fn requested_tier_matches_cpu() {
 
 /// Replaces the camera's target by a small image, for tests of many frames that read no picture.
 fn shrink_target(app: &mut App, stage: &Stage) {
-    let image = (app.world_mut().resource_mut::<Assets<Image>>()).add(drawable(32, 24));
+    let image = (app.world_mut().resource_mut::<Assets<Image>>()).add(create_target_image(32, 24));
     let target = RenderTarget::Image(image.into());
-    app.world_mut().entity_mut(stage.eye).insert(target);
+    app.world_mut()
+        .entity_mut(stage.camera_entity)
+        .insert(target);
 }
 
 /// The budget is met while light and camera move and the load changes, and the tier does not
@@ -143,14 +149,14 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
         noise * given.load(Ordering::Relaxed) as f32 / 1000.0 * work as f32 / all
     })));
     const BUDGET: f32 = 3.0;
-    ask(
+    set_quality(
         &mut app,
         &stage,
         GiQuality::GpuBudget(Duration::from_secs_f32(1e-3 * BUDGET)),
     );
     let mut over = 0;
     let mut frame = 0u32;
-    let mut go = |app: &mut App, frames: u32| -> Vec<u32> {
+    let mut run_frames = |app: &mut App, frames: u32| -> Vec<u32> {
         (0..frames)
             .map(|_| {
                 frame += 1;
@@ -159,9 +165,13 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
                     .world_mut()
                     .get_mut::<Transform>(stage.light_source)
                     .unwrap();
-                position.translation = PLACE + Vec3::new(0.2 * t.sin(), 0.0, 0.1 * t.cos());
-                let mut eye = app.world_mut().get_mut::<Transform>(stage.eye).unwrap();
-                *eye = view() * Transform::from_xyz(0.05 * t.sin(), 0.0, 0.0);
+                position.translation =
+                    LIGHT_POSITION + Vec3::new(0.2 * t.sin(), 0.0, 0.1 * t.cos());
+                let mut camera_entity = app
+                    .world_mut()
+                    .get_mut::<Transform>(stage.camera_entity)
+                    .unwrap();
+                *camera_entity = view() * Transform::from_xyz(0.05 * t.sin(), 0.0, 0.0);
                 run(app, 1);
                 let used = *counters(app)
                     .solved
@@ -175,7 +185,7 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
             })
             .collect()
     };
-    let easy = go(&mut app, 30);
+    let easy = run_frames(&mut app, 30);
     assert!(easy.iter().all(|&t| t == 4), "{easy:?}");
     let words = counters(&app).plan.to_string();
     assert!(
@@ -183,7 +193,7 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
         "{words}"
     );
     load.store(8_000, Ordering::Relaxed);
-    let heavy = go(&mut app, 30);
+    let heavy = run_frames(&mut app, 30);
     // The controller finds the fitting tier within 12 frames, and keeps it.
     let fits = (1..=4)
         .rev()
@@ -192,7 +202,7 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
     assert!(heavy[12..].iter().all(|&t| t == fits), "{fits}: {heavy:?}");
     load.store(2_000, Ordering::Relaxed);
     // Each step to a higher tier waits for 60 solves.
-    let again = go(&mut app, 70);
+    let again = run_frames(&mut app, 70);
     assert!(*again.last().unwrap() > fits, "{:?}", tier(&app, &stage));
     let changes = app
         .world()
@@ -219,10 +229,10 @@ fn gpu_timings_reach_tier_controller() {
         RenderDiagnosticsPlugin,
         MeshlessGiPlugin::default(),
     ));
-    ready(&mut app);
+    finish_plugins(&mut app);
     let stage = stage(&mut app);
     shrink_target(&mut app, &stage);
-    ask(
+    set_quality(
         &mut app,
         &stage,
         GiQuality::GpuBudget(Duration::from_nanos(1)),
@@ -232,7 +242,7 @@ fn gpu_timings_reach_tier_controller() {
             .world_mut()
             .get_mut::<Transform>(stage.light_source)
             .unwrap();
-        position.translation.x = PLACE.x + 0.005 * k as f32;
+        position.translation.x = LIGHT_POSITION.x + 0.005 * k as f32;
         run(&mut app, 1);
     }
     let store = app.world().resource::<bevy::diagnostic::DiagnosticsStore>();

@@ -16,12 +16,12 @@ use bevy::reflect::{
 use bevy_meshless_gi::internals::plugin::GiPointCloudPart;
 use bevy_meshless_gi::point_cloud::GiPointCloud;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::{Preset, Recipe, cornell_box, mesh_of_quads};
+use meshless_gi::{Preset, Quad, Recipe, TriangleMesh};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Types without a default. Only the plugin or a function creates them.
-const MADE: [&str; 4] = [
+const TYPES_WITHOUT_DEFAULT: [&str; 4] = [
     "GiRsmCamera",
     "GiBakeTask",
     "GiBakeFinished",
@@ -56,7 +56,7 @@ fn sources() -> Vec<String> {
 }
 
 /// Adds the names of the public types of a source file that derive `of` to `out`.
-fn deriving_in(text: &str, of: &str, out: &mut BTreeSet<String>) {
+fn add_types_deriving(text: &str, of: &str, out: &mut BTreeSet<String>) {
     let mut derived = false;
     for line in text.lines().map(str::trim) {
         let item = ["pub", "struct", "enum", "impl", "fn"];
@@ -76,11 +76,11 @@ fn deriving_in(text: &str, of: &str, out: &mut BTreeSet<String>) {
 }
 
 /// Returns the names of the exported types with a source that derives one of `traits`.
-fn deriving(traits: &[&str]) -> BTreeSet<String> {
+fn types_deriving(traits: &[&str]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for text in sources() {
         for of in traits {
-            deriving_in(&text, of, &mut found);
+            add_types_deriving(&text, of, &mut found);
         }
     }
     found.retain(|name| is_public(name));
@@ -91,7 +91,11 @@ fn deriving(traits: &[&str]) -> BTreeSet<String> {
 /// from its registry. `of` is the prefix of the type paths of the crate. The compiler collects the
 /// types that derive `Reflect`. Types that do not derive it have no name without Bevy's feature
 /// `debug`.
-fn unregistered(world: &World, of: &str, is_public: impl Fn(&str) -> bool) -> (usize, Vec<String>) {
+fn unregistered_types(
+    world: &World,
+    of: &str,
+    is_public: impl Fn(&str) -> bool,
+) -> (usize, Vec<String>) {
     let mut reflected = TypeRegistry::new();
     reflected.register_derived_types();
     let registry = world.resource::<AppTypeRegistry>().read();
@@ -113,7 +117,7 @@ fn unregistered(world: &World, of: &str, is_public: impl Fn(&str) -> bool) -> (u
 
 /// Creates an app without renderer. Its registry contains only types that plugins register by name,
 /// and none that the compiler collected.
-fn app_of_registrations() -> App {
+fn app_with_registered_types() -> App {
     let mut app = App::new();
     app.insert_resource(AppTypeRegistry::default())
         .add_plugins((
@@ -135,13 +139,13 @@ fn registration<'a>(registry: &'a TypeRegistry, name: &str) -> &'a TypeRegistrat
 
 #[test]
 fn component_resource_event_and_setting_types_are_registered() {
-    let app = app_of_registrations();
+    let app = app_with_registered_types();
     let registry = app.world().resource::<AppTypeRegistry>().read();
-    let components = deriving(&["Component"]);
-    let resources = deriving(&["Resource"]);
-    let events = deriving(&["Event", "EntityEvent"]);
-    let messages = deriving(&["Message"]);
-    let settings = deriving(&["Deserialize", "GizmoConfigGroup"]);
+    let components = types_deriving(&["Component"]);
+    let resources = types_deriving(&["Resource"]);
+    let events = types_deriving(&["Event", "EntityEvent"]);
+    let messages = types_deriving(&["Message"]);
+    let settings = types_deriving(&["Deserialize", "GizmoConfigGroup"]);
     println!("{components:?}\n{resources:?}\n{events:?}\n{messages:?}\n{settings:?}");
     assert!(components.len() >= 19 && resources.len() >= 4 && settings.len() >= 5);
     assert!(!events.is_empty() && !messages.is_empty());
@@ -170,7 +174,7 @@ fn component_resource_event_and_setting_types_are_registered() {
     let lists = [components, resources, events, messages, settings];
     for name in lists.iter().flatten() {
         let default = registration(&registry, name).data::<ReflectDefault>();
-        let made = MADE.contains(&name.as_str());
+        let made = TYPES_WITHOUT_DEFAULT.contains(&name.as_str());
         assert_eq!(default.is_none(), made, "default of {name}");
     }
     // Only fields of a running bake are hidden.
@@ -186,24 +190,24 @@ struct GiUnregistered;
 
 #[test]
 fn components_and_resources_of_the_world_are_registered() {
-    let mut app = app_of_registrations();
+    let mut app = app_with_registered_types();
     app.finish();
     app.update();
-    let ours = |world: &World| unregistered(world, "bevy_meshless_gi::", is_public);
+    let ours = |world: &World| unregistered_types(world, "bevy_meshless_gi::", is_public);
     let (count, missing) = ours(app.world());
     println!("{count} components and resources");
     assert!(count >= 15 && missing.is_empty(), "{count}: {missing:?}");
     // Must fail: a component of another crate that no code registers.
     app.world_mut().spawn(GiUnregistered);
     let path = GiUnregistered::type_path();
-    let (_, missing) = unregistered(app.world(), path, |_| true);
+    let (_, missing) = unregistered_types(app.world(), path, |_| true);
     assert_eq!(missing, ["GiUnregistered"]);
     // Must fail: a registry without the plugin's types.
     app.insert_resource(AppTypeRegistry::default());
     assert_eq!(ours(app.world()).1.len(), count);
     // A source with a component that derives no `Reflect` is found by its name.
     let mut found = BTreeSet::new();
-    deriving_in(
+    add_types_deriving(
         "#[derive(Component, Clone)]\npub struct GiNew;",
         "Component",
         &mut found,
@@ -213,10 +217,10 @@ fn components_and_resources_of_the_world_are_registered() {
 }
 
 /// Adds all values below `value` with their paths to `out`.
-fn walk(value: &dyn PartialReflect, path: &str, out: &mut BTreeMap<String, String>) {
+fn collect_values(value: &dyn PartialReflect, path: &str, out: &mut BTreeMap<String, String>) {
     let mut below = |name: String, field: Option<&dyn PartialReflect>| {
         let field = field.unwrap_or_else(|| panic!("{path}.{name} is counted, and not there"));
-        walk(field, &format!("{path}.{name}"), out);
+        collect_values(field, &format!("{path}.{name}"), out);
     };
     match value.reflect_ref() {
         ReflectRef::Struct(of) => (0..of.field_len()).for_each(|i| {
@@ -248,7 +252,7 @@ fn full_world() -> App {
     let (room, bake) = cornell();
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
-    let eye = (camera(&image, view()), GiCamera::default());
+    let camera_entity = (camera(&image, view()), GiCamera::default());
     let forward_image = target(&mut app);
     let forward = (camera(&forward_image, view()), GiForwardCamera::default());
     let light_source = spawn_light_source(&mut app, Vec3::new(-0.3, 1.5, 0.3));
@@ -268,7 +272,7 @@ fn full_world() -> App {
         GiDynamicMaterials(vec![("wall".into(), Handle::default())]),
         GiVolumetricFog::default(),
     ));
-    world.spawn((eye, GiSpecular::default()));
+    world.spawn((camera_entity, GiSpecular::default()));
     world.entity_mut(light_source).insert((
         GiLight::default(),
         GiReflectiveShadowMap::default(),
@@ -287,7 +291,7 @@ fn full_world() -> App {
     world.spawn(GiBakeExclude);
     world.spawn(forward);
     // These bakes last longer than the test.
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     world.spawn(GiBakeTask::spawn(mesh, recipe.clone()));
     let request = GiBakeRequest {
         recipe,
@@ -308,7 +312,7 @@ fn reflected_components_expose_every_field() {
     };
     let world = app.world();
     let registry = world.resource::<AppTypeRegistry>().read();
-    let mut seen: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
+    let mut values: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
     let found = world.components().iter_registered();
     for registration in found.filter_map(|info| registry.get(info.type_id()?)) {
         let table = registration.type_info().type_path_table();
@@ -321,13 +325,13 @@ fn reflected_components_expose_every_field() {
         let name = table.short_path();
         for entity in &entities {
             if let Some(value) = component.reflect(world.entity(*entity)) {
-                let fields = seen.entry(name.into()).or_default();
-                walk(value.as_partial_reflect(), name, fields);
+                let fields = values.entry(name.into()).or_default();
+                collect_values(value.as_partial_reflect(), name, fields);
             }
         }
     }
-    let names: BTreeSet<String> = seen.keys().cloned().collect();
-    let expected = deriving(&["Component"]);
+    let names: BTreeSet<String> = values.keys().cloned().collect();
+    let expected = types_deriving(&["Component"]);
     let missing: Vec<_> = expected.difference(&names).collect();
     assert!(missing.is_empty(), "not in the world: {missing:?}");
     // Values at several depths: settings, an element of a list, an output.
@@ -338,7 +342,7 @@ fn reflected_components_expose_every_field() {
         ("GiDynamicMaterials.0.0.0", "\"wall\""),
     ] {
         let component = path.split('.').next().expect("a first part");
-        let fields = &seen[component];
+        let fields = &values[component];
         let found = fields.get(path).map(String::as_str);
         assert_eq!(found, Some(value), "{path}: {fields:?}");
     }

@@ -2,10 +2,14 @@
 //! without the plugin, also after cameras, meshes and materials are added, changed and removed.
 //! Also tests the warning if no camera displays a bake.
 
-use crate::support::app::{app, camera, drawn, headless_plugins, picture, ready, run, target};
+use crate::support::app::{
+    app, camera, drawn, finish_plugins, headless_plugins, picture, run, target,
+};
 use crate::support::flip::Picture;
 use crate::support::scenes::{Room, cornell};
-use crate::support::stage::{bevy_light, keep, spawn_baked, spawn_light_source, spawn_room, view};
+use crate::support::stage::{
+    bevy_light, save_picture, spawn_baked, spawn_light_source, spawn_room, view,
+};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::{
     Camera3dDepthLoadOp, ClearColorConfig, Hdr, RenderTarget, ScalingMode, Viewport,
@@ -51,7 +55,7 @@ impl Stage {
         app.insert_resource(GlobalAmbientLight::NONE)
             .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
         plugins(&mut app);
-        ready(&mut app);
+        finish_plugins(&mut app);
         if plugin {
             spawn_room(&mut app, Transform::IDENTITY);
         } else {
@@ -75,8 +79,8 @@ impl Stage {
             floor,
             floor_material,
         };
-        stage.ball_at(Vec3::new(-0.4, 0.3, 0.3), 0.25, RenderLayers::layer(0));
-        stage.ball_at(Vec3::new(0.0, 10.0, 0.0), 0.8, RenderLayers::layer(PREVIEW));
+        stage.spawn_ball(Vec3::new(-0.4, 0.3, 0.3), 0.25, RenderLayers::layer(0));
+        stage.spawn_ball(Vec3::new(0.0, 10.0, 0.0), 0.8, RenderLayers::layer(PREVIEW));
         stage.grid();
         let sun = DirectionalLight {
             illuminance: 5000.0,
@@ -88,7 +92,7 @@ impl Stage {
         stage
     }
 
-    fn ball_at(&mut self, transform: Vec3, radius: f32, layers: RenderLayers) -> Entity {
+    fn spawn_ball(&mut self, transform: Vec3, radius: f32, layers: RenderLayers) -> Entity {
         let mesh = Sphere::new(radius).mesh().ico(8).unwrap();
         let mesh = self.add(mesh);
         let ball = MeshMaterial3d(self.ball.clone());
@@ -138,7 +142,7 @@ impl Stage {
     }
 
     /// Spawns a camera with its own target.
-    fn look(&mut self, kind: impl Bundle, at: Transform) -> Entity {
+    fn spawn_camera(&mut self, kind: impl Bundle, at: Transform) -> Entity {
         let image = target(&mut self.app);
         let shared = (
             Camera3d::default(),
@@ -162,7 +166,7 @@ impl Stage {
             },
             ..OrthographicProjection::default_3d()
         };
-        self.look((Projection::Orthographic(map), Msaa::Sample4), above);
+        self.spawn_camera((Projection::Orthographic(map), Msaa::Sample4), above);
         let prepasses = (
             DepthPrepass,
             NormalPrepass,
@@ -170,8 +174,8 @@ impl Stage {
             Msaa::Off,
             Hdr,
         );
-        self.look(prepasses, view());
-        self.look((DepthPrepass, Msaa::Sample4), view());
+        self.spawn_camera(prepasses, view());
+        self.spawn_camera((DepthPrepass, Msaa::Sample4), view());
         let preview = Camera {
             viewport: Some(Viewport {
                 physical_position: UVec2::new(16, 8),
@@ -184,7 +188,7 @@ impl Stage {
         };
         let layers = RenderLayers::layer(PREVIEW);
         let eye = Transform::from_xyz(0.0, 10.3, 3.0).looking_at(Vec3::Y * 10.0, Vec3::Y);
-        self.look((preview, layers), eye);
+        self.spawn_camera((preview, layers), eye);
     }
 
     fn pictures(&mut self) -> Vec<Picture> {
@@ -228,7 +232,7 @@ fn pixels_drawn(picture: &Picture) -> usize {
 fn assert_equal(name: &str, with: &[Picture], without: &[Picture]) {
     assert_eq!(with.len(), without.len());
     for (k, (with, without)) in with.iter().zip(without).enumerate() {
-        keep(&format!("cameras_{name}_{k}"), &without.beside(with));
+        save_picture(&format!("cameras_{name}_{k}"), &without.beside(with));
         let d = difference(with, without);
         println!("{name}, camera {k}: {d}");
         assert!(
@@ -248,7 +252,7 @@ fn step(apps: &mut [Stage; 2], name: &str, change: impl Fn(&mut Stage)) -> Vec<P
     without
 }
 
-fn both() -> [Stage; 2] {
+fn spawn_apps() -> [Stage; 2] {
     [true, false].map(|plugin| {
         let mut stage = Stage::new(plugin, |_| {});
         stage.plain_cameras();
@@ -258,14 +262,14 @@ fn both() -> [Stage; 2] {
 
 #[test]
 fn cameras_without_gi_match_picture_without_plugin() {
-    let mut apps = both();
+    let mut apps = spawn_apps();
     // The camera that displays indirect light has a separate picture, which is not compared.
     let image = target(&mut apps[0].app);
     let eye = (camera(&image, view()), GiCamera::default());
     let eye = apps[0].app.world_mut().spawn(eye).id();
     let plain = step(&mut apps, "three_kinds", |_| {});
     let lit = picture(&mut apps[0].app, &image);
-    keep("cameras_display", &plain[1].beside(&lit));
+    save_picture("cameras_display", &plain[1].beside(&lit));
     // The second camera has the transform of the display camera and shows direct light alone.
     assert!(lit.mean() > 1.2 * plain[1].mean(), "{}", lit.mean());
     let findings = apps[0].app.world().resource::<GiWarnings>();
@@ -278,10 +282,10 @@ fn cameras_without_gi_match_picture_without_plugin() {
 
 #[test]
 fn runtime_changes_reach_cameras_without_gi() {
-    let mut apps = both();
+    let mut apps = spawn_apps();
     let first = step(&mut apps, "start", |_| {});
     let moved = step(&mut apps, "mesh_later", |s| {
-        s.ball_at(Vec3::new(0.6, 0.3, 0.7), 0.2, RenderLayers::layer(0));
+        s.spawn_ball(Vec3::new(0.6, 0.3, 0.7), 0.2, RenderLayers::layer(0));
     });
     assert!(difference(&first[1], &moved[1]) > 0.01, "the ball is seen");
     let change = |s: &mut Stage, change: &dyn Fn(&mut StandardMaterial)| {
@@ -317,7 +321,7 @@ fn runtime_changes_reach_cameras_without_gi() {
     });
     step(&mut apps, "camera_later", |s| {
         let at = Transform::from_xyz(0.5, 0.5, 2.5).looking_at(Vec3::Y * 0.5, Vec3::Y);
-        s.look((NormalPrepass, Msaa::Off), at);
+        s.spawn_camera((NormalPrepass, Msaa::Off), at);
     });
     step(&mut apps, "camera_gone", |s| {
         let eye = s.cameras.remove(0);
@@ -346,7 +350,7 @@ fn runtime_changes_reach_cameras_without_gi() {
 
 #[test]
 fn camera_that_toggles_gi_returns_to_its_picture() {
-    let mut apps = both();
+    let mut apps = spawn_apps();
     let eye = apps[0].cameras[1];
     step(&mut apps, "plain", |_| {});
     apps[0]
@@ -358,7 +362,7 @@ fn camera_that_toggles_gi_returns_to_its_picture() {
     let plain = picture(&mut apps[1].app, &image);
     run(&mut apps[0].app, 3);
     let lit = picture(&mut apps[0].app, &image);
-    keep("cameras_becomes_display", &plain.beside(&lit));
+    save_picture("cameras_becomes_display", &plain.beside(&lit));
     assert!(lit.mean() > 1.2 * plain.mean(), "{}", lit.mean());
     apps[0]
         .app
@@ -389,7 +393,7 @@ impl Plugin for Overlay {
         app.add_systems(
             Startup,
             |mut commands: Commands, mut images: ResMut<Assets<Image>>| {
-                let image = crate::support::app::drawable(128, 96);
+                let image = crate::support::app::create_target_image(128, 96);
                 let image = images.add(image);
                 commands.spawn((
                     Camera3d {
@@ -439,7 +443,7 @@ fn renderer_method_of_game_is_kept() {
     app.add_plugins((headless_plugins(), MeshlessGiPlugin::default()));
     assert_ne!(method(&app), forward);
     app.insert_resource(DefaultOpaqueRendererMethod::forward());
-    ready(&mut app);
+    finish_plugins(&mut app);
     run(&mut app, 2);
     assert_eq!(method(&app), forward);
     let mut app = App::new();
@@ -479,7 +483,7 @@ fn masked_materials_with_volume_are_lit_once() {
     // compiled.
     run(&mut app, 60);
     let opaque = picture(&mut app, &image);
-    let all_to = |app: &mut App, mode: AlphaMode| {
+    let set_alpha_mode = |app: &mut App, mode: AlphaMode| {
         let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
         let ids: Vec<_> = materials.ids().collect();
         for id in ids {
@@ -487,9 +491,9 @@ fn masked_materials_with_volume_are_lit_once() {
         }
         run(app, 4);
     };
-    all_to(&mut app, AlphaMode::Mask(0.5));
+    set_alpha_mode(&mut app, AlphaMode::Mask(0.5));
     let masked = picture(&mut app, &image);
-    keep("cameras_masked", &opaque.beside(&masked));
+    save_picture("cameras_masked", &opaque.beside(&masked));
     let d = masked.nrmse(&opaque);
     println!("masked: NRMSE {d}");
     assert!(d < 0.005, "{d}");
@@ -580,7 +584,7 @@ fn late_gi_camera_does_not_warn() {
 
 /// Returns the largest relative difference between neighboring pixels on the back wall. Light
 /// varies slowly there.
-fn roughness(picture: &Picture) -> f32 {
+fn largest_relative_difference(picture: &Picture) -> f32 {
     let (left, right, top, bottom) = (45, 58, 29, 46);
     let at = |x: usize, y: usize| picture.pixels[y * picture.width + x][1];
     let mut largest = 0.0f32;
@@ -617,8 +621,11 @@ fn volume_at_draft_is_smooth_with_default_camera() {
         shown
     });
     let [forward, deferred] = &mut shown;
-    keep("cameras_draft", &deferred.beside(forward));
-    let (smooth, full) = (roughness(forward), roughness(deferred));
+    save_picture("cameras_draft", &deferred.beside(forward));
+    let (smooth, full) = (
+        largest_relative_difference(forward),
+        largest_relative_difference(deferred),
+    );
     println!("largest jump: volume {smooth:.4}, display {full:.4}");
     println!("NRMSE beside the display {}", forward.nrmse(deferred));
     assert!(smooth < full, "the volume is smoother than the display");

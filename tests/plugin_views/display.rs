@@ -2,10 +2,10 @@
 //! match, fewer evaluations run, and the picture is stable along a camera path. Buffers are created
 //! and released with the display setting.
 
-use crate::support::app::{app, camera, drawable, picture, run};
+use crate::support::app::{app, camera, create_target_image, picture, run};
 use crate::support::flip::{Picture, flip};
 use crate::support::stage::{
-    assert_alike, counters, indirect, keep, spawn_light_source, spawn_room, view,
+    assert_pictures_match, counters, indirect, save_picture, spawn_light_source, spawn_room, view,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
@@ -17,14 +17,18 @@ const SIZE: UVec2 = UVec2::new(256, 192);
 const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 
 /// Spawns the room with its light, and a camera at `at` with the display `display`.
-fn shown(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
+fn spawn_room_and_camera(
+    app: &mut App,
+    at: Transform,
+    display: GiSplatting,
+) -> (Entity, Handle<Image>) {
     spawn_room(app, Transform::IDENTITY);
     spawn_light_source(app, LIGHT_SOURCE);
     eye(app, at, display)
 }
 
 fn eye(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
-    let image = drawable(SIZE.x, SIZE.y);
+    let image = create_target_image(SIZE.x, SIZE.y);
     let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
     let eye = app.world_mut().spawn((camera(&image, at), indirect())).id();
     app.world_mut().entity_mut(eye).insert(display);
@@ -34,7 +38,7 @@ fn eye(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Im
 
 /// Returns the picture with the current display, the picture with `GiSplatting::PerPixel`, and the
 /// number of evaluations of the first per pixel.
-fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture, f32) {
+fn compare_displays(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture, f32) {
     let display = *app.world().get::<GiSplatting>(eye).unwrap();
     let by = picture(app, image);
     run(app, 3);
@@ -56,9 +60,9 @@ fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture,
 #[test]
 fn subsplats_match_per_pixel_display() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), GiSplatting::default());
-    let (by, full, share) = both(&mut app, eye, &image);
-    assert_alike("subsplats", &full, &by);
+    let (eye, image) = spawn_room_and_camera(&mut app, view(), GiSplatting::default());
+    let (by, full, share) = compare_displays(&mut app, eye, &image);
+    assert_pictures_match("subsplats", &full, &by);
     println!("{:.1} % of the pixels", 100.0 * share);
     // Edges have a large share in a small picture. docs/reports/subsplats.md has the figures of a
     // full screen.
@@ -89,9 +93,9 @@ fn subsplats_match_per_pixel_display() {
             .entity_mut(eye)
             .insert(GiSplatting::Multiresolution(settings));
         run(&mut app, 2);
-        let (by, full, share) = both(&mut app, eye, &image);
+        let (by, full, share) = compare_displays(&mut app, eye, &image);
         println!("{name}: {:.1} % of the pixels", 100.0 * share);
-        assert_alike(name, &full, &by);
+        assert_pictures_match(name, &full, &by);
     }
     // Invalid settings are clamped to their range.
     let wild = SubsplatSettings {
@@ -107,17 +111,17 @@ fn subsplats_match_per_pixel_display() {
         .entity_mut(eye)
         .insert(GiSplatting::Multiresolution(wild));
     run(&mut app, 2);
-    let (by, full, _) = both(&mut app, eye, &image);
-    assert_alike("wild", &full, &by);
+    let (by, full, _) = compare_displays(&mut app, eye, &image);
+    assert_pictures_match("wild", &full, &by);
 }
 
 #[test]
 fn subsplats_of_flat_view_evaluate_few_nodes() {
     let mut app = app();
     let at = Transform::from_xyz(0.1, 1.1, 0.6).looking_at(Vec3::new(0.1, 1.2, -1.0), Vec3::Y);
-    let (eye, image) = shown(&mut app, at, GiSplatting::default());
-    let (by, full, share) = both(&mut app, eye, &image);
-    assert_alike("flat", &full, &by);
+    let (eye, image) = spawn_room_and_camera(&mut app, at, GiSplatting::default());
+    let (by, full, share) = compare_displays(&mut app, eye, &image);
+    assert_pictures_match("flat", &full, &by);
     println!("{:.2} % of the pixels", 100.0 * share);
     // At least one of 64 pixels is evaluated.
     assert!(share < 0.08, "{share}");
@@ -126,7 +130,7 @@ fn subsplats_of_flat_view_evaluate_few_nodes() {
 #[test]
 fn subsplats_along_camera_path_are_stable() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), GiSplatting::default());
+    let (eye, image) = spawn_room_and_camera(&mut app, view(), GiSplatting::default());
     let mut path = |display: GiSplatting| -> Vec<Picture> {
         app.world_mut().entity_mut(eye).insert(display);
         (0..6)
@@ -165,7 +169,7 @@ fn subsplats_along_camera_path_are_stable() {
 #[test]
 fn reflector_with_subsplats_matches_per_pixel_display() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), GiSplatting::default());
+    let (eye, image) = spawn_room_and_camera(&mut app, view(), GiSplatting::default());
     let mesh = Sphere::new(0.25).mesh().ico(12).unwrap();
     let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
     let red = StandardMaterial {
@@ -191,9 +195,9 @@ fn reflector_with_subsplats_matches_per_pixel_display() {
         .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
     run(&mut app, 3);
-    let (by, full, share) = both(&mut app, eye, &image);
+    let (by, full, share) = compare_displays(&mut app, eye, &image);
     println!("{:.1} % of the pixels", 100.0 * share);
-    assert_alike("ball", &full, &by);
+    assert_pictures_match("ball", &full, &by);
     let seen = by.nrmse(&before);
     println!("the bounce changes the picture by {seen}");
     assert!(seen > 0.005, "the ball's bounce is not seen: {seen}");
@@ -211,15 +215,15 @@ fn subsplats_of_two_bakes_share_picture() {
     spawn_light_source(&mut app, Vec3::new(1.2, 1.5, -1.3));
     let at = Transform::from_xyz(0.0, 1.2, 4.5).looking_at(Vec3::new(0.0, 1.0, -1.0), Vec3::Y);
     let (eye, image) = eye(&mut app, at, GiSplatting::default());
-    let (by, full, share) = both(&mut app, eye, &image);
+    let (by, full, share) = compare_displays(&mut app, eye, &image);
     println!("{:.1} % of the pixels", 100.0 * share);
-    assert_alike("two_bakes", &full, &by);
+    assert_pictures_match("two_bakes", &full, &by);
 }
 
 #[test]
 fn subsplat_buffers_follow_display_setting() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), GiSplatting::PerPixel);
+    let (eye, image) = spawn_room_and_camera(&mut app, view(), GiSplatting::PerPixel);
     let full = counters(&app);
     assert_eq!(full.dispatches_of(FrameStage::SPLAT), 1);
     app.world_mut()
@@ -246,5 +250,5 @@ fn subsplat_buffers_follow_display_setting() {
     let off = counters(&app);
     assert!(off.buffers < full.buffers && off.subsplats.is_empty());
     assert_eq!(off.dispatches_of(FrameStage::SPLAT), 0);
-    keep("off", &picture(&mut app, &image));
+    save_picture("off", &picture(&mut app, &image));
 }

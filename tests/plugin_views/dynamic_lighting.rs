@@ -5,8 +5,8 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::flip;
 use crate::support::scenes::{Room, cpu_indirect, rough_recipe};
 use crate::support::stage::{
-    MAX, assert_alike, bevy_light, counters, indirect, light_source, settings, spawn_baked, view,
-    work,
+    MAX, assert_pictures_match, bevy_light, counters, indirect, light_source, settings,
+    spawn_baked, view, work,
 };
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::{FrameStage, bounces_for_spectral_radius};
@@ -68,11 +68,11 @@ fn directional_sky_follows_world_directions() {
         cpu_indirect(&room, &bake, placed, view(), &[], &settings)
     };
     let local = sky.radiance().turned(Mat3::from_quat(turn.inverse()));
-    let right = cpu(local);
-    assert_alike("sky_that_varies", &right, &picture(&mut app, &image));
+    let expected = cpu(local);
+    assert_pictures_match("sky_that_varies", &expected, &picture(&mut app, &image));
     // Another direction of the sky's light gives another picture.
-    assert!(flip(&right, &cpu(sky.radiance())) > MAX);
-    assert!(flip(&right, &cpu(local.mean.into())) > MAX);
+    assert!(flip(&expected, &cpu(sky.radiance())) > MAX);
+    assert!(flip(&expected, &cpu(local.mean.into())) > MAX);
     run(&mut app, 1);
     assert_eq!(work(&counters(&app)), [0; 4], "at rest");
 
@@ -92,7 +92,7 @@ fn directional_sky_follows_world_directions() {
         ..settings()
     };
     let mean = cpu_indirect(&room, &plain, placed, view(), &[], &settings);
-    assert_alike("mean_of_the_sky", &mean, &picture(&mut app, &image));
+    assert_pictures_match("mean_of_the_sky", &mean, &picture(&mut app, &image));
 }
 
 #[test]
@@ -125,7 +125,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         &lights,
         &settings(),
     );
-    assert_alike("as_baked", &before, &picture(&mut app, &image));
+    assert_pictures_match("as_baked", &before, &picture(&mut app, &image));
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!(
@@ -165,7 +165,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         now.data_mut().surfaces[..surfaces.len()].copy_from_slice(&surfaces);
         let wall = room.0[LEFT].color;
         let seen = room.recolored(|c| if c == wall { paint } else { c });
-        let right = cpu_indirect(
+        let expected = cpu_indirect(
             &seen,
             &now,
             Transform::IDENTITY,
@@ -174,9 +174,9 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
             &settings(),
         );
         let found = picture(&mut app, &image);
-        assert_alike("live", &right, &found);
-        assert!(flip(&last, &right) > MAX, "the change shows");
-        last = right;
+        assert_pictures_match("live", &expected, &found);
+        assert!(flip(&last, &expected) > MAX, "the change shows");
+        last = expected;
         run(&mut app, 1);
         let c = counters(&app);
         let none = ([0; 4], 0);

@@ -6,7 +6,7 @@ use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::{Room, exposure, rough_recipe};
 use crate::support::stage::{
-    counters, keep, light_source, settings, spawn_baked, spawn_light_source, view,
+    counters, light_source, save_picture, settings, spawn_baked, spawn_light_source, view,
 };
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::Hdr;
@@ -35,10 +35,10 @@ const VOXEL: f32 = 0.15;
 const EDGE: u32 = 4;
 /// Largest NRMSE between the fog's light and the twin. Pictures store half floats, and the fog's
 /// light is a difference of two pictures.
-const MAX: f32 = 0.01;
+const MAX_NRMSE: f32 = 0.01;
 
 fn bake() -> Arc<BakedScene> {
-    static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
+    static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let make = || {
         Room::cornell().bake_as(&Recipe {
             probes: Some(ProbeSettings {
@@ -48,12 +48,12 @@ fn bake() -> Arc<BakedScene> {
             ..rough_recipe()
         })
     };
-    MADE.get_or_init(make).clone()
+    BAKED.get_or_init(make).clone()
 }
 
 /// Rendering method of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+enum CameraKind {
     Deferred,
     Forward(Msaa),
 }
@@ -71,13 +71,13 @@ struct Shown {
 
 /// Returns the box of the fog in the room's space. The box extends beyond one side of the room and
 /// does not fill the room.
-fn fog_place() -> Transform {
+fn fog_transform() -> Transform {
     Transform::from_xyz(0.3, 0.9, 0.4)
         .with_rotation(Quat::from_rotation_y(0.4))
         .with_scale(Vec3::new(1.9, 1.5, 1.7))
 }
 
-fn even() -> FogVolume {
+fn uniform_fog() -> FogVolume {
     FogVolume {
         fog_color: Color::linear_rgb(0.9, 1.0, 0.8),
         density_factor: 0.5,
@@ -86,7 +86,7 @@ fn even() -> FogVolume {
     }
 }
 
-fn with_fog(intensity: f32) -> (GiIrradianceVolume, GiVolumetricFog) {
+fn fog_components(intensity: f32) -> (GiIrradianceVolume, GiVolumetricFog) {
     let volume = GiIrradianceVolume {
         voxel_size: Some(VOXEL),
         ..default()
@@ -95,15 +95,15 @@ fn with_fog(intensity: f32) -> (GiIrradianceVolume, GiVolumetricFog) {
 }
 
 /// Returns the room with a light and fog, and a black sun, without which Bevy draws no fog.
-fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
+fn stage(placed: Transform, kind: CameraKind, volume: FogVolume) -> Shown {
     let mut app = app();
-    if kind != Kind::Deferred {
+    if kind != CameraKind::Deferred {
         app.insert_resource(DefaultOpaqueRendererMethod::forward());
     }
     let root = spawn_baked(&mut app, &Room::cornell(), &bake(), placed);
     let image = target(&mut app);
     let world = app.world_mut();
-    world.entity_mut(root).insert(with_fog(1.0));
+    world.entity_mut(root).insert(fog_components(1.0));
     let clear = VolumetricFog {
         ambient_intensity: 0.0,
         step_count: STEPS,
@@ -111,8 +111,8 @@ fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     };
     let mut eye = world.spawn((camera(&image, placed * view()), clear));
     match kind {
-        Kind::Deferred => eye.insert(GiCamera::default()),
-        Kind::Forward(samples) => eye.insert((Hdr, samples)),
+        CameraKind::Deferred => eye.insert(GiCamera::default()),
+        CameraKind::Forward(samples) => eye.insert((Hdr, samples)),
     };
     let eye = eye.id();
     let sun = DirectionalLight {
@@ -120,7 +120,7 @@ fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
         ..default()
     };
     let sun = world.spawn((sun, VolumetricLight)).id();
-    let fog = world.spawn((volume, placed * fog_place())).id();
+    let fog = world.spawn((volume, placed * fog_transform())).id();
     let light_source = spawn_light_source(&mut app, placed * LIGHT_SOURCE);
     let mut shown = Shown {
         app,
@@ -155,12 +155,12 @@ impl Shown {
     }
 
     /// Returns the light that the scene's fog adds to the picture.
-    fn added(&mut self) -> Picture {
+    fn fog_light(&mut self) -> Picture {
         let with = self.picture();
         self.set_fog(0.0);
         let without = self.picture();
         self.set_fog(1.0);
-        minus(&with, &without)
+        subtract(&with, &without)
     }
 
     /// Returns the number of dispatches and draws for fog in the last frame: one of each per fog
@@ -207,7 +207,7 @@ impl Shown {
         };
         let rgb = |c: Color| Vec3::from_array(c.to_linear().to_f32_array_no_alpha());
         let volume = Fog {
-            world_from_local: (self.placed * fog_place()).to_matrix(),
+            world_from_local: (self.placed * fog_transform()).to_matrix(),
             color: rgb(fog.fog_color) * rgb(fog.light_tint) * fog.light_intensity,
             density: fog.density_factor,
             absorption: fog.absorption,
@@ -259,7 +259,7 @@ fn shape() -> VoxelGrid {
     VoxelGrid::new([low, high], voxels_of(high - low, VOXEL, max)).unwrap()
 }
 
-fn minus(a: &Picture, b: &Picture) -> Picture {
+fn subtract(a: &Picture, b: &Picture) -> Picture {
     let less = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     Picture {
         width: a.width,
@@ -268,40 +268,44 @@ fn minus(a: &Picture, b: &Picture) -> Picture {
     }
 }
 
-fn turned() -> Transform {
+fn rotated_transform() -> Transform {
     Transform::from_xyz(3.0, -1.0, 2.0).with_rotation(Quat::from_rotation_y(0.6))
 }
 
 #[test]
 fn fog_of_every_camera_matches_twin() {
     let kinds = [
-        ("deferred", Transform::IDENTITY, Kind::Deferred),
-        ("deferred_turned", turned(), Kind::Deferred),
-        ("forward", Transform::IDENTITY, Kind::Forward(Msaa::Off)),
+        ("deferred", Transform::IDENTITY, CameraKind::Deferred),
+        ("deferred_turned", rotated_transform(), CameraKind::Deferred),
+        (
+            "forward",
+            Transform::IDENTITY,
+            CameraKind::Forward(Msaa::Off),
+        ),
         (
             "forward_sampled",
             Transform::IDENTITY,
-            Kind::Forward(Msaa::Sample4),
+            CameraKind::Forward(Msaa::Sample4),
         ),
     ];
     for (name, placed, kind) in kinds {
-        let mut s = stage(placed, kind, even());
+        let mut s = stage(placed, kind, uniform_fog());
         let findings = s.app.world().resource::<GiWarnings>().0.clone();
         assert_eq!(findings, [], "{name}");
         let whole = s.picture();
-        let added = s.added();
-        let twin = s.twin(LIGHT_SOURCE, &even(), None);
-        keep(&format!("fog_{name}"), &added.beside(&twin));
-        keep(&format!("fog_{name}_whole"), &whole.beside(&whole));
-        let (off, share) = (added.nrmse(&twin), twin.mean() / whole.mean());
+        let fog_light = s.fog_light();
+        let twin = s.twin(LIGHT_SOURCE, &uniform_fog(), None);
+        save_picture(&format!("fog_{name}"), &fog_light.beside(&twin));
+        save_picture(&format!("fog_{name}_whole"), &whole.beside(&whole));
+        let (off, share) = (fog_light.nrmse(&twin), twin.mean() / whole.mean());
         println!("{name}: NRMSE {off:.4}; fog adds {share:.3} of the picture's light");
         // The first of several samples is not in the center of the pixel, so edges differ.
-        let max = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
+        let max = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX_NRMSE;
         assert!(off <= max, "{name}: {off}");
         assert!(share > 0.02, "{name}: {share}");
         // A light moves. The light in the fog follows in that frame.
         let position = Vec3::new(-0.6, 0.5, 0.9);
-        let aside = added.nrmse(&s.twin(position, &even(), None));
+        let aside = fog_light.nrmse(&s.twin(position, &uniform_fog(), None));
         assert!(aside > 5.0 * max, "{name}: {aside}");
         let mut light_source = s.app.world_mut().entity_mut(s.light_source);
         light_source.get_mut::<Transform>().unwrap().translation = s.placed * position;
@@ -309,7 +313,7 @@ fn fog_of_every_camera_matches_twin() {
         let now = counters(&s.app);
         let ran = [FrameStage::VOLUME, FrameStage::FOG].map(|stage| now.dispatches_of(stage));
         assert_eq!(ran, [1, 2], "{name}: {}", now.plan);
-        let off = s.added().nrmse(&s.twin(position, &even(), None));
+        let off = s.fog_light().nrmse(&s.twin(position, &uniform_fog(), None));
         println!("{name}, light moved: NRMSE {off:.4}");
         assert!(off <= max, "{name}: {off}");
     }
@@ -335,7 +339,7 @@ fn trilinear(at: Vec3) -> f32 {
 
 #[test]
 fn fog_density_texture_scales_light() {
-    let mut s = stage(turned(), Kind::Deferred, even());
+    let mut s = stage(rotated_transform(), CameraKind::Deferred, uniform_fog());
     let texels = (0..EDGE * EDGE * EDGE)
         .map(|i| density(UVec3::new(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE))))
         .collect();
@@ -357,31 +361,31 @@ fn fog_density_texture_scales_light() {
         density_factor: 1.5,
         density_texture: Some(image),
         density_texture_offset: Vec3::new(0.1, 0.0, -0.05),
-        ..even()
+        ..uniform_fog()
     };
     world.entity_mut(s.fog).insert(textured.clone());
     run(&mut s.app, 3);
-    let added = s.added();
+    let fog_light = s.fog_light();
     let twin = s.twin(LIGHT_SOURCE, &textured, Some(&trilinear));
-    keep("fog_textured", &added.beside(&twin));
+    save_picture("fog_textured", &fog_light.beside(&twin));
     let aside = FogVolume {
         density_texture_offset: Vec3::ZERO,
         ..textured.clone()
     };
     let aside = s.twin(LIGHT_SOURCE, &aside, Some(&trilinear));
-    let [off, moved] = [&twin, &aside].map(|t| added.nrmse(t));
+    let [off, moved] = [&twin, &aside].map(|t| fog_light.nrmse(t));
     println!("NRMSE {off:.4}, without the offset {moved:.4}");
-    assert!(off <= MAX && moved > 3.0 * MAX, "{off} {moved}");
+    assert!(off <= MAX_NRMSE && moved > 3.0 * MAX_NRMSE, "{off} {moved}");
 }
 
 /// Tests that only the first of two overlapping scenes lights the fog.
 #[test]
 fn fog_in_two_scenes_is_lit_once() {
-    let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
-    let one = s.added();
+    let mut s = stage(Transform::IDENTITY, CameraKind::Deferred, uniform_fog());
+    let one = s.fog_light();
     let world = s.app.world_mut();
     let asset = world.get::<GiScene>(s.root).unwrap().clone();
-    world.spawn((asset, Transform::IDENTITY, with_fog(1.0)));
+    world.spawn((asset, Transform::IDENTITY, fog_components(1.0)));
     let mut frames = 0;
     while s.draws() < 4 || counters(&s.app).dispatches_of(FrameStage::VOLUME) > 0 {
         run(&mut s.app, 1);
@@ -396,7 +400,7 @@ fn fog_in_two_scenes_is_lit_once() {
         fog.intensity = 0.0;
     }
     run(&mut s.app, 2);
-    let both = minus(&with, &s.picture());
+    let both = subtract(&with, &s.picture());
     let off = both.nrmse(&one);
     println!("two levels beside one: NRMSE {off:.4}");
     assert!(off <= 0.01, "{off}");
@@ -404,7 +408,7 @@ fn fog_in_two_scenes_is_lit_once() {
 
 #[test]
 fn plugin_without_lit_fog_runs_no_fog_pass() {
-    let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
+    let mut s = stage(Transform::IDENTITY, CameraKind::Deferred, uniform_fog());
     let lit = counters(&s.app);
     assert_eq!(s.draws(), 2);
     let words = lit.plan.to_string();
@@ -430,8 +434,8 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     let changes: [(&str, Change); 6] = [
         ("fog is elsewhere", |s, back| {
             let position = match back {
-                true => fog_place(),
-                false => fog_place().with_translation(Vec3::splat(20.0)),
+                true => fog_transform(),
+                false => fog_transform().with_translation(Vec3::splat(20.0)),
             };
             s.app.world_mut().entity_mut(s.fog).insert(position);
         }),
@@ -483,9 +487,9 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
         assert_eq!(s.draws(), 2, "{name}, undone");
     }
     // A factor of two doubles the light.
-    let one = minus(&s.picture(), &dark);
+    let one = subtract(&s.picture(), &dark);
     s.set_fog(2.0);
-    let two = minus(&s.picture(), &dark);
+    let two = subtract(&s.picture(), &dark);
     let ratio = two.mean() / one.mean();
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
     // Ambient light in lit fog causes a warning.

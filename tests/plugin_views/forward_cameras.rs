@@ -4,7 +4,7 @@
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::Picture;
 use crate::support::scenes::{Room, rough_recipe};
-use crate::support::stage::{counters, keep, spawn_baked, spawn_light_source, view};
+use crate::support::stage::{counters, save_picture, spawn_baked, spawn_light_source, view};
 use bevy::camera::{Hdr, Viewport};
 use bevy::pbr::ViewTransmissionTexture;
 use bevy::prelude::*;
@@ -95,7 +95,7 @@ impl Scene {
     }
 
     /// Disables the forward display and returns the picture with the volume's light alone.
-    fn volume_alone(&mut self) -> Picture {
+    fn picture_of_volume(&mut self) -> Picture {
         self.insert(GiForwardCamera {
             enabled: false,
             ..default()
@@ -146,12 +146,12 @@ fn forward_camera_matches_deferred() {
     let [picture, expected] = deferred_pictures();
     let mut shown = Scene::new(forward());
     let display = shown.picture();
-    keep("forward_display", &picture.beside(&display));
+    save_picture("forward_display", &picture.beside(&display));
     let light = shown.indirect();
-    keep("forward_indirect", &expected.beside(&light));
+    save_picture("forward_indirect", &expected.beside(&light));
     // With the display disabled, the coarser volume alone lights the picture.
-    let volume = shown.volume_alone();
-    keep("forward_volume", &display.beside(&volume));
+    let volume = shown.picture_of_volume();
+    save_picture("forward_volume", &display.beside(&volume));
     let (d, v) = (
         light.nrmse(expected),
         error_of_volume(&display, &volume, expected),
@@ -189,8 +189,8 @@ fn forward_camera_without_hdr_matches_deferred() {
     let [expected, _] = deferred_pictures();
     let mut shown = Scene::new((GiForwardCamera::default(), Msaa::Off));
     let display = shown.picture();
-    keep("forward_low", &expected.beside(&display));
-    let volume = shown.volume_alone();
+    save_picture("forward_low", &expected.beside(&display));
+    let volume = shown.picture_of_volume();
     let [d, v] = [&display, &volume].map(|p| p.nrmse(expected));
     println!("without HDR: NRMSE {d:.5}, volume {v:.5}");
     assert!(d < 0.5 * MAX_ERROR && v > 1.5 * d, "{d}, {v}");
@@ -225,7 +225,7 @@ fn forward_camera_follows_light_and_viewport() {
         light_sources.single_mut(world).unwrap().translation = Vec3::new(-0.5, 1.2, 0.6);
     }
     let (expected, shown) = (expected.indirect(), shown.indirect());
-    keep("forward_viewport", &expected.beside(&shown));
+    save_picture("forward_viewport", &expected.beside(&shown));
     let d = shown.nrmse(&expected);
     println!("viewport: NRMSE {d:.5}");
     assert!(d < MAX_ERROR, "{d}");
@@ -253,7 +253,7 @@ fn transparent_and_transmissive_surfaces_are_unchanged() {
     for (name, material) in [("pane", pane), ("glass", glass)] {
         let expected = without.picture_with_pane(material.clone());
         let shown = with.picture_with_pane(material);
-        keep(&format!("forward_{name}"), &expected.beside(&shown));
+        save_picture(&format!("forward_{name}"), &expected.beside(&shown));
         // In both pictures the volume lights the pane, and the display lights the surfaces behind
         // it.
         let d = shown.nrmse(&expected);

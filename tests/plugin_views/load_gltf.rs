@@ -5,7 +5,7 @@
 #[allow(dead_code, reason = "the example's own `main` and command line")]
 mod level;
 
-use crate::support::app::{headless_plugins, ready, run};
+use crate::support::app::{finish_plugins, headless_plugins, run};
 use crate::support::glb::glb;
 use crate::support::scenes::Room;
 use bevy::asset::AssetPlugin;
@@ -21,20 +21,20 @@ use meshless_gi::{BakeStage, BakedScene, Limits, Preset};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-fn level_file(folder: &Path, name: &str) -> PathBuf {
+fn write_scene(folder: &Path, name: &str) -> PathBuf {
     let path = folder.join(name);
     std::fs::write(&path, glb(&Room::cornell())).unwrap();
     path
 }
 
-fn app_of(first: Loaded) -> App {
+fn new_app(first: Loaded) -> App {
     let mut app = App::new();
     app.add_plugins((
         headless_plugins().set::<AssetPlugin>(level::assets()),
         MeshlessGiPlugin::default(),
         LoadGltfPlugin::new(first, Preset::Draft),
     ));
-    ready(&mut app);
+    finish_plugins(&mut app);
     app
 }
 
@@ -101,9 +101,9 @@ fn press_save(app: &mut App) {
 #[test]
 fn dropped_scenes_load_and_other_files_are_ignored() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let first = level_file(folders[0].path(), "first.glb");
-    let second = level_file(folders[1].path(), "second # level.glb");
-    let mut app = app_of(drop::read(&first).unwrap());
+    let first = write_scene(folders[0].path(), "first.glb");
+    let second = write_scene(folders[1].path(), "second # level.glb");
+    let mut app = new_app(drop::read(&first).unwrap());
     run(&mut app, 2);
     assert_eq!(shown(&app), first);
     let root = app.world().resource::<CurrentScene>().root;
@@ -150,8 +150,8 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
 #[test]
 fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
     let folder = tempfile::tempdir().unwrap();
-    let file = level_file(folder.path(), "level.glb");
-    let mut app = app_of(drop::read(&file).unwrap());
+    let file = write_scene(folder.path(), "level.glb");
+    let mut app = new_app(drop::read(&file).unwrap());
     run(&mut app, 1);
     let (start, _) = eye(&mut app);
     press_save(&mut app);

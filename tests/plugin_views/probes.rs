@@ -5,8 +5,8 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Quad, Room, cpu_indirect, rough_recipe};
 use crate::support::stage::{
-    MAX, assert_alike, counters, indirect, keep, light_source, settings, spawn_baked,
-    spawn_light_source, view, work,
+    MAX, assert_pictures_match, counters, indirect, light_source, save_picture, settings,
+    spawn_baked, spawn_light_source, view, work,
 };
 use bevy::camera::visibility::NoFrustumCulling;
 use bevy::mesh::VertexAttributeValues;
@@ -44,13 +44,13 @@ fn with_panel() -> Room {
 
 /// Creates an app that shows the room with the panel in the light of `bake`.
 fn stage(bake: &Arc<BakedScene>, display: GiSplatting) -> (App, Handle<Image>, Entity) {
-    let (app, image, light_source, _) = stage_of(&with_panel(), bake, display);
+    let (app, image, light_source, _) = stage_with_room(&with_panel(), bake, display);
     (app, image, light_source)
 }
 
 /// Creates an app that shows a room in the light of `bake`. Returns the app, its picture, its light
 /// and its root.
-fn stage_of(
+fn stage_with_room(
     room: &Room,
     bake: &Arc<BakedScene>,
     display: GiSplatting,
@@ -65,11 +65,11 @@ fn stage_of(
     (app, image, light_source, root)
 }
 
-fn on_cpu(bake: &BakedScene, position: Vec3) -> Picture {
-    on_cpu_of(&with_panel(), bake, position)
+fn cpu_picture(bake: &BakedScene, position: Vec3) -> Picture {
+    cpu_picture_of_room(&with_panel(), bake, position)
 }
 
-fn on_cpu_of(room: &Room, bake: &BakedScene, position: Vec3) -> Picture {
+fn cpu_picture_of_room(room: &Room, bake: &BakedScene, position: Vec3) -> Picture {
     let lights = [light_source(position)];
     cpu_indirect(
         room,
@@ -85,15 +85,15 @@ fn on_cpu_of(room: &Room, bake: &BakedScene, position: Vec3) -> Picture {
 fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
     let bake = bake(true);
     let without = self::bake(false);
-    let expected = on_cpu(&bake, LIGHT_SOURCE);
+    let expected = cpu_picture(&bake, LIGHT_SOURCE);
     // The panel covers a tenth of the picture. Without probes it is black.
-    let dark = on_cpu(&without, LIGHT_SOURCE);
+    let dark = cpu_picture(&without, LIGHT_SOURCE);
     let panel = expected.pixels.iter().zip(&dark.pixels);
     let panel = panel.filter(|(a, b)| a != b).count();
     assert!(panel > 200, "{panel} pixels");
     // Values that are interpolated between subsplats can differ at edges, so FLIP is the criterion.
-    let by_eye = |name: &str, reference: &Picture, test: &Picture| {
-        keep(name, &reference.beside(test));
+    let assert_flip = |name: &str, reference: &Picture, test: &Picture| {
+        save_picture(name, &reference.beside(test));
         let d = flip(reference, test);
         println!("{name}: FLIP {d:.4}");
         assert!(d <= MAX, "{name}: FLIP {d}");
@@ -103,10 +103,10 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         );
     };
     type Compare<'a> = &'a dyn Fn(&str, &Picture, &Picture);
-    let full = &assert_alike as Compare<'_>;
+    let full = &assert_pictures_match as Compare<'_>;
     for (name, display, compare) in [
         ("probes_full", GiSplatting::PerPixel, full),
-        ("probes_subsplats", GiSplatting::default(), &by_eye),
+        ("probes_subsplats", GiSplatting::default(), &assert_flip),
     ] {
         let (mut app, image, light_source) = stage(&bake, display);
         run(&mut app, 4);
@@ -125,7 +125,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         let moved_name = format!("{name}_moved");
         compare(
             &moved_name,
-            &on_cpu(&bake, moved),
+            &cpu_picture(&bake, moved),
             &picture(&mut app, &image),
         );
     }
@@ -165,7 +165,7 @@ fn bake_without_probes_runs_no_probe_pass() {
 #[test]
 fn skinned_mesh_is_lit_at_joint_positions() {
     let bake = bake(true);
-    let (mut app, image, _, root) = stage_of(&with_panel(), &bake, GiSplatting::PerPixel);
+    let (mut app, image, _, root) = stage_with_room(&with_panel(), &bake, GiSplatting::PerPixel);
     let world = app.world_mut();
     let panel = *world.get::<Children>(root).unwrap().last().unwrap();
     let away = Vec3::new(0.0, 0.0, -7.0);
@@ -205,19 +205,19 @@ fn skinned_mesh_is_lit_at_joint_positions() {
         NoFrustumCulling,
     ));
     run(&mut app, 4);
-    let first = on_cpu(&bake, LIGHT_SOURCE);
-    assert_alike("skinned", &first, &picture(&mut app, &image));
+    let first = cpu_picture(&bake, LIGHT_SOURCE);
+    assert_pictures_match("skinned", &first, &picture(&mut app, &image));
     // The joint moves. The light differs in the same frame.
     let step = Vec3::new(0.05, -0.3, 0.35);
     let mut pose = app.world_mut().get_mut::<Transform>(joint).unwrap();
     pose.translation = step;
     run(&mut app, 1);
     assert_eq!(work(&counters(&app)), [0; 4], "no light changed");
-    let mut walked = with_panel();
-    walked.0.last_mut().unwrap().corner += step;
-    let expected = on_cpu_of(&walked, &bake, LIGHT_SOURCE);
+    let mut moved_room = with_panel();
+    moved_room.0.last_mut().unwrap().corner += step;
+    let expected = cpu_picture_of_room(&moved_room, &bake, LIGHT_SOURCE);
     assert!(first.nrmse(&expected) > 0.1, "another picture");
-    assert_alike("skinned_walked", &expected, &picture(&mut app, &image));
+    assert_pictures_match("skinned_walked", &expected, &picture(&mut app, &image));
 }
 
 /// Draws many small floating quads to the G-buffer, like particles.
@@ -234,10 +234,10 @@ fn particles_are_lit_at_own_positions() {
             color: Vec3::splat(0.7),
         });
     }
-    let (mut app, image, ..) = stage_of(&room, &bake, GiSplatting::PerPixel);
+    let (mut app, image, ..) = stage_with_room(&room, &bake, GiSplatting::PerPixel);
     run(&mut app, 4);
-    let expected = on_cpu_of(&room, &bake, LIGHT_SOURCE);
-    let dark = on_cpu_of(&room, &self::bake(false), LIGHT_SOURCE);
+    let expected = cpu_picture_of_room(&room, &bake, LIGHT_SOURCE);
+    let dark = cpu_picture_of_room(&room, &self::bake(false), LIGHT_SOURCE);
     assert!(flip(&dark, &expected) > MAX, "they show");
-    assert_alike("particles", &expected, &picture(&mut app, &image));
+    assert_pictures_match("particles", &expected, &picture(&mut app, &image));
 }

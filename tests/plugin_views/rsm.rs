@@ -2,12 +2,12 @@
 //! layers, and the light that the bounce adds to the picture.
 
 use crate::support::app::{app, camera, picture, run, target};
-use crate::support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
+use crate::support::bounce::{Ball, DynamicObjects, cpu_bounce, cpu_specular, cpu_vpls};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Room, cornell};
 use crate::support::stage::{
-    CANDELA, assert_alike, counters, indirect, keep, light_source, room_and_camera,
-    spawn_light_source, view, work,
+    CANDELA, assert_pictures_match, counters, indirect, light_source, room_and_camera,
+    save_picture, spawn_light_source, view, work,
 };
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
@@ -220,7 +220,7 @@ fn rsm_cameras_follow_reflectors() {
 }
 
 /// Spawns the room without a bake, a camera that shows reflected light alone, and a moving ball.
-fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
+fn spawn_unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
     let root = app
         .world_mut()
         .spawn((Transform::IDENTITY, Visibility::Inherited))
@@ -245,11 +245,11 @@ fn assert_bounce_alike(name: &str, expected: &Picture, drawn: &Picture) {
         p.pixels.iter_mut().flatten().for_each(|v| *v *= brighter);
         p
     };
-    assert_alike(name, &bright(expected), &bright(drawn));
+    assert_pictures_match(name, &bright(expected), &bright(drawn));
 }
 
-fn room_and_ball(ball: Ball) -> Things {
-    Things {
+fn room_and_ball(ball: Ball) -> DynamicObjects {
+    DynamicObjects {
         quads: Room::cornell().0,
         balls: vec![ball],
     }
@@ -258,7 +258,7 @@ fn room_and_ball(ball: Ball) -> Things {
 #[test]
 fn every_light_type_reflects_off_ball_without_bake() {
     let mut app = app();
-    let (_, image, ball) = unbaked_room(&mut app);
+    let (_, image, ball) = spawn_unbaked_room(&mut app);
     run(&mut app, 2);
     assert_eq!(picture(&mut app, &image).mean(), 0.0, "no light yet");
     let requested = GiReflectiveShadowMap::default();
@@ -286,9 +286,9 @@ fn every_light_type_reflects_off_ball_without_bake() {
             },
         ),
     ];
-    let balls = Things {
+    let balls = DynamicObjects {
         balls: vec![RED],
-        ..Things::default()
+        ..DynamicObjects::default()
     };
     for (name, light) in lights {
         let entity = match name {
@@ -361,9 +361,9 @@ fn every_light_type_reflects_off_ball_without_bake() {
     *app.world_mut().get_mut::<Transform>(ball).unwrap() =
         Transform::from_translation(moved.center);
     let drawn = picture(&mut app, &image);
-    let balls = Things {
+    let balls = DynamicObjects {
         balls: vec![moved],
-        ..Things::default()
+        ..DynamicObjects::default()
     };
     let vpls = cpu_vpls(&balls, &light_source(LIGHT_SOURCE), &requested, None);
     let expected = cpu_bounce(&room_and_ball(moved), &vpls, None, view());
@@ -379,7 +379,7 @@ fn ran(app: &App) -> [u32; 2] {
 #[test]
 fn static_reflector_is_not_redrawn_and_keeps_light() {
     let mut app = app();
-    let (_, image, ball) = unbaked_room(&mut app);
+    let (_, image, ball) = spawn_unbaked_room(&mut app);
     let requested = GiReflectiveShadowMap::default();
     let entity = spawn_light_source(&mut app, LIGHT_SOURCE);
     app.world_mut().entity_mut(entity).insert(requested.clone());
@@ -466,7 +466,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     const SMOOTH: [f32; 2] = [0.35, 1.0];
     const BRIGHT: f32 = 1e4;
     let mut app = app();
-    let (_, image, ball) = unbaked_room(&mut app);
+    let (_, image, ball) = spawn_unbaked_room(&mut app);
     let of_ball = app
         .world()
         .get::<MeshMaterial3d<StandardMaterial>>(ball)
@@ -516,9 +516,9 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         c.plan
     );
     let with = picture(&mut app, &image);
-    let balls = Things {
+    let balls = DynamicObjects {
         balls: vec![RED],
-        ..Things::default()
+        ..DynamicObjects::default()
     };
     let bright = Light::Point {
         position: LIGHT_SOURCE,
@@ -538,7 +538,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         .collect();
     assert!(dark.iter().filter(|d| !**d).count() * 4 > dark.len());
     let expected = |surface| {
-        let mut expected = cpu_gloss(&room_and_ball(RED), &vpls, view(), surface);
+        let mut expected = cpu_specular(&room_and_ball(RED), &vpls, view(), surface);
         for (pixel, dark) in expected.pixels.iter_mut().zip(&dark) {
             if *dark {
                 *pixel = [0.0; 3];
@@ -547,7 +547,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         expected
     };
     let right = expected(SMOOTH);
-    keep("gloss", &right.beside(&gloss));
+    save_picture("gloss", &right.beside(&gloss));
     // The nodes are four pixels apart. The expected picture evaluates every pixel.
     let off = gloss.mean() / right.mean() - 1.0;
     let (d, nrmse) = (flip(&right, &gloss), gloss.nrmse(&right));
@@ -572,7 +572,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
 #[test]
 fn fully_dynamic_scene_has_one_bounce() {
     let mut app = app();
-    let (root, image, _) = unbaked_room(&mut app);
+    let (root, image, _) = spawn_unbaked_room(&mut app);
     app.world_mut().entity_mut(root).insert(GiReflector);
     let light_source_at = Vec3::new(0.3, 1.5, 0.5);
     let requested = GiReflectiveShadowMap {
@@ -590,7 +590,7 @@ fn fully_dynamic_scene_has_one_bounce() {
     let all = room_and_ball(RED);
     let vpls = cpu_vpls(&all, &light_source(light_source_at), &requested, None);
     let expected = cpu_bounce(&all, &vpls, None, view());
-    assert_alike("bounce_dynamic", &expected, &drawn);
+    assert_pictures_match("bounce_dynamic", &expected, &drawn);
 }
 
 #[test]
@@ -649,9 +649,9 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
         (alone.mean() / added(&both) - 1.0).abs() < 0.05,
         "the sum is a sum"
     );
-    let balls = Things {
+    let balls = DynamicObjects {
         balls: vec![behind],
-        ..Things::default()
+        ..DynamicObjects::default()
     };
     let vpls = cpu_vpls(&balls, &light, &requested, Some(&bake));
     let seen = room_and_ball(behind);
@@ -672,16 +672,16 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     );
 
     // Without shadows, the light passes through the block.
-    let see_through = GiReflectiveShadowMap {
+    let without_shadows = GiReflectiveShadowMap {
         trace_shadows: false,
         ..requested
     };
     app.world_mut()
         .entity_mut(entity)
-        .insert(see_through.clone());
+        .insert(without_shadows.clone());
     run(&mut app, 2);
     let open = picture(&mut app, &image);
-    let vpls = cpu_vpls(&balls, &light, &see_through, Some(&bake));
+    let vpls = cpu_vpls(&balls, &light, &without_shadows, Some(&bake));
     let expected = cpu_bounce(&seen, &vpls, None, view());
     assert_bounce_alike("bounce_without_shadows", &expected, &open);
     app.world_mut().entity_mut(root).remove::<RenderLayers>();
@@ -698,14 +698,14 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
         .unwrap()
         .intensity /= bright;
     run(&mut app, 2);
-    keep("bounce_lit", &picture(&mut app, &image));
+    save_picture("bounce_lit", &picture(&mut app, &image));
 }
 
 #[test]
 fn materials_without_indirect_light_warn_once() {
     use bevy::material::OpaqueRendererMethod;
     let mut app = app();
-    let (.., ball) = unbaked_room(&mut app);
+    let (.., ball) = spawn_unbaked_room(&mut app);
     run(&mut app, 2);
     let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), [], "opaque and deferred");

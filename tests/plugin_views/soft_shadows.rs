@@ -1,11 +1,11 @@
 //! Soft shadows in the running plugin: the light subtracted from Bevy's picture, its position, and
 //! the frames in which it is computed. Compares with shadow rays at every pixel.
 
-use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
-use crate::support::bounce::Things;
+use crate::support::app::{HEIGHT, WIDTH, app, camera, create_target_image, picture, run, target};
+use crate::support::bounce::DynamicObjects;
 use crate::support::flip::Picture;
 use crate::support::scenes::{Room, cornell, exposure};
-use crate::support::stage::{counters, keep, view};
+use crate::support::stage::{counters, save_picture, view};
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
@@ -22,7 +22,7 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::{Arc, OnceLock};
 
 /// Returns the room with visibility at its points, baked once.
-fn remembering() -> Arc<BakedScene> {
+fn bake_with_visibility() -> Arc<BakedScene> {
     static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let bake = || {
         Room::cornell().bake_as(&Recipe {
@@ -55,11 +55,11 @@ fn panel() -> RectLight {
 }
 
 /// Returns a transform below the ceiling, facing down.
-fn hanging(at: Vec3) -> Transform {
+fn panel_transform(at: Vec3) -> Transform {
     Transform::from_translation(at).with_rotation(Quat::from_rotation_x(-FRAC_PI_2))
 }
 
-const PLACE: Vec3 = Vec3::new(-0.35, 1.9, 0.1);
+const PANEL_POSITION: Vec3 = Vec3::new(-0.35, 1.9, 0.1);
 
 /// Returns the panel as a light of the core, in world space.
 fn core_panel(at: Transform, samples: u32) -> SoftLight {
@@ -118,9 +118,9 @@ fn expected(
     // All values are in the local space of the bake, as required by rays.
     let local_from_world = root.to_matrix().inverse();
     let clip_from_local = clip_from_view * look.to_matrix().inverse() * root.to_matrix();
-    let things = Things {
+    let things = DynamicObjects {
         quads: room.0.clone(),
-        ..Things::default()
+        ..DynamicObjects::default()
     };
     let drawn = RaycastView::new(&things, clip_from_local, size);
     let view = SplatParams::new(
@@ -161,7 +161,7 @@ fn expected(
         out.bright.pixels.push(bright.to_array());
         let missing = subtract_shadow::occluded_radiance(bake.data(), &occluded_irradiances, x, n);
         out.taken
-            .push(subtract_shadow::TAKEN * missing.unwrap_or_default());
+            .push(subtract_shadow::SUBTRACTED_FRACTION * missing.unwrap_or_default());
         let rays = RayVisibility {
             geometry: &room,
             start: x + n * room.ray_offset(x),
@@ -197,7 +197,7 @@ impl Expected {
 }
 
 /// Returns the ratio of the sums of `picture` and `of` over the pixels selected by `which`.
-fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 {
+fn brightness_ratio(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 {
     let luminance = |p: [f32; 3]| p[0] + p[1] + p[2];
     let (mut sum, mut whole, mut count) = (0.0, 0.0, 0);
     for i in (0..of.pixels.len()).filter(|&i| which(i)) {
@@ -223,7 +223,7 @@ fn within(seen: &[f32], accepted: impl Fn(f32) -> bool) -> Vec<bool> {
     (0..w * h).map(at).collect()
 }
 
-fn soft_work(c: &FrameRecord) -> [u32; 2] {
+fn soft_shadow_dispatches(c: &FrameRecord) -> [u32; 2] {
     [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 
@@ -233,14 +233,14 @@ fn soft_work(c: &FrameRecord) -> [u32; 2] {
 #[track_caller]
 fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expected) {
     let (by_twins, by_rays) = (expected.by_twins(plain), expected.by_rays(plain));
-    keep(&format!("{name}_plain"), &expected.bright.beside(plain));
-    keep(&format!("{name}_twins"), &by_twins.beside(shaded));
-    keep(name, &by_rays.beside(shaded));
+    save_picture(&format!("{name}_plain"), &expected.bright.beside(plain));
+    save_picture(&format!("{name}_twins"), &by_twins.beside(shaded));
+    save_picture(name, &by_rays.beside(shaded));
     let min = (shaded.pixels.iter().flatten()).fold(0.0f32, |a, v| a.min(*v));
     let lit = within(&expected.seen, |f| f > 0.999);
     let dark = within(&expected.seen, |f| f < 0.001);
-    let in_light = share(shaded, plain, |i| lit[i]);
-    let in_shadow = share(shaded, plain, |i| dark[i]);
+    let in_light = brightness_ratio(shaded, plain, |i| lit[i]);
+    let in_shadow = brightness_ratio(shaded, plain, |i| dark[i]);
     let (twins, rays) = (shaded.nrmse(&by_twins), shaded.nrmse(&by_rays));
     let without = plain.nrmse(&by_rays);
     println!(
@@ -268,7 +268,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
 }
 
 /// Inserts or removes the component.
-fn cast(app: &mut App, light_source: Entity, soft: Option<GiSoftShadow>) {
+fn set_soft_shadow(app: &mut App, light_source: Entity, soft: Option<GiSoftShadow>) {
     let mut light_source = app.world_mut().entity_mut(light_source);
     match soft {
         Some(soft) => light_source.insert(soft),
@@ -278,20 +278,28 @@ fn cast(app: &mut App, light_source: Entity, soft: Option<GiSoftShadow>) {
 
 #[test]
 fn panel_shadow_matches_rays_and_light_is_not_doubled() {
-    let bake = remembering();
+    let bake = bake_with_visibility();
     let mut app = app();
     let (_, image) = direct_room(&mut app, bake.clone(), Transform::IDENTITY, view());
-    let light_source = app.world_mut().spawn((panel(), hanging(PLACE))).id();
+    let light_source = app
+        .world_mut()
+        .spawn((panel(), panel_transform(PANEL_POSITION)))
+        .id();
     run(&mut app, 3);
     let before = counters(&app);
-    assert_eq!(soft_work(&before), [0, 0], "{}", before.plan);
+    assert_eq!(soft_shadow_dispatches(&before), [0, 0], "{}", before.plan);
     let plain = picture(&mut app, &image);
 
     let soft = GiSoftShadow::default();
-    cast(&mut app, light_source, Some(soft));
+    set_soft_shadow(&mut app, light_source, Some(soft));
     run(&mut app, 1);
     let c = counters(&app);
-    assert_eq!(soft_work(&c), [1, 1], "in the same frame: {}", c.plan);
+    assert_eq!(
+        soft_shadow_dispatches(&c),
+        [1, 1],
+        "in the same frame: {}",
+        c.plan
+    );
     assert!(
         c.plan
             .to_string()
@@ -302,13 +310,13 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     assert!(c.buffers > before.buffers && c.pipelines > before.pipelines);
     run(&mut app, 1);
     let c = counters(&app);
-    assert_eq!(soft_work(&c), [0, 1], "at rest: {}", c.plan);
+    assert_eq!(soft_shadow_dispatches(&c), [0, 1], "at rest: {}", c.plan);
     let shaded = picture(&mut app, &image);
     let at = |at| {
         let (few, many) = (core_panel(at, 25), core_panel(at, 225));
         expected(&bake, Transform::IDENTITY, view(), few, many)
     };
-    let here = at(hanging(PLACE));
+    let here = at(panel_transform(PANEL_POSITION));
     assert_shadows("panel", &plain, &shaded, &here);
     let off = plain.nrmse(&here.bright);
     println!("Bevy's light without shadows is off ours, without gloss, by {off:.4}");
@@ -318,23 +326,23 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     );
 
     // The light moves: the shadowed irradiance is computed once, and the shadow moves.
-    let position = hanging(Vec3::new(-0.6, 1.6, 0.3));
+    let position = panel_transform(Vec3::new(-0.6, 1.6, 0.3));
     let move_to = |app: &mut App, to| {
         *app.world_mut().get_mut::<Transform>(light_source).unwrap() = to;
         run(app, 1);
     };
     move_to(&mut app, position);
-    assert_eq!(soft_work(&counters(&app)), [1, 1]);
+    assert_eq!(soft_shadow_dispatches(&counters(&app)), [1, 1]);
     let moved = picture(&mut app, &image);
-    cast(&mut app, light_source, None);
+    set_soft_shadow(&mut app, light_source, None);
     let bare = picture(&mut app, &image);
     assert_shadows("moved_panel", &bare, &moved, &at(position));
     assert!(
         moved.nrmse(&here.by_twins(&plain)) > 0.1,
         "it is where it was"
     );
-    cast(&mut app, light_source, Some(soft));
-    move_to(&mut app, hanging(PLACE));
+    set_soft_shadow(&mut app, light_source, Some(soft));
+    move_to(&mut app, panel_transform(PANEL_POSITION));
 
     // A view of indirect light alone has no direct light to subtract from.
     let mut cameras = app.world_mut().query::<&mut GiCamera>();
@@ -343,7 +351,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
             camera.debug_view = view;
         }
         run(app, 1);
-        soft_work(&counters(app))
+        soft_shadow_dispatches(&counters(app))
     };
     assert_eq!(only(&mut app, GiDebugView::IndirectOnly), [0, 0]);
     let indirect = picture(&mut app, &image);
@@ -361,7 +369,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
         }
         run(&mut app, 2);
         let c = counters(&app);
-        assert_eq!(soft_work(&c), [0, 0], "{}", c.plan);
+        assert_eq!(soft_shadow_dispatches(&c), [0, 0], "{}", c.plan);
         assert_eq!((c.buffers, c.bytes), (before.buffers, before.bytes));
     }
     assert_eq!(picture(&mut app, &image), plain);
@@ -376,7 +384,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     }
     run(&mut app, 2);
     let plain = picture(&mut app, &image);
-    cast(&mut app, light_source, Some(soft));
+    set_soft_shadow(&mut app, light_source, Some(soft));
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
     assert!(plain.nrmse(&here.bright) > 0.2, "it shines");
@@ -387,7 +395,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
 
 #[test]
 fn soft_shadow_in_transformed_room_matches_rays() {
-    let bake = remembering();
+    let bake = bake_with_visibility();
     let mut app = app();
     let root = Transform {
         translation: Vec3::new(20.0, -3.0, 7.0),
@@ -415,7 +423,7 @@ fn soft_shadow_in_transformed_room_matches_rays() {
         .id();
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
-    cast(&mut app, light_source, Some(GiSoftShadow { samples: 16 }));
+    set_soft_shadow(&mut app, light_source, Some(GiSoftShadow { samples: 16 }));
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
     let candela = Vec3::splat(bulb.intensity / (4.0 * PI));
@@ -433,9 +441,17 @@ fn soft_shadow_in_transformed_room_matches_rays() {
 #[test]
 fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     let mut app = app();
-    let (_, forgetful) = cornell();
-    let (_, image) = direct_room(&mut app, forgetful, Transform::IDENTITY, view());
-    let light_source = app.world_mut().spawn((panel(), hanging(PLACE))).id();
+    let (_, bake_without_visibility) = cornell();
+    let (_, image) = direct_room(
+        &mut app,
+        bake_without_visibility,
+        Transform::IDENTITY,
+        view(),
+    );
+    let light_source = app
+        .world_mut()
+        .spawn((panel(), panel_transform(PANEL_POSITION)))
+        .id();
     run(&mut app, 3);
     let before = counters(&app);
     let plain = picture(&mut app, &image);
@@ -443,10 +459,10 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     assert_eq!(found(&app), []);
 
     // A bake without visibility.
-    cast(&mut app, light_source, Some(GiSoftShadow::default()));
+    set_soft_shadow(&mut app, light_source, Some(GiSoftShadow::default()));
     run(&mut app, 2);
     let c = counters(&app);
-    assert_eq!(soft_work(&c), [0, 0]);
+    assert_eq!(soft_shadow_dispatches(&c), [0, 0]);
     assert!(
         c.plan.to_string().contains("the bake holds no visibility"),
         "{}",
@@ -476,7 +492,8 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     assert_eq!(found(&app), expected);
     // More panels than Bevy's limit.
     for _ in 0..8 {
-        app.world_mut().spawn((panel(), hanging(PLACE)));
+        app.world_mut()
+            .spawn((panel(), panel_transform(PANEL_POSITION)));
     }
     run(&mut app, 1);
     expected.push(GiWarning::SoftShadowCount);
@@ -486,12 +503,17 @@ fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
 #[test]
 fn nan_lights_and_many_lights_do_not_panic() {
     let mut app = app();
-    let (eye, _) = direct_room(&mut app, remembering(), Transform::IDENTITY, view());
+    let (eye, _) = direct_room(
+        &mut app,
+        bake_with_visibility(),
+        Transform::IDENTITY,
+        view(),
+    );
     // No pixels are compared, so a small picture is enough.
     let small = app
         .world_mut()
         .resource_mut::<Assets<Image>>()
-        .add(drawable(32, 24));
+        .add(create_target_image(32, 24));
     app.world_mut()
         .entity_mut(eye)
         .insert(RenderTarget::Image(small.clone().into()));
@@ -500,12 +522,14 @@ fn nan_lights_and_many_lights_do_not_panic() {
         intensity: f32::NAN,
         ..panel()
     };
-    app.world_mut().spawn((bad, hanging(PLACE), soft));
+    app.world_mut()
+        .spawn((bad, panel_transform(PANEL_POSITION), soft));
     let flat = RectLight {
         width: 0.0,
         ..panel()
     };
-    app.world_mut().spawn((flat, hanging(PLACE), soft));
+    app.world_mut()
+        .spawn((flat, panel_transform(PANEL_POSITION), soft));
     for i in 0..20 {
         let bulb = PointLight {
             intensity: 1000.0,
@@ -516,7 +540,7 @@ fn nan_lights_and_many_lights_do_not_panic() {
             .spawn((bulb, position, GiSoftShadow { samples: 0 }));
     }
     run(&mut app, 3);
-    assert_eq!(soft_work(&counters(&app)), [0, 1]);
+    assert_eq!(soft_shadow_dispatches(&counters(&app)), [0, 1]);
     assert!(counters(&app).plan.to_string().contains("subtract_shadow"));
     // With more panels, the buffers grow.
     for i in 0..20 {
@@ -525,7 +549,7 @@ fn nan_lights_and_many_lights_do_not_panic() {
             .spawn((PointLight::default(), position, GiSoftShadow::default()));
     }
     run(&mut app, 1);
-    assert_eq!(soft_work(&counters(&app)), [1, 1]);
+    assert_eq!(soft_shadow_dispatches(&counters(&app)), [1, 1]);
     run(&mut app, 1);
     let _ = picture(&mut app, &small);
 }

@@ -4,7 +4,7 @@
 use crate::support::app::{app, camera, picture, run, target};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Quad, Room, rough_recipe};
-use crate::support::stage::{counters, keep, spawn_light_source, view, work};
+use crate::support::stage::{counters, save_picture, spawn_light_source, view, work};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::VisibleEntities;
 use bevy::light::IrradianceVolume;
@@ -25,11 +25,11 @@ const LIGHT_SOURCE: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 /// Albedo of a floating panel.
 const PANEL: [f32; 3] = [0.7, 0.65, 0.7];
 /// Largest mean FLIP between the pictures of both cameras.
-const MAX: f32 = 0.05;
+const MAX_FLIP: f32 = 0.05;
 
 /// Returns the room's bake with or without probes. Each is baked once.
 fn bake(probes: bool) -> Arc<BakedScene> {
-    static MADE: [OnceLock<Arc<BakedScene>>; 2] = [const { OnceLock::new() }; 2];
+    static BAKED: [OnceLock<Arc<BakedScene>>; 2] = [const { OnceLock::new() }; 2];
     let make = || {
         Room::cornell().bake_as(&Recipe {
             probes: probes.then_some(ProbeSettings {
@@ -39,7 +39,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
             ..rough_recipe()
         })
     };
-    MADE[usize::from(probes)].get_or_init(make).clone()
+    BAKED[usize::from(probes)].get_or_init(make).clone()
 }
 
 /// Returns the room with a floating panel.
@@ -98,14 +98,14 @@ impl Shown {
         picture(&mut self.app, &self.image)
     }
 
-    fn ask(&mut self, volume: GiIrradianceVolume) {
+    fn insert_volume(&mut self, volume: GiIrradianceVolume) {
         self.app.world_mut().entity_mut(self.root).insert(volume);
         run(&mut self.app, 4);
     }
 
     /// Runs until the volume is visible to the deferred camera. Meanwhile the lighting pass that
     /// excludes the volume from the G-buffer is compiled.
-    fn wait(&mut self) {
+    fn run_until_volume_is_visible(&mut self) {
         let sees = |app: &mut App| {
             let mut cameras = app
                 .world_mut()
@@ -153,14 +153,14 @@ fn volume_light_matches_deferred_light() {
         let none = counters(&forward.app);
         assert_eq!((none.buffers, none.bytes, none.pipelines), (0, 0, 0));
         assert!(!none.plan.to_string().contains("volume"), "{}", none.plan);
-        forward.ask(GiIrradianceVolume::default());
+        forward.insert_volume(GiIrradianceVolume::default());
         let lit = forward.picture();
-        keep(name, &expected.beside(&lit));
-        keep(&format!("{name}_without"), &expected.beside(&dark));
+        save_picture(name, &expected.beside(&lit));
+        save_picture(&format!("{name}_without"), &expected.beside(&dark));
         let [d, without] = [&lit, &dark].map(|p| flip(&expected, p));
         println!("{name}: FLIP {d:.4}, {without:.4} without the volume");
-        assert!(d <= MAX, "{name}: {d}");
-        assert!(without > 2.0 * MAX, "{name}: {without}");
+        assert!(d <= MAX_FLIP, "{name}: {d}");
+        assert!(without > 2.0 * MAX_FLIP, "{name}: {without}");
         assert!(forward.app.world().resource::<GiWarnings>().0.is_empty());
         // Without a change, nothing is written.
         run(&mut forward.app, 2);
@@ -174,26 +174,26 @@ fn volume_light_matches_deferred_light() {
         let single = forward.picture();
         let d = flip(&expected, &single);
         println!("{name}, light moved: FLIP {d:.4}");
-        assert!(d <= MAX, "{name}, light moved: {d}");
+        assert!(d <= MAX_FLIP, "{name}, light moved: {d}");
         // With four samples per pixel, the edges are softer, also without indirect light. The light
         // is equal.
         let mut sampled = stage(&bake(true), placed, Some(Msaa::Sample4));
         run(&mut sampled.app, 4);
         let edges = flip(&dark, &sampled.picture());
-        sampled.ask(GiIrradianceVolume::default());
+        sampled.insert_volume(GiIrradianceVolume::default());
         sampled.move_light_source(moved);
         let sampled = sampled.picture();
-        keep(&format!("{name}_sampled"), &expected.beside(&sampled));
+        save_picture(&format!("{name}_sampled"), &expected.beside(&sampled));
         let d = flip(&single, &sampled);
         println!("{name}, four samples beside one: FLIP {d:.4}, without indirect light {edges:.4}");
-        assert!(d <= 1.3 * edges && edges < MAX, "{name}: {d}, {edges}");
+        assert!(d <= 1.3 * edges && edges < MAX_FLIP, "{name}: {d}, {edges}");
     }
 }
 
 /// Voxel size of the volume in the rooms in meters. The walls are two centimeters thick.
 const VOXEL: f32 = 0.1;
 /// Largest NRMSE between the pictures of both cameras in the rooms.
-const OFF: f32 = 0.04;
+const MAX_NRMSE: f32 = 0.04;
 
 /// Spawns each triangle of `rooms_open` as a Bevy mesh below `root`.
 fn spawn_triangles(app: &mut App, mesh: &TriangleMesh, root: Entity) {
@@ -213,12 +213,12 @@ fn spawn_triangles(app: &mut App, mesh: &TriangleMesh, root: Entity) {
         .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vec![normal; 3]);
         let world = app.world_mut();
         let triangle = world.resource_mut::<Assets<Mesh>>().add(triangle);
-        let material = rough(world, color.truncate());
+        let material = rough_material(world, color.truncate());
         world.spawn((Mesh3d(triangle), material, ChildOf(root)));
     }
 }
 
-fn rough(world: &mut World, color: Vec3) -> MeshMaterial3d<StandardMaterial> {
+fn rough_material(world: &mut World, color: Vec3) -> MeshMaterial3d<StandardMaterial> {
     let material = StandardMaterial {
         base_color: Color::linear_rgb(color.x, color.y, color.z),
         perceptual_roughness: 1.0,
@@ -276,7 +276,7 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
         world.spawn((light_source, Transform::from_xyz(1.2, 2.2, 1.0)));
         let sphere = Sphere::new(0.3).mesh().uv(48, 32);
         let sphere = world.resource_mut::<Assets<Mesh>>().add(sphere);
-        let material = rough(world, Vec3::splat(0.8));
+        let material = rough_material(world, Vec3::splat(0.8));
         let ball = world
             .spawn((Mesh3d(sphere), material, Transform::IDENTITY))
             .id();
@@ -312,11 +312,11 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
         ("ball_in_the_door", Vec3::new(4.0, 1.0, 1.95)),
     ] {
         let (deferred, forward) = (at(0, position, false), at(1, position, name == "ball_lit"));
-        keep(name, &deferred.beside(&forward));
+        save_picture(name, &deferred.beside(&forward));
         let (d, off) = (flip(&deferred, &forward), forward.nrmse(&deferred));
         println!("{name}: FLIP {d:.4}, NRMSE {off:.4}");
-        assert!(d <= MAX && off <= OFF, "{name}: {d}, {off}");
-        assert!(dark.nrmse(&deferred) > 3.0 * OFF, "{name}: it is lit");
+        assert!(d <= MAX_FLIP && off <= MAX_NRMSE, "{name}: {d}, {off}");
+        assert!(dark.nrmse(&deferred) > 3.0 * MAX_NRMSE, "{name}: it is lit");
     }
 }
 
@@ -330,8 +330,8 @@ fn volume_does_not_light_gbuffer() {
     let other = target(&mut s.app);
     let eye = (camera(&other, view()), bevy::camera::Hdr, Msaa::Sample4);
     s.app.world_mut().spawn(eye);
-    s.ask(GiIrradianceVolume::default());
-    s.wait();
+    s.insert_volume(GiIrradianceVolume::default());
+    s.run_until_volume_is_visible();
     assert_eq!(s.picture().pixels, before.pixels);
     // Parameters, starts and weights of the positions, starts and weights of the wall faces, the
     // faces, and the wall distances.
@@ -377,12 +377,12 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
         assert_eq!(warned(&s), [finding]);
         s.app.world_mut().resource_mut::<GiWarnings>().0.clear();
         let dark = s.picture();
-        s.ask(GiIrradianceVolume::default());
-        s.wait();
+        s.insert_volume(GiIrradianceVolume::default());
+        s.run_until_volume_is_visible();
         let lit = s.picture();
         assert_eq!(warned(&s), []);
-        keep(&format!("volume_{name}"), &expected.beside(&lit));
-        keep(&format!("volume_{name}_without"), &expected.beside(&dark));
+        save_picture(&format!("volume_{name}"), &expected.beside(&lit));
+        save_picture(&format!("volume_{name}_without"), &expected.beside(&dark));
         // Pixels of the panel: those that the volume changes. They are about a tenth of the
         // picture.
         let panel: Vec<usize> = (0..lit.pixels.len())
@@ -424,7 +424,7 @@ fn volumes_follow_component_without_deferred_camera() {
     let before = counters(&s.app);
     assert_eq!((before.buffers, before.bytes, before.pipelines), (0, 0, 0));
     let dark = s.picture();
-    s.ask(GiIrradianceVolume::default());
+    s.insert_volume(GiIrradianceVolume::default());
     let lit = s.picture();
     assert!(
         lit.mean() > 1.2 * dark.mean(),
@@ -443,7 +443,7 @@ fn volumes_follow_component_without_deferred_camera() {
         voxel_size: Some(0.5),
         max_voxels: 64,
     };
-    s.ask(coarse);
+    s.insert_volume(coarse);
     assert_eq!(volumes(&mut s.app), 1);
     let blurred = s.picture();
     let d = flip(&lit, &blurred);
@@ -468,7 +468,7 @@ fn volumes_follow_component_without_deferred_camera() {
 #[test]
 fn volume_of_bake_without_probes_warns() {
     let mut s = stage(&bake(false), Transform::IDENTITY, Some(Msaa::Sample4));
-    s.ask(GiIrradianceVolume::default());
+    s.insert_volume(GiIrradianceVolume::default());
     assert_eq!(
         s.app.world().resource::<GiWarnings>().0,
         [GiWarning::NoFreeSpace]

@@ -1,10 +1,12 @@
 //! Exported irradiance volume in a plain Bevy app without this crate's plugin. Its light matches
 //! the light of the plugin's own volume.
 
-use crate::support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::app::{
+    BOUNCES, app, camera, finish_plugins, headless_plugins, picture, run, target,
+};
 use crate::support::flip::{Picture, flip};
 use crate::support::scenes::{Room, rough_recipe};
-use crate::support::stage::{counters, keep, light_source, spawn_light_source, view};
+use crate::support::stage::{counters, light_source, save_picture, spawn_light_source, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::image::{CompressedImageFormats, ImageSampler, ImageType};
 use bevy::light::IrradianceVolume;
@@ -66,7 +68,7 @@ fn plain_picture(files: Option<(&[u8], &str)>) -> Picture {
     app.add_plugins(headless_plugins())
         .insert_resource(GlobalAmbientLight::NONE)
         .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
-    ready(&mut app);
+    finish_plugins(&mut app);
     let root = (Transform::IDENTITY, Visibility::default());
     let root = app.world_mut().spawn(root).id();
     Room::cornell().spawn(&mut app, root);
@@ -137,8 +139,8 @@ fn exported_volume_matches_plugin_volume() {
     let expected = plugin_picture(&bake);
     let plain = plain_picture(Some((&file, &placement)));
     let without = plain_picture(None);
-    keep("export", &expected.beside(&plain));
-    keep("export_without", &expected.beside(&without));
+    save_picture("export", &expected.beside(&plain));
+    save_picture("export_without", &expected.beside(&without));
     let [d, dark] = [&plain, &without].map(|p| flip(&expected, p));
     let [off, far] = [&plain, &without].map(|p| p.nrmse(&expected));
     println!("FLIP {d:.4}, NRMSE {off:.4}; without the volume {dark:.4}, {far:.4}");

@@ -70,7 +70,7 @@ pub fn app() -> App {
     ))
     .insert_resource(GlobalAmbientLight::NONE)
     .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
-    ready(&mut app);
+    finish_plugins(&mut app);
     app
 }
 
@@ -80,7 +80,7 @@ pub const BOUNCES: u32 = 4;
 
 /// Waits for the plugins and finishes them. The renderer starts in the background. Replaces each
 /// inserted `Auto` number of bounces by [`BOUNCES`].
-pub fn ready(app: &mut App) {
+pub fn finish_plugins(app: &mut App) {
     app.add_observer(|set: On<Insert, GiSolver>, mut all: Query<&mut GiSolver>| {
         if let Ok(mut solver) = all.get_mut(set.entity)
             && solver.bounces == GiBounceCount::Auto
@@ -111,13 +111,13 @@ pub fn run(app: &mut App, frames: usize) {
 /// Creates the render target of a test camera. Pixels are 16-bit floats without tonemapping,
 /// therefore scene-linear.
 pub fn target(app: &mut App) -> Handle<Image> {
-    let image = drawable(WIDTH, HEIGHT);
+    let image = create_target_image(WIDTH, HEIGHT);
     app.world_mut().resource_mut::<Assets<Image>>().add(image)
 }
 
 /// Creates an image that a camera can draw to and a test can read. `width` must be a multiple of
 /// 32.
-pub fn drawable(width: u32, height: u32) -> Image {
+pub fn create_target_image(width: u32, height: u32) -> Image {
     let mut image = Image::new_uninit(
         Extent3d {
             width,

@@ -1,6 +1,6 @@
 //! Apps without a renderer that load assets.
 
-use super::app::ready;
+use super::app::finish_plugins;
 use bevy::prelude::*;
 use bevy_meshless_gi::MeshlessGiPlugin;
 use std::collections::BTreeSet;
@@ -28,12 +28,12 @@ pub fn bare_app_with(assets: AssetPlugin) -> App {
         TransformPlugin,
         MeshlessGiPlugin::default(),
     ));
-    ready(&mut app);
+    finish_plugins(&mut app);
     app
 }
 
 /// Returns the asset plugin of a released app: processed assets without their source folder.
-pub fn shipped(processed: &Path) -> AssetPlugin {
+pub fn shipped_asset_plugin(processed: &Path) -> AssetPlugin {
     AssetPlugin {
         mode: AssetMode::Processed,
         use_asset_processor_override: Some(false),
@@ -44,7 +44,7 @@ pub fn shipped(processed: &Path) -> AssetPlugin {
 }
 
 /// Updates until `done` returns a value.
-pub fn until<T>(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> Option<T>) -> T {
+pub fn until<T>(app: &mut App, event: &str, mut done: impl FnMut(&mut App) -> Option<T>) -> T {
     for _ in 0..MAX_UPDATES {
         app.update();
         if let Some(value) = done(app) {
@@ -52,7 +52,7 @@ pub fn until<T>(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> Opt
         }
         std::thread::sleep(Duration::from_millis(2));
     }
-    panic!("{what} does not happen");
+    panic!("{event} does not happen");
 }
 
 /// Returns the identifiers of the threads of this process that bake at present. Returns `None` if

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// Results of bakes in the order of their events.
 #[derive(Resource, Default)]
-pub struct Ends(pub Vec<GiBakeFinished>);
+pub struct BakeResults(pub Vec<GiBakeFinished>);
 
 /// Result of a bake in its event.
 pub type BakeResult = Result<GiBakeSummary, GiBakeError>;
@@ -42,21 +42,21 @@ pub fn bare_app(assets: &Path) -> App {
             schedule.set_executor(SingleThreadedExecutor::new());
         });
     }
-    keep_ends(&mut app);
-    super::app::ready(&mut app);
+    store_results(&mut app);
+    super::app::finish_plugins(&mut app);
     app
 }
 
-/// Stores the results of bakes in [`Ends`].
-pub fn keep_ends(app: &mut App) {
-    app.init_resource::<Ends>();
-    app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<Ends>| {
+/// Stores the results of bakes in [`BakeResults`].
+pub fn store_results(app: &mut App) {
+    app.init_resource::<BakeResults>();
+    app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<BakeResults>| {
         ends.0.push(event.event().clone());
     });
 }
 
 /// Returns a fast recipe for rooms as small as [`Room::cornell`].
-pub fn quick() -> Recipe {
+pub fn quick_recipe() -> Recipe {
     Recipe {
         preset: Preset::Draft,
         rays_per_point: Some(64),
@@ -65,11 +65,11 @@ pub fn quick() -> Recipe {
 }
 
 /// Returns a recipe with a bake time of minutes.
-pub fn slow() -> Recipe {
+pub fn slow_recipe() -> Recipe {
     Recipe {
         rays_per_point: Some(60_000),
         preset: Preset::High,
-        ..quick()
+        ..quick_recipe()
     }
 }
 
@@ -83,11 +83,11 @@ pub fn room_root(app: &mut App, room: &Room) -> Entity {
     root
 }
 
-/// Waits for the next result of a bake of `root`, and removes it from [`Ends`].
+/// Waits for the next result of a bake of `root`, and removes it from [`BakeResults`].
 #[track_caller]
-pub fn end_of(app: &mut App, root: Entity) -> BakeResult {
+pub fn wait_for_result(app: &mut App, root: Entity) -> BakeResult {
     until(app, "the bake", |app| {
-        let mut ends = app.world_mut().resource_mut::<Ends>();
+        let mut ends = app.world_mut().resource_mut::<BakeResults>();
         let at = ends.0.iter().position(|end| end.entity == root)?;
         Some(ends.0.remove(at).result)
     })
@@ -101,7 +101,7 @@ pub fn bake(
     request: impl Into<GiBakeRequest>,
 ) -> (GiBakeSummary, Arc<BakedScene>) {
     app.world_mut().entity_mut(root).bake_gi(request);
-    let summary = end_of(app, root).unwrap_or_else(|error| panic!("{error}"));
+    let summary = wait_for_result(app, root).unwrap_or_else(|error| panic!("{error}"));
     (summary, scene_of(app, root))
 }
 

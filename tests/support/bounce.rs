@@ -30,7 +30,7 @@ pub struct Ball {
 
 /// Quads with culled back faces, and balls.
 #[derive(Clone, Default)]
-pub struct Things {
+pub struct DynamicObjects {
     pub quads: Vec<Quad>,
     pub balls: Vec<Ball>,
 }
@@ -38,7 +38,7 @@ pub struct Things {
 /// First primitive index of the balls.
 const BALLS: u32 = 1 << 20;
 
-impl Things {
+impl DynamicObjects {
     /// Returns the bounding boxes of all quads and balls.
     pub fn boxes(&self) -> Vec<Bounds> {
         let quads = self.quads.iter().map(|q| Room(vec![*q]).bounds());
@@ -50,7 +50,7 @@ impl Things {
     }
 }
 
-impl Geometry for Things {
+impl Geometry for DynamicObjects {
     fn bounds(&self) -> Bounds {
         let corners = |b: Bounds| [b.min, b.max];
         (self.boxes().into_iter().flat_map(corners)).fold(Bounds::EMPTY, Bounds::join)
@@ -86,8 +86,8 @@ impl Geometry for Things {
     }
 
     fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        let way = to - from;
-        self.cast(&Ray::segment(from, way.normalize(), way.length()))
+        let offset = to - from;
+        self.cast(&Ray::segment(from, offset.normalize(), offset.length()))
             .is_some()
     }
 
@@ -115,7 +115,7 @@ impl Geometry for Things {
 
 /// Computes the virtual point lights of dynamic objects in world space.
 pub fn cpu_vpls(
-    moving: &Things,
+    moving: &DynamicObjects,
     light: &Light,
     requested: &GiReflectiveShadowMap,
     bake: Option<&BakedScene>,
@@ -160,7 +160,7 @@ pub fn cpu_vpls(
 
 /// Draws the light that `lights` add to the picture of `seen`.
 pub fn cpu_bounce(
-    seen: &Things,
+    seen: &DynamicObjects,
     lights: &[Vpl],
     bake: Option<&BakedScene>,
     camera: Transform,
@@ -200,8 +200,8 @@ pub fn cpu_bounce(
 
 /// Draws the specular light of `lights` on the surfaces of `seen` at every pixel, without shadows.
 /// All surfaces have the given roughness and reflectance.
-pub fn cpu_gloss(
-    seen: &Things,
+pub fn cpu_specular(
+    seen: &DynamicObjects,
     lights: &[Vpl],
     camera: Transform,
     [roughness, reflectance]: [f32; 2],

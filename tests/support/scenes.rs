@@ -5,7 +5,7 @@ use super::flip::Picture;
 use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
+use meshless_gi::internals::frame::splat::{FULL_COVER, share, splat_covered};
 use meshless_gi::{
     BakedScene, Bounds, CpuFrame, FrameLight, FrameSettings, Geometry, Hit, Light, Material,
     Progress, Ray, Recipe, Surface, TriangleMesh, bake_scene,
@@ -223,8 +223,8 @@ impl Geometry for Room {
     }
 
     fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        let way = to - from;
-        self.cast(&Ray::segment(from, way.normalize(), way.length()))
+        let offset = to - from;
+        self.cast(&Ray::segment(from, offset.normalize(), offset.length()))
             .is_some()
     }
 
@@ -339,7 +339,7 @@ fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
         n,
     ) {
         Some((e, cover)) => {
-            let (e, share) = (e.dot(n).max(Vec3::ZERO), share(cover, SEAM));
+            let (e, share) = (e.dot(n).max(Vec3::ZERO), share(cover, FULL_COVER));
             let rest = if share < 1.0 { space() } else { None };
             rest.map_or(e, |rest| rest.lerp(e, share))
         }

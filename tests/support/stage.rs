@@ -62,11 +62,11 @@ pub fn settings() -> FrameSettings {
 pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
     let root = spawn_room(app, Transform::IDENTITY);
     let image = target(app);
-    let eye = app
+    let camera_entity = app
         .world_mut()
         .spawn((camera(&image, view()), indirect()))
         .id();
-    (root, eye, image)
+    (root, camera_entity, image)
 }
 
 /// Spawns the room's light at `position`.
@@ -78,9 +78,9 @@ pub fn spawn_light_source(app: &mut App, position: Vec3) -> Entity {
 
 /// Spawns [`room_and_camera`] and a light at `position`.
 pub fn lit_room(app: &mut App, position: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
-    let (root, eye, image) = room_and_camera(app);
+    let (root, camera_entity, image) = room_and_camera(app);
     let light_source = spawn_light_source(app, position);
-    (root, eye, image, light_source)
+    (root, camera_entity, image, light_source)
 }
 
 /// Spawns the Cornell room with its bake on one root.
@@ -107,15 +107,15 @@ pub fn counters(app: &App) -> FrameRecord {
 }
 
 /// Writes a picture to the folder in `MGI_TEST_PICTURES`, if set.
-pub fn keep(name: &str, picture: &Picture) {
+pub fn save_picture(name: &str, picture: &Picture) {
     if let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") {
         picture.save(&std::path::Path::new(&folder).join(format!("{name}.png")));
     }
 }
 
 #[track_caller]
-pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
-    keep(name, &reference.beside(test));
+pub fn assert_pictures_match(name: &str, reference: &Picture, test: &Picture) {
+    save_picture(name, &reference.beside(test));
     assert!(
         reference.mean() > 0.003,
         "{name}: the CPU's picture is dark ({})",
@@ -126,10 +126,10 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     assert!(d <= MAX && nrmse <= 0.03, "{name}: FLIP {d}, NRMSE {nrmse}");
     // Checks that the test can fail: a picture upside down, a picture brighter by half, and a
     // picture brighter by 7 %.
-    let mut turned = test.clone();
-    turned.pixels.reverse();
+    let mut reversed = test.clone();
+    reversed.pixels.reverse();
     assert!(
-        flip(reference, &turned) > MAX,
+        flip(reference, &reversed) > MAX,
         "{name}: a picture upside down is not distinguished"
     );
     let mut brighter = test.clone();

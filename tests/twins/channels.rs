@@ -3,7 +3,10 @@
 
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{SINGLE, Scale, differing};
-use crate::{VALUES, bend, cpu, harness, output, settings, solve_agrees, solved, synthetic};
+use crate::{
+    VALUES, assert_solve_matches_twin, cpu, harness, output, reverse_links, settings,
+    solve_from_projection, synthetic,
+};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::Pass;
 use glam::Vec3;
@@ -29,11 +32,11 @@ fn one(sweeps: u32) -> FrameSettings {
 fn monochrome_frame_matches_twin() {
     for form in FORMS {
         for sweeps in [0, 2] {
-            solve_agrees(
+            assert_solve_matches_twin(
                 form,
                 &one(sweeps),
                 &[
-                    (VALUES, |s| bend(s, 99)),
+                    (VALUES, |s| reverse_links(s, 99)),
                     (VALUES, |s| {
                         (s.data_mut().operator.rows.iter_mut()).for_each(|r| r.scale *= 1.001);
                     }),
@@ -69,7 +72,12 @@ fn at(channels: Channels) -> FrameSettings {
 }
 
 /// Returns the number of values that differ from `right` in one channel of `hue`, on the CPU.
-fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -> usize {
+fn count_differing(
+    scene: &BakedScene,
+    lights: &[FrameLight],
+    right: &CpuFrame,
+    hue: Vec3,
+) -> usize {
     let found = cpu(scene, lights, &at(Channels::One(hue)));
     differing(
         found.vector_irradiance(),
@@ -88,12 +96,17 @@ fn monochrome_of_gray_scene_equals_rgb() {
     for form in FORMS {
         let (scene, mut lights) = gray(form);
         let right = cpu(&scene, &lights, &at(Channels::Three));
-        assert_eq!(off(&scene, &lights, &right, HUE), 0, "{form:?}");
+        assert_eq!(count_differing(&scene, &lights, &right, HUE), 0, "{form:?}");
         // A large intensity.
-        assert_eq!(off(&scene, &lights, &right, 30.0 * HUE), 0, "{form:?}");
+        assert_eq!(
+            count_differing(&scene, &lights, &right, 30.0 * HUE),
+            0,
+            "{form:?}"
+        );
 
         let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
-        let frame = solved(&harness, &kernels, frame, &right, &at(Channels::One(HUE)));
+        let frame =
+            solve_from_projection(&harness, &kernels, frame, &right, &at(Channels::One(HUE)));
         let values: Vec<VectorIrradiance> =
             output(&harness, &frame, Pass::Averages, scene.data().points.len());
         let found = differing(
@@ -109,10 +122,16 @@ fn monochrome_of_gray_scene_equals_rgb() {
         assert!(counters.dispatches_of(Pass::ApplyOne) >= 3);
 
         // With another color of a light or a wall, the frame is not gray.
-        assert!(off(&scene, &lights, &right, Vec3::ONE) > 100, "{form:?}");
+        assert!(
+            count_differing(&scene, &lights, &right, Vec3::ONE) > 100,
+            "{form:?}"
+        );
         lights[0].color = [9.0, 1.0, 1.0];
         let three = cpu(&scene, &lights, &at(Channels::Three));
-        assert!(off(&scene, &lights, &three, HUE) > 100, "{form:?}");
+        assert!(
+            count_differing(&scene, &lights, &three, HUE) > 100,
+            "{form:?}"
+        );
     }
 }
 
@@ -131,7 +150,7 @@ fn monochrome_probes_match_twin() {
     let (lights, settings) = (lights(), one(2));
     let twin = cpu(&scene, &lights, &settings);
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
-    let frame = solved(&harness, &kernels, frame, &twin, &settings);
+    let frame = solve_from_projection(&harness, &kernels, frame, &twin, &settings);
     let rows = scene.data().probes.as_ref().unwrap().rows.len();
     let found: Vec<VectorIrradiance> = output(&harness, &frame, Pass::Volume, rows);
     let wrong = |twin: &CpuFrame| differing(&found, twin.probes(), 12, SINGLE, Scale::Rms).len();

@@ -13,11 +13,11 @@ use meshless_gi::internals::frame::fmm_down::fmm_down;
 use meshless_gi::internals::frame::fmm_up::fmm_up;
 use meshless_gi::internals::transport::fmm::passes::Field;
 use meshless_gi::internals::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
-use meshless_gi::{cornell_box, mesh_of_quads};
+use meshless_gi::{Quad, TriangleMesh};
 
 /// Tolerance of sums of thousands of terms that partly cancel, with derivatives by recurrence:
 /// hundreds of roundings.
-const SUMS: f32 = 1e-4;
+const SUM_TOLERANCE: f32 = 1e-4;
 
 /// Returns the S-expansions, R-expansions and vector irradiance of the twins. The last item of
 /// `radiosity` is the sky's coefficient.
@@ -35,7 +35,10 @@ fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
 }
 
 /// Creates a buffer with this content.
-fn storage<T: bytemuck::NoUninit>(harness: &HeadlessDevice, data: &[T]) -> wgpu::Buffer {
+fn create_storage_buffer<T: bytemuck::NoUninit>(
+    harness: &HeadlessDevice,
+    data: &[T],
+) -> wgpu::Buffer {
     let buffer = harness.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: size_of_val(data) as u64,
@@ -58,8 +61,8 @@ fn device(
 ) -> ([Vec<f32>; 3], GpuCounters) {
     let points = radiosity.len() - 1;
     let gpu = GpuFmm::new(&harness.device, &harness.queue, operator, points as u32).unwrap();
-    let light = storage(harness, radiosity);
-    let values = storage(harness, &vec![VectorIrradiance::default(); points]);
+    let light = create_storage_buffer(harness, radiosity);
+    let values = create_storage_buffer(harness, &vec![VectorIrradiance::default(); points]);
     let mut counters = GpuCounters::default();
     harness
         .run(|encoder| {
@@ -109,7 +112,7 @@ fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
         leaf: 12,
         ..FmmSettings::default()
     };
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let fmm = Fmm::new(&points, &settings, Some(&mesh)).unwrap();
     let lists = fmm.lists();
     for list in [&lists.far, &lists.local, &lists.multipole, &lists.near] {
@@ -156,7 +159,7 @@ fn fmm_passes_match_twin() {
             .into_iter()
             .enumerate()
         {
-            let off = differing(&found[k], &expected[k], 12, SUMS, Scale::Rms);
+            let off = differing(&found[k], &expected[k], 12, SUM_TOLERANCE, Scale::Rms);
             assert!(
                 off.is_empty(),
                 "order {order}, {what}: {} of {} differ, first {:?} and not {:?}",
@@ -165,10 +168,16 @@ fn fmm_passes_match_twin() {
                 &found[k][off[0] * 12..][..12],
                 &expected[k][off[0] * 12..][..12]
             );
-            let off = differing(&found[k], &perturbed[k], 12, SUMS, Scale::Rms);
+            let off = differing(&found[k], &perturbed[k], 12, SUM_TOLERANCE, Scale::Rms);
             assert!(!off.is_empty(), "{what}: a brighter point is not noticed");
         }
-        let off = differing(&found[2], &twin(&operator, &dark)[2], 12, SUMS, Scale::Rms);
+        let off = differing(
+            &found[2],
+            &twin(&operator, &dark)[2],
+            12,
+            SUM_TOLERANCE,
+            Scale::Rms,
+        );
         assert!(!off.is_empty(), "a brighter sky is not noticed");
         let levels = operator.levels() as u64;
         let counts =
@@ -215,8 +224,8 @@ fn fmm_order_above_limit_and_empty_input_are_handled() {
         }
     ));
     let gpu = GpuFmm::new(&harness.device, &harness.queue, &empty(4), 0).unwrap();
-    let buffer = storage(&harness, &[[0.0f32; 4]]);
-    let values = storage(&harness, &[VectorIrradiance::default()]);
+    let buffer = create_storage_buffer(&harness, &[[0.0f32; 4]]);
+    let values = create_storage_buffer(&harness, &[VectorIrradiance::default()]);
     let mut counters = GpuCounters::default();
     harness
         .run(|encoder| {

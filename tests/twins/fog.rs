@@ -5,8 +5,8 @@ use super::compare::{HALF, Scale, differing};
 use super::depth::depth_samples;
 use super::harness;
 use super::picture::wide;
-use super::synthetic::Dice;
-use super::volume_sample::{linear, space_of, with_walls};
+use super::synthetic::HashRandom;
+use super::volume_sample::{create_texture_3d, linear_sampler, random_volume_texels};
 use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{FogBuffers, FogTextures, Pass, draw_fog};
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
@@ -34,7 +34,7 @@ impl Drawn {
     /// has no density texture, one has one, and one is partly covered by another scene. The view
     /// does not fill its target.
     fn new() -> Self {
-        let mut dice = Dice::new(7);
+        let mut random = HashRandom::new(7);
         let size = UVec3::new(7, 5, 6);
         let shape = VoxelGrid::new([Vec3::splat(-1.0), Vec3::new(2.5, 1.5, 2.0)], size).unwrap();
         let root = Mat4::from_scale_rotation_translation(
@@ -83,9 +83,9 @@ impl Drawn {
                 FogParams::new(&near, &textured, &shape, bounds, &root, &[]),
                 FogParams::new(&view, &even, &shape, bounds, &root, &[other]),
             ],
-            voxels: with_walls(&mut dice, size),
+            voxels: random_volume_texels(&mut random, size),
             density: (0..EDGE * EDGE * EDGE)
-                .map(|_| [f16::from_f32(dice.unit()); 4])
+                .map(|_| [f16::from_f32(random.unit()); 4])
                 .collect(),
             // Depths from far behind to in front of everything, and the sky.
             depth: (0..SIZE[0] * SIZE[1])
@@ -93,7 +93,7 @@ impl Drawn {
                     if i % 5 == 0 {
                         0.0
                     } else {
-                        0.1 / (4.0 + 12.0 * dice.unit())
+                        0.1 / (4.0 + 12.0 * random.unit())
                     }
                 })
                 .collect(),
@@ -150,7 +150,12 @@ fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
 }
 
 /// Returns the picture of the device.
-fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -> Vec<[f32; 4]> {
+fn gpu_picture(
+    harness: &HeadlessDevice,
+    drawn: &Drawn,
+    which: usize,
+    samples: u32,
+) -> Vec<[f32; 4]> {
     let (device, queue) = (&harness.device, &harness.queue);
     let kernels = KernelPipelines::new(device).unwrap();
     let mut buffers = FogBuffers::default();
@@ -162,12 +167,12 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
     let gray = vec![[f16::from_f32(GRAY); 4]; drawn.depth.len()];
     let picture = harness.texture(SIZE, half4, usage, Some(&gray));
     let depth = depth_samples(harness, SIZE, &drawn.depth, samples);
-    let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
-    let (canvas, depth) = (look(&picture), look(&depth));
+    let view_of = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let (canvas, depth) = (view_of(&picture), view_of(&depth));
     let texels = UVec3::from(drawn.params[0].size) * UVec3::new(1, 2, 3);
-    let voxels = space_of(harness, texels, &drawn.voxels);
-    let density = space_of(harness, UVec3::splat(EDGE), &drawn.density);
-    let sampler = linear(harness);
+    let voxels = create_texture_3d(harness, texels, &drawn.voxels);
+    let density = create_texture_3d(harness, UVec3::splat(EDGE), &drawn.density);
+    let sampler = linear_sampler(harness);
     harness
         .run(|encoder| {
             let counted = buffers.record(&kernels, encoder, &[&voxels]);
@@ -199,7 +204,7 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
 }
 
 /// Counts pixels that differ by more than the error of half floats and 8-bit filters.
-fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
+fn count_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     differing(gpu, cpu, 4, 4.0 * HALF, Scale::Rms).len()
 }
 
@@ -216,8 +221,8 @@ fn fog_picture_matches_twin() {
             "{which}: {lit} of {count} lit"
         );
         for samples in [1, 4] {
-            let found = on_gpu(&harness, &drawn, which, samples);
-            let off = apart(&found, &twin);
+            let found = gpu_picture(&harness, &drawn, which, samples);
+            let off = count_differing(&found, &twin);
             println!(
                 "draw {which}, {samples} samples: {off} of {count} pixels differ, {lit} are lit"
             );
@@ -249,9 +254,9 @@ fn fog_picture_matches_twin() {
     ];
     for (name, which, perturb) in perturbations {
         let mut perturbed = Drawn::new();
-        let found = on_gpu(&harness, &perturbed, which, 1);
+        let found = gpu_picture(&harness, &perturbed, which, 1);
         perturb(&mut perturbed);
-        let off = apart(&found, &perturbed.run(which));
+        let off = count_differing(&found, &perturbed.run(which));
         println!("{name}: {off} of {count} pixels differ");
         assert!(off > count / 50, "{name}: {off}");
     }

@@ -155,7 +155,7 @@ fn splat_and_composite_match_twin() {
             (&scene.data().display.grid).into(),
         )
     };
-    let put = CompositeParams {
+    let composite_params = CompositeParams {
         scale: 0.7,
         ..CompositeParams::default()
     };
@@ -165,7 +165,7 @@ fn splat_and_composite_match_twin() {
         &twin,
         &screen,
         &params(0.5),
-        (&put, false),
+        (&composite_params, false),
     );
     assert_eq!(drawn.frame.counters().dispatches_of(Pass::Splat), 1);
     assert_eq!(drawn.frame.counters().dispatches_of(Pass::SplatOver), 1);
@@ -232,19 +232,21 @@ fn splat_and_composite_match_twin() {
     // splat_over: covered pixels stay bit for bit, and the others equal the output of `splat`.
     for (i, over) in drawn.over.iter().enumerate() {
         let kept = screen.earlier[i][3] != f16::ZERO;
-        let whence = if kept {
+        let source = if kept {
             &screen.earlier[i]
         } else {
             &drawn.irradiance[i]
         };
-        assert_eq!(over, whence, "pixel {i}");
+        assert_eq!(over, source, "pixel {i}");
     }
 
     // composite, from the same texels that the GPU read.
-    let composited = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
+    let composited = |composite_params: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
         let pixels = gpu.iter().zip(&screen.gbuffer).zip(passes);
         pixels
-            .map(|((e, texel), &pass)| composite::composite_pixel(put, *e, *texel, u32::from(pass)))
+            .map(|((e, texel), &pass)| {
+                composite::composite_pixel(composite_params, *e, *texel, u32::from(pass))
+            })
             .collect()
     };
     // Alpha is not written.
@@ -255,20 +257,28 @@ fn splat_and_composite_match_twin() {
             .map(|t| [t[0], t[1], t[2]].map(f16::to_f32))
             .collect()
     };
-    let added = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
-        let lit = rgb(&screen.lit).into_iter().zip(composited(put, passes));
+    let added = |composite_params: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
+        let lit = rgb(&screen.lit)
+            .into_iter()
+            .zip(composited(composite_params, passes));
         lit.map(|(a, b)| [a[0] + b[0], a[1] + b[1], a[2] + b[2]])
             .collect()
     };
     let picture = rgb(&drawn.picture);
     let wrong = |expected: &[[f32; 3]]| differing(&picture, expected, 3, HALF, Scale::Item).len();
-    assert_eq!(wrong(&added(&put, &screen.passes)), 0);
-    let brighter = CompositeParams { scale: 0.8, ..put };
+    assert_eq!(wrong(&added(&composite_params, &screen.passes)), 0);
+    let brighter = CompositeParams {
+        scale: 0.8,
+        ..composite_params
+    };
     assert!(wrong(&added(&brighter, &screen.passes)) > 20);
-    assert!(wrong(&added(&put, &vec![1; screen.passes.len()])) > 20);
+    assert!(wrong(&added(&composite_params, &vec![1; screen.passes.len()])) > 20);
 
     // The debug view: white, and replaces the picture.
-    let white = CompositeParams { white: 1.0, ..put };
+    let white = CompositeParams {
+        white: 1.0,
+        ..composite_params
+    };
     let drawn = draw(
         &harness,
         &scene,
@@ -278,10 +288,10 @@ fn splat_and_composite_match_twin() {
         (&white, true),
     );
     let picture = rgb(&drawn.picture);
-    let wrong = |put: &CompositeParams| {
+    let wrong = |composite_params: &CompositeParams| {
         differing(
             &picture,
-            &composited(put, &screen.passes),
+            &composited(composite_params, &screen.passes),
             3,
             HALF,
             Scale::Rms,
@@ -289,5 +299,5 @@ fn splat_and_composite_match_twin() {
         .len()
     };
     assert_eq!(wrong(&white), 0);
-    assert!(wrong(&put) > 20);
+    assert!(wrong(&composite_params) > 20);
 }

@@ -5,7 +5,7 @@ use super::compare::{HALF, SINGLE, Scale, differing, reported};
 use super::depth::depth_texture;
 use super::picture::wide;
 use super::screen::{Screen, local_from_world};
-use super::synthetic::{self, Dice};
+use super::synthetic::{self, HashRandom};
 use super::{cpu, harness, settings};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines, SceneBuffers};
 use bevy_meshless_gi::internals::gpu::{Pass, RsmBuffers, RsmCapture, SplatTargets, VplShadows};
@@ -38,7 +38,7 @@ const ORIGIN: Vec3 = Vec3::new(0.5, -1.0, 2.0);
 
 impl Map {
     fn new(seed: i32, eye: Vec3, target: Vec3, parallel: bool) -> Self {
-        let mut dice = Dice::new(seed);
+        let mut random = HashRandom::new(seed);
         let clip_from_view = match parallel {
             true => Mat4::orthographic_rh(-1.5, 1.5, -1.5, 1.5, 8.0, 0.1),
             false => Mat4::perspective_infinite_reverse_rh(1.1, 1.0, 0.1),
@@ -52,15 +52,15 @@ impl Map {
         };
         for i in 0..SIDE * SIDE {
             let depth = match parallel {
-                true => 0.2 + 0.7 * dice.unit(),
-                false => 0.1 / (0.5 + 2.5 * dice.unit()),
+                true => 0.2 + 0.7 * random.unit(),
+                false => 0.1 / (0.5 + 2.5 * random.unit()),
             };
             out.depth.push(if i % 5 == 0 { 0.0 } else { depth });
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
-            let normal = (toward + 1.2 * dice.vec()).normalize();
-            let metal = 0.5 * dice.unit();
+            let normal = (toward + 1.2 * random.vec()).normalize();
+            let metal = 0.5 * random.unit();
             out.gbuffer
-                .push(gbuffer::pack(dice.color(), metal, 1.0, normal, flags));
+                .push(gbuffer::pack(random.color(), metal, 1.0, normal, flags));
         }
         out
     }
@@ -108,7 +108,7 @@ fn light_sources() -> Vec<(FrameLight, Vec<Map>)> {
     .into()
 }
 
-fn shade_params(light: &FrameLight, scene: &BakedScene, texels: u32) -> RsmShadowParams {
+fn shadow_params(light: &FrameLight, scene: &BakedScene, texels: u32) -> RsmShadowParams {
     RsmShadowParams::new(
         local_from_space(&local_from_world(), ORIGIN),
         light,
@@ -130,10 +130,10 @@ fn record(
     for map in maps {
         buffers.map(kernels, queue, encoder, map);
     }
-    buffers.choose(kernels, queue, encoder, light, scenes, vpls);
+    buffers.select_vpls(kernels, queue, encoder, light, scenes, vpls);
 }
 
-fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
+fn selected_vpls(texels: &[RsmTexel]) -> Vec<Vpl> {
     let params = RsmSelectParams {
         texels: texels.len() as u32,
         vpls: VPLS,
@@ -252,7 +252,7 @@ fn rsm_matches_twin() {
             assert!(lit > 100, "{lit} texels are lit");
             let mut twin = bare.clone();
             if shadows {
-                let params = shade_params(light, &scene, twin.len() as u32);
+                let params = shadow_params(light, &scene, twin.len() as u32);
                 rsm::shadow(&params, &scene.data().bvh, &mut twin);
                 assert!(twin != bare, "the scene shadows nothing");
             }
@@ -286,13 +286,13 @@ fn rsm_matches_twin() {
         let gpu: Vec<Vpl> = harness.read(maps.vpls(), all as usize).unwrap();
         for (gpu, texels) in gpu.chunks(VPLS as usize).zip(&expected) {
             assert!(gpu.iter().all(|v| v.flux[0] > 0.0));
-            assert_eq!(vpls_differing(gpu, &chosen(texels)), 0);
+            assert_eq!(vpls_differing(gpu, &selected_vpls(texels)), 0);
             let mut wrong = texels.clone();
             wrong.iter_mut().for_each(|t| t.position[2] += 1e-3);
-            assert_eq!(vpls_differing(gpu, &chosen(&wrong)), VPLS as usize);
+            assert_eq!(vpls_differing(gpu, &selected_vpls(&wrong)), VPLS as usize);
             let mut wrong = texels.clone();
             wrong[..300].iter_mut().for_each(|t| t.flux = [0.0; 3]);
-            assert!(vpls_differing(gpu, &chosen(&wrong)) > 10);
+            assert!(vpls_differing(gpu, &selected_vpls(&wrong)) > 10);
         }
     }
     let counters = maps.counters();
@@ -367,7 +367,7 @@ fn vpl_matches_twin() {
     // Lights from a map, and two that no map contains: one without a normal, and one without a
     // size.
     let (light, own) = &light_sources()[0];
-    let mut lights = chosen(&own[0].texels(light));
+    let mut lights = selected_vpls(&own[0].texels(light));
     lights[3].normal = [0.0; 3];
     lights[4].square = 0.0;
     lights[5] = Vpl::default();

@@ -1,6 +1,6 @@
 //! Textures of a synthetic picture: every pixel has its own random depth and normal.
 
-use super::synthetic::Dice;
+use super::synthetic::HashRandom;
 use glam::{Mat4, Vec3};
 use meshless_gi::internals::frame::gbuffer;
 
@@ -20,7 +20,7 @@ pub struct Screen {
 
 impl Screen {
     pub fn new() -> Self {
-        let mut dice = Dice::new(9);
+        let mut random = HashRandom::new(9);
         let count = (SIZE[0] * SIZE[1]) as usize;
         let halves = |v: [f32; 4]| v.map(half::f16::from_f32);
         let mut out = Self {
@@ -32,26 +32,26 @@ impl Screen {
         };
         for i in 0..count {
             // Distances from 0.5 to 3.5 meters, and some sky.
-            let depth = NEAR / (0.5 + 3.0 * dice.unit());
+            let depth = NEAR / (0.5 + 3.0 * random.unit());
             out.depth.push(if i % 13 == 0 { 0.0 } else { depth });
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
-            let normal = dice.direction();
+            let normal = random.direction();
             out.gbuffer.push(gbuffer::pack(
-                dice.color(),
-                0.5 * dice.unit(),
-                0.3 + 0.7 * dice.unit(),
+                random.color(),
+                0.5 * random.unit(),
+                0.3 + 0.7 * random.unit(),
                 normal,
                 flags,
             ));
             out.passes.push(u8::from(i % 11 != 0));
             let covered = i % 3 == 0;
             out.earlier.push(if covered {
-                halves([dice.unit(), dice.unit(), dice.unit(), 1.0])
+                halves([random.unit(), random.unit(), random.unit(), 1.0])
             } else {
                 halves([0.0; 4])
             });
             out.lit
-                .push(halves([dice.unit(), dice.unit(), dice.unit(), 1.0]));
+                .push(halves([random.unit(), random.unit(), random.unit(), 1.0]));
         }
         out
     }

@@ -9,13 +9,12 @@ use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::{SoftLight, SoftShadowParams, VectorIrradiance, soft_shadow};
 use meshless_gi::{
-    BakedScene, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene, cornell_box,
-    mesh_of_quads,
+    BakedScene, Preset, Progress, Quad, Recipe, TriangleMesh, VisibilityRecipe, bake_scene,
 };
 
 /// Bakes the box with visibility data of the senders.
 pub fn baked() -> BakedScene {
-    let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
+    let mesh: TriangleMesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let recipe = Recipe {
         preset: Preset::Draft,
         levels: Some(4),
@@ -91,28 +90,28 @@ fn soft_shadows_match_twin() {
     // Must fail: a light two centimeters off, no second light, another cluster mean, a missing
     // coefficient. Also other errors of points, another unit of depths, and no `flatten` after the
     // kernel.
-    let noticed = |what: &str, wrong: &[VectorIrradiance]| {
+    let assert_detected = |what: &str, wrong: &[VectorIrradiance]| {
         let found = differing(&gpu, wrong, 12, tolerance, Scale::Rms);
         assert!(!found.is_empty(), "{what} goes unnoticed");
     };
     let mut others = lights;
     others[0].center[0] += 0.02;
-    noticed(
+    assert_detected(
         "another place",
         &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
     let mut others = lights;
     others[1] = SoftLight::default();
-    noticed(
+    assert_detected(
         "a light less",
         &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
     let mut perturbed = scene.clone();
-    let memory = perturbed.data_mut().visibility.as_mut().unwrap();
-    for cluster in &memory.clusters {
-        memory.scales[cluster.scales as usize] *= 0.8;
+    let perturbed_visibility = perturbed.data_mut().visibility.as_mut().unwrap();
+    for cluster in &perturbed_visibility.clusters {
+        perturbed_visibility.scales[cluster.scales as usize] *= 0.8;
     }
-    noticed(
+    assert_detected(
         "other means",
         &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
@@ -120,7 +119,7 @@ fn soft_shadows_match_twin() {
     for point in &mut perturbed.data_mut().visibility.as_mut().unwrap().points {
         point.mask[0] &= !1;
     }
-    noticed(
+    assert_detected(
         "coefficients of others",
         &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
@@ -128,7 +127,7 @@ fn soft_shadows_match_twin() {
     for point in &mut perturbed.data_mut().visibility.as_mut().unwrap().points {
         point.error *= 4;
     }
-    noticed(
+    assert_detected(
         "other errors",
         &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
@@ -136,14 +135,14 @@ fn soft_shadows_match_twin() {
     for cluster in &mut perturbed.data_mut().visibility.as_mut().unwrap().clusters {
         cluster.near *= 1.5;
     }
-    noticed(
+    assert_detected(
         "another unit",
         &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
-    let mut unspread = cpu.clone();
+    let mut without_flatten = cpu.clone();
     assert!(visibility.points.len() < scene.data().points.len());
-    unspread[visibility.points.len()..].fill(VectorIrradiance::default());
-    noticed("no parents' mean", &unspread);
+    without_flatten[visibility.points.len()..].fill(VectorIrradiance::default());
+    assert_detected("no parents' mean", &without_flatten);
     let params = SoftShadowParams::new(visibility, extent(scene.data()), lights.len());
     assert!(params.points > 0 && params.lights == 4);
 }

@@ -7,7 +7,7 @@ mod volume;
 use super::compare::{self, HALF, Scale, reported};
 use super::depth::depth_texture;
 use super::picture::wide;
-use super::{baked, cpu, harness, settings, solved};
+use super::{baked, cpu, harness, settings, solve_from_projection};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{
     Pass, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
@@ -73,7 +73,7 @@ fn ball(center: Vec3, radius: f32) -> TriangleMesh {
 
 impl Scene {
     fn new() -> Self {
-        Self::with_drawn(
+        Self::with_geometry(
             baked::cornell(TransportMethod::Bounded, BounceMode::Runtime),
             &box_mesh(),
         )
@@ -91,13 +91,13 @@ impl Scene {
         let probes = scene.data_mut().probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());
         // Some planes are tilted, like those of occluders.
-        let leaning = probes.planes.iter_mut().step_by(2);
-        leaning.for_each(|p| *p = p.map(|c| 1.1 * c));
+        let tilted_planes = probes.planes.iter_mut().step_by(2);
+        tilted_planes.for_each(|p| *p = p.map(|c| 1.1 * c));
         let drawn = TriangleMesh::joined(vec![box_mesh(), ball(Vec3::new(2.2, 2.4, 1.2), 0.9)]);
-        Self::with_drawn(scene, &drawn)
+        Self::with_geometry(scene, &drawn)
     }
 
-    fn with_drawn(scene: BakedScene, drawn: &TriangleMesh) -> Self {
+    fn with_geometry(scene: BakedScene, drawn: &TriangleMesh) -> Self {
         let twin = cpu(&scene, &baked::lights(), &settings(2, false));
         let aspect = SIZE[0] as f32 / SIZE[1] as f32;
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(0.9, aspect, 0.1);
@@ -187,7 +187,7 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
         of.twin.lights().len() as u32,
     )
     .unwrap();
-    let frame = solved(
+    let frame = solve_from_projection(
         harness,
         &kernels,
         frame,
@@ -218,8 +218,8 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
         &of.splat_params(),
         &CompositeParams::default(),
     );
-    let probing = frame.probe_params(&of.splat_params());
-    splat.write_probes(&harness.device, &harness.queue, probing.as_ref());
+    let probe_params = frame.probe_params(&of.splat_params());
+    splat.write_probes(&harness.device, &harness.queue, probe_params.as_ref());
     // Run twice, because the second frame starts from the results of the first.
     for _ in 0..2 {
         buffers.write(&harness.queue, &params);
@@ -272,7 +272,7 @@ fn differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
 }
 
 /// Returns the cells that are on only one of the two lists.
-fn listed_once(gpu: &BTreeSet<u32>, cpu: &BTreeSet<u32>) -> Vec<u32> {
+fn cells_in_one_list(gpu: &BTreeSet<u32>, cpu: &BTreeSet<u32>) -> Vec<u32> {
     gpu.symmetric_difference(cpu).copied().collect()
 }
 
@@ -308,15 +308,15 @@ fn compare(settings: &SubsplatSettings) {
             .collect()
     };
     // Perturbs each number of a cell alone.
-    let turned: fn(u32) -> u32 = match settings.normal {
+    let perturb_bits: fn(u32) -> u32 = match settings.normal {
         NormalTest::MinMax(_) => |word| word ^ 0x10,
-        NormalTest::Curvature(_) => |word| (f32::from_bits(word) + 1e-2).to_bits(),
+        _ => |word| (f32::from_bits(word) + 1e-2).to_bits(),
     };
     let perturbations: [&dyn Fn(&mut CellRange); 4] = [
         &|c| c.near += 1e-3 * c.near.abs().max(0.1),
         &|c| c.far += 1e-3 * c.far.abs().max(0.1),
-        &|c| c.low = turned(c.low),
-        &|c| c.high = turned(c.high),
+        &|c| c.low = perturb_bits(c.low),
+        &|c| c.high = perturb_bits(c.high),
     ];
     for perturb in perturbations {
         reported(cells.len(), |item| {
@@ -348,14 +348,14 @@ fn compare(settings: &SubsplatSettings) {
     for (k, (set, divided)) in gpu.lists.iter().enumerate() {
         let twin: BTreeSet<u32> = cpu.lists[k].iter().copied().collect();
         listed += twin.len();
-        let apart = listed_once(set, &twin).len();
+        let apart = cells_in_one_list(set, &twin).len();
         // A missing cell, and a surplus cell.
         if let Some(cell) = set.intersection(&twin).next() {
             let mut fewer = twin.clone();
             fewer.remove(cell);
-            assert_eq!(listed_once(set, &fewer).len(), apart + 1);
+            assert_eq!(cells_in_one_list(set, &fewer).len(), apart + 1);
             fewer.insert(u32::MAX);
-            assert_eq!(listed_once(set, &fewer).len(), apart + 2);
+            assert_eq!(cells_in_one_list(set, &fewer).len(), apart + 2);
         }
         println!(
             "level {k}: {} listed, {} by the twin, {divided} divided",
@@ -463,7 +463,7 @@ fn probe_kernel_matches_twin() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let lights = of.twin.lights().len() as u32;
     let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
-    let mut frame = solved(
+    let mut frame = solve_from_projection(
         &harness,
         &kernels,
         frame,
@@ -510,10 +510,10 @@ fn probe_kernel_matches_twin() {
     let view_of = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
     let [depth, gbuffer, before, after] = [&depth, &gbuffer, &earlier, &output].map(view_of);
     let params = of.splat_params();
-    let probing = frame.probe_params(&params).unwrap();
+    let probe_params = frame.probe_params(&params).unwrap();
     let mut view = ViewBuffers::new(&harness.device);
     view.write(&harness.queue, &params, &CompositeParams::default());
-    view.write_probes(&harness.device, &harness.queue, Some(&probing));
+    view.write_probes(&harness.device, &harness.queue, Some(&probe_params));
     harness
         .run(|encoder| {
             let targets = |earlier, output| SplatTargets {
@@ -529,18 +529,20 @@ fn probe_kernel_matches_twin() {
     assert_eq!(frame.counters().dispatches_of(Pass::ProbeOver), 1);
     let before = wide(&harness.read_texture::<[f16; 4]>(&earlier).unwrap());
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&output).unwrap());
-    let of_probes = |probes, values: &[VectorIrradiance], params: &SplatParams| -> Vec<[f32; 4]> {
-        (0..gpu.len())
-            .map(|i| {
-                let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
-                let (depth, texel) = (of.view.depth[i], of.view.gbuffer[i]);
-                probe::probe_pixel(params, probes, values, pixel, depth, texel, before[i])
-            })
-            .collect()
+    let picture_of_probes =
+        |probes, values: &[VectorIrradiance], params: &SplatParams| -> Vec<[f32; 4]> {
+            (0..gpu.len())
+                .map(|i| {
+                    let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
+                    let (depth, texel) = (of.view.depth[i], of.view.gbuffer[i]);
+                    probe::probe_pixel(params, probes, values, pixel, depth, texel, before[i])
+                })
+                .collect()
+        };
+    let expected = |values: &[VectorIrradiance], params: &SplatParams| {
+        picture_of_probes(probes, values, params)
     };
-    let expected =
-        |values: &[VectorIrradiance], params: &SplatParams| of_probes(probes, values, params);
-    let twin = expected(&values, &probing);
+    let twin = expected(&values, &probe_params);
     // A position within rounding of a clip plane may be on either side of it.
     assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
     let lit = (0..gpu.len()).filter(|&i| before[i][3] == 0.0 && gpu[i][3] == 1.0);
@@ -548,7 +550,7 @@ fn probe_kernel_matches_twin() {
     // Pixels shared by surfaces and probes.
     let mixed = (0..gpu.len()).filter(|&i| before[i][3] > 0.0 && before[i][3] < 1.0);
     assert!(mixed.count() > 100);
-    let shares = |seam: f32| {
+    let count_wrong_shares = |seam: f32| {
         let params = SplatParams { seam, ..params };
         let values = of.twin.vector_irradiance();
         (0..gpu.len())
@@ -561,19 +563,23 @@ fn probe_kernel_matches_twin() {
             })
             .count()
     };
-    assert!(shares(params.seam) <= 2, "{}", shares(params.seam));
-    assert!(shares(1.02 * params.seam) > 100);
+    assert!(
+        count_wrong_shares(params.seam) <= 2,
+        "{}",
+        count_wrong_shares(params.seam)
+    );
+    assert!(count_wrong_shares(1.02 * params.seam) > 100);
     let mut moved = values.clone();
     moved.rotate_left(3);
-    assert!(differing(&gpu, &expected(&moved, &probing)) > 200);
+    assert!(differing(&gpu, &expected(&moved, &probe_params)) > 200);
     let brighter = SplatParams {
         scale: 1.01 * SCALE,
-        ..probing
+        ..probe_params
     };
     assert!(differing(&gpu, &expected(&values, &brighter)) > 400);
     let mut upright = probes.clone();
-    let leaning = upright.planes.iter_mut().step_by(2);
-    leaning.for_each(|p| *p = p.map(|c| c / 1.1));
-    let found = differing(&gpu, &of_probes(&upright, &values, &probing));
+    let tilted_planes = upright.planes.iter_mut().step_by(2);
+    tilted_planes.for_each(|p| *p = p.map(|c| c / 1.1));
+    let found = differing(&gpu, &picture_of_probes(&upright, &values, &probe_params));
     assert!(found > 20, "the lean of planes goes unnoticed: {found}");
 }

@@ -16,7 +16,7 @@ use meshless_gi::internals::frame::subtract_shadow::{self, LtcTables, SubtractSh
 use meshless_gi::internals::frame::{
     CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft_shadow,
 };
-use meshless_gi::{BakedScene, TriangleMesh, cornell_box, mesh_of_quads};
+use meshless_gi::{BakedScene, Quad, TriangleMesh};
 use meshless_gi_lab::accuracy::RaycastView;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
@@ -36,7 +36,7 @@ struct Shaded {
 }
 
 /// Returns synthetic, smooth tables of five texels along an edge, which fit no real surface.
-fn made_up() -> LtcTables {
+fn synthetic_tables() -> LtcTables {
     let size = 5;
     let texel = |i: u32, k: f32| {
         let (x, y) = ((i % size) as f32 / 4.0, (i / size) as f32 / 4.0);
@@ -56,7 +56,7 @@ fn made_up() -> LtcTables {
 impl Shaded {
     fn new() -> Self {
         let scene = baked();
-        let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
+        let mesh: TriangleMesh = TriangleMesh::from_quads(&Quad::cornell_box());
         let [width, height] = SIZE.map(|v| v as f32);
         // The root is rotated, moved and scaled by two.
         let turn = glam::Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
@@ -88,7 +88,7 @@ impl Shaded {
             scene,
             drawn,
             lights,
-            tables: made_up(),
+            tables: synthetic_tables(),
         }
     }
 
@@ -125,7 +125,7 @@ fn earlier(i: usize) -> [f32; 4] {
 
 /// Returns the output of the device: of `subtract_shadow`, of `next_scene`, and the picture after
 /// the draw of the first.
-fn on_gpu(
+fn gpu_pictures(
     harness: &HeadlessDevice,
     shaded: &Shaded,
     passes: &[u8],
@@ -153,7 +153,7 @@ fn on_gpu(
         .unwrap();
     assert_eq!(buffers.bytes(), 16 + 80 * shaded.lights.len() as u64);
 
-    let tables = gloss.then(|| layers_of(harness, &shaded.tables));
+    let tables = gloss.then(|| upload_tables(harness, &shaded.tables));
     let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
     let half4 = TextureFormat::Rgba16Float;
     let halves = |v: [f32; 4]| v.map(f16::from_f32);
@@ -214,7 +214,7 @@ fn on_gpu(
 }
 
 /// Uploads the tables to the device.
-fn layers_of(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView {
+fn upload_tables(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView {
     let size = wgpu::Extent3d {
         width: tables.size,
         height: tables.size,
@@ -248,17 +248,17 @@ fn layers_of(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView 
 
 /// Counts pixels that differ by more than the error of half floats and of sums in another order, or
 /// in their coverage.
-fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
+fn count_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     pixels_differing(gpu, cpu).len()
 }
 
 #[test]
-fn shade_matches_twin() {
+fn subtract_shadow_matches_twin() {
     compare(false);
 }
 
 #[test]
-fn shade_of_mirrored_scene_matches_twin() {
+fn subtract_shadow_with_gloss_matches_twin() {
     compare(true);
 }
 
@@ -267,7 +267,7 @@ fn compare(gloss: bool) {
     let mut shaded = Shaded::new();
     let count = shaded.drawn.depth.len();
     let passes: Vec<u8> = (0..count).map(|i| u8::from(i % 11 != 0)).collect();
-    let [alone, over, picture] = on_gpu(&harness, &shaded, &passes, gloss);
+    let [alone, over, picture] = gpu_pictures(&harness, &shaded, &passes, gloss);
     let [own, behind] = shaded.run(gloss);
     let covered = own.iter().filter(|t| t[3] == 1.0).count();
     let dark = own.iter().filter(|t| t[0] > 1e-3).count();
@@ -276,7 +276,10 @@ fn compare(gloss: bool) {
         "{covered} {dark} of {count}"
     );
     // Positions within rounding of a clip plane may be on either side of it.
-    let found = [apart(&alone, &own), apart(&over, &behind)];
+    let found = [
+        count_differing(&alone, &own),
+        count_differing(&over, &behind),
+    ];
     println!("{found:?} of {count} pixels differ, {covered} are covered, {dark} miss light");
     assert!(found[0] <= 4 && found[1] <= 4, "{found:?}");
     let expected: Vec<[f32; 4]> = alone
@@ -287,7 +290,7 @@ fn compare(gloss: bool) {
             [GRAY - r, GRAY - g, GRAY - b, GRAY]
         })
         .collect();
-    assert_eq!(apart(&picture, &expected), 0);
+    assert_eq!(count_differing(&picture, &expected), 0);
     assert!(picture.iter().any(|p| p[0] < 0.9 * GRAY));
 
     // Must fail: another light, position or range, other surfaces and points, other occluded
@@ -322,17 +325,17 @@ fn compare(gloss: bool) {
         ("exposure", |s| s.view.scale *= 1.01),
     ];
     if gloss {
-        let noticed = apart(&alone, &shaded.run(false)[0]);
+        let noticed = count_differing(&alone, &shaded.run(false)[0]);
         assert!(
             noticed > count / 10,
             "no mirror image goes unnoticed: {noticed}"
         );
         for layer in 0..2 {
             shaded.tables.layers[layer][7][layer] *= 1.2;
-            let noticed = apart(&alone, &shaded.run(true)[0]);
+            let noticed = count_differing(&alone, &shaded.run(true)[0]);
             println!("table {layer}: {noticed}");
             assert!(noticed > found[0] + 20, "table {layer} goes unnoticed");
-            shaded.tables = made_up();
+            shaded.tables = synthetic_tables();
         }
     }
     for (what, perturb) in perturbations {
@@ -344,7 +347,7 @@ fn compare(gloss: bool) {
         let (occluded_irradiances, scale) =
             (shaded.occluded_irradiances.clone(), shaded.view.scale);
         perturb(&mut shaded);
-        let noticed = apart(&alone, &shaded.run(gloss)[0]);
+        let noticed = count_differing(&alone, &shaded.run(gloss)[0]);
         println!("{what}: {noticed}");
         assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");
         (

@@ -3,12 +3,12 @@
 use super::Scene;
 use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
-use crate::{harness, settings, solved};
+use crate::{harness, settings, solve_from_projection};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
-use meshless_gi::internals::frame::volume::{AHEAD, volume_texels};
+use meshless_gi::internals::frame::volume::{STRAIGHT_STEP, volume_texels};
 use meshless_gi::internals::frame::{
     VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
 };
@@ -21,18 +21,18 @@ fn volumes_match_twin() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let lights = of.twin.lights().len() as u32;
     let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
-    let mut frame = solved(&harness, &kernels, frame, &of.twin, &settings(2, false));
+    let mut frame = solve_from_projection(&harness, &kernels, frame, &of.twin, &settings(2, false));
     let probes = of.scene.data().probes.as_ref().unwrap();
     let read = |buffer, count| -> Vec<VectorIrradiance> { harness.read(buffer, count).unwrap() };
     let buffers = frame.buffers();
-    let in_space = read(buffers.output(Pass::Volume).unwrap(), probes.rows.len());
-    let on_walls = read(
+    let probe_values = read(buffers.output(Pass::Volume).unwrap(), probes.rows.len());
+    let point_values = read(
         buffers.output(Pass::Averages).unwrap(),
         of.scene.data().points.len(),
     );
     let values = VolumeValues {
-        points: &on_walls,
-        probes: &in_space,
+        points: &point_values,
+        probes: &probe_values,
     };
 
     // The grid is larger than the box and reaches into walls. Its size is not a multiple of a
@@ -63,10 +63,11 @@ fn volumes_match_twin() {
     let buffers = VolumeBuffers::new(&harness.device, &harness.queue, &weights).unwrap();
     let shares = weights.weights().len() as u64;
     let faces = weights.wall_samples();
-    let (found, of_faces) = (faces.wall_samples.len() as u64, faces.weights.len() as u64);
-    let held = 928 + 4 * (2 * (u64::from(shape.voxels()) + 1) + shares);
-    let held = held + 16 * (found + 1) + 8 * (of_faces + u64::from(shape.voxels()));
-    assert_eq!((buffers.count(), buffers.bytes()), (7, held));
+    let (found, face_weight_count) = (faces.wall_samples.len() as u64, faces.weights.len() as u64);
+    let expected_bytes = 928 + 4 * (2 * (u64::from(shape.voxels()) + 1) + shares);
+    let expected_bytes =
+        expected_bytes + 16 * (found + 1) + 8 * (face_weight_count + u64::from(shape.voxels()));
+    assert_eq!((buffers.count(), buffers.bytes()), (7, expected_bytes));
     harness
         .run(|encoder| {
             frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);
@@ -85,9 +86,9 @@ fn volumes_match_twin() {
     assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
     // Must fail: other values, light brighter by 1 %, the bake's axes instead of the world's, other
     // voxels ahead, and voxels shifted by half a voxel.
-    let (mut aloft, mut along) = (in_space.clone(), on_walls.clone());
-    aloft.rotate_left(3);
-    along.rotate_left(3);
+    let (mut perturbed_probes, mut perturbed_points) = (probe_values.clone(), point_values.clone());
+    perturbed_probes.rotate_left(3);
+    perturbed_points.rotate_left(3);
     let moved = |points, probes| VolumeValues { points, probes };
     let changed = |change: &dyn Fn(&mut VolumeParams)| {
         let mut changed = params;
@@ -98,10 +99,13 @@ fn volumes_match_twin() {
     let aside = VoxelGrid::new([corner, corner + (high - low + 0.6)], size).unwrap();
     let aside = VoxelWeights::from_scene(aside, of.scene.data());
     let perturbed: [(&str, Voxels<'_>); 6] = [
-        ("values", (params, &weights, moved(&on_walls, &aloft))),
+        (
+            "values",
+            (params, &weights, moved(&point_values, &perturbed_probes)),
+        ),
         (
             "values on walls",
-            (params, &weights, moved(&along, &in_space)),
+            (params, &weights, moved(&perturbed_points, &probe_values)),
         ),
         (
             "brighter",
@@ -127,7 +131,7 @@ fn volumes_match_twin() {
     // those steps they are dark.
     let alone = changed(&|p| {
         for side in &mut p.steps {
-            *side = [side[AHEAD]; 9];
+            *side = [side[STRAIGHT_STEP]; 9];
         }
     });
     let found = off((alone, &weights, values));

@@ -4,7 +4,7 @@
 use crate::compare::{HALF, Scale, differing};
 use crate::harness;
 use crate::picture::wide;
-use crate::synthetic::Dice;
+use crate::synthetic::HashRandom;
 use bevy_meshless_gi::gpu::HeadlessDevice;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
@@ -19,11 +19,11 @@ const BEVY: &str = "
 struct ClusterableObjectIndexRanges { first: u32 }
 struct LightProbeQueryResult { texture_index: i32, intensity: f32, light_from_world: mat4x4<f32>, weight: f32, flags: u32 }
 struct LightProbeIterator { found: u32 }
-struct Place { place: vec3f, facing: vec3f }
+struct SurfaceSample { position: vec3f, facing: vec3f }
 struct View { clip_from_world: mat4x4<f32>, view_from_world: mat4x4<f32>, viewport: vec4f, exposure: f32 }
 @group(0) @binding(0) var irradiance_volume: texture_3d<f32>;
 @group(0) @binding(1) var irradiance_volume_sampler: sampler;
-@group(0) @binding(2) var<storage, read> places: array<Place>;
+@group(0) @binding(2) var<storage, read> places: array<SurfaceSample>;
 @group(0) @binding(3) var<storage, read_write> lights: array<vec4f>;
 @group(0) @binding(4) var view_transmission_texture: texture_2d<f32>;
 // Looks along z from one voxel before the volume of 7 x 5 x 6, which fills its viewport; y points
@@ -34,7 +34,7 @@ var<private> view: View = View(
     vec4f(0.0, 0.0, 7.0, 5.0),
     0.5,
 );
-fn light_probe_iterator_new(place: vec3<f32>, is_volume: bool, ranges: ptr<function, ClusterableObjectIndexRanges>) -> LightProbeIterator {
+fn light_probe_iterator_new(position: vec3<f32>, is_volume: bool, ranges: ptr<function, ClusterableObjectIndexRanges>) -> LightProbeIterator {
     return LightProbeIterator((*ranges).first + select(9u, 0u, is_volume));
 }
 fn light_probe_iterator_next(probes: ptr<function, LightProbeIterator>) -> LightProbeQueryResult {
@@ -50,15 +50,15 @@ fn read_all(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     var ranges = ClusterableObjectIndexRanges(0u);
-    lights[id.x] = vec4f(irradiance_volume_light(places[id.x].place, places[id.x].facing, &ranges), 1.0);
+    lights[id.x] = vec4f(irradiance_volume_light(places[id.x].position, places[id.x].facing, &ranges), 1.0);
 }
 ";
 
 /// Position in voxels from the corner, and surface normal.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct Place {
-    place: [f32; 3],
+struct SurfaceSample {
+    position: [f32; 3],
     pad: u32,
     facing: [f32; 3],
     pad2: u32,
@@ -94,17 +94,17 @@ fn preprocessed(text: &str, defined: &[&str]) -> String {
 }
 
 /// Creates texels of a volume of this size, with light of any color and walls anywhere.
-pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
+pub fn random_volume_texels(random: &mut HashRandom, size: UVec3) -> Vec<[f16; 4]> {
     let texels = size * UVec3::new(1, 2, 3);
     // A third of the voxels, and those with x < 3, have no wall. In the others, a third of the
     // directions have no wall up to the next voxel.
     let walls: Vec<[f32; 6]> = (0..size.element_product())
         .map(|i| {
-            let open = dice.below(3) == 0 || i % size.x < 3;
-            std::array::from_fn(|_| match (open, dice.below(3)) {
+            let open = random.below(3) == 0 || i % size.x < 3;
+            std::array::from_fn(|_| match (open, random.below(3)) {
                 (true, _) => -2.0,
                 (false, 0) => -0.25 - 255.0 / 254.0,
-                (false, _) => -0.25 - dice.unit(),
+                (false, _) => -0.25 - random.unit(),
             })
         })
         .collect();
@@ -117,7 +117,7 @@ pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
             );
             let (voxel, side) = (t % size, 2 * (t.z / size.z) + t.y / size.y);
             let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
-            let light = dice.color();
+            let light = random.color();
             [
                 light.x,
                 light.y,
@@ -130,7 +130,11 @@ pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
 }
 
 /// Creates a 3D texture.
-pub fn space_of(harness: &HeadlessDevice, size: UVec3, texels: &[[f16; 4]]) -> wgpu::TextureView {
+pub fn create_texture_3d(
+    harness: &HeadlessDevice,
+    size: UVec3,
+    texels: &[[f16; 4]],
+) -> wgpu::TextureView {
     let texture = harness.device.create_texture_with_data(
         &harness.queue,
         &wgpu::TextureDescriptor {
@@ -154,7 +158,7 @@ pub fn space_of(harness: &HeadlessDevice, size: UVec3, texels: &[[f16; 4]]) -> w
 }
 
 /// Creates an interpolating sampler.
-pub fn linear(harness: &HeadlessDevice) -> wgpu::Sampler {
+pub fn linear_sampler(harness: &HeadlessDevice) -> wgpu::Sampler {
     harness.device.create_sampler(&wgpu::SamplerDescriptor {
         mag_filter: wgpu::FilterMode::Linear,
         min_filter: wgpu::FilterMode::Linear,
@@ -163,7 +167,7 @@ pub fn linear(harness: &HeadlessDevice) -> wgpu::Sampler {
 }
 
 /// Creates a screen texture.
-fn screen_of(
+fn create_screen_texture(
     harness: &HeadlessDevice,
     [width, height]: [u32; 2],
     texels: &[[f16; 4]],
@@ -216,27 +220,27 @@ fn volume_read_matches_twin() {
         cache: None,
     });
 
-    let mut dice = Dice::new(5);
+    let mut random = HashRandom::new(5);
     let size = UVec3::new(7, 5, 6);
     let shape = VoxelGrid::new([Vec3::ZERO, size.as_vec3()], size).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let texels = shape.texels();
-    let voxels = with_walls(&mut dice, size);
+    let voxels = random_volume_texels(&mut random, size);
     // Includes the outermost half voxels, positions outside the volume, and normals along the axes.
-    let queries: Vec<Place> = (0..2000)
+    let queries: Vec<SurfaceSample> = (0..2000)
         .map(|k| {
-            let part = Vec3::new(dice.unit(), dice.unit(), dice.unit());
+            let part = Vec3::new(random.unit(), random.unit(), random.unit());
             let facing = match k % 4 {
                 0 => Vec3::AXES[k / 4 % 3] * [1.0, -1.0][k / 12 % 2],
-                _ => dice.direction(),
+                _ => random.direction(),
             };
-            let mut place = (part * 1.2 - 0.1) * size.as_vec3();
+            let mut position = (part * 1.2 - 0.1) * size.as_vec3();
             if k % 3 == 0 {
                 // The same depth as surfaces of the splatting result below.
-                place.z = 3.0;
+                position.z = 3.0;
             }
-            Place {
-                place: place.to_array(),
+            SurfaceSample {
+                position: position.to_array(),
                 pad: 0,
                 facing: facing.to_array(),
                 pad2: 0,
@@ -245,9 +249,12 @@ fn volume_read_matches_twin() {
         .collect();
 
     // Bevy's fallback texture instead of a splatting result has no negative alpha.
-    let none = screen_of(&harness, [1, 1], &[[f16::ONE; 4]]);
+    let none = create_screen_texture(&harness, [1, 1], &[[f16::ONE; 4]]);
     let displayed = |voxels: &[[f16; 4]], display: &wgpu::TextureView| -> Vec<[f32; 4]> {
-        let (view, sampler) = (space_of(&harness, texels, voxels), linear(&harness));
+        let (view, sampler) = (
+            create_texture_3d(&harness, texels, voxels),
+            linear_sampler(&harness),
+        );
         let upload = |contents: &[u8], usage| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: None,
@@ -288,8 +295,8 @@ fn volume_read_matches_twin() {
     };
     let on_device = |voxels: &[[f16; 4]]| displayed(voxels, &none);
     let expected = |voxels: &[[f32; 4]]| -> Vec<[f32; 4]> {
-        let light = |p: &Place| {
-            let light = read_volume(params.size, voxels, p.place.into(), p.facing.into());
+        let light = |p: &SurfaceSample| {
+            let light = read_volume(params.size, voxels, p.position.into(), p.facing.into());
             // Weighted mean of both volumes: (1 + 4 · ½) / 1½ = 2.
             (light * 2.0).extend(1.0).to_array()
         };
@@ -336,9 +343,9 @@ fn volume_read_matches_twin() {
     let texels: Vec<[f16; 4]> = (0..size.x * size.y)
         .map(|i| pixel(i % size.x, i / size.x).map(f16::from_f32))
         .collect();
-    let display = screen_of(&harness, [size.x, size.y], &texels);
-    let by_display = |p: &Place| {
-        let [x, y, z] = p.place;
+    let display = create_screen_texture(&harness, [size.x, size.y], &texels);
+    let by_display = |p: &SurfaceSample| {
+        let [x, y, z] = p.position;
         let inside = x >= 0.0 && y >= 0.0 && x < size.x as f32 && y < size.y as f32;
         let away = pixel(x.max(0.0) as u32, y.max(0.0) as u32)[3];
         inside && (1.0 + z + away).abs() < -0.01 * away

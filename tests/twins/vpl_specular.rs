@@ -39,7 +39,7 @@ fn params() -> CompositeParams {
 
 const GRAY: f32 = 0.25;
 
-fn on_gpu(
+fn run_on_gpu(
     harness: &HeadlessDevice,
     scene: &Scene,
     settings: &SpecularSettings,
@@ -49,14 +49,14 @@ fn on_gpu(
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let frame = by.map(|scene| GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap());
     let read = TextureUsages::TEXTURE_BINDING;
-    let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
-    let depth = look(&depth_texture(harness, SIZE, &scene.drawn.depth));
+    let view_of = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let depth = view_of(&depth_texture(harness, SIZE, &scene.drawn.depth));
     let format = TextureFormat::Rgba32Uint;
-    let gbuffer = look(&harness.texture(SIZE, format, read, Some(&scene.drawn.gbuffer)));
+    let gbuffer = view_of(&harness.texture(SIZE, format, read, Some(&scene.drawn.gbuffer)));
     let half4 = TextureFormat::Rgba16Float;
     let usage = read | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
     let output = harness.texture::<[f16; 4]>(SIZE, half4, usage, None);
-    let target = look(&output);
+    let target = view_of(&output);
     let maps = RsmBuffers::new(&harness.device, 1, scene.vpls.len() as u32).unwrap();
     let queue = &harness.queue;
     queue.write_buffer(maps.vpls(), 0, bytemuck::cast_slice(&scene.vpls));
@@ -110,10 +110,10 @@ fn on_gpu(
     let gray = vec![[f16::from_f32(GRAY); 4]; (SIZE[0] * SIZE[1]) as usize];
     let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
     let picture = harness.texture(SIZE, half4, usage | read, Some(&gray));
-    let passes = look(&harness.texture(SIZE, TextureFormat::R8Uint, read, Some(passes)));
+    let passes = view_of(&harness.texture(SIZE, TextureFormat::R8Uint, read, Some(passes)));
     let mut splat = ViewBuffers::new(&harness.device);
     splat.write(queue, &bytemuck::Zeroable::zeroed(), &params());
-    let canvas = look(&picture);
+    let canvas = view_of(&picture);
     harness
         .run(|encoder| {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -140,7 +140,7 @@ fn on_gpu(
         .unwrap();
     // The same pipeline is not created again.
     let before = kernels.pipeline_count();
-    kernels.drawing(half4, Draw::Specular);
+    kernels.render_kernel(half4, Draw::Specular);
     assert_eq!(kernels.pipeline_count(), before);
     OnGpu {
         nodes: harness
@@ -164,7 +164,7 @@ fn differing<const N: usize>(gpu: &[[f32; N]], cpu: &[[f32; N]]) -> usize {
     compare::differing(gpu, cpu, N, 8.0 * HALF, Scale::Float).len()
 }
 
-fn nodes_of(nodes: &[SpecularNode]) -> Vec<[f32; 6]> {
+fn node_values(nodes: &[SpecularNode]) -> Vec<[f32; 6]> {
     let numbers = |node: &SpecularNode| match node.light() {
         Some(light) => {
             let ([a, b, c], [d, e, f]) = (light.f0.to_array(), light.f90.to_array());
@@ -196,7 +196,7 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     let passes: Vec<u8> = (0..SIZE[0] * SIZE[1])
         .map(|i| u8::from(i % 11 != 0))
         .collect();
-    let gpu = on_gpu(&harness, scene, settings, &passes, by);
+    let gpu = run_on_gpu(&harness, scene, settings, &passes, by);
     let cpu = scene.run(settings);
     let count = cpu.texels.len();
     let glossy = cpu.texels.iter().filter(|t| t[3] == 1.0).count();
@@ -205,7 +205,7 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     // A change within rounding of a threshold may fall on either side of it.
     let apart = |cpu: &SpecularImage| {
         [
-            differing(&nodes_of(&gpu.nodes), &nodes_of(&cpu.nodes)),
+            differing(&node_values(&gpu.nodes), &node_values(&cpu.nodes)),
             differing(&gpu.texels, &cpu.texels),
         ]
     };

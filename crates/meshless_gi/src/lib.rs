@@ -39,18 +39,17 @@ mod transport;
 #[cfg(feature = "point_clouds")]
 pub use scene::PointCloud;
 pub use scene::{
-    Bounds, Bvh, Geometry, Hit, HitPoint, Light, Material, MaterialFactors, Occluder, Quad, Ray,
-    SceneError, SkyRadiance, Surface, Texture, TriangleMesh, TriangleUvs, Wrap, cornell_box,
-    mesh_of_quads,
+    Bounds, Bvh, Geometry, Hit, HitPoint, Light, Material, MaterialFactors, MeshProblems, Occluder,
+    Quad, Ray, SceneError, SkyRadiance, Surface, Texture, TriangleMesh, TriangleUvs, Wrap,
 };
 #[cfg(feature = "gltf")]
-pub use scene::{LoadedGeometry, load_geometry, load_gltf};
+pub use scene::{LoadedScene, load_geometry, load_gltf};
 
 // Bakes.
 pub use bake::{
     BakeError, BakeSceneError, BakeSource, BakeStage, BakeStats, Baked, BounceMode, FmmRecipe,
     OccluderBox, OccluderDesc, PcaRecipe, Preset, ProbeSettings, Progress, Recipe, RecipeError,
-    SkyModel, TransportMethod, VisibilityRecipe, bake, bake_scene,
+    SkyModel, StageSeconds, TransportMethod, VisibilityRecipe, bake, bake_scene,
 };
 
 // Baked scenes.

@@ -9,9 +9,7 @@ use super::{animation, progress, scatter, source};
 use glam::Vec3;
 use meshless_gi::internals::asset::{check_writable, write_file};
 use meshless_gi::internals::scene::{PlyEncoding, statue_room};
-use meshless_gi::{
-    BakeStats, Baked, Preset, Recipe, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
-};
+use meshless_gi::{BakeStats, Baked, Preset, Quad, Recipe, TriangleMesh, bake_scene};
 use meshless_gi_lab::accuracy::Camera;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -77,7 +75,11 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 
     let (name, counts, mesh) = match args.points {
         true => ("statue", POINTS, statue(&folder.join("statue.ply"))?),
-        false => ("cornell", TRIANGLES, mesh_of_quads(&cornell_box())),
+        false => (
+            "cornell",
+            TRIANGLES,
+            TriangleMesh::from_quads(&Quad::cornell_box()),
+        ),
     };
     let recipe = recipe(counts.rays);
     let Baked {

@@ -110,14 +110,14 @@ mod tests {
     #[test]
     fn point_errors_name_line() {
         let head = "px,py,pz,nx,ny,nz\n";
-        let why = |text: &str| parse(text).unwrap_err();
-        assert!(why("").contains("px,py,pz"));
+        let parse_error = |text: &str| parse(text).unwrap_err();
+        assert!(parse_error("").contains("px,py,pz"));
         assert_eq!(
-            why("\npx,py,pz,nx,ny\n"),
+            parse_error("\npx,py,pz,nx,ny\n"),
             "line 2: the header has no column `nz`"
         );
-        assert!(why("px,py,pz,nx,ny,nz,px\n").contains("twice"));
-        let line = |row: &str| why(&format!("{head}0,0,0,0,1,0\n{row}\n"));
+        assert!(parse_error("px,py,pz,nx,ny,nz,px\n").contains("twice"));
+        let line = |row: &str| parse_error(&format!("{head}0,0,0,0,1,0\n{row}\n"));
         assert_eq!(
             line("0,0,oops,0,1,0"),
             "line 3, column `pz`: `oops` is not a finite number"

@@ -62,9 +62,9 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     if let Some(minutes) = args.time_limit {
         plan.limit = Duration::from_secs_f64(60.0 * minutes);
     }
-    let report = progress::watch_steps(|progress, say| {
+    let report = progress::watch_steps(|progress, set_step| {
         sweep(&mesh, &plan, progress, &|step| {
-            say(format!(
+            set_step(format!(
                 "{} of {}, {}: ",
                 step.done + 1,
                 step.steps,

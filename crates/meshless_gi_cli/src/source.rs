@@ -4,7 +4,7 @@ use super::error::ToolError;
 use super::{input, output, progress};
 use glam::Vec3;
 use meshless_gi::internals::scene::load_geometry_within;
-use meshless_gi::{LoadedGeometry, Recipe, RecipeError, TriangleMesh};
+use meshless_gi::{LoadedScene, Recipe, RecipeError, TriangleMesh};
 use std::path::{Path, PathBuf};
 
 /// Returns the recipe and the path of the scene file. `path` is a scene or a recipe that names one.
@@ -74,7 +74,7 @@ pub fn check(recipe: &Recipe) -> Result<(), RecipeError> {
 pub fn load(path: &Path, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new(format!("reading {}", path.display()));
     let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
-    let LoadedGeometry {
+    let LoadedScene {
         mesh,
         points,
         problems,

@@ -58,11 +58,11 @@ fn differences(args: &Args, scene: &Path, info: &BakeInfo) -> Result<Vec<String>
         None => None,
     };
     let hash = content_hash(info, &geometry)?;
-    let now = BakeInputs {
+    let current = BakeInputs {
         content_hash: Some(&hash),
         recipe: recipe_file.map(|_| &recipe),
     };
-    let differs = Staleness::compare(info, &now);
+    let differs = Staleness::compare(info, &current);
     let mut lines = Vec::new();
     if differs.content {
         lines.push(format!(

@@ -24,7 +24,7 @@ use std::time::Duration;
 fn main() -> Result<(), Box<dyn Error>> {
     let mut plan = Sweep::full();
     let mut folder = PathBuf::from("docs");
-    let mut levels = Vec::new();
+    let mut scene_paths = Vec::new();
     let mut command =
         "cargo run --release -p meshless_gi_lab --example accuracy_doc --".to_string();
     let mut args = std::env::args().skip(1);
@@ -49,20 +49,20 @@ fn main() -> Result<(), Box<dyn Error>> {
                     false => path.clone(),
                 };
                 let _ = write!(command, " {}", shown.display());
-                levels.push(path);
+                scene_paths.push(path);
                 continue;
             }
         }
         let _ = write!(command, " {arg}");
     }
-    if levels.is_empty() {
+    if scene_paths.is_empty() {
         return Err(
             "usage: accuracy_doc [--quick] [--minutes M] [-o FOLDER] LEVEL.glb|FOLDER...".into(),
         );
     }
     std::fs::create_dir_all(folder.join("accuracy"))?;
     let mut parts = Vec::new();
-    for path in &levels {
+    for path in &scene_paths {
         let (mesh, known) = level(path)?;
         let plan = Sweep {
             known,

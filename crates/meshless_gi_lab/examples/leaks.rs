@@ -8,7 +8,7 @@
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
-use leak_support::{Door, Walled, open, rooms};
+use leak_support::{Door, WalledScene, open, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use std::error::Error;
 
@@ -34,10 +34,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         open(),
     ];
     for scene in &scenes {
-        for rule in [TransportMethod::Bounded, TransportMethod::L08] {
+        for method in [TransportMethod::Bounded, TransportMethod::L08] {
             let mut without = None;
             for walls in [false, true] {
-                row(scene, preset, rule, walls, &mut without)?;
+                row(scene, preset, method, walls, &mut without)?;
             }
         }
     }
@@ -46,15 +46,15 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Bakes and prints one row. `without` stores rays, seconds and bytes of the bake without walls.
 fn row(
-    scene: &Walled,
+    scene: &WalledScene,
     preset: Preset,
-    rule: TransportMethod,
+    method: TransportMethod,
     walls: bool,
     without: &mut Option<[f64; 3]>,
 ) -> Result<(), Box<dyn Error>> {
     let recipe = Recipe {
         preset,
-        transport: rule,
+        transport: method,
         clip_planes: Some(walls),
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
         ..Recipe::default()
@@ -74,7 +74,7 @@ fn row(
         "| {} | {} | `{}` | {} | {:.1e} | {} | {} | {} | {rays} ({:+.0} %) | {seconds:.1} ({:+.0} %) | {bytes} ({:+.1} %) |",
         scene.name,
         per_cent(leak.dim),
-        rule.name().to_lowercase(),
+        method.name().to_lowercase(),
         if walls { "on" } else { "off" },
         leak.ratio,
         per_cent(leak.lit.nrmse),

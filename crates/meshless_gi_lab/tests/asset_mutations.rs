@@ -68,12 +68,12 @@ fn peak<T>(run: impl FnOnce() -> T) -> (T, i64) {
 
 /// Section of a file, split by this test's own implementation of docs/FORMAT.md.
 #[derive(Clone)]
-struct Part {
+struct FileSection {
     row: [u8; 40],
     body: Vec<u8>,
 }
 
-impl Part {
+impl FileSection {
     fn field(&self, at: usize) -> u64 {
         u64::from_le_bytes(self.row[at..at + 8].try_into().unwrap())
     }
@@ -95,7 +95,7 @@ impl Part {
     }
 }
 
-fn take_apart(file: &[u8]) -> Vec<Part> {
+fn split_sections(file: &[u8]) -> Vec<FileSection> {
     let count = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
     let mut at = 32 + 40 * count;
     (0..count)
@@ -103,7 +103,7 @@ fn take_apart(file: &[u8]) -> Vec<Part> {
             let row: [u8; 40] = file[32 + 40 * i..72 + 40 * i].try_into().unwrap();
             let stored = u64::from_le_bytes(row[16..24].try_into().unwrap()) as usize;
             at += stored;
-            Part {
+            FileSection {
                 row,
                 body: file[at - stored..at].to_vec(),
             }
@@ -112,7 +112,7 @@ fn take_apart(file: &[u8]) -> Vec<Part> {
 }
 
 /// Puts parts together with sound lengths and checksums.
-fn put_together(parts: &[Part]) -> Vec<u8> {
+fn join_sections(parts: &[FileSection]) -> Vec<u8> {
     let mut file = b"\x89MGI\r\n\x1a\n".to_vec();
     file.extend(2u32.to_le_bytes());
     file.extend((parts.len() as u32).to_le_bytes());
@@ -145,7 +145,7 @@ fn fix_header(file: &mut [u8]) {
 }
 
 /// Values at limits, which often cause errors.
-const NASTY: [u64; 14] = [
+const BOUNDARY_VALUES: [u64; 14] = [
     0,
     1,
     2,
@@ -162,7 +162,7 @@ const NASTY: [u64; 14] = [
     u64::MAX,
 ];
 
-fn scramble(bytes: &mut [u8], r: &mut Random) {
+fn corrupt(bytes: &mut [u8], r: &mut Random) {
     for _ in 0..=r.below(3) {
         let at = r.below(bytes.len());
         if bytes.is_empty() {
@@ -172,7 +172,7 @@ fn scramble(bytes: &mut [u8], r: &mut Random) {
             0 => bytes[at] ^= 1 << r.below(8),
             1 => bytes[at] = r.next() as u8,
             2 => {
-                let value = NASTY[r.below(NASTY.len())].to_le_bytes();
+                let value = BOUNDARY_VALUES[r.below(BOUNDARY_VALUES.len())].to_le_bytes();
                 let width = [1, 2, 4, 8][r.below(4)].min(bytes.len() - at);
                 bytes[at..at + width].copy_from_slice(&value[..width]);
             }
@@ -187,7 +187,7 @@ fn scramble(bytes: &mut [u8], r: &mut Random) {
 
 struct Seed {
     file: Vec<u8>,
-    parts: Vec<Part>,
+    parts: Vec<FileSection>,
 }
 
 fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
@@ -197,7 +197,7 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
     let mut parts = seed.parts.clone();
     let (pick, from) = (r.below(parts.len()), r.below(other.parts.len()));
     match r.below(10) {
-        0 => scramble(&mut file, r),
+        0 => corrupt(&mut file, r),
         1 => {
             file.truncate(r.below(file.len()));
             if r.below(2) == 0 && file.len() > 24 {
@@ -214,7 +214,7 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
                 _ => 32 + 40 * r.below(rows) + [0, 4, 8, 16, 24, 32][r.below(6)],
             };
             let value = if r.below(2) == 0 {
-                NASTY[r.below(NASTY.len())]
+                BOUNDARY_VALUES[r.below(BOUNDARY_VALUES.len())]
             } else {
                 r.next() >> r.below(64)
             };
@@ -230,7 +230,7 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
                 let body = parts[with].body.clone();
                 parts[pick].body = body;
             }
-            return put_together(&parts);
+            return join_sections(&parts);
         }
         4 => {
             // A splice of two files.
@@ -247,12 +247,12 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
             if r.below(2) == 0 {
                 parts[pick].row[..4].copy_from_slice(&seed.parts[pick].row[..4]);
             }
-            return put_together(&parts);
+            return join_sections(&parts);
         }
         6 => {
             // A damaged stream under a sound checksum.
-            scramble(&mut parts[pick].body, r);
-            return put_together(&parts);
+            corrupt(&mut parts[pick].body, r);
+            return join_sections(&parts);
         }
         7 => {
             // More or fewer items.
@@ -269,15 +269,15 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
             if r.below(4) == 0 {
                 parts.remove(r.below(parts.len()));
             }
-            return put_together(&parts);
+            return join_sections(&parts);
         }
         _ => {
             // Other values, everything else sound: this reaches the semantic checks.
             let mut raw = parts[pick].raw();
             let items = parts[pick].field(8);
-            scramble(&mut raw, r);
+            corrupt(&mut raw, r);
             parts[pick].set_raw(&raw, items);
-            return put_together(&parts);
+            return join_sections(&parts);
         }
     }
     file
@@ -336,7 +336,7 @@ fn seeds() -> Vec<Seed> {
         .map(|make| {
             let file = build(make).to_bytes().unwrap();
             Seed {
-                parts: take_apart(&file),
+                parts: split_sections(&file),
                 file,
             }
         })
@@ -354,7 +354,7 @@ fn mutated_assets_are_rejected_or_harmless() {
     let seeds = seeds();
     for seed in &seeds {
         assert_eq!(
-            put_together(&seed.parts),
+            join_sections(&seed.parts),
             seed.file,
             "this test reads the format as it is written"
         );

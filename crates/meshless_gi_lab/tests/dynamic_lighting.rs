@@ -36,7 +36,7 @@ fn max_nrmse(preset: Preset, scene: &str, what: &str) -> f64 {
     }
 }
 /// Emission of the panels, W/(m² sr).
-const GLOW: Vec3 = Vec3::new(8.0, 5.0, 2.0);
+const PANEL_EMISSION: Vec3 = Vec3::new(8.0, 5.0, 2.0);
 
 /// Material names of the panels: on the wall, and free-standing.
 const PANELS: [&str; 2] = ["on the wall", "free-standing"];
@@ -100,7 +100,7 @@ impl Parts {
         for (corners, name) in corners.into_iter().zip(PANELS) {
             let material = Material {
                 name: name.into(),
-                ..Material::emissive(Vec3::splat(0.3), GLOW)
+                ..Material::emissive(Vec3::splat(0.3), PANEL_EMISSION)
             };
             self.quad(corners, material);
         }
@@ -253,7 +253,7 @@ impl Case {
                 Emission::Mirrored => mirror(&mut scene, m as u32, corners),
             }
         }
-        painted(&scene, |m, f| {
+        with_factors(&scene, |m, f| {
             let dark =
                 |(&panel, emission): (&usize, Emission)| panel == m && emission == Emission::Off;
             if of.iter().zip(emissions).any(dark) {
@@ -293,7 +293,7 @@ impl Case {
 
     /// Tests `scene` under `lights` against the reference of `mesh` and those lights, and `wrong`
     /// against the same.
-    fn holds(
+    fn check_errors(
         &self,
         what: &str,
         mesh: &TriangleMesh,
@@ -348,7 +348,7 @@ fn mirror(scene: &mut BakedScene, m: u32, [a, b, c, _]: [Vec3; 4]) {
 
 /// Returns `scene` with the factors of its materials changed, as in a frame. `change` also gets the
 /// index of the material.
-fn painted(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> BakedScene {
+fn with_factors(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> BakedScene {
     let live = scene.data().materials.as_ref().expect("live materials");
     let mut factors = live.factors.clone();
     factors
@@ -398,7 +398,7 @@ fn panels_match(case: &Case) {
         surface.emission = surface.emission.map(|e| 0.7 * e);
     }
     let mesh = case.parts.mesh(on(0, Emission::Uniform), |_| {});
-    case.holds("emissive surface", &mesh, [&lit, &dimmer], [&[], &[]]);
+    case.check_errors("emissive surface", &mesh, [&lit, &dimmer], [&[], &[]]);
     for (panel, what) in ["picture on the wall", "free-standing picture"]
         .into_iter()
         .enumerate()
@@ -406,7 +406,7 @@ fn panels_match(case: &Case) {
         let [scene, mirrored] =
             [Emission::Picture, Emission::Mirrored].map(|emission| case.baked(on(panel, emission)));
         let mesh = case.parts.mesh(on(panel, Emission::Picture), |_| {});
-        case.holds(what, &mesh, [&scene, &mirrored], [&[], &[]]);
+        case.check_errors(what, &mesh, [&scene, &mirrored], [&[], &[]]);
     }
 }
 
@@ -415,7 +415,7 @@ fn lights_match(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
     let sky = |f: f32| Light::Sky {
         radiance: (f * Vec3::new(0.5, 0.7, 1.0)).into(),
     };
-    case.holds("sky", &mesh, [&scene, &scene], [&[sky(1.0)], &[sky(0.8)]]);
+    case.check_errors("sky", &mesh, [&scene, &scene], [&[sky(1.0)], &[sky(0.8)]]);
 
     // The mean alone has no gradient.
     let radiance = SkyRadiance::gradient(
@@ -437,7 +437,7 @@ fn lights_match(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
     let mean = [Light::Sky {
         radiance: radiance.mean.into(),
     }];
-    case.holds("sky that varies", &mesh, [&scene, &scene], [&varied, &mean]);
+    case.check_errors("sky that varies", &mesh, [&scene, &scene], [&varied, &mean]);
 
     let light_source = |aside: f32| Light::Rect {
         center: rect[0] + aside * rect[1],
@@ -446,7 +446,7 @@ fn lights_match(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
         radiance: Vec3::new(9.0, 8.0, 6.0),
     };
     let moved = [&[light_source(0.0)][..], &[light_source(2.0)]];
-    case.holds("rectangular light", &mesh, [&scene, &scene], moved);
+    case.check_errors("rectangular light", &mesh, [&scene, &scene], moved);
 
     let [before, after] = colors;
     let repainted = case.parts.mesh(OFF, |material| {
@@ -454,14 +454,14 @@ fn lights_match(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
             material.base_color = after.extend(1.0);
         }
     });
-    let changed = painted(&case.scene, |_, f| {
+    let changed = with_factors(&case.scene, |_, f| {
         f.emissive = [0.0; 3];
         if (Vec3::from_array(f.base_color) - before).length() < 1e-3 {
             f.base_color = after.to_array();
         }
     });
     let lights = [light_source(0.0)];
-    case.holds(
+    case.check_errors(
         "changed albedo",
         &repainted,
         [&changed, &scene],

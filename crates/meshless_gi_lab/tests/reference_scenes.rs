@@ -45,7 +45,7 @@ fn baked(mesh: &TriangleMesh, preset: Preset) -> BakedScene {
 }
 
 /// Medium preset, four reflections: NRMSE at most 6 %, bias at most 2 %, direct light within 1 %.
-fn holds(folder: &Path, nrmse: f64) {
+fn check_reference(folder: &Path, nrmse: f64) {
     let name = folder.display();
     let (description, mesh, truth) = load(folder);
     let scene = baked(&mesh, Preset::Medium);
@@ -84,19 +84,19 @@ fn holds(folder: &Path, nrmse: f64) {
 
 #[test]
 fn cornell_box_at_medium_matches_reference() {
-    holds(&published("cornell"), 0.06);
+    check_reference(&published("cornell"), 0.06);
 }
 
 #[test]
 fn open_rooms_at_medium_match_reference() {
-    holds(&published("rooms_open"), 0.06);
+    check_reference(&published("rooms_open"), 0.06);
 }
 
 /// Sponza may not be published.
 #[test]
 #[ignore = "needs unpublished scenes: ../shared/reference or MESHLESS_GI_REFERENCE"]
 fn sponza_at_medium_matches_reference() {
-    holds(&unpublished().join("sponza"), 0.10);
+    check_reference(&unpublished().join("sponza"), 0.10);
 }
 
 /// The display has a value wherever light can reach. Functions that reach half as far

@@ -10,8 +10,8 @@ use bevy::render::view::Msaa;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
-    BakedScene, Material, OccluderBox, OccluderDesc, Progress, Quad, Recipe, bake_scene,
-    cornell_box, mesh_of_quads,
+    BakedScene, Material, OccluderBox, OccluderDesc, Progress, Quad, Recipe, TriangleMesh,
+    bake_scene,
 };
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub struct Scene {
     /// `true` if the radiance of the sky changes.
     sky: bool,
     /// `true` if the emission of signs changes.
-    glow: bool,
+    emission_changes: bool,
     /// `true` if a ball moves.
     ball: bool,
     /// `true` if the ball reflects the light.
@@ -43,7 +43,7 @@ pub struct Scene {
     /// `true` if fog fills the room and cameras display it.
     fog: bool,
     /// `true` if the bake has probes and visibility.
-    rich: bool,
+    probes_and_visibility: bool,
     /// `true` if all surfaces and emission are gray.
     pub gray: bool,
     /// Stages that run in every frame. No other stage runs.
@@ -61,7 +61,7 @@ pub const SCENES: [Scene; 13] = [
     Scene {
         name: "the same, in a bake with more features",
         light: Some(false),
-        rich: true,
+        probes_and_visibility: true,
         runs: &[FrameStage::PROBE, FrameStage::SPLAT, FrameStage::COMPOSITE],
         ..NONE
     },
@@ -119,7 +119,7 @@ pub const SCENES: [Scene; 13] = [
     },
     Scene {
         name: "no light, signs that change",
-        glow: true,
+        emission_changes: true,
         runs: &[
             FrameStage::PULL_PUSH,
             FrameStage::APPLY,
@@ -133,7 +133,7 @@ pub const SCENES: [Scene; 13] = [
         name: "a light that moves, a ball that moves",
         light: Some(true),
         ball: true,
-        rich: true,
+        probes_and_visibility: true,
         runs: &[
             FrameStage::PROJECT,
             FrameStage::PULL_PUSH,
@@ -149,7 +149,7 @@ pub const SCENES: [Scene; 13] = [
         name: "the same with a forward camera",
         light: Some(true),
         ball: true,
-        rich: true,
+        probes_and_visibility: true,
         forward: true,
         no_deferred: true,
         runs: &[
@@ -164,7 +164,7 @@ pub const SCENES: [Scene; 13] = [
     Scene {
         name: "a light that moves, in fog",
         light: Some(true),
-        rich: true,
+        probes_and_visibility: true,
         fog: true,
         runs: &[
             FrameStage::PROJECT,
@@ -197,7 +197,7 @@ pub const SCENES: [Scene; 13] = [
     Scene {
         name: "a panel that moves, with soft shadows",
         panel: true,
-        rich: true,
+        probes_and_visibility: true,
         runs: &[
             FrameStage::PROJECT,
             FrameStage::PULL_PUSH,
@@ -216,13 +216,13 @@ pub const SCENES: [Scene; 13] = [
         light: Some(true),
         color: true,
         sky: true,
-        glow: true,
+        emission_changes: true,
         ball: true,
         bounce: true,
         panel: true,
         screen: true,
         forward: true,
-        rich: true,
+        probes_and_visibility: true,
         fog: true,
         runs: &[
             FrameStage::OCCLUDE,
@@ -249,7 +249,7 @@ const NONE: Scene = Scene {
     light: None,
     color: false,
     sky: false,
-    glow: false,
+    emission_changes: false,
     ball: false,
     bounce: false,
     panel: false,
@@ -257,14 +257,14 @@ const NONE: Scene = Scene {
     forward: false,
     no_deferred: false,
     fog: false,
-    rich: false,
+    probes_and_visibility: false,
     gray: false,
     runs: &[],
 };
 
 /// Returns the Cornell box with a sign on its back wall, in color or gray.
 fn quads(gray: bool) -> Vec<Quad> {
-    let mut quads = cornell_box();
+    let mut quads = Quad::cornell_box();
     let low = Vec3::new(-0.4, 1.3, -0.98);
     quads.push(Quad {
         corners: [
@@ -297,9 +297,9 @@ pub struct Bakes {
 /// # Errors
 /// Returns a message if a bake fails.
 pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
-    let bake = |rich: bool, screen: bool, gray: bool| {
+    let bake = |probes_and_visibility: bool, screen: bool, gray: bool| {
         let mut recipe = recipe.clone();
-        if !rich {
+        if !probes_and_visibility {
             (recipe.probes, recipe.soft_shadows) = (None, None);
         }
         if screen {
@@ -312,7 +312,7 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
             }];
         }
         let made = bake_scene(
-            &mesh_of_quads(&quads(gray)),
+            &TriangleMesh::from_quads(&quads(gray)),
             &recipe,
             0,
             &Progress::default(),
@@ -340,7 +340,9 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     }
     let bake = match scene.gray {
         true => &bakes.gray,
-        false => &bakes.by_content[usize::from(scene.rich)][usize::from(scene.screen)],
+        false => {
+            &bakes.by_content[usize::from(scene.probes_and_visibility)][usize::from(scene.screen)]
+        }
     };
     let scene_data = bake.clone();
     let asset = (world.resource_mut::<Assets<_>>()).add(GiBakedScene { scene: scene_data });
@@ -493,7 +495,7 @@ pub fn step(app: &mut App, scene: &Scene, k: u32) {
         if scene.sky {
             environment.sky = GiSky::Uniform(LinearRgba::rgb(300.0, 300.0, 400.0 + 50.0 * sine));
         }
-        if scene.glow {
+        if scene.emission_changes {
             environment.emissive_luminance = 998.0 * (1.0 + 0.5 * sine);
         }
     }

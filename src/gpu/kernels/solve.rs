@@ -9,7 +9,7 @@ pub(super) const KERNELS: [Kernel; 10] = [
         bindings: &[
             SPAN,
             bind(2, "passages", Read(size_of::<PackedLinkTerm>())),
-            bind(3, "passing", Read(4)),
+            bind(3, "transmittances", Read(4)),
             bind(4, "links", Write(size_of::<Link>())),
         ],
         entries: &[each(Pass::Occlude, "occlude", &[1, 2, 3, 4])],

@@ -3,7 +3,7 @@
 use super::*;
 
 /// Bindings of kernels that look up functions for the pixels or subsplats of a view.
-const LOOK_UP: [Binding; 15] = [
+const SPLAT_BINDINGS: [Binding; 15] = [
     bind(0, "params", Uniform(size_of::<SplatParams>())),
     bind(1, "depths", Depth),
     bind(2, "gbuffer", Uint),
@@ -56,7 +56,7 @@ pub(super) const KERNELS: [Kernel; 16] = [
             "listed",
             "node"
         ),
-        bindings: &LOOK_UP,
+        bindings: &SPLAT_BINDINGS,
         entries: &[
             each(
                 Pass::SplatNodes,
@@ -85,7 +85,7 @@ pub(super) const KERNELS: [Kernel; 16] = [
             "listed",
             "node"
         ),
-        bindings: &LOOK_UP,
+        bindings: &SPLAT_BINDINGS,
         entries: &[
             each(
                 Pass::ProbeNodes,

@@ -1,6 +1,6 @@
 //! [`SolveCost`]: the cost of a scene's solves as a function of the links that they read.
 
-use super::SMOOTH;
+use super::SMOOTHING_FACTOR;
 
 /// Cost of the solves of a scene. Solves with two numbers of links separate the cost of the links
 /// from the rest.
@@ -15,7 +15,7 @@ pub struct SolveCost {
 impl SolveCost {
     /// Adds a measurement, ms. Returns the running mean.
     pub fn measured(&mut self, ms: f32) -> f32 {
-        let mean = |mean: f32| mean + SMOOTH as f32 * (ms - mean);
+        let mean = |mean: f32| mean + SMOOTHING_FACTOR as f32 * (ms - mean);
         *self.mean.insert(self.mean.map_or(ms, mean))
     }
 

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::plan::{
-    ColorModeSelection, DisplayUse, SceneState, SlotChange, SoftState, TierSelection, ViewState,
-    VolumeState,
+    ColorModeSelection, DisplayUse, SceneState, SlotChange, SoftShadowState, TierSelection,
+    ViewState, VolumeState,
 };
 use crate::plugin::effects::plan_frame;
 use meshless_gi::Channels;
@@ -24,7 +24,7 @@ fn state() -> FrameState {
         scenes: vec![scene(1, 50_000), scene(2, 200_000)],
         views: vec![ViewState {
             id: ViewId(7),
-            gloss: false,
+            specular: false,
             lit: true,
             enabled: true,
             has_gbuffer: true,
@@ -97,7 +97,7 @@ fn stage_work_counts_read_items() {
 fn cost_measured_on_one_scene_predicts_other() {
     let mut model = CostModel::new();
     let mut first = plan_frame(&moving(state(), 0, 1));
-    model.price(&mut first);
+    model.write_costs(&mut first);
     assert_eq!(cost(&first, FrameStage::APPLY).predicted, None);
     for _ in 0..5 {
         model.record_plan(&first);
@@ -105,7 +105,7 @@ fn cost_measured_on_one_scene_predicts_other() {
             model.record_time(*timed, 2.0);
         }
     }
-    model.price(&mut first);
+    model.write_costs(&mut first);
     let Cost {
         predicted,
         measured,
@@ -114,7 +114,7 @@ fn cost_measured_on_one_scene_predicts_other() {
     assert_eq!((predicted, measured), (Some(2.0), Some(2.0)));
     // Four times the links and three times the rays: never run, so not measured.
     let mut second = plan_frame(&moving(state(), 1, 3));
-    model.price(&mut second);
+    model.write_costs(&mut second);
     let Cost {
         predicted,
         measured,
@@ -145,7 +145,7 @@ fn cost_rate_with_delayed_timings_and_changed_slots_is_correct() {
         }
     }
     let mut plan = plan_frame(&moving(state(), 0, 4));
-    model.price(&mut plan);
+    model.write_costs(&mut plan);
     let predicted = cost(&plan, FrameStage::PROJECT)
         .predicted
         .expect("measured");
@@ -166,7 +166,7 @@ fn cost_of_removed_scene_is_dropped_and_invalid_time_skipped() {
     model.record_time(project, 1.0);
     assert_eq!(model.rates.len(), 1);
     let rest = plan_frame(&state());
-    for _ in 0..=KEPT {
+    for _ in 0..=MAX_UNUSED_PLANS {
         model.record_plan(&rest);
     }
     assert_eq!(model.groups.len(), rest.costs.len());
@@ -195,7 +195,7 @@ fn cost_rate_of_monochrome_is_separate() {
             let apply = timed.into_iter().find(|t| t.stage == FrameStage::APPLY);
             model.record_time(apply.expect("it runs"), ms);
         }
-        model.price(plan);
+        model.write_costs(plan);
         cost(plan, FrameStage::APPLY)
     };
     let close = |found: Option<f32>, ms: f32| found.is_some_and(|f| (f / ms - 1.0).abs() < 1e-3);
@@ -205,7 +205,7 @@ fn cost_rate_of_monochrome_is_separate() {
         work: Work::OneChannel(50_000),
         ..Cost::default()
     };
-    for _ in 0..LATE {
+    for _ in 0..MAX_LATE_MEASUREMENTS {
         model.record_plan(&one);
         let timed = one
             .costs
@@ -214,7 +214,7 @@ fn cost_rate_of_monochrome_is_separate() {
             .find(|t| t.stage == FrameStage::APPLY);
         model.record_time(timed.expect("it runs"), 4.0);
     }
-    model.price(&mut one);
+    model.write_costs(&mut one);
     assert_eq!(cost(&one, FrameStage::APPLY), late);
     // An octree takes all three channels.
     let mut octree = in_one(state());
@@ -228,7 +228,7 @@ fn cost_rate_of_monochrome_is_separate() {
     );
     // Another scene in three channels is predicted from measurements of three channels.
     let mut other = plan_frame(&moving(state(), 1, 1));
-    model.price(&mut other);
+    model.write_costs(&mut other);
     assert!(close(cost(&other, FrameStage::APPLY).predicted, 16.0));
 }
 
@@ -244,11 +244,11 @@ fn cost_of_occluders_volumes_and_soft_shadows_has_own_units() {
         held: false,
         voxels: 4096,
     };
-    scene.soft = SoftState {
+    scene.soft = SoftShadowState {
         lights: 2,
-        remembers: true,
+        has_visibility: true,
         points: 300,
-        ..SoftState::default()
+        ..SoftShadowState::default()
     };
     let plan = plan_frame(&state);
     assert_eq!(cost(&plan, FrameStage::OCCLUDE).work, Work::Passages(5000));

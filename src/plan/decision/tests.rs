@@ -26,7 +26,7 @@ fn state() -> FrameState {
         }],
         views: vec![ViewState {
             id: ViewId(7),
-            gloss: false,
+            specular: false,
             lit: true,
             enabled: true,
             has_gbuffer: true,
@@ -257,7 +257,7 @@ fn decision_of_view_names_pixel_mode() {
         logged(&now),
         by("subsplats (light varies less than pixels do)")
     );
-    now.views[0].display = DisplayUse::NoRoom;
+    now.views[0].display = DisplayUse::BuffersTooLarge;
     assert_eq!(
         logged(&now),
         by("every pixel (the device has no room for subsplats)")

@@ -3,7 +3,7 @@
 use super::*;
 use crate::plan::ChangeCounts;
 use meshless_gi::internals::asset::MaterialCoverage;
-use meshless_gi::{Material, Progress, Recipe, bake_scene, cornell_box, mesh_of_quads};
+use meshless_gi::{Material, Progress, Quad, Recipe, TriangleMesh, bake_scene};
 
 fn light_source(at: Vec3, intensity: Vec3) -> Light {
     Light::Point {
@@ -13,8 +13,8 @@ fn light_source(at: Vec3, intensity: Vec3) -> Light {
     }
 }
 
-fn look(surveyor: &mut InventoryTracker<u32>, lights: &[(u32, Light)]) -> Inventory {
-    surveyor.survey(&WorldSnapshot {
+fn observe(tracker: &mut InventoryTracker<u32>, lights: &[(u32, Light)]) -> Inventory {
+    tracker.update(&WorldSnapshot {
         lights: lights.iter().map(|(k, l)| (*k, l)).collect(),
         ..WorldSnapshot::default()
     })
@@ -22,7 +22,7 @@ fn look(surveyor: &mut InventoryTracker<u32>, lights: &[(u32, Light)]) -> Invent
 
 /// Returns the bake of the box, in color or in gray.
 fn bake(gray: bool) -> Arc<BakedScene> {
-    let mut quads = cornell_box();
+    let mut quads = Quad::cornell_box();
     if gray {
         for quad in &mut quads {
             quad.material = Material::diffuse(Vec3::splat(0.6));
@@ -35,7 +35,12 @@ fn bake(gray: bool) -> Arc<BakedScene> {
         rays_per_point: Some(16),
         ..Recipe::default()
     };
-    let made = bake_scene(&mesh_of_quads(&quads), &recipe, 0, &Progress::default());
+    let made = bake_scene(
+        &TriangleMesh::from_quads(&quads),
+        &recipe,
+        0,
+        &Progress::default(),
+    );
     Arc::new(made.expect("a small bake").scene)
 }
 
@@ -54,13 +59,13 @@ fn scene<'a>(bake: &'a Arc<BakedScene>) -> SceneSnapshot<'a> {
 
 #[test]
 fn inventory_counts_moved_recolored_added_and_removed_lights() {
-    let mut surveyor = InventoryTracker::new();
+    let mut tracker = InventoryTracker::new();
     let mut lights: Vec<(u32, Light)> = (0..8)
         .map(|k| (k, light_source(Vec3::X * k as f32, Vec3::ONE)))
         .collect();
-    let first = look(&mut surveyor, &lights).lights_of(LightKind::Point);
+    let first = observe(&mut tracker, &lights).lights_of(LightKind::Point);
     assert_eq!((first.all, first.on, first.moved), (8, 8, 8));
-    assert!(look(&mut surveyor, &lights).at_rest());
+    assert!(observe(&mut tracker, &lights).at_rest());
     // One moves, one changes its color, one is turned off, one is removed. A sun is added.
     lights[2].1 = light_source(Vec3::Y, Vec3::ONE);
     lights[3].1 = light_source(Vec3::X * 3.0, Vec3::new(1.0, 0.5, 0.5));
@@ -71,7 +76,7 @@ fn inventory_counts_moved_recolored_added_and_removed_lights() {
         irradiance: Vec3::ONE,
     };
     lights.push((9, sun));
-    let found = look(&mut surveyor, &lights);
+    let found = observe(&mut tracker, &lights);
     assert_eq!(
         found.lights_of(LightKind::Point),
         ChangeCounts {
@@ -85,10 +90,10 @@ fn inventory_counts_moved_recolored_added_and_removed_lights() {
     assert_eq!(found.lights_of(LightKind::Spot), ChangeCounts::default());
     assert_eq!(found.colors, ColorUniformity::Lights);
     assert!(!found.at_rest());
-    assert!(look(&mut surveyor, &lights).at_rest());
+    assert!(observe(&mut tracker, &lights).at_rest());
     // A light that changes its kind counts as a new one of that kind.
     lights[0].1 = sun;
-    let found = look(&mut surveyor, &lights);
+    let found = observe(&mut tracker, &lights);
     assert_eq!(found.lights_of(LightKind::Directional).moved, 1);
     assert_eq!(found.lights_of(LightKind::Point).all, 6);
 }
@@ -109,9 +114,9 @@ fn scene_is_gray_if_surfaces_and_lights_are() {
             }],
             ..WorldSnapshot::default()
         };
-        let mut surveyor = InventoryTracker::new();
-        let all = surveyor.survey(&found).colors;
-        let own = surveyor.colors_of(SceneId(1));
+        let mut tracker = InventoryTracker::new();
+        let all = tracker.update(&found).colors;
+        let own = tracker.colors_of(SceneId(1));
         assert_eq!(own.colors, all);
         let expected = match all {
             ColorUniformity::One => lights[0],
@@ -121,10 +126,10 @@ fn scene_is_gray_if_surfaces_and_lights_are() {
         // Lights that do not reach it do not affect its colors.
         let mut aside = found.clone();
         aside.scenes[0].unlit_by = (0..lights.len()).collect();
-        surveyor.survey(&aside);
-        let unlit = surveyor.colors_of(SceneId(1)).colors;
+        tracker.update(&aside);
+        let unlit = tracker.colors_of(SceneId(1)).colors;
         aside.lights.clear();
-        assert_eq!(unlit, surveyor.survey(&aside).colors);
+        assert_eq!(unlit, tracker.update(&aside).colors);
         all
     };
     let warm = Vec3::new(2.0, 1.0, 0.5);
@@ -190,7 +195,7 @@ fn dynamic_material_textures_count_with_factors() {
             }],
             ..WorldSnapshot::default()
         };
-        InventoryTracker::new().survey(&found).colors
+        InventoryTracker::new().update(&found).colors
     };
     assert_eq!(colors(0.0, Vec3::ZERO), ColorUniformity::One);
     assert_eq!(colors(1.0, Vec3::ZERO), ColorUniformity::Surfaces);
@@ -203,15 +208,15 @@ fn dynamic_material_textures_count_with_factors() {
 #[test]
 fn scene_snapshot_reports_changes() {
     let gray = bake(true);
-    let mut surveyor = InventoryTracker::<u32>::new();
-    let mut look = |scenes: Vec<SceneSnapshot<'_>>| {
-        surveyor.survey(&WorldSnapshot {
+    let mut tracker = InventoryTracker::<u32>::new();
+    let mut observe = |scenes: Vec<SceneSnapshot<'_>>| {
+        tracker.update(&WorldSnapshot {
             scenes,
             ..WorldSnapshot::default()
         })
     };
-    assert_eq!(look(vec![scene(&gray)]).bakes_moved, 1);
-    assert!(look(vec![scene(&gray)]).at_rest());
+    assert_eq!(observe(vec![scene(&gray)]).bakes_moved, 1);
+    assert!(observe(vec![scene(&gray)]).at_rest());
     let red = [MaterialFactors {
         base_color: [0.8, 0.1, 0.1],
         emissive: [1.0; 3],
@@ -224,23 +229,23 @@ fn scene_snapshot_reports_changes() {
         gains: &[0.5, 1.0],
         ..scene(&gray)
     };
-    let found = look(vec![changed.clone()]);
+    let found = observe(vec![changed.clone()]);
     assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
     assert_eq!((found.dynamic_materials, found.materials_changed), (1, 1));
     assert_eq!((found.doors, found.doors_moved), (2, 2));
-    assert_eq!((found.glowing, found.glow_changed), (1, 1));
+    assert_eq!((found.emissive_scenes, found.emissions_changed), (1, 1));
     assert_eq!((found.bakes, found.bakes_moved), (1, 1));
     // A changed material makes a gray bake colored.
     assert_eq!(found.colors, ColorUniformity::Surfaces);
-    assert!(look(vec![changed.clone()]).at_rest());
+    assert!(observe(vec![changed.clone()]).at_rest());
     let shut = SceneSnapshot {
         gains: &[0.5, 0.0],
         ..changed
     };
-    let found = look(vec![shut]);
+    let found = observe(vec![shut]);
     assert_eq!((found.doors_moved, found.materials_changed), (1, 0));
     // The light is removed.
-    let found = look(Vec::new());
+    let found = observe(Vec::new());
     assert_eq!((found.bakes, found.bakes_moved), (0, 1));
     assert_eq!(found.colors, ColorUniformity::Dark);
 }

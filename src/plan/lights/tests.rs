@@ -223,7 +223,7 @@ fn reset_projects_all_lights() {
         BOX,
     );
     settle(&mut table, &start.changes);
-    table.forget();
+    table.reset();
     assert_eq!(
         table
             .update(

@@ -22,12 +22,12 @@ fn noise(i: u32) -> f32 {
 
 /// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Returns the tier after
 /// each.
-fn run(picker: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
+fn run(controller: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
     (0..count)
         .map(|i| {
-            let work = picker.tiers()[picker.tier() as usize - 1].work as f32 / 8000.0;
-            picker.record_sample(cost(i, work));
-            picker.tier()
+            let work = controller.tiers()[controller.tier() as usize - 1].work as f32 / 8000.0;
+            controller.record_sample(cost(i, work));
+            controller.tier()
         })
         .collect()
 }
@@ -62,18 +62,18 @@ fn tier_is_selected_by_number_or_error() {
         assert!(picked.why.starts_with("none") != met, "{picked}");
     }
     // Only a budget uses the measured cost.
-    let mut picker = TierController::new(GiQuality::Tier(4), tiers());
-    run(&mut picker, 500, |_, _| 1e6);
-    assert_eq!((picker.tier(), picker.changes()), (4, 0));
+    let mut controller = TierController::new(GiQuality::Tier(4), tiers());
+    run(&mut controller, 500, |_, _| 1e6);
+    assert_eq!((controller.tier(), controller.changes()), (4, 0));
 }
 
 #[test]
 fn tier_within_budget_stays_full() {
-    let mut picker = budget(10.0);
-    assert!(picker.selection().why.contains("not measured"));
-    run(&mut picker, 5000, |i, work| (8.0 + noise(i)) * work);
-    assert_eq!((picker.tier(), picker.changes()), (4, 0));
-    let why = picker.selection().why;
+    let mut controller = budget(10.0);
+    assert!(controller.selection().why.contains("not measured"));
+    run(&mut controller, 5000, |i, work| (8.0 + noise(i)) * work);
+    assert_eq!((controller.tier(), controller.changes()), (4, 0));
+    let why = controller.selection().why;
     assert!(
         why.contains("within 10 ms") && why.contains("no higher"),
         "{why}"
@@ -83,19 +83,19 @@ fn tier_within_budget_stays_full() {
 #[test]
 fn tier_above_budget_steps_down_once() {
     // 20, 10, 5 and 2.5 ms: the second tier is the highest that fits, with its headroom.
-    let mut picker = budget(9.0);
-    let seen = run(&mut picker, 20_000, |i, work| {
+    let mut controller = budget(9.0);
+    let seen = run(&mut controller, 20_000, |i, work| {
         20.0 * work * (1.0 + 0.1 * noise(i))
     });
     assert_eq!(
         seen.iter().position(|&t| t < 4),
         Some(LOWER_AFTER_SOLVES as usize - 1)
     );
-    assert_eq!((picker.tier(), picker.changes()), (2, 1));
+    assert_eq!((controller.tier(), controller.changes()), (2, 1));
     assert!(
-        picker.selection().why.contains("tier 3 would take"),
+        controller.selection().why.contains("tier 3 would take"),
         "{}",
-        picker.selection()
+        controller.selection()
     );
 }
 
@@ -105,14 +105,14 @@ fn tier_with_noisy_load_does_not_oscillate() {
     for k in 0..60 {
         let mean = 6.0 + 0.25 * k as f32;
         for spread in [0.1, 0.3, 0.6] {
-            let mut picker = budget(10.0);
+            let mut controller = budget(10.0);
             let cost = |i: u32, work| mean * work * (1.0 + spread * noise(i + 7919 * k));
-            run(&mut picker, 20_000, cost);
+            run(&mut controller, 20_000, cost);
             // log2(20 000 / 60) attempts, each up and down, and the first way down.
             assert!(
-                picker.changes() <= 20,
+                controller.changes() <= 20,
                 "{mean} ± {spread}: {}",
-                picker.changes()
+                controller.changes()
             );
         }
     }
@@ -120,9 +120,9 @@ fn tier_with_noisy_load_does_not_oscillate() {
 
 #[test]
 fn tier_follows_load_steps_both_ways() {
-    let mut picker = budget(10.0);
+    let mut controller = budget(10.0);
     let load = |i: u32| if (2000..6000).contains(&i) { 30.0 } else { 7.0 };
-    let seen = run(&mut picker, 12_000, |i, work| {
+    let seen = run(&mut controller, 12_000, |i, work| {
         load(i) * work * (1.0 + 0.2 * noise(i))
     });
     assert_eq!((seen[1999], seen[11_999]), (4, 4));
@@ -132,7 +132,7 @@ fn tier_follows_load_steps_both_ways() {
         "{:?}",
         &seen[2000..2020]
     );
-    assert!(picker.changes() <= 4, "{}", picker.changes());
+    assert!(controller.changes() <= 4, "{}", controller.changes());
     let over = (0..12_000)
         .filter(|&i| load(i) * tiers()[seen[i as usize] as usize - 1].work as f32 / 8000.0 > 10.0);
     assert!(over.count() <= LOWER_AFTER_SOLVES as usize);
@@ -141,46 +141,50 @@ fn tier_follows_load_steps_both_ways() {
 #[test]
 fn tier_trials_after_wrong_prediction_become_rare() {
     // No tier fits, because the cost does not depend on the links: down, and never up.
-    let mut picker = budget(4.0);
-    run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
-    assert_eq!(picker.tier(), 1);
-    assert!(picker.changes() <= 3 && picker.selection().why.contains("over 4 ms"));
+    let mut controller = budget(4.0);
+    run(&mut controller, 5000, |_, work| 5.0 + 0.1 * work);
+    assert_eq!(controller.tier(), 1);
+    assert!(controller.changes() <= 3 && controller.selection().why.contains("over 4 ms"));
     // Most of the cost does not depend on the links. After the first step down, the controller can
     // raise the tier until it fits.
-    let mut picker = budget(10.0);
+    let mut controller = budget(10.0);
     let load = |i: u32| if i < 500 { 9.0 } else { 4.0 };
-    run(&mut picker, 2000, |i, work| load(i) + 3.0 * work);
+    run(&mut controller, 2000, |i, work| load(i) + 3.0 * work);
     assert_eq!(
-        (picker.tier(), picker.changes() <= 5),
+        (controller.tier(), controller.changes() <= 5),
         (4, true),
         "{}",
-        picker.changes()
+        controller.changes()
     );
     // All links cost three times the prediction from half of them.
-    let mut picker = budget(10.0);
-    let seen = run(&mut picker, 100_000, |_, work| {
+    let mut controller = budget(10.0);
+    let seen = run(&mut controller, 100_000, |_, work| {
         if work == 1.0 { 12.0 } else { 4.0 * work }
     });
-    assert!(picker.changes() <= 2 * 11 + 1, "{}", picker.changes());
+    assert!(
+        controller.changes() <= 2 * 11 + 1,
+        "{}",
+        controller.changes()
+    );
     let high = seen.iter().filter(|&&t| t == 4).count();
     assert!(high < 200, "{high} solves over the budget");
 }
 
 #[test]
 fn tier_ignores_spikes_and_invalid_times() {
-    let mut picker = budget(10.0);
-    run(&mut picker, 3000, |i, work| match i % 10 {
+    let mut controller = budget(10.0);
+    run(&mut controller, 3000, |i, work| match i % 10 {
         3 => 60.0,
         5 => f32::NAN,
         7 => f32::INFINITY,
         8 => -1.0,
         _ => 5.0 * work,
     });
-    assert_eq!((picker.tier(), picker.changes()), (4, 0));
+    assert_eq!((controller.tier(), controller.changes()), (4, 0));
     for extreme in [Duration::MAX, Duration::ZERO] {
-        let mut picker = TierController::new(GiQuality::GpuBudget(extreme), tiers());
-        run(&mut picker, 100, |_, _| 5.0);
-        assert_eq!(picker.tier() == 1, extreme.is_zero(), "{extreme:?}");
+        let mut controller = TierController::new(GiQuality::GpuBudget(extreme), tiers());
+        run(&mut controller, 100, |_, _| 5.0);
+        assert_eq!(controller.tier() == 1, extreme.is_zero(), "{extreme:?}");
     }
 }
 
@@ -190,9 +194,9 @@ fn tier_above_links_is_named_octree() {
     all[3].octree = true;
     let picked = TierController::new(GiQuality::Full, all.clone()).selection();
     assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
-    let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
-    run(&mut picker, 20, |_, work| 8.0 * work);
-    let text = picker.selection().to_string();
+    let mut controller = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
+    run(&mut controller, 20, |_, work| 8.0 * work);
+    let text = controller.selection().to_string();
     assert!(text.starts_with("tier 3 of 4: "), "{text}");
     assert!(
         text.ends_with("tier 4, the octree, would take 8.00 ms"),
@@ -202,16 +206,16 @@ fn tier_above_links_is_named_octree() {
 
 #[test]
 fn bake_without_tiers_has_single_tier() {
-    let mut picker =
+    let mut controller =
         TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), Vec::new());
-    picker.record_sample(f32::NAN);
-    assert_eq!((picker.tier(), picker.selection().tiers), (1, 1));
+    controller.record_sample(f32::NAN);
+    assert_eq!((controller.tier(), controller.selection().tiers), (1, 1));
     let one = vec![TierCandidate {
         work: 0,
         error: 0.1,
         octree: false,
     }];
-    let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), one);
-    (0..100).for_each(|_| picker.record_sample(5.0));
-    assert_eq!((picker.tier(), picker.changes()), (1, 0));
+    let mut controller = TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), one);
+    (0..100).for_each(|_| controller.record_sample(5.0));
+    assert_eq!((controller.tier(), controller.changes()), (1, 0));
 }

@@ -1,11 +1,12 @@
-//! Effect of the test `an_effect_is_one_file_and_one_row`: clears the irradiance of each scene.
+//! Effect of the test `effect_row_is_planned_counted_and_recorded`: clears the irradiance of each scene.
 //!
-//! Reads: the active scenes. Clears a buffer, without a kernel.
+//! Reads: the active scenes. Copies a buffer of zeros that it keeps for each scene, without a kernel.
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::GpuError;
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plugin::effect_states::EffectState;
 use crate::plugin::record::SceneContext;
 
 /// Stage of the effect, after transport.
@@ -40,7 +41,25 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     let frame = ctx.runtime.frame.as_ref();
     if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::Pass::Apply)) {
-        ctx.encoder.clear_buffer(values, 0, None);
+        let zeros = ctx.runtime.states.take().unwrap_or_else(|| {
+            Zeros(ctx.kernels.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some("zeros"),
+                size: values.size(),
+                usage: wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }))
+        });
+        (ctx.encoder).copy_buffer_to_buffer(&zeros.0, 0, values, 0, values.size());
+        ctx.runtime.states.insert(zeros);
     }
     Ok(())
+}
+
+/// Buffer of zeros, one per scene.
+struct Zeros(wgpu::Buffer);
+
+impl EffectState for Zeros {
+    fn size(&self) -> (u32, u64) {
+        (1, self.0.size())
+    }
 }

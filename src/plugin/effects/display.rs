@@ -5,7 +5,8 @@
 //! multiresolution splatting ([N09]) or at every pixel. Kernels: `splat`, `pyramid`, `refine`,
 //! `upsample`; the draw `composite`.
 
-use super::{Effect, PassKind, Record, Recording, probes, rsm};
+use super::rsm::{self, Reflections};
+use super::{Effect, PassKind, Record, Recording, probes};
 use crate::gpu;
 use crate::gpu::{Draw, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_over};
 use crate::plan::{
@@ -90,13 +91,11 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-/// Adds the surface irradiance of a scene. Does nothing if the scene has no position or no buffers.
-fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) {
+/// Adds the surface irradiance of a scene.
+fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) -> Option<()> {
     let scene = ctx.input.world.scenes.iter().find(|s| s.id == pass.scene);
-    let frame = ctx.scenes.get(&pass.scene).and_then(|s| s.frame.as_ref());
-    let (Some(placement), Some(frame)) = (scene.and_then(|s| s.placement), frame) else {
-        return;
-    };
+    let placement = scene?.placement?;
+    let frame = ctx.scenes.get(&pass.scene)?.frame.as_ref()?;
     let surfaces = ctx.input.surfaces;
     let (world_from_view, clip_from_view) = (surfaces.world_from_view(), surfaces.clip_from_view());
     let params = SplatParams {
@@ -115,6 +114,7 @@ fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) {
     let (device, queue) = (ctx.kernels.device(), ctx.queue);
     write_params(ctx, pass.scene, &params).write_probes(device, queue, probes.as_ref());
     ctx.layers.push(Layer::Scene(pass.scene));
+    Some(())
 }
 
 /// Writes the parameters of a scene in the view, in new buffers if it has none.
@@ -140,16 +140,17 @@ pub(crate) fn evaluate_layers(ctx: &mut ViewContext<'_>) {
     if ctx.layers.is_empty() {
         return;
     }
-    let lead = ctx.lead();
-    if lead == SceneId::WORLD {
+    let primary_scene = ctx.primary_scene();
+    if primary_scene == SceneId::WORLD {
         let params = SplatParams {
             size: ctx.input.surfaces.size,
             ..bytemuck::Zeroable::zeroed()
         };
-        write_params(ctx, lead, &params);
+        write_params(ctx, primary_scene, &params);
     }
     let layers = &ctx.layers;
-    (ctx.runtime.buffers).retain(|id, _| layers.contains(&Layer::Scene(*id)) || *id == lead);
+    (ctx.runtime.buffers)
+        .retain(|id, _| layers.contains(&Layer::Scene(*id)) || *id == primary_scene);
     ctx.irradiance = match subsplats(ctx) {
         Some((subsplats, params)) => Some(evaluate_subsplats(ctx, subsplats, &params)),
         None => evaluate_pixels(ctx),
@@ -159,7 +160,7 @@ pub(crate) fn evaluate_layers(ctx: &mut ViewContext<'_>) {
 /// Returns the view's subsplats and their parameters. `None` if it evaluates light at every pixel,
 /// or if the device cannot hold the subsplats.
 fn subsplats(ctx: &mut ViewContext<'_>) -> Option<(ViewSubsplats, SubsplatParams)> {
-    let before = ctx.runtime.subsplats.take();
+    let before = ctx.earlier.take::<ViewSubsplats>();
     let surfaces = ctx.input.surfaces;
     let (Some(DisplayUse::Subsplats), GiSplatting::Multiresolution(settings)) =
         (ctx.display, &ctx.input.camera.display)
@@ -197,7 +198,7 @@ fn evaluate_subsplats(
         })
         .collect();
     let lit = ctx.layers.contains(&Layer::VirtualLights);
-    let reflections = ctx.reflections.as_deref().filter(|_| lit);
+    let reflections = ctx.world_states.get::<Reflections>().filter(|_| lit);
     let lights = reflections.map(|r| r.view_lights(ctx.input, ctx.scenes, &ctx.layers));
     let targets = SubsplatTargets {
         depth: ctx.input.surfaces.depth,
@@ -212,7 +213,7 @@ fn evaluate_subsplats(
     };
     let recorded = subsplats.record(ctx.kernels, ctx.queue, ctx.encoder, &view);
     ctx.counters.add(&recorded);
-    ctx.runtime.subsplats = Some(subsplats);
+    ctx.runtime.states.insert(subsplats);
     ctx.runtime.irradiance[1] = None;
     output
 }
@@ -252,25 +253,25 @@ fn evaluate_layer(ctx: &mut ViewContext<'_>, layer: Layer, targets: &SplatTarget
             }
         }
         Layer::VirtualLights => {
-            let Some(reflections) = ctx.reflections.as_deref_mut() else {
+            let Some(reflections) = ctx.world_states.get_mut::<Reflections>() else {
                 return;
             };
-            let lights = reflections.in_view(ctx.input, ctx.scenes, &ctx.layers);
+            let lights = reflections.view_params(ctx.input, ctx.scenes, &ctx.layers);
             reflections.light_view(ctx.kernels, ctx.queue, ctx.encoder, &lights, targets);
         }
     }
 }
 
 /// Draws the irradiance over the picture of a deferred camera.
-fn record_composite(ctx: &mut ViewContext<'_>, _: &[&Pass]) {
+fn record_composite(ctx: &mut ViewContext<'_>, _: &[&Pass]) -> Option<()> {
     let how = match ctx.input.camera.settings.debug_view {
         GiDebugView::Final => Draw::Add,
         _ => Draw::Replace,
     };
-    if let Some(irradiance) = ctx.irradiance.clone() {
-        let drawn = draw_over_picture(ctx, how, &irradiance);
-        ctx.counters.composites += u64::from(drawn);
-    }
+    let irradiance = ctx.irradiance.clone()?;
+    let drawn = draw_over_picture(ctx, how, &irradiance);
+    ctx.counters.composites += u64::from(drawn);
+    Some(())
 }
 
 /// Draws a texture of the view's size over its picture. Returns `false` if there is no picture, or
@@ -280,9 +281,11 @@ pub(super) fn draw_over_picture(
     how: Draw,
     texture: &wgpu::TextureView,
 ) -> bool {
-    let lead = ctx.lead();
+    let primary_scene = ctx.primary_scene();
     let surfaces = ctx.input.surfaces;
-    let (Some(picture), Some(params)) = (&ctx.input.picture, ctx.runtime.buffers.get(&lead)) else {
+    let (Some(picture), Some(params)) =
+        (&ctx.input.picture, ctx.runtime.buffers.get(&primary_scene))
+    else {
         return false;
     };
     let mut pass = ctx.encoder.begin_render_pass(&RenderPassDescriptor {

@@ -9,7 +9,8 @@ use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{FogBuffers, FogTextures, KernelPipelines, draw_fog};
 use crate::plan::{FogState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
-use crate::plugin::fog::{ExtractedFogView, FogScene, LitFog, meet};
+use crate::plugin::effect_states::EffectState;
+use crate::plugin::fog::{ExtractedFogView, FogScene, LitFog, cubes_overlap};
 use crate::plugin::record::{PostProcessContext, PostProcessView, PostProcessWorld};
 use crate::plugin::volume::ExtractedVolume;
 use bevy::math::{Affine3A, Mat4};
@@ -127,7 +128,9 @@ impl<'a> FogDraws<'a> {
         });
         let cube = Affine3A::from_mat4(fog.world_from_local);
         let earlier: Vec<Mat4> = (input.fogs.scenes[..lit.scene].iter())
-            .filter(|other| meet(&other.cube, &own.cube) && meet(&other.cube, &cube))
+            .filter(|other| {
+                cubes_overlap(&other.cube, &own.cube) && cubes_overlap(&other.cube, &cube)
+            })
             .filter(|other| find(other.scene).is_some())
             .map(|other| other.cube.into())
             .collect();
@@ -191,12 +194,16 @@ impl<'a> FogDraws<'a> {
     }
 }
 
+impl EffectState for FogBuffers {
+    fn size(&self) -> (u32, u64) {
+        (self.count(), self.bytes())
+    }
+}
+
 /// Records the fog of a view, from the volumes of the scenes whose passes are planned.
-fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) {
+fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) -> Option<()> {
     let (view, world) = (ctx.view, ctx.world);
-    let Some(fogged) = world.fogs.view(view.id) else {
-        return;
-    };
+    let fogged = world.fogs.view(view.id)?;
     let ready = passes.iter().filter_map(|pass| {
         let volume = world.volumes.find(pass.scene)?;
         let written = ctx.scenes.get(&pass.scene)?.volume_texture(volume)?;
@@ -212,17 +219,22 @@ fn record(ctx: &mut PostProcessContext<'_>, passes: &[&Pass]) {
     };
     let draws = FogDraws::new(fogged, &camera, world, &ready);
     let readable = wgpu::TextureUsages::TEXTURE_BINDING;
-    if draws.params.is_empty() || !view.depth.texture.usage().contains(readable) {
-        return;
+    if !view.depth.texture.usage().contains(readable) {
+        return None;
     }
-    let mut buffers = ctx.fog.take().unwrap_or_default();
+    // The weights of a new volume are computed over several frames.
+    if draws.params.is_empty() {
+        return Some(());
+    }
+    let mut buffers = ctx.earlier.take::<FogBuffers>().unwrap_or_default();
     let device = ctx.kernels.device();
     buffers.write(device, ctx.queue, &draws.inscatter, &draws.params);
     let recorded = buffers.record(ctx.kernels, ctx.encoder, &draws.volumes);
     draws.draw(ctx.kernels, ctx.encoder, &buffers, view);
-    ctx.fogs.insert(view.id, buffers);
+    ctx.states.insert(buffers);
     ctx.counters.add(&recorded);
     ctx.counters.fogs += draws.params.len() as u64;
+    Some(())
 }
 
 #[cfg(test)]
@@ -238,7 +250,7 @@ mod tests {
 
     /// Returns a scene on the device with a complete volume. A camera without display settings
     /// shows fog in it.
-    fn at_rest() -> FrameState {
+    fn static_state() -> FrameState {
         FrameState {
             scenes: vec![SceneState {
                 resident: true,
@@ -268,7 +280,7 @@ mod tests {
 
     #[test]
     fn fog_is_composited_every_frame_and_lit_on_change() {
-        let mut state = at_rest();
+        let mut state = static_state();
         assert_eq!(stages(&state), [FrameStage::FOG]);
         let plan = plan_frame(&state);
         assert_eq!(plan.passes[0].view, Some(ViewId(7)));
@@ -281,6 +293,7 @@ mod tests {
             stage: FrameStage::FOG,
             scene: SceneId::WORLD,
             view: Some(ViewId(7)),
+            light: None,
         };
         assert_eq!(plan.costs[0].0, timed);
         assert_eq!(plan.costs[0].1.work, Work::Pixels(2000));
@@ -322,17 +335,17 @@ mod tests {
             |s| s.fogs[0].scene = SceneId(9),
             |s| s.scenes[0].volume.requested = false,
             |s| s.scenes[0].probes = false,
-            |s| s.device_able = false,
+            |s| s.is_device_supported = false,
         ];
         for (k, change) in cases.into_iter().enumerate() {
-            let mut state = at_rest();
+            let mut state = static_state();
             change(&mut state);
             assert_eq!(stages(&state), [], "{k}");
         }
         // A bake without probes skips the effect with a reason.
-        let mut state = at_rest();
+        let mut state = static_state();
         state.scenes[0].probes = false;
-        let why = (A, None, SkipReason::NoFreeSpace);
+        let why = (A, None, SkipReason::NoProbes);
         assert!(plan_frame(&state).skipped.contains(&why));
     }
 }

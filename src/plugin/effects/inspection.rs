@@ -37,10 +37,12 @@ fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     let frame = ctx.runtime.frame.as_ref();
     if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::Pass::Apply)) {
         let (device, size) = (ctx.kernels.device(), values.size());
-        let before = ctx.read_back.take();
-        let mut copy = before.unwrap_or_else(|| CoefficientReadback::new(device, size));
+        let earlier = ctx.earlier.take::<CoefficientReadback>();
+        let (scene, shared) = (ctx.scene.id, ctx.coefficients);
+        let mut copy =
+            earlier.unwrap_or_else(|| CoefficientReadback::new(device, size, scene, shared));
         copy.copy(ctx.encoder, values);
-        ctx.runtime.read_back = Some(copy);
+        ctx.runtime.states.insert(copy);
     }
     Ok(())
 }

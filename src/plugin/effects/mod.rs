@@ -7,7 +7,7 @@
 //! `crates/meshless_gi/src/frame/k.rs`.
 //!
 //! A new effect is a file here and a row of [`EFFECTS`]. The test
-//! `an_effect_is_one_file_and_one_row` adds the file `blackout.rs` and a row.
+//! `effect_row_is_planned_counted_and_recorded` adds the file `blackout.rs` and a row.
 
 #[cfg(test)]
 mod blackout;
@@ -60,10 +60,12 @@ pub(crate) struct Recording {
 pub(crate) enum Record {
     /// Records a pass that all views share.
     Scene(fn(&mut SceneContext<'_>, &Pass) -> Result<(), GpuError>),
-    /// Adds a layer of irradiance to a view. The layers of a view are evaluated together.
-    Layer(fn(&mut ViewContext<'_>, &Pass)),
-    /// Records passes of one stage in a view.
-    View(fn(&mut ViewContext<'_>, &[&Pass])),
+    /// Adds a layer of irradiance to a view. The layers of a view are evaluated together. Returns
+    /// `None` if the pass lacks an input, which the walk reports.
+    Layer(fn(&mut ViewContext<'_>, &Pass) -> Option<()>),
+    /// Records passes of one stage in a view. Returns `None` if they lack an input, which the walk
+    /// reports.
+    View(fn(&mut ViewContext<'_>, &[&Pass]) -> Option<()>),
     /// Draws a map of a light in the map's camera, and reads it afterwards. Two recordings, because
     /// Bevy's draw functions borrow the whole render world.
     LightMap {
@@ -72,8 +74,9 @@ pub(crate) enum Record {
         /// Reads the map.
         read: fn(&mut MapReadContext<'_>, &Pass),
     },
-    /// Records passes of one stage in the post-processing of a view.
-    PostProcess(fn(&mut PostProcessContext<'_>, &[&Pass])),
+    /// Records passes of one stage in the post-processing of a view. Returns `None` if they lack an
+    /// input, which the walk reports.
+    PostProcess(fn(&mut PostProcessContext<'_>, &[&Pass]) -> Option<()>),
 }
 
 /// All effects, in the order in which they are scheduled.

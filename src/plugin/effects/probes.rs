@@ -67,9 +67,8 @@ fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     Ok(())
 }
 
-fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) {
-    // A scene whose recording failed in this frame has no layer.
-    if ctx.layers.contains(&Layer::Scene(pass.scene)) {
-        ctx.layers.push(Layer::Probes(pass.scene));
-    }
+fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) -> Option<()> {
+    // The layer of the scene wrote the parameters.
+    let own = ctx.layers.contains(&Layer::Scene(pass.scene));
+    own.then(|| ctx.layers.push(Layer::Probes(pass.scene)))
 }

@@ -9,11 +9,16 @@ use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers};
 use crate::plan::{
-    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SoftState, ViewState,
-    Work, soft_light_affects,
+    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SoftShadowState,
+    ViewState, Work, soft_light_affects,
 };
+use crate::plugin::effect_states::EffectState;
+use crate::plugin::extract::ExtractedScene;
+use crate::plugin::observe::ExtractedWorld;
 use crate::plugin::record::SceneContext;
+use crate::plugin::render_state::{SceneRuntime, bounds};
 use crate::plugin::soft_shadow::ExtractedSoft;
+use crate::plugin::transform::SimilarityTransform;
 use bevy::camera::visibility::RenderLayers;
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
@@ -45,7 +50,7 @@ pub(super) const EFFECT: Effect = Effect {
 
 /// Checks that the bake and the device support soft shadows in a scene.
 pub(super) fn check_supported(state: &FrameState, scene: &SceneState) -> Result<(), SkipReason> {
-    if !scene.soft.remembers {
+    if !scene.soft.has_visibility {
         Err(SkipReason::NoVisibility)
     } else if scene.soft.largest_buffer > state.largest_binding {
         Err(SkipReason::TooLarge {
@@ -79,7 +84,7 @@ fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
         return Ok(());
     };
     let (scene, bake) = (frame.buffers(), &ctx.runtime.bake);
-    let soft = &mut ctx.runtime.soft;
+    let soft = ctx.runtime.states.get_or_default::<SceneSoft>();
     match soft.record(ctx.kernels, ctx.queue, ctx.encoder, scene, bake) {
         Ok(lights) => ctx.runtime.changes.soft_lights = lights,
         Err(error) => {
@@ -88,6 +93,29 @@ fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
         }
     }
     Ok(())
+}
+
+/// Describes the lights with soft shadows of a scene in view. Releases the buffers if there are
+/// none, and returns the counters of the released ones.
+pub(crate) fn observe(
+    runtime: &mut SceneRuntime,
+    scene: &ExtractedScene,
+    placement: &SimilarityTransform,
+    world: &ExtractedWorld,
+    state: &mut SceneState,
+) -> GpuCounters {
+    let bounds = bounds(&runtime.bake);
+    let soft = runtime.states.get_or_default::<SceneSoft>();
+    soft.select_lights(&world.soft, bounds, &scene.layers, &placement.matrix());
+    if soft.lights.is_empty() {
+        runtime.changes.soft_lights = None;
+    }
+    state.soft = SoftShadowState {
+        held: !(runtime.changes).soft_lights_changed(&soft.local_lights(), bounds),
+        ..soft.describe(&runtime.bake)
+    };
+    let released = (soft.buffers).take_if(|_| soft.lights.is_empty());
+    released.map_or_else(GpuCounters::default, |buffers| buffers.counters())
 }
 
 /// Lights with soft shadows of a scene, and their buffers.
@@ -102,7 +130,7 @@ pub(crate) struct SceneSoft {
 
 impl SceneSoft {
     /// Selects the lights of the frame that affect the scene.
-    pub fn select_lights(
+    fn select_lights(
         &mut self,
         world: &ExtractedSoft,
         bounds: Bounds,
@@ -119,10 +147,10 @@ impl SceneSoft {
     }
 
     /// Describes the lights for the plan. The change detector completes the description.
-    pub fn describe(&self, bake: &BakedScene) -> SoftState {
-        SoftState {
+    fn describe(&self, bake: &BakedScene) -> SoftShadowState {
+        SoftShadowState {
             lights: self.lights.len(),
-            remembers: bake.data().visibility.is_some(),
+            has_visibility: bake.data().visibility.is_some(),
             held: false,
             largest_buffer: self.too_large,
             points: (bake.data().visibility.as_ref()).map_or(0, |v| v.points.len() as u64),
@@ -130,7 +158,7 @@ impl SceneSoft {
     }
 
     /// Returns the lights in the scene's local space.
-    pub fn local_lights(&self) -> Vec<SoftLight> {
+    fn local_lights(&self) -> Vec<SoftLight> {
         self.lights.iter().map(|(_, light)| *light).collect()
     }
 
@@ -175,28 +203,24 @@ impl SceneSoft {
             }
         }
     }
+}
 
-    /// Returns `true` if lights cast soft shadows in the scene.
-    pub fn is_requested(&self) -> bool {
-        !self.lights.is_empty()
+impl EffectState for SceneSoft {
+    fn size(&self) -> (u32, u64) {
+        let buffers = self.buffers.as_ref();
+        buffers.map_or((0, 0), |buffers| (buffers.count(), buffers.bytes()))
     }
 
-    /// Releases the buffers. Returns their counters.
-    pub fn release(&mut self) -> Option<GpuCounters> {
-        self.buffers.take().map(|buffers| buffers.counters())
-    }
-
-    /// Counters, number and bytes of the buffers.
-    pub fn size(&self) -> Option<(GpuCounters, u32, u64)> {
-        let buffers = self.buffers.as_ref()?;
-        Some((buffers.counters(), buffers.count(), buffers.bytes()))
+    fn counters(&self) -> GpuCounters {
+        let buffers = self.buffers.as_ref();
+        buffers.map_or_else(GpuCounters::default, SoftShadowBuffers::counters)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{DisplayUse, SceneId, SoftState, ViewId};
+    use crate::plan::{DisplayUse, SceneId, SoftShadowState, ViewId};
     use crate::plugin::effects::{pass_of, plan_frame};
 
     const A: SceneId = SceneId(1);
@@ -204,7 +228,7 @@ mod tests {
     fn view(id: u64, lit: bool) -> ViewState {
         ViewState {
             id: ViewId(id),
-            gloss: false,
+            specular: false,
             lit,
             enabled: true,
             has_gbuffer: true,
@@ -215,7 +239,7 @@ mod tests {
     }
 
     /// A scene on the device, a view of it, and no lights.
-    fn at_rest() -> FrameState {
+    fn static_state() -> FrameState {
         FrameState {
             scenes: vec![SceneState {
                 resident: true,
@@ -239,9 +263,9 @@ mod tests {
 
     #[test]
     fn soft_shadows_run_once_for_casting_lights() {
-        let mut state = at_rest();
+        let mut state = static_state();
         // The bake has visibility, but no light casts soft shadows.
-        state.scenes[0].soft.remembers = true;
+        state.scenes[0].soft.has_visibility = true;
         let none = plan_frame(&state);
         assert_eq!(
             none.count(FrameStage::SOFT_SHADOW) + none.count(FrameStage::SUBTRACT_SHADOW),
@@ -293,14 +317,14 @@ mod tests {
     #[test]
     fn soft_shadows_without_data_state_reason() {
         type Change = fn(&mut FrameState);
-        let requested = SoftState {
+        let requested = SoftShadowState {
             lights: 1,
-            remembers: true,
-            ..SoftState::default()
+            has_visibility: true,
+            ..SoftShadowState::default()
         };
         let cases: [(Change, Option<SkipReason>); 3] = [
             (
-                |s| s.scenes[0].soft.remembers = false,
+                |s| s.scenes[0].soft.has_visibility = false,
                 Some(SkipReason::NoVisibility),
             ),
             (
@@ -313,7 +337,7 @@ mod tests {
             (|s| s.views[0].lit = false, None),
         ];
         for (change, why) in cases {
-            let mut state = at_rest();
+            let mut state = static_state();
             state.scenes[0].soft = requested;
             change(&mut state);
             let plan = plan_frame(&state);

@@ -12,6 +12,7 @@ use crate::gpu::{
     SubtractShadowBuffers, ViewBuffers,
 };
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
+use crate::plugin::effect_states::EffectState;
 use crate::plugin::record::ViewContext;
 use crate::plugin::view_state::screen_texture;
 use bevy::log::warn_once;
@@ -46,14 +47,14 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut ViewContext<'_>, passes: &[&Pass]) {
+fn record(ctx: &mut ViewContext<'_>, passes: &[&Pass]) -> Option<()> {
     match ViewShadow::record(ctx, passes) {
-        Ok(Some(radiance)) => {
-            draw_over_picture(ctx, Draw::Shadow, &radiance);
+        Ok(radiance) => {
+            draw_over_picture(ctx, Draw::Shadow, &radiance?);
         }
-        Ok(None) => {}
         Err(error) => warn_once!("a view shows no soft shadows: {error}"),
     }
+    Some(())
 }
 
 /// A scene with soft shadows in a view.
@@ -88,17 +89,18 @@ impl ViewShadow {
         let scenes: Vec<ShadowedScene> = (passes.iter())
             .filter_map(|pass| {
                 let instance = ctx.scenes.get(&pass.scene)?;
+                let soft = instance.states.get::<SceneSoft>()?;
                 Some(ShadowedScene {
                     id: pass.scene,
-                    soft: &instance.soft,
-                    shadows: instance.soft.buffers.as_ref()?,
+                    soft,
+                    shadows: soft.buffers.as_ref()?,
                     scene: instance.frame.as_ref()?.buffers(),
                     view: ctx.runtime.buffers.get(&pass.scene)?,
                 })
             })
             .collect();
         let size = ctx.input.surfaces.size;
-        let before = ctx.shadow.take().filter(|held| held.size == size);
+        let before = ctx.earlier.take::<Self>().filter(|held| held.size == size);
         if scenes.is_empty() {
             return Ok(None);
         }
@@ -161,12 +163,13 @@ impl ViewShadow {
                 .add(&buffers.counters().difference_from(&before));
         }
         let radiance = view.radiance[last].clone();
-        ctx.runtime.shadow = Some(view);
+        ctx.runtime.states.insert(view);
         Ok(radiance)
     }
+}
 
-    /// Number of buffers, and bytes of buffers and textures.
-    pub fn size(&self) -> (u32, u64) {
+impl EffectState for ViewShadow {
+    fn size(&self) -> (u32, u64) {
         let texture = 8 * u64::from(self.size[0]) * u64::from(self.size[1]);
         let textures = self.radiance.iter().flatten().count() as u64 * texture;
         let (count, bytes) =

@@ -7,14 +7,16 @@ use crate::plan::{
     BounceState, CostModel, DisplayUse, FmmLimit, LightId, RunReason, SceneId, SceneState,
     SkipReason, SlotChange, ViewId, ViewState, Work,
 };
+use crate::plugin::effect_states::EffectStates;
 use crate::plugin::extract::ExtractedScene;
+use crate::plugin::readback::SharedCoefficients;
 use crate::plugin::record::{SceneContext, record_scene};
 use crate::plugin::render_state::{SceneRuntime, bounds};
 use crate::plugin::volume::ExtractedVolumes;
 use bevy::math::Vec3;
 use bevy::utils::default;
 use meshless_gi::{
-    FrameLight, Light, Progress, Recipe, SkyRadiance, bake_scene, cornell_box, mesh_of_quads,
+    FrameLight, Light, Progress, Quad, Recipe, SkyRadiance, TriangleMesh, bake_scene,
 };
 use std::sync::Arc;
 
@@ -24,7 +26,7 @@ const B: SceneId = SceneId(2);
 fn view(id: u64, sees: &[SceneId]) -> ViewState {
     ViewState {
         id: ViewId(id),
-        gloss: false,
+        specular: false,
         lit: true,
         enabled: true,
         has_gbuffer: true,
@@ -35,7 +37,7 @@ fn view(id: u64, sees: &[SceneId]) -> ViewState {
 }
 
 /// A scene on the device with eight slots at rest, and a view of it.
-fn at_rest() -> FrameState {
+fn static_state() -> FrameState {
     FrameState {
         scenes: vec![SceneState {
             resident: true,
@@ -53,14 +55,14 @@ fn stages(plan: &Plan) -> Vec<FrameStage> {
 
 #[test]
 fn static_lights_run_only_display_passes() {
-    let plan = plan_frame(&at_rest());
+    let plan = plan_frame(&static_state());
     assert_eq!(stages(&plan), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
     assert!(plan.skipped.contains(&(A, None, SkipReason::AtRest)));
 }
 
 #[test]
 fn one_moved_light_projects_only_its_slot() {
-    let mut state = at_rest();
+    let mut state = static_state();
     state.scenes[0].slots[5] = SlotChange::Geometry;
     let plan = plan_frame(&state);
     assert_eq!(pass_of(&plan, FrameStage::PROJECT, A).slots, [5]);
@@ -80,7 +82,7 @@ fn one_moved_light_projects_only_its_slot() {
 
 #[test]
 fn changed_light_color_projects_nothing() {
-    let mut state = at_rest();
+    let mut state = static_state();
     state.scenes[0].slots[2] = SlotChange::Color;
     let plan = plan_frame(&state);
     assert_eq!(plan.count(FrameStage::PROJECT), 0);
@@ -92,7 +94,7 @@ fn changed_light_color_projects_nothing() {
 
 #[test]
 fn changed_occluder_runs_transport() {
-    let mut state = at_rest();
+    let mut state = static_state();
     state.scenes[0].occluders_changed = 1;
     let plan = plan_frame(&state);
     assert_eq!(
@@ -112,7 +114,7 @@ fn changed_settings_or_removed_light_run_transport() {
         ),
         (|s| s.stale = true, RunReason::LightRemoved),
     ] {
-        let mut state = at_rest();
+        let mut state = static_state();
         set(&mut state.scenes[0]);
         let plan = plan_frame(&state);
         assert_eq!(plan.count(FrameStage::PROJECT), 0);
@@ -124,7 +126,10 @@ fn changed_settings_or_removed_light_run_transport() {
 fn empty_plan_runs_no_pass() {
     type Change = fn(&mut FrameState);
     let cases: [(Change, SkipReason); 7] = [
-        (|s| s.device_able = false, SkipReason::DeviceUnable),
+        (
+            |s| s.is_device_supported = false,
+            SkipReason::DeviceUnsupported,
+        ),
         (|s| s.scenes[0].loaded = false, SkipReason::AssetMissing),
         (|s| s.scenes[0].shown = false, SkipReason::Hidden),
         (|s| s.views.clear(), SkipReason::NotInView),
@@ -145,7 +150,7 @@ fn empty_plan_runs_no_pass() {
         // Neither for a scene on the device with a light that moved, nor for one that was never
         // uploaded.
         for resident in [true, false] {
-            let mut state = at_rest();
+            let mut state = static_state();
             state.scenes[0].resident = resident;
             state.scenes[0].slots[0] = SlotChange::Geometry;
             change(&mut state);
@@ -162,12 +167,12 @@ fn disabled_view_or_view_without_gbuffer_runs_no_pass() {
         |v: &mut ViewState| v.enabled = false,
         |v: &mut ViewState| v.has_gbuffer = false,
     ] {
-        let mut state = at_rest();
+        let mut state = static_state();
         change(&mut state.views[0]);
         assert!(plan_frame(&state).is_empty());
     }
     // The disabled view is named next to a view that shows the scene.
-    let mut state = at_rest();
+    let mut state = static_state();
     state.views.push(ViewState {
         enabled: false,
         ..view(8, &[A])
@@ -182,7 +187,7 @@ fn disabled_view_or_view_without_gbuffer_runs_no_pass() {
 
 #[test]
 fn new_bake_runs_all_passes_once_and_views_composite_visible_scenes() {
-    let mut state = at_rest();
+    let mut state = static_state();
     state.scenes[0].resident = false;
     // The device holds no scene. Lights that are on are new to it, and lights that are off need no
     // projection.
@@ -213,12 +218,13 @@ fn new_bake_runs_all_passes_once_and_views_composite_visible_scenes() {
 }
 
 /// A light that draws two maps for view 7, without any baked scene.
-fn something_moves() -> FrameState {
+fn state_with_dynamic_objects() -> FrameState {
     FrameState {
         views: vec![view(7, &[])],
         bounces: vec![BounceState {
             id: LightId(5, 0),
             maps: Ok(2),
+            texels_per_map: 64 * 64,
             views: vec![ViewId(7)],
         }],
         ..FrameState::default()
@@ -227,7 +233,7 @@ fn something_moves() -> FrameState {
 
 #[test]
 fn dynamic_objects_need_no_bake() {
-    let plan = plan_frame(&something_moves());
+    let plan = plan_frame(&state_with_dynamic_objects());
     assert_eq!(
         stages(&plan),
         [FrameStage::RSM, FrameStage::VPL, FrameStage::COMPOSITE]
@@ -237,6 +243,10 @@ fn dynamic_objects_need_no_bake() {
         plan.of_light(LightId(5, 0)).next().unwrap().reason,
         RunReason::Moving(2)
     );
+    let timed = plan.of_light(LightId(5, 0)).next().unwrap().timing.unwrap();
+    assert_eq!(timed.span(), "rsm_5_0");
+    let cost = plan.costs.iter().find(|(scope, _)| *scope == timed);
+    assert_eq!(cost.unwrap().1.work, Work::Texels(2 * 64 * 64));
     let words = plan.to_string();
     assert!(words.contains("rsm of light 5.0 (rsm): dynamic objects are in range"));
     assert!(
@@ -247,9 +257,9 @@ fn dynamic_objects_need_no_bake() {
 
 #[test]
 fn specular_runs_where_requested_with_dynamic_objects() {
-    let mut state = something_moves();
+    let mut state = state_with_dynamic_objects();
     assert_eq!(plan_frame(&state).count(FrameStage::VPL_SPECULAR), 0);
-    state.views[0].gloss = true;
+    state.views[0].specular = true;
     let plan = plan_frame(&state);
     assert_eq!(
         stages(&plan),
@@ -267,8 +277,8 @@ fn specular_runs_where_requested_with_dynamic_objects() {
 
 #[test]
 fn static_reflectors_are_not_redrawn_and_stay_visible() {
-    let mut state = something_moves();
-    state.bounces_held = true;
+    let mut state = state_with_dynamic_objects();
+    state.virtual_lights_valid = true;
     let plan = plan_frame(&state);
     assert_eq!(stages(&plan), [FrameStage::VPL, FrameStage::COMPOSITE]);
     assert!(plan.bounces(LightId(5, 0)) && plan.of_light(LightId(5, 0)).next().is_none());
@@ -283,8 +293,8 @@ fn static_reflectors_are_not_redrawn_and_stay_visible() {
 
 #[test]
 fn moving_reflectors_are_drawn_once_and_composited_in_every_view() {
-    let mut state = at_rest();
-    state.bounces = something_moves().bounces;
+    let mut state = static_state();
+    state.bounces = state_with_dynamic_objects().bounces;
     assert_eq!(
         stages(&plan_frame(&state)),
         [
@@ -326,7 +336,10 @@ fn moving_reflectors_are_drawn_once_and_composited_in_every_view() {
 fn plan_without_reflectors_skips_rsm_with_reason() {
     type Change = fn(&mut FrameState);
     let cases: [(Change, SkipReason); 7] = [
-        (|s| s.device_able = false, SkipReason::DeviceUnable),
+        (
+            |s| s.is_device_supported = false,
+            SkipReason::DeviceUnsupported,
+        ),
         (
             |s| s.bounces[0].maps = Err(SkipReason::NothingMoves),
             SkipReason::NothingMoves,
@@ -344,21 +357,21 @@ fn plan_without_reflectors_skips_rsm_with_reason() {
         (|s| s.views[0].has_gbuffer = false, SkipReason::NotInView),
     ];
     for (change, why) in cases {
-        let mut state = something_moves();
+        let mut state = state_with_dynamic_objects();
         change(&mut state);
         let plan = plan_frame(&state);
         assert!(plan.is_empty(), "{why}: {plan}");
         assert_eq!(plan.dark, [(LightId(5, 0), why)]);
         assert!(plan.to_string().contains("skip maps of light 5.0"));
     }
-    let mut nobody_asks = something_moves();
+    let mut nobody_asks = state_with_dynamic_objects();
     nobody_asks.bounces.clear();
     assert!(plan_frame(&nobody_asks).is_empty());
 }
 
 #[test]
 fn buffers_are_released_after_delay_or_with_asset() {
-    let mut state = at_rest();
+    let mut state = static_state();
     state.views.clear();
     assert!(plan_frame(&state).release.is_empty());
     state.scenes[0].idle_frames = state.unload_after_frames;
@@ -370,7 +383,7 @@ fn buffers_are_released_after_delay_or_with_asset() {
 
 #[test]
 fn coefficients_are_read_back_only_on_request() {
-    let mut state = at_rest();
+    let mut state = static_state();
     assert_eq!(plan_frame(&state).count(FrameStage::READ_BACK), 0);
     state.scenes[0].read_back = true;
     assert_eq!(
@@ -381,7 +394,7 @@ fn coefficients_are_read_back_only_on_request() {
 
 #[test]
 fn plan_reports_octree_above_device_limit() {
-    let mut state = at_rest();
+    let mut state = static_state();
     assert!(plan_frame(&state).linked.is_empty());
     let why = FmmLimit::Order { have: 6, need: 9 };
     state.scenes[0].no_octree = Some(why);
@@ -424,7 +437,7 @@ fn extracted() -> ExtractedScene {
         ..Recipe::default()
     };
     let bake = bake_scene(
-        &mesh_of_quads(&cornell_box()),
+        &TriangleMesh::from_quads(&Quad::cornell_box()),
         &recipe,
         0,
         &Progress::default(),
@@ -446,9 +459,9 @@ fn extracted() -> ExtractedScene {
     }
 }
 
-/// Plans and records a frame of a new scene with a table of effects. Returns the plan, and the sum
-/// of the scene's irradiance.
-fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (Plan, f32) {
+/// Plans and records a frame of a new scene with a table of effects. Returns the plan, the sum of
+/// the scene's irradiance, and the number of buffers that the effects keep.
+fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (Plan, f32, u32) {
     let bake = scene.bake.clone().expect("a bake");
     let mut runtime = SceneRuntime::new(bake.clone());
     let light_source = FrameLight::expand(
@@ -481,30 +494,33 @@ fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (
                 encoder,
                 scene,
                 volumes: &volumes,
-                read_back: None,
+                coefficients: &SharedCoefficients::default(),
+                earlier: EffectStates::default(),
                 runtime: &mut runtime,
             };
             record_scene(effects, &plan, &mut ctx, None).expect("recorded");
         })
         .expect("a frame");
+    let (buffers, _) = runtime.states.size();
     let frame = runtime.frame.expect("uploaded");
     let values = frame.buffers().output(gpu::Pass::Apply).expect("values");
     let count = (values.size() / 4) as usize;
     let values: Vec<f32> = device.read(values, count).expect("read");
-    (plan, values.iter().map(|v| v.abs()).sum())
+    (plan, values.iter().map(|v| v.abs()).sum(), buffers)
 }
 
 /// A table of effects with `blackout.rs` as one more row. The effect is planned with a reason,
-/// priced by its work, counted, and recorded in order with the passes of the other effects.
+/// priced by its work, counted, and recorded in order with the passes of the other effects. Its
+/// buffer is kept and counted.
 #[test]
-fn an_effect_is_one_file_and_one_row() {
+fn effect_row_is_planned_counted_and_recorded() {
     let rows = EFFECTS.iter().copied().chain([blackout::EFFECT]);
     let table: Vec<Effect> = rows.collect();
     let (scene, device) = (extracted(), HeadlessDevice::new().expect("a device"));
-    let (_, lit) = run(EFFECTS, &scene, &device);
-    let (mut plan, dark) = run(&table, &scene, &device);
+    let (_, lit, without) = run(EFFECTS, &scene, &device);
+    let (mut plan, dark, buffers) = run(&table, &scene, &device);
     assert!(lit > 0.0, "{lit}");
-    assert_eq!(dark, 0.0);
+    assert_eq!((dark, buffers), (0.0, without + 1));
 
     let pass = pass_of(&plan, blackout::BLACKOUT, A).clone();
     assert_eq!(
@@ -522,7 +538,7 @@ fn an_effect_is_one_file_and_one_row() {
         costs.record_plan(&plan);
         costs.record_time(scope, 2.0);
     }
-    costs.price(&mut plan);
+    costs.write_costs(&mut plan);
     let cost = plan.cost_of(&pass).expect("it is priced");
     assert!(matches!(cost.work, Work::Rays(n) if n > 0));
     assert_eq!(cost.predicted, Some(2.0));

@@ -90,7 +90,7 @@ fn uses_octree(scene: &SceneState) -> bool {
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes() {
-        note_selections(scene, plan);
+        add_selections(scene, plan);
         let Some(reason) = solve_reason(scene) else {
             plan.skipped.push((scene.id, None, SkipReason::AtRest));
             continue;
@@ -102,7 +102,7 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 }
 
 /// Adds the selections of tier, channels, reflections and sky to the plan.
-fn note_selections(scene: &SceneState, plan: &mut Plan) {
+fn add_selections(scene: &SceneState, plan: &mut Plan) {
     if let Some(picked) = &scene.tier {
         plan.tiers.push((scene.id, picked.clone()));
     }

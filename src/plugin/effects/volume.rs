@@ -8,10 +8,14 @@ use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{KernelPipelines, VolumeBuffers};
 use crate::plan::{
-    FrameStage, FrameState, Plan, RunReason, SceneId, SkipReason, VolumeState, Work,
+    FrameStage, FrameState, Plan, RunReason, SceneId, SceneState, SkipReason, VolumeState, Work,
 };
+use crate::plugin::effect_states::EffectState;
+use crate::plugin::extract::ExtractedScene;
+use crate::plugin::observe::ExtractedWorld;
 use crate::plugin::record::SceneContext;
 use crate::plugin::render_state::SceneRuntime;
+use crate::plugin::transform::SimilarityTransform;
 use crate::plugin::volume::{ExtractedVolume, ExtractedVolumes};
 use bevy::log::warn;
 use bevy::math::Mat4;
@@ -45,7 +49,7 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in (state.active_scenes()).filter(|s| s.volume.requested && s.volume.is_visible) {
         let reason = match solve_reason(scene) {
             _ if !scene.probes => {
-                plan.skipped.push((scene.id, None, SkipReason::NoFreeSpace));
+                plan.skipped.push((scene.id, None, SkipReason::NoProbes));
                 continue;
             }
             Some(reason) => reason,
@@ -64,20 +68,48 @@ const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 pub(crate) type VolumeTarget = (VolumeParams, wgpu::TextureView);
 
 /// Volume that a scene is to have.
-pub(crate) struct VolumeRequest<'a> {
+struct VolumeRequest<'a> {
     volume: &'a ExtractedVolume,
-    pub target: VolumeTarget,
+    target: VolumeTarget,
 }
 
 impl<'a> VolumeRequest<'a> {
     /// Finds the volume of a scene. `None` if it has none.
-    pub fn new(world: &'a ExtractedVolumes, id: SceneId, local_from_world: &Mat4) -> Option<Self> {
+    fn new(world: &'a ExtractedVolumes, id: SceneId, local_from_world: &Mat4) -> Option<Self> {
         let volume = world.find(id)?;
         let params = VolumeParams::new(volume.shape(), local_from_world);
         Some(Self {
             volume,
             target: (params, volume.texture.clone()),
         })
+    }
+}
+
+/// Returns `true` if a camera shows the scene by its volume, or fog in it.
+pub(crate) fn is_visible(world: &ExtractedVolumes, id: SceneId) -> bool {
+    world.find(id).is_some_and(|volume| volume.is_visible)
+}
+
+/// Describes the volume of a scene in view. Releases it if the scene has none.
+pub(crate) fn observe(
+    runtime: &mut SceneRuntime,
+    scene: &ExtractedScene,
+    placement: &SimilarityTransform,
+    world: &ExtractedWorld,
+    state: &mut SceneState,
+) {
+    match VolumeRequest::new(&world.volumes, scene.id, &placement.matrix()) {
+        Some(requested) => {
+            let volume = runtime.states.get_or_default::<SceneVolume>();
+            state.volume = VolumeState {
+                held: !runtime.changes.volume_changed(&requested.target),
+                ..volume.describe(&requested)
+            };
+        }
+        None => {
+            runtime.states.take::<SceneVolume>();
+            runtime.changes.volume = None;
+        }
     }
 }
 
@@ -93,7 +125,7 @@ pub(crate) struct SceneVolume {
 
 impl SceneVolume {
     /// Describes a volume for the plan. The change detector completes the description.
-    pub fn describe(&self, requested: &VolumeRequest<'_>) -> VolumeState {
+    fn describe(&self, requested: &VolumeRequest<'_>) -> VolumeState {
         let shape = *requested.volume.shape();
         VolumeState {
             requested: self.refused != Some(shape),
@@ -103,15 +135,10 @@ impl SceneVolume {
         }
     }
 
-    /// Returns `true` if a camera shows the scene by its volume, or fog in it.
-    pub fn is_visible(world: &ExtractedVolumes, id: SceneId) -> bool {
-        world.find(id).is_some_and(|v| v.is_visible)
-    }
-
     /// Continues the search for the volume's weights, and records its voxels once all are found.
     fn record(ctx: &mut SceneContext<'_>) {
         let SceneRuntime {
-            volume,
+            states,
             frame,
             bake,
             changes,
@@ -128,6 +155,7 @@ impl SceneVolume {
         else {
             return;
         };
+        let volume = states.get_or_default::<Self>();
         volume.prepare(*extracted.shape(), bake, ctx.kernels, ctx.queue);
         if let Some(buffers) = &volume.buffers {
             let (params, texture) = &target;
@@ -172,9 +200,10 @@ impl SceneVolume {
             }
         }
     }
+}
 
-    /// Buffers, and bytes of them and the texture.
-    pub fn size(&self) -> (u32, u64) {
+impl EffectState for SceneVolume {
+    fn size(&self) -> (u32, u64) {
         let Some(buffers) = &self.buffers else {
             return (0, 0);
         };
@@ -186,15 +215,13 @@ impl SceneVolume {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{
-        DisplayUse, SceneId, SceneState, SlotChange, ViewId, ViewState, VolumeState,
-    };
+    use crate::plan::{DisplayUse, SceneId, SlotChange, ViewId, ViewState, VolumeState};
     use crate::plugin::effects::{pass_of, plan_frame};
 
     const A: SceneId = SceneId(1);
 
     /// Returns a scene on the device with probes, and no view with a G-buffer.
-    fn at_rest() -> FrameState {
+    fn static_state() -> FrameState {
         FrameState {
             scenes: vec![SceneState {
                 resident: true,
@@ -209,7 +236,7 @@ mod tests {
     fn deferred() -> ViewState {
         ViewState {
             id: ViewId(3),
-            gloss: false,
+            specular: false,
             lit: true,
             enabled: true,
             has_gbuffer: true,
@@ -225,7 +252,7 @@ mod tests {
 
     #[test]
     fn probe_passes_run_for_bakes_with_probes() {
-        let mut state = at_rest();
+        let mut state = static_state();
         state.views.push(deferred());
         state.scenes[0].probes = false;
         assert_eq!(stages(&state), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
@@ -252,7 +279,7 @@ mod tests {
 
     #[test]
     fn volume_is_written_on_light_change() {
-        let mut state = at_rest();
+        let mut state = static_state();
         // Without a volume and a camera.
         assert_eq!(stages(&state), []);
         assert_eq!(
@@ -301,7 +328,7 @@ mod tests {
         state.scenes[0].probes = false;
         state.scenes[0].volume.held = false;
         assert_eq!(stages(&state), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
-        let why = (A, None, SkipReason::NoFreeSpace);
+        let why = (A, None, SkipReason::NoProbes);
         assert!(plan_frame(&state).skipped.contains(&why));
     }
 }

@@ -4,10 +4,12 @@
 //! Kernel: `vpl_specular`; the draw `composite`.
 
 use super::display::draw_over_picture;
-use super::{Effect, PassKind, Record, Recording, rsm};
+use super::rsm::{self, Reflections};
+use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{Draw, GpuError, NodeLights, SpecularBuffers, SubsplatTargets};
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
+use crate::plugin::effect_states::EffectState;
 use crate::plugin::record::ViewContext;
 use crate::plugin::view_state::screen_texture;
 use bevy::log::warn_once;
@@ -31,7 +33,7 @@ pub(super) const EFFECT: Effect = Effect {
 };
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
-    for view in state.views.iter().filter(|view| view.gloss) {
+    for view in state.views.iter().filter(|view| view.specular) {
         if rsm::lights_view(state, view) {
             let (stage, reason) = (FrameStage::VPL_SPECULAR, RunReason::InView);
             plan.push(EFFECT.name, stage, SceneId::WORLD, reason).view = Some(view.id);
@@ -39,12 +41,9 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) {
-    let settings = ctx.input.camera.gloss.map(|s| s.0);
-    let reflections = ctx.reflections.as_deref();
-    let (Some(settings), Some(reflections)) = (settings, reflections) else {
-        return;
-    };
+fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) -> Option<()> {
+    let settings = ctx.input.camera.specular.map(|s| s.0)?;
+    let reflections = ctx.world_states.get::<Reflections>()?;
     let surfaces = ctx.input.surfaces;
     let (screen, params) = settings.params(
         surfaces.clip_from_view().inverse(),
@@ -52,12 +51,12 @@ fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) {
         surfaces.viewport(),
         surfaces.size,
     );
-    let (device, before) = (ctx.kernels.device(), ctx.specular.take());
+    let (device, before) = (ctx.kernels.device(), ctx.earlier.take());
     let mut view = match ViewSpecular::fit(before, device, ctx.queue, &screen) {
         Ok(view) => view,
         Err(error) => {
             warn_once!("a view shows no specular reflections: {error}");
-            return;
+            return Some(());
         }
     };
     let lights = reflections.view_lights(ctx.input, ctx.scenes, &ctx.layers);
@@ -83,7 +82,8 @@ fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) {
     ctx.counters
         .add(&view.buffers.counters().difference_from(&before));
     draw_over_picture(ctx, Draw::Specular, &view.radiance);
-    ctx.runtime.specular = Some(view);
+    ctx.runtime.states.insert(view);
+    Some(())
 }
 
 /// Buffers and the texture of a view.
@@ -127,9 +127,10 @@ impl ViewSpecular {
             size: levels.size,
         })
     }
+}
 
-    /// Number of buffers, and bytes of buffers and texture.
-    pub fn size(&self) -> (u32, u64) {
+impl EffectState for ViewSpecular {
+    fn size(&self) -> (u32, u64) {
         let texture = 8 * u64::from(self.size[0]) * u64::from(self.size[1]);
         let own = self.view.size() + self.lit.size();
         (

@@ -38,7 +38,7 @@ struct Piece {
 }
 
 /// A texture and its hash.
-struct Hashed {
+struct HashedTexture {
     texture: Texture,
     hash: [u8; 32],
 }
@@ -95,7 +95,7 @@ pub(super) fn assemble(
 }
 
 /// The textures of all materials, by image and encoding.
-struct Textures(HashMap<(usize, Encoding), Hashed>);
+struct Textures(HashMap<(usize, Encoding), HashedTexture>);
 
 impl Textures {
     fn read(collected: &Collected) -> Self {
@@ -113,7 +113,7 @@ impl Textures {
                     let mut hasher = blake3::Hasher::new();
                     texture.add_to_hash(&mut hasher);
                     let hash = *hasher.finalize().as_bytes();
-                    all.insert(key, Hashed { texture, hash });
+                    all.insert(key, HashedTexture { texture, hash });
                 }
             }
         }
@@ -121,7 +121,7 @@ impl Textures {
     }
 
     /// The textures of a material.
-    fn textures_of(&self, surface: &SurfaceMaterial) -> [Option<&Hashed>; 3] {
+    fn textures_of(&self, surface: &SurfaceMaterial) -> [Option<&HashedTexture>; 3] {
         std::array::from_fn(|k| self.0.get(&(surface.textures[k]?.image, ENCODINGS[k])))
     }
 }

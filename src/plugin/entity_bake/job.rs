@@ -129,7 +129,7 @@ fn load(
     }
 }
 
-fn not_saved(path: &Path, reason: String) -> Warning {
+fn save_warning(path: &Path, reason: String) -> Warning {
     Warning::NotSaved {
         path: path.into(),
         reason,
@@ -145,7 +145,7 @@ fn check(path: &Path) -> Option<Warning> {
         .map_or(Ok(()), std::fs::create_dir_all)
         .and_then(|()| check_writable(path))
         .err()
-        .map(|error| not_saved(path, error.to_string()))
+        .map(|error| save_warning(path, error.to_string()))
 }
 
 /// Writes the bake.
@@ -154,5 +154,5 @@ fn save(path: &Path, scene: &BakedScene) -> Option<Warning> {
     bytes
         .and_then(|bytes| write_file(path, &bytes).map_err(|error| error.to_string()))
         .err()
-        .map(|reason| not_saved(path, reason))
+        .map(|reason| save_warning(path, reason))
 }

@@ -52,7 +52,6 @@ use std::path::PathBuf;
 /// else the asset path, else `material N`), and `GiDynamicMaterials` is inserted with all of them,
 /// so that indirect light follows the assets.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
-#[reflect(opaque)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[component(on_insert = restart, on_remove = cancel)]
 #[require(Transform, Visibility)]

@@ -38,11 +38,11 @@ pub(crate) fn has_comparison(
     let Some(server) = server else {
         return false;
     };
-    (roots.iter()).any(|root| wants_comparison(root, &bakes, &server))
+    (roots.iter()).any(|root| needs_comparison(root, &bakes, &server))
 }
 
 /// Returns `true` if a root has a loaded bake of entities that was not compared with its meshes.
-fn wants_comparison(
+fn needs_comparison(
     (_, gi, comparison, is_requested): (Entity, &GiScene, Option<&BakeComparison>, bool),
     bakes: &Assets<GiBakedScene>,
     server: &AssetServer,
@@ -66,7 +66,7 @@ pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'sta
     };
     let mut open = Vec::new();
     for root in roots.query(world) {
-        if wants_comparison(root, bakes, server) {
+        if needs_comparison(root, bakes, server) {
             open.push((root.0, root.1.0.clone()));
         }
     }

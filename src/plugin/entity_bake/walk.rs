@@ -53,7 +53,7 @@ pub(super) fn walk(world: &World, root: Entity) -> Walk {
         let Ok(entity) = world.get_entity(entity) else {
             continue;
         };
-        if entity.id() != root && is_left_out(entity) {
+        if entity.id() != root && is_excluded(entity) {
             continue;
         }
         let node = walk.nodes.len() as u32;
@@ -113,7 +113,7 @@ fn is_point_cloud(_: EntityRef) -> bool {
 }
 
 /// Returns `true` if the bake excludes an entity below the root and its descendants.
-fn is_left_out(entity: EntityRef) -> bool {
+fn is_excluded(entity: EntityRef) -> bool {
     entity.contains::<GiBakeExclude>()
         || entity.contains::<GiReflector>()
         || entity.contains::<GiScene>()

@@ -1,15 +1,19 @@
 //! Passes of a light's reflective shadow maps, in the camera of each map.
 
+use super::{FramePoint, Recorder};
 use crate::gpu::KernelPipelines;
 use crate::plan::{LightId, Pass, Plan, SceneId, kind_of};
-use crate::plugin::effects::rsm::{MapChanges, Reflections};
+use crate::plugin::effect_states::EffectStates;
+use crate::plugin::effects::rsm::MapChanges;
 use crate::plugin::effects::{Effect, Record};
 use crate::plugin::extract::ExtractedGi;
+use crate::plugin::gpu_timings::map_spans;
 use crate::plugin::render_state::SceneRuntime;
-use crate::plugin::rsm::AskingLight;
+use crate::plugin::rsm::RsmRequest;
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
+use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_phase::BinnedRenderPhase;
 use bevy::render::renderer::RenderContext;
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
@@ -17,6 +21,7 @@ use std::collections::BTreeMap;
 
 /// Camera of a map, and the meshes that it draws.
 pub(crate) struct MapDrawContext<'a, 'w, 's> {
+    pub map: MapOfLight<'a>,
     /// Render world, as Bevy's draw functions read it.
     pub world: &'a World,
     /// Camera in the render world.
@@ -31,7 +36,7 @@ pub(crate) struct MapDrawContext<'a, 'w, 's> {
 /// A map of a light.
 #[derive(Clone, Copy)]
 pub(crate) struct MapOfLight<'a> {
-    pub light: &'a AskingLight,
+    pub light: &'a RsmRequest,
     /// Index of the map among the maps of the light.
     pub index: usize,
     /// Number of the light's maps.
@@ -51,7 +56,8 @@ pub(crate) struct MapReadContext<'a> {
     pub complete: bool,
     pub world: &'a ExtractedGi,
     pub scenes: &'a BTreeMap<SceneId, SceneRuntime>,
-    pub reflections: &'a mut Reflections,
+    /// States of the effects that belong to no scene and no view.
+    pub states: &'a mut EffectStates,
     pub changes: &'a mut MapChanges,
 }
 
@@ -75,10 +81,16 @@ pub(crate) fn read_light_map(
     plan: &Plan,
     light: LightId,
     ctx: &mut MapReadContext<'_>,
+    recorder: Recorder<'_>,
 ) {
     for pass in plan.of_light(light) {
         if let Some(Record::LightMap { read, .. }) = how(effects, pass) {
+            let whole = recorder.time_span(ctx.encoder, FramePoint::LightMaps.span());
+            let [_, name] = map_spans(pass, ctx.map.index);
+            let span = recorder.time_span(ctx.encoder, name);
             read(ctx, pass);
+            span.end(ctx.encoder);
+            whole.end(ctx.encoder);
         }
     }
 }

@@ -28,6 +28,7 @@ pub(crate) use view::{Layer, Picture, Surfaces, ViewContext, ViewInput, record_v
 
 use super::effects::{Effect, Record};
 use crate::plan::{Pass, Plan, TimingScope, ViewId, kind_of};
+use bevy::log::warn_once;
 use bevy::math::Mat4;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::diagnostic::{DiagnosticsRecorder, RecordDiagnostics};
@@ -80,6 +81,13 @@ fn passes_of_view<'a>(
     let recorded = |pass| Some((pass, &kind_of(effects, pass)?.record.how));
     let passes = plan.of_view(view).filter_map(recorded);
     passes.filter(move |(_, how)| how.point() == point)
+}
+
+/// Reports a pass that was planned but lacked an input. `recorded` is `None` for such a pass.
+fn report_missing(recorded: Option<()>, pass: &Pass) {
+    if recorded.is_none() {
+        warn_once!("a planned pass was not recorded, an input is missing: {pass}");
+    }
 }
 
 /// Returns `true` if passes of a view are recorded at a point of the frame.

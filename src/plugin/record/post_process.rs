@@ -1,8 +1,9 @@
 //! Passes of a view's post-processing.
 
-use super::{FramePoint, Spans, passes_of_view};
-use crate::gpu::{FogBuffers, GpuCounters, KernelPipelines};
+use super::{FramePoint, Spans, passes_of_view, report_missing};
+use crate::gpu::{GpuCounters, KernelPipelines};
 use crate::plan::{Pass, SceneId, ViewId};
+use crate::plugin::effect_states::EffectStates;
 use crate::plugin::effects::Record;
 use crate::plugin::extract::ExtractedGi;
 use crate::plugin::fog::ExtractedFogs;
@@ -56,10 +57,10 @@ pub(crate) struct PostProcessContext<'a> {
     pub view: &'a PostProcessView<'a>,
     pub world: &'a PostProcessWorld<'a>,
     pub scenes: &'a BTreeMap<SceneId, SceneRuntime>,
-    /// Buffers of an earlier frame. They are released if no pass uses them.
-    pub fog: Option<FogBuffers>,
-    /// Buffers of the views' fog.
-    pub fogs: &'a mut BTreeMap<ViewId, FogBuffers>,
+    /// States of an earlier frame. Those that no pass takes are released.
+    pub earlier: EffectStates,
+    /// States of the effects in the view.
+    pub states: &'a mut EffectStates,
     /// Counters of the buffers that belong to no scene.
     pub counters: &'a mut GpuCounters,
 }
@@ -75,10 +76,11 @@ pub(crate) fn record_post_process(
 ) {
     let point = FramePoint::PostProcess;
     let passes: Vec<_> = passes_of_view(render.effects, &render.plan, view.id, point).collect();
-    let fog = render.fogs.remove(&view.id);
     let Some(kernels) = render.kernels.as_ref().filter(|_| !passes.is_empty()) else {
         return;
     };
+    let states = render.post_process.entry(view.id).or_default();
+    let earlier = std::mem::take(states);
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let encoder = ctx.command_encoder();
@@ -91,8 +93,8 @@ pub(crate) fn record_post_process(
         view,
         world,
         scenes: &render.scenes,
-        fog,
-        fogs: &mut render.fogs,
+        earlier,
+        states,
         counters: &mut render.retired,
     };
     for group in passes.chunk_by(|(a, _), (b, _)| a.stage == b.stage) {
@@ -100,7 +102,7 @@ pub(crate) fn record_post_process(
         if let Record::PostProcess(record) = how {
             let passes: Vec<&Pass> = group.iter().map(|(pass, _)| *pass).collect();
             spans.enter(ctx.encoder, first.timing);
-            record(&mut ctx, &passes);
+            report_missing(record(&mut ctx, &passes), first);
         }
     }
     spans.enter(ctx.encoder, None);

@@ -3,9 +3,10 @@
 use super::{Recorder, Spans};
 use crate::gpu::{GpuError, KernelPipelines};
 use crate::plan::{Plan, kind_of};
+use crate::plugin::effect_states::EffectStates;
 use crate::plugin::effects::{Effect, Record};
 use crate::plugin::extract::ExtractedScene;
-use crate::plugin::readback::CoefficientReadback;
+use crate::plugin::readback::SharedCoefficients;
 use crate::plugin::render_state::SceneRuntime;
 use crate::plugin::volume::ExtractedVolumes;
 
@@ -17,8 +18,10 @@ pub(crate) struct SceneContext<'a> {
     /// The scene as extracted from the main world.
     pub scene: &'a ExtractedScene,
     pub volumes: &'a ExtractedVolumes,
-    /// Copy of an earlier frame. It is released if no pass uses it.
-    pub read_back: Option<CoefficientReadback>,
+    /// Coefficients on the CPU.
+    pub coefficients: &'a SharedCoefficients,
+    /// Transient states of an earlier frame. Those that no pass takes are released.
+    pub earlier: EffectStates,
     pub runtime: &'a mut SceneRuntime,
 }
 

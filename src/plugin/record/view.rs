@@ -1,11 +1,9 @@
 //! Passes of a view's main pass.
 
-use super::{FramePoint, Recorder, Spans, passes_of_view};
+use super::{FramePoint, Recorder, Spans, passes_of_view, report_missing};
 use crate::gpu::{GpuCounters, KernelPipelines};
 use crate::plan::{DisplayUse, Pass, SceneId};
-use crate::plugin::effects::rsm::Reflections;
-use crate::plugin::effects::subtract_shadow::ViewShadow;
-use crate::plugin::effects::vpl_specular::ViewSpecular;
+use crate::plugin::effect_states::EffectStates;
 use crate::plugin::effects::{Record, display};
 use crate::plugin::extract::{ExtractedGi, ExtractedGiView};
 use crate::plugin::render_state::{GiRender, SceneRuntime};
@@ -84,13 +82,13 @@ pub(crate) struct ViewContext<'a> {
     pub encoder: &'a mut wgpu::CommandEncoder,
     pub input: &'a ViewInput<'a>,
     pub scenes: &'a mut BTreeMap<SceneId, SceneRuntime>,
-    pub reflections: Option<&'a mut Reflections>,
+    /// States of the effects that belong to no scene and no view.
+    pub world_states: &'a mut EffectStates,
     /// Pixels at which the plan evaluates irradiance. `None` if it evaluates none.
     pub display: Option<DisplayUse>,
     pub runtime: &'a mut ViewRuntime,
-    /// Buffers of an earlier frame. They are released if no pass uses them.
-    pub specular: Option<ViewSpecular>,
-    pub shadow: Option<ViewShadow>,
+    /// States of an earlier frame. Those that no pass takes are released.
+    pub earlier: EffectStates,
     /// Counters of the buffers that belong to no scene.
     pub counters: &'a mut GpuCounters,
     /// The layers whose passes were recorded, in order.
@@ -101,7 +99,7 @@ pub(crate) struct ViewContext<'a> {
 
 impl ViewContext<'_> {
     /// The scene whose parameters the view's draws use.
-    pub fn lead(&self) -> SceneId {
+    pub fn primary_scene(&self) -> SceneId {
         let scene = self.layers.iter().find_map(|layer| match layer {
             Layer::Scene(id) => Some(*id),
             _ => None,
@@ -133,10 +131,9 @@ pub(crate) fn record_view(
         encoder,
         input,
         scenes: &mut render.scenes,
-        reflections: render.reflections.as_mut(),
+        world_states: &mut render.states,
         display: render.plan.display_of(id),
-        specular: runtime.specular.take(),
-        shadow: runtime.shadow.take(),
+        earlier: std::mem::take(&mut runtime.states),
         runtime,
         counters: &mut render.retired,
         layers: Vec::new(),
@@ -161,12 +158,12 @@ fn record_passes(passes: &[(&Pass, &Record)], ctx: &mut ViewContext<'_>, recorde
         spans.enter(ctx.encoder, first.timing);
         if let Record::View(record) = how {
             let passes: Vec<&Pass> = group.iter().map(|(pass, _)| *pass).collect();
-            record(ctx, &passes);
+            report_missing(record(ctx, &passes), first);
             continue;
         }
         for (pass, how) in group {
             if let Record::Layer(add) = how {
-                add(ctx, pass);
+                report_missing(add(ctx, pass), pass);
             }
         }
         display::evaluate_layers(ctx);

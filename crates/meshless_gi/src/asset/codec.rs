@@ -98,7 +98,7 @@ impl Field {
     }
 
     /// Inverts [`Self::step`].
-    fn walk(self, from: u32, step: u32) -> u32 {
+    fn undo_step(self, from: u32, step: u32) -> u32 {
         let d = (step >> 1) ^ (step & 1).wrapping_neg();
         if self.part == WordPart::Whole {
             from.wrapping_add(d)
@@ -185,7 +185,7 @@ impl Layout {
                 value[..bytes.len()].copy_from_slice(bytes);
                 let mut value = u32::from_le_bytes(value);
                 if field.delta {
-                    value = field.walk(*before, value);
+                    value = field.undo_step(*before, value);
                     *before = value;
                 }
                 field.put(&mut item[field.word], value);
@@ -239,7 +239,7 @@ fn from_columns<T: Pod>(raw: &[u8], count: usize, fields: &[Field]) -> Vec<T> {
                 value |= u32::from(column[byte * count + i]) << (8 * byte);
             }
             if field.delta {
-                value = field.walk(before, value);
+                value = field.undo_step(before, value);
                 before = value;
             }
             field.put(&mut item[field.word], value);
@@ -289,10 +289,10 @@ mod tests {
         let f = Field::word(0);
         for (from, to, step) in [(5, 6, 2), (6, 5, 1), (7, 7, 0)] {
             assert_eq!(f.step(from, to), step);
-            assert_eq!(f.walk(from, step), to);
+            assert_eq!(f.undo_step(from, step), to);
         }
         let h = Field::high(0);
         assert_eq!(h.step(0xffff, 0), 2);
-        assert_eq!(h.walk(0xffff, 2), 0);
+        assert_eq!(h.undo_step(0xffff, 2), 0);
     }
 }

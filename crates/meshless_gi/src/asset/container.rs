@@ -147,7 +147,7 @@ fn read_table<'a>(
         if entries.last().is_some_and(|e| e.kind.code >= code) {
             return Err(header(format!("section `{}` is out of order", kind.name)));
         }
-        let wrong = |problem: String| AssetError::Section {
+        let section_error = |problem: String| AssetError::Section {
             section: kind.name,
             problem,
         };
@@ -155,27 +155,29 @@ fn read_table<'a>(
         let compression = (u32_at(row, 4) >> 16) as u16;
         let (items, stored, raw) = (u64_at(row, 8), u64_at(row, 16), u64_at(row, 24));
         if version != kind.version {
-            return Err(wrong(format!(
+            return Err(section_error(format!(
                 "version {version}, expected {}",
                 kind.version
             )));
         }
         if items > kind.max || items.checked_mul(kind.raw) != Some(raw) {
-            return Err(wrong(format!("{items} items cannot be {raw} bytes")));
+            return Err(section_error(format!(
+                "{items} items cannot be {raw} bytes"
+            )));
         }
         let possible = match compression {
             STORED => raw == stored,
             LZ4 => raw <= stored.saturating_mul(LZ4_RATIO),
-            other => return Err(wrong(format!("unknown compression {other}"))),
+            other => return Err(section_error(format!("unknown compression {other}"))),
         };
         if !possible {
-            return Err(wrong(format!("{stored} bytes cannot hold {raw}")));
+            return Err(section_error(format!("{stored} bytes cannot hold {raw}")));
         }
         if u32_at(row, 36) != 0 {
-            return Err(wrong("a reserved field is not zero".into()));
+            return Err(section_error("a reserved field is not zero".into()));
         }
         if stored > rest.len() as u64 {
-            return Err(wrong(format!(
+            return Err(section_error(format!(
                 "{stored} bytes, but {} are left",
                 rest.len()
             )));
@@ -209,9 +211,9 @@ impl<'a> Container<'a> {
         if bytes.len() < MAGIC.len() || bytes[..MAGIC.len()] != MAGIC {
             return Err(AssetError::NotMgi);
         }
-        let cut = |needed: u64| AssetError::Truncated { needed, found };
+        let truncated = |needed: u64| AssetError::Truncated { needed, found };
         if bytes.len() < HEADER {
-            return Err(cut(HEADER as u64));
+            return Err(truncated(HEADER as u64));
         }
         let version = u32_at(bytes, 8);
         if version != VERSION {
@@ -227,7 +229,7 @@ impl<'a> Container<'a> {
         let start = HEADER + ENTRY * count as usize;
         let length = u64_at(bytes, 16);
         if found < length || bytes.len() < start {
-            return Err(cut(length.max(start as u64)));
+            return Err(truncated(length.max(start as u64)));
         }
         if found > length {
             return Err(header(format!("{} bytes behind the end", found - length)));

@@ -51,13 +51,13 @@ impl BakedScene {
 /// # Errors
 /// Errors of the operating system. The temporary file is then removed.
 pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let target = match writable_target(path)? {
+    let target = match resolve_target(path)? {
         Target::Device(device) => {
             return File::options().write(true).open(&device)?.write_all(bytes);
         }
         Target::File(target) => target,
     };
-    let (temporary, mut file) = create_beside(&target)?;
+    let (temporary, mut file) = create_temporary(&target)?;
     let written = file
         .write_all(bytes)
         .and_then(|()| file.sync_all())
@@ -74,9 +74,9 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// # Errors
 /// Errors of the operating system.
 pub fn check_writable(path: &Path) -> io::Result<()> {
-    match writable_target(path)? {
+    match resolve_target(path)? {
         Target::File(target) => {
-            let (temporary, _) = create_beside(&target)?;
+            let (temporary, _) = create_temporary(&target)?;
             std::fs::remove_file(temporary)
         }
         // Opening a pipe waits for its reader.
@@ -92,7 +92,7 @@ enum Target {
     Device(PathBuf),
 }
 
-fn writable_target(path: &Path) -> io::Result<Target> {
+fn resolve_target(path: &Path) -> io::Result<Target> {
     // Links are followed.
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     if let Ok(there) = target.metadata() {
@@ -113,7 +113,7 @@ fn writable_target(path: &Path) -> io::Result<Target> {
 }
 
 /// Creates a file with an unused name in the folder of `target`.
-fn create_beside(target: &Path) -> io::Result<(PathBuf, File)> {
+fn create_temporary(target: &Path) -> io::Result<(PathBuf, File)> {
     let name = target
         .file_name()
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not the name of a file"))?;

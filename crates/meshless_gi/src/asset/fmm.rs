@@ -7,7 +7,7 @@ use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::scene_data::{PointSurface, SceneData};
-use super::section_io::{broken, items, section};
+use super::section_io::{items, section, section_error};
 use super::sections::kind;
 use super::violation::Check;
 use crate::transport::fmm::lists::Entry;
@@ -45,7 +45,7 @@ const LENGTHS: Layout = Layout::columns(&[
     Field::word(3),
 ]);
 const ENTRY: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
-const PLACE: Layout = Layout::rows(&[
+const OCTREE_POINT: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
@@ -72,7 +72,7 @@ pub(super) const KINDS: [Kind; 5] = [
     Kind {
         // Validation marks the points that have a value.
         memory: size_of::<FmmOperatorPoint>() as u64 + 1,
-        ..kind::<FmmOperatorPoint>(33, "octree points", PLACE)
+        ..kind::<FmmOperatorPoint>(33, "octree points", OCTREE_POINT)
     },
 ];
 
@@ -88,7 +88,7 @@ pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Sect
         section(&kinds[1], NODE, &octree.nodes),
         section(&kinds[2], LENGTHS, &lengths),
         section(&kinds[3], ENTRY, &octree.entries),
-        section(&kinds[4], PLACE, &octree.points),
+        section(&kinds[4], OCTREE_POINT, &octree.points),
     ]
 }
 
@@ -101,13 +101,16 @@ pub(super) fn read(
 ) -> Result<Option<FmmOperator>, AssetError> {
     if !file.has(&kinds[0]) {
         return match kinds.iter().find(|k| file.has(k)) {
-            Some(kind) => Err(broken(kind, "is there, but the section `octree` is not")),
+            Some(kind) => Err(section_error(
+                kind,
+                "is there, but the section `octree` is not",
+            )),
             None => Ok(None),
         };
     }
     let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
     let [order, disks, level_starts @ ..] = shape.as_slice() else {
-        return Err(broken(
+        return Err(section_error(
             &kinds[0],
             format!("{} words, at least 3", shape.len()),
         ));
@@ -115,12 +118,17 @@ pub(super) fn read(
     let disks = match disks {
         0 => false,
         1 => true,
-        other => return Err(broken(&kinds[0], format!("{other} is neither yes nor no"))),
+        other => {
+            return Err(section_error(
+                &kinds[0],
+                format!("{other} is neither yes nor no"),
+            ));
+        }
     };
     let mut nodes: Vec<FmmNode> = items(file, &kinds[1], NODE)?;
     let lengths: Vec<[u32; 4]> = items(file, &kinds[2], LENGTHS)?;
     if nodes.len() != lengths.len() {
-        return Err(broken(
+        return Err(section_error(
             &kinds[2],
             format!("{} instead of {}", lengths.len(), nodes.len()),
         ));
@@ -131,12 +139,12 @@ pub(super) fn read(
         let mut ends = [0; 4];
         for (end, length) in ends.iter_mut().zip(length) {
             at = (at.checked_add(*length))
-                .ok_or_else(|| broken(&kinds[2], "the counts overflow"))?;
+                .ok_or_else(|| section_error(&kinds[2], "the counts overflow"))?;
             *end = at;
         }
         [node.local, node.multipole, node.near, node.finish] = ends;
     }
-    let mut points: Vec<FmmOperatorPoint> = items(file, &kinds[4], PLACE)?;
+    let mut points: Vec<FmmOperatorPoint> = items(file, &kinds[4], OCTREE_POINT)?;
     let receive = nodes.iter().filter(|n| n.is_leaf());
     for range in receive.map(|n| n.receivers..n.end) {
         // Validation reports ranges beyond the points.
@@ -187,7 +195,7 @@ impl SceneData {
             self.check_nodes(octree, check);
         }
         if check.0.is_empty() {
-            self.check_places(octree, check);
+            self.check_octree_points(octree, check);
         }
         if check.0.is_empty() {
             check_lists(octree, check);
@@ -271,7 +279,7 @@ impl SceneData {
                     });
                     at = list.end as u32;
                 }
-                if check.full() {
+                if check.is_full() {
                     return;
                 }
             }
@@ -288,9 +296,9 @@ impl SceneData {
     }
 
     /// Checks that every sender receives at one position, and that only senders emit.
-    fn check_places(&self, octree: &FmmOperator, check: &mut Check) {
+    fn check_octree_points(&self, octree: &FmmOperator, check: &mut Check) {
         let senders = self.senders();
-        let mut known = vec![false; senders];
+        let mut receiving = vec![false; senders];
         for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
             for i in node.points() {
                 let p = &octree.points[i];
@@ -314,8 +322,8 @@ impl SceneData {
                 let sound = (0.0..=MAX_FACTOR).contains(&p.factor);
                 check.item(sound, "octree points", i, || format!("factor {}", p.factor));
                 if node.receiver_range().contains(&i) {
-                    let fresh = known.get_mut(p.point as usize);
-                    let fresh = fresh.is_some_and(|known| !std::mem::replace(known, true));
+                    let fresh = receiving.get_mut(p.point as usize);
+                    let fresh = fresh.is_some_and(|receiving| !std::mem::replace(receiving, true));
                     check.item(fresh, "octree points", i, || {
                         format!(
                             "point {} of {senders} senders receives a second time",
@@ -327,12 +335,12 @@ impl SceneData {
                         "neither gives light nor receives".into()
                     });
                 }
-                if check.full() {
+                if check.is_full() {
                     return;
                 }
             }
         }
-        let dark = known.iter().position(|known| !known);
+        let dark = receiving.iter().position(|receiving| !receiving);
         check.whole(dark.is_none(), "octree points", || {
             format!("point {} receives nowhere", dark.unwrap_or(0))
         });
@@ -349,7 +357,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
     let nodes = &octree.nodes;
     let center = |n: &FmmNode| Vec3::from_array(n.center);
     let at = |i: usize| Vec3::from_array(octree.points[i].position);
-    let mut named = 0u64;
+    let mut listed = 0u64;
     for (t, node) in nodes.iter().enumerate() {
         for (which, list) in node.lists().into_iter().enumerate() {
             for e in list {
@@ -372,12 +380,12 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                 check.item(leaves, "octree entries", e, || {
                     format!("of node {t} and {} is for leaves", entry.source)
                 });
-                named += match which {
+                listed += match which {
                     1 => source.source_range().len() as u64,
                     2 => node.receiver_range().len() as u64,
                     _ => 0,
                 };
-                if named > MAX_NAMED {
+                if listed > MAX_NAMED {
                     check.item(false, "octree entries", e, || {
                         format!("more than {MAX_NAMED} points in lists of leaves")
                     });
@@ -406,7 +414,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     e,
                     || format!("sizes of {size} meet at a distance of {nearest}"),
                 );
-                if check.full() {
+                if check.is_full() {
                     return;
                 }
             }

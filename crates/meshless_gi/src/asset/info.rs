@@ -22,7 +22,7 @@ pub struct TierInfo {
 impl TierInfo {
     /// Returns the tiers of a scene, without measured errors.
     #[must_use]
-    pub fn all_of(scene: &SceneData) -> Vec<Self> {
+    pub fn from_scene(scene: &SceneData) -> Vec<Self> {
         let sizes = scene.tier_sizes().into_iter();
         sizes
             .map(|(rows, links)| Self {

@@ -12,7 +12,7 @@ pub(super) const POINT: Layout = Layout::rows(&[
     Field::word(6),
     Field::word(7).delta(),
 ]);
-pub(super) const PLACE: Layout = Layout::rows(&[
+pub(super) const LIGHT_SAMPLE: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),

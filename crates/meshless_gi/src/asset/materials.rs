@@ -7,8 +7,8 @@ use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::scene_data::SceneData;
-use super::section_io::{broken, counts, items, section, starts};
-use super::validate::{BRIGHTEST, TOLERANCE};
+use super::section_io::{counts, items, section, section_error, starts};
+use super::validate::{MAX_RADIOSITY, TOLERANCE};
 use super::violation::Check;
 use crate::scene::MaterialFactors;
 use crate::transport::SenderForm;
@@ -118,15 +118,15 @@ pub(super) const KINDS: [Kind; 4] = [
     },
 ];
 
-/// Returns the sections of `live`. `kinds` are the entries of [`KINDS`] in the table.
+/// Returns the sections of `materials`. `kinds` are the entries of [`KINDS`] in the table.
 pub(super) fn sections(
-    live: &DynamicMaterials,
+    materials: &DynamicMaterials,
     kinds: &'static [Kind],
 ) -> Result<Vec<Section>, AssetError> {
-    let names = ron::to_string(&live.names).map_err(|e| broken(&kinds[0], e))?;
+    let names = ron::to_string(&materials.names).map_err(|e| section_error(&kinds[0], e))?;
     if names.len() as u64 > kinds[0].max {
         let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].max);
-        return Err(broken(&kinds[0], found));
+        return Err(section_error(&kinds[0], found));
     }
     Ok(vec![
         Section {
@@ -134,9 +134,9 @@ pub(super) fn sections(
             items: names.len(),
             raw: names.into_bytes(),
         },
-        section(&kinds[1], FACTORS, &live.factors),
-        section(&kinds[2], COUNT, &counts(&live.starts)),
-        section(&kinds[3], SHARE, &live.shares),
+        section(&kinds[1], FACTORS, &materials.factors),
+        section(&kinds[2], COUNT, &counts(&materials.starts)),
+        section(&kinds[3], SHARE, &materials.shares),
     ])
 }
 
@@ -147,16 +147,16 @@ pub(super) fn read(
 ) -> Result<Option<DynamicMaterials>, AssetError> {
     let Some((_, names)) = file.section(&kinds[0])? else {
         return match kinds.iter().find(|k| file.has(k)) {
-            Some(kind) => Err(broken(
+            Some(kind) => Err(section_error(
                 kind,
                 "is there, but the section `material names` is not",
             )),
             None => Ok(None),
         };
     };
-    let names = std::str::from_utf8(&names).map_err(|e| broken(&kinds[0], e))?;
+    let names = std::str::from_utf8(&names).map_err(|e| section_error(&kinds[0], e))?;
     Ok(Some(DynamicMaterials {
-        names: ron::from_str(names).map_err(|e| broken(&kinds[0], e))?,
+        names: ron::from_str(names).map_err(|e| section_error(&kinds[0], e))?,
         factors: items(file, &kinds[1], FACTORS)?,
         starts: starts(file, &kinds[2])?,
         shares: items(file, &kinds[3], SHARE)?,
@@ -167,16 +167,18 @@ impl SceneData {
     /// Checks that every lookup of a frame stays within the arrays, and that no sender reflects
     /// more than it receives.
     pub(super) fn check_materials(&self, check: &mut Check) {
-        let Some(live) = &self.materials else { return };
+        let Some(materials) = &self.materials else {
+            return;
+        };
         let senders = self.senders();
-        let (starts, count) = (&live.starts, live.factors.len());
-        check.whole(live.names.len() == count, "material names", || {
-            format!("{} for {count} materials", live.names.len())
+        let (starts, count) = (&materials.starts, materials.factors.len());
+        check.whole(materials.names.len() == count, "material names", || {
+            format!("{} for {count} materials", materials.names.len())
         });
         let sound = starts.len() == senders + 1
             && starts.first() == Some(&0)
             && starts.is_sorted()
-            && starts.last().map(|&s| s as usize) == Some(live.shares.len());
+            && starts.last().map(|&s| s as usize) == Some(materials.shares.len());
         check.whole(sound, "material counts", || {
             "do not ascend over the senders to the end of the shares".into()
         });
@@ -186,9 +188,9 @@ impl SceneData {
         check.whole(live_form, "material shares", || {
             "are there, but the bake holds reflectance elsewhere".into()
         });
-        for (i, f) in live.factors.iter().enumerate() {
+        for (i, f) in materials.factors.iter().enumerate() {
             let within = |v: [f32; 3], max: f32| v.iter().all(|c| (0.0..=max).contains(c));
-            let sound = within(f.base_color, 1.0) && within(f.emissive, BRIGHTEST);
+            let sound = within(f.base_color, 1.0) && within(f.emissive, MAX_RADIOSITY);
             check.item(sound, "material factors", i, || format!("{f:?}"));
         }
         if !check.0.is_empty() {
@@ -196,9 +198,9 @@ impl SceneData {
         }
         for j in 0..senders {
             let mut sums = [0.0f32; 6];
-            for share in live.row(j) {
-                let known = (share.material as usize) < count;
-                check.item(known, "material shares", j, || {
+            for share in materials.row(j) {
+                let in_range = (share.material as usize) < count;
+                check.item(in_range, "material shares", j, || {
                     format!("material {} of {count}", share.material)
                 });
                 for (sum, v) in sums
@@ -211,7 +213,7 @@ impl SceneData {
             }
             let sound = sums.iter().all(|s| *s <= 1.0 + TOLERANCE);
             check.item(sound, "material shares", j, || format!("sum to {sums:?}"));
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }

@@ -6,11 +6,11 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
-use super::probes::LARGEST;
+use super::probes::MAX_PROBE_COEFFICIENT;
 use super::scene_data::SceneData;
-use super::section_io::{broken, items, section};
+use super::section_io::{items, section, section_error};
 use super::sections::kind;
-use super::validate::{LARGEST_ROW_SUM, TOLERANCE};
+use super::validate::{MAX_ROW_SUM, TOLERANCE};
 use super::violation::Check;
 use crate::scene::{Bvh, BvhTriangle};
 use crate::transport::{Link, PROBE_ROWS, PackedLinkTerm, Row, SenderForm, link_of_parts};
@@ -44,7 +44,7 @@ impl Occluders {
 }
 
 const SET: Layout = Layout::rows(&[Field::word(0), Field::word(1)]);
-const PASSAGE: Layout = Layout::columns(&[
+const LINK_TERM: Layout = Layout::columns(&[
     Field::word(0).delta(),
     Field::low(1),
     Field::high(1),
@@ -68,8 +68,8 @@ pub(super) const KINDS: [Kind; 5] = [
         max: PackedLinkTerm::MAX_SETS as u64,
         ..kind::<u64>(52, "occluder sets", SET)
     },
-    kind::<PackedLinkTerm>(53, "passages", PASSAGE),
-    kind::<PackedLinkTerm>(54, "probe passages", PASSAGE),
+    kind::<PackedLinkTerm>(53, "passages", LINK_TERM),
+    kind::<PackedLinkTerm>(54, "probe passages", LINK_TERM),
 ];
 
 /// Returns the sections of `occluders`. Their triangles are the last of `bvh`. `kinds` are the
@@ -79,10 +79,10 @@ pub(super) fn sections(
     bvh: &Bvh,
     kinds: &'static [Kind],
 ) -> Result<Vec<Section>, AssetError> {
-    let names = ron::to_string(&occluders.names).map_err(|e| broken(&kinds[0], e))?;
+    let names = ron::to_string(&occluders.names).map_err(|e| section_error(&kinds[0], e))?;
     if names.len() as u64 > kinds[0].max {
         let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].max);
-        return Err(broken(&kinds[0], found));
+        return Err(section_error(&kinds[0], found));
     }
     let triangles = &bvh.triangles[bvh.first_occluder()..];
     let numbers: Vec<u32> = triangles.iter().map(|t| t.occluder).collect();
@@ -94,8 +94,8 @@ pub(super) fn sections(
         },
         section(&kinds[1], COUNT, &numbers),
         section(&kinds[2], SET, &occluders.sets),
-        section(&kinds[3], PASSAGE, &occluders.links),
-        section(&kinds[4], PASSAGE, &occluders.probes),
+        section(&kinds[3], LINK_TERM, &occluders.links),
+        section(&kinds[4], LINK_TERM, &occluders.probes),
     ])
 }
 
@@ -108,28 +108,28 @@ pub(super) fn read(
 ) -> Result<Option<Occluders>, AssetError> {
     let Some((_, names)) = file.section(&kinds[0])? else {
         return match kinds.iter().find(|k| file.has(k)) {
-            Some(kind) => Err(broken(
+            Some(kind) => Err(section_error(
                 kind,
                 "is there, but the section `occluder names` is not",
             )),
             None => Ok(None),
         };
     };
-    let names = std::str::from_utf8(&names).map_err(|e| broken(&kinds[0], e))?;
+    let names = std::str::from_utf8(&names).map_err(|e| section_error(&kinds[0], e))?;
     let numbers: Vec<u32> = items(file, &kinds[1], COUNT)?;
     let count = triangles.len();
     let Some(first) = count.checked_sub(numbers.len()) else {
         let found = format!("{}, but the BVH has {count} triangles", numbers.len());
-        return Err(broken(&kinds[1], found));
+        return Err(section_error(&kinds[1], found));
     };
     for (triangle, number) in triangles[first..].iter_mut().zip(numbers) {
         (triangle.occluder, triangle.gain) = (number, 1.0);
     }
     Ok(Some(Occluders {
-        names: ron::from_str(names).map_err(|e| broken(&kinds[0], e))?,
+        names: ron::from_str(names).map_err(|e| section_error(&kinds[0], e))?,
         sets: items(file, &kinds[2], SET)?,
-        links: items(file, &kinds[3], PASSAGE)?,
-        probes: items(file, &kinds[4], PASSAGE)?,
+        links: items(file, &kinds[3], LINK_TERM)?,
+        probes: items(file, &kinds[4], LINK_TERM)?,
     }))
 }
 
@@ -177,7 +177,7 @@ impl SceneData {
             check.item(set & !all == 0, "occluder sets", i, || {
                 format!("{set:#x} of {known} occluders")
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -187,7 +187,7 @@ impl SceneData {
         check.whole(form, "passages", || {
             "are there, but the bake holds light elsewhere".into()
         });
-        check_passages(
+        check_link_terms(
             check,
             "passages",
             &occluders.links,
@@ -195,24 +195,24 @@ impl SceneData {
             count,
         );
         let space = self.probes.as_ref().map_or(&[][..], |p| &p.links);
-        check_passages(check, "probe passages", &occluders.probes, space, count);
+        check_link_terms(check, "probe passages", &occluders.probes, space, count);
         if !check.0.is_empty() {
             return;
         }
         let (rows, links) = (&self.operator.rows, &self.operator.links);
         for (i, (row, point)) in rows.iter().zip(&self.points).enumerate() {
             let n = point.n();
-            let sum = self.most_light(row, links, &occluders.links, |v| {
+            let sum = self.max_row_sum(row, links, &occluders.links, |v| {
                 Vec3::splat(v.dot(n).abs())
             });
-            check.item(sum.x <= LARGEST_ROW_SUM, "passages", i, || {
+            check.item(sum.x <= MAX_ROW_SUM, "passages", i, || {
                 format!("of row {i} sum to {}: more light than there is", sum.x)
             });
         }
         let Some(probes) = &self.probes else { return };
         for (i, row) in probes.rows.iter().enumerate() {
-            let sum = self.most_light(row, &probes.links, &occluders.probes, Vec3::abs);
-            let max = LARGEST + TOLERANCE;
+            let sum = self.max_row_sum(row, &probes.links, &occluders.probes, Vec3::abs);
+            let max = MAX_PROBE_COEFFICIENT + TOLERANCE;
             check.item(
                 sum.max_element() <= max,
                 "probe passages",
@@ -225,7 +225,7 @@ impl SceneData {
     /// Returns the largest sum of a row's links for any gains. `size` returns the magnitude of a
     /// link. Links with terms count by the magnitudes of their terms. The sky's terms have signs
     /// and are parts of its light, so they do not count.
-    fn most_light(
+    fn max_row_sum(
         &self,
         row: &Row,
         links: &[Link],
@@ -252,7 +252,7 @@ impl SceneData {
 }
 
 /// Checks that the terms ascend, refer to a link and a set, and sum to their link.
-fn check_passages(
+fn check_link_terms(
     check: &mut Check,
     location: &'static str,
     passages: &[PackedLinkTerm],
@@ -278,7 +278,7 @@ fn check_passages(
         let v = p.vector();
         let sound = v.is_finite() && v.abs().max_element() <= 1.0 + TOLERANCE;
         check.item(sound, location, i, || format!("vector {v}"));
-        if check.full() {
+        if check.is_full() {
             return;
         }
     }
@@ -298,7 +298,7 @@ fn check_passages(
             )
         });
         at += own.len();
-        if check.full() {
+        if check.is_full() {
             return;
         }
     }

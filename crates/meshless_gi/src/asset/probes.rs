@@ -7,9 +7,9 @@ use super::container::{Container, Kind, Section};
 use super::error::{AssetError, Limits};
 use super::layouts::{COUNT, LINK, PLANE, ROW};
 use super::scene_data::SceneData;
-use super::section_io::{broken, items, limit, rebuild_grid, section};
+use super::section_io::{items, limit_error, rebuild_grid, section, section_error};
 use super::sections::kind;
-use super::validate::{LARGEST_LINK, TOLERANCE};
+use super::validate::{MAX_LINK, TOLERANCE};
 use super::violation::Check;
 use crate::samples::{HashedGrid, Point};
 use crate::transport::{Link, PROBE_ROWS, Row, place_links};
@@ -61,7 +61,7 @@ const POINT: Layout = Layout::rows(&[
 const SHAPE_WORDS: usize = 1;
 /// Largest coefficient of a direction relative to its fraction of the sphere. 2 for linear terms,
 /// 15/8 · 2/3 for quadratic ones.
-pub(super) const LARGEST: f32 = 2.0;
+pub(super) const MAX_PROBE_COEFFICIENT: f32 = 2.0;
 
 /// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [
@@ -101,23 +101,26 @@ pub(super) fn read(
 ) -> Result<Option<Probes>, AssetError> {
     if !file.has(&kinds[0]) {
         return match kinds.iter().find(|k| file.has(k)) {
-            Some(kind) => Err(broken(kind, "is there, but the section `probes` is not")),
+            Some(kind) => Err(section_error(
+                kind,
+                "is there, but the section `probes` is not",
+            )),
             None => Ok(None),
         };
     }
     let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
     let &[cell_size] = shape.as_slice() else {
-        return Err(broken(
+        return Err(section_error(
             &kinds[0],
             format!("{} words instead of {SHAPE_WORDS}", shape.len()),
         ));
     };
     let points: Vec<Point> = items(file, &kinds[1], POINT)?;
     let mut rows: Vec<Row> = items(file, &kinds[3], ROW)?;
-    place_links(&mut rows).ok_or_else(|| broken(&kinds[3], "the counts overflow"))?;
+    place_links(&mut rows).ok_or_else(|| section_error(&kinds[3], "the counts overflow"))?;
     let left = limits.max_bytes - file.memory;
     let grid = rebuild_grid(&points, f32::from_bits(cell_size), left)
-        .ok_or_else(|| limit("the probes' grid", limits))?;
+        .ok_or_else(|| limit_error("the probes' grid", limits))?;
     Ok(Some(Probes {
         points,
         planes: items(file, &kinds[2], PLANE)?,
@@ -148,7 +151,7 @@ impl SceneData {
             check.item(planes.end <= probes.planes.len(), "probe points", i, || {
                 format!("clip planes {planes:?} of {}", probes.planes.len())
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -171,11 +174,11 @@ impl SceneData {
                 format!("starts at link {} instead of {end}", row.start)
             });
             end += u64::from(row.count);
-            let sound = row.tier == 1 && (0.0..=LARGEST_LINK).contains(&row.scale);
+            let sound = row.tier == 1 && (0.0..=MAX_LINK).contains(&row.scale);
             check.item(sound, "probe rows", i, || {
                 format!("tier {}, scale {}", row.tier, row.scale)
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -190,7 +193,7 @@ impl SceneData {
             check.item(link.sender() as usize <= senders, "probe links", i, || {
                 format!("sender {} of {senders}", link.sender())
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -207,7 +210,7 @@ impl SceneData {
                     .filter(|l| l.sender() as usize <= self.senders());
                 let sum: Vec3 = light.map(|l| l.vector().abs()).sum::<Vec3>() * row.scale;
                 check.item(
-                    sum.max_element() <= LARGEST + TOLERANCE,
+                    sum.max_element() <= MAX_PROBE_COEFFICIENT + TOLERANCE,
                     "probe rows",
                     i,
                     || format!("links sum to {sum}: more light than there is"),

@@ -11,11 +11,11 @@ use super::error::{AssetError, Limits};
 use super::fmm;
 use super::info::BakeInfo;
 use super::layouts::{
-    BOUNCE, COLOR, COLUMN, COUNT, INDEX, LINK, NODE, PLACE, PLANE, POINT, ROW, SLOT, SURFACE,
-    TRIANGLE, VALUE, WEIGHT,
+    BOUNCE, COLOR, COLUMN, COUNT, INDEX, LIGHT_SAMPLE, LINK, NODE, PLANE, POINT, ROW, SLOT,
+    SURFACE, TRIANGLE, VALUE, WEIGHT,
 };
 use super::scene_data::{FlatBasis, LightSamples, PointSurface, SceneData};
-use super::section_io::{broken, counts, items, limit, rebuild_grid, section, starts};
+use super::section_io::{counts, items, limit_error, rebuild_grid, section, section_error, starts};
 use super::{materials, occluders, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights};
 use crate::samples::{GridSlot, HashedGrid, LightSample, Point};
@@ -92,7 +92,7 @@ static KINDS: [Kind; 49] = [
         ..kind::<BvhNode>(17, "bvh nodes", NODE)
     },
     kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
-    kind::<LightSample>(19, "light samples", PLACE),
+    kind::<LightSample>(19, "light samples", LIGHT_SAMPLE),
     kind::<Column>(20, "columns", COLUMN),
     // One more word: validation marks each sender that occurs.
     Kind {
@@ -100,12 +100,12 @@ static KINDS: [Kind; 49] = [
         ..kind::<u32>(21, "column senders", INDEX)
     },
     kind::<u32>(22, "column values", VALUE),
-    VISIBLE[0],
-    VISIBLE[1],
-    VISIBLE[2],
-    VISIBLE[3],
-    VISIBLE[4],
-    VISIBLE[5],
+    VISIBILITY[0],
+    VISIBILITY[1],
+    VISIBILITY[2],
+    VISIBILITY[3],
+    VISIBILITY[4],
+    VISIBILITY[5],
     OCTREE[0],
     OCTREE[1],
     OCTREE[2],
@@ -138,16 +138,16 @@ const PROBES: [Kind; 5] = probes::KINDS;
 /// Index of the first section of the probes.
 const FIRST_PROBES: usize = 34;
 /// Index of the section of the sky's terms.
-const SKY_PLACE: usize = 39;
-const SKY: &Kind = &KINDS[SKY_PLACE];
-const VISIBLE: [Kind; 6] = visibility::KINDS;
+const SKY_INDEX: usize = 39;
+const SKY: &Kind = &KINDS[SKY_INDEX];
+const VISIBILITY: [Kind; 6] = visibility::KINDS;
 /// Index of the first section of the visibility.
-const FIRST_VISIBLE: usize = 22;
+const FIRST_VISIBILITY: usize = 22;
 const OCTREE: [Kind; 5] = fmm::KINDS;
 /// Index of the first section of the octree.
 const FIRST_OCTREE: usize = 28;
 /// Index of the section of the illumination.
-const ILLUMINATED: usize = 33;
+const ILLUMINATION_INDEX: usize = 33;
 
 const INFO: &Kind = &KINDS[0];
 const SHAPE: &Kind = &KINDS[1];
@@ -164,11 +164,11 @@ const SLOTS: &Kind = &KINDS[14];
 const ENTRIES: &Kind = &KINDS[15];
 const NODES: &Kind = &KINDS[16];
 const TRIANGLES: &Kind = &KINDS[17];
-const PLACES: &Kind = &KINDS[18];
+const LIGHT_SAMPLES: &Kind = &KINDS[18];
 const COLUMNS: &Kind = &KINDS[19];
 const MEMBERS: &Kind = &KINDS[20];
 const VALUES: &Kind = &KINDS[21];
-const ILLUMINATION: &Kind = &KINDS[ILLUMINATED];
+const ILLUMINATION: &Kind = &KINDS[ILLUMINATION_INDEX];
 
 /// Words of the section "shape".
 const SHAPE_WORDS: usize = 8;
@@ -181,9 +181,9 @@ impl SceneData {
     /// `info` cannot be written as text.
     pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
         self.validate().map_err(AssetError::Invalid)?;
-        let info = ron::to_string(&self.info).map_err(|e| broken(INFO, e))?;
+        let info = ron::to_string(&self.info).map_err(|e| section_error(INFO, e))?;
         if info.len() as u64 > INFO.max {
-            return Err(broken(
+            return Err(section_error(
                 INFO,
                 format!("{} bytes of text, at most {}", info.len(), INFO.max),
             ));
@@ -233,30 +233,40 @@ impl SceneData {
         }
         sections.push(section(NODES, NODE, &self.bvh.nodes));
         sections.push(section(TRIANGLES, TRIANGLE, &self.bvh.triangles));
-        sections.push(section(PLACES, PLACE, &self.light_samples.list));
+        sections.push(section(
+            LIGHT_SAMPLES,
+            LIGHT_SAMPLE,
+            &self.light_samples.list,
+        ));
         if let Some(c) = &self.operator.compression {
             sections.push(section(COLUMNS, COLUMN, &c.columns));
             sections.push(section(MEMBERS, INDEX, &c.members));
             sections.push(section(VALUES, VALUE, &c.values));
         }
         if let Some(v) = &self.visibility {
-            sections.extend(visibility::sections(v, &KINDS[FIRST_VISIBLE..FIRST_OCTREE]));
+            sections.extend(visibility::sections(
+                v,
+                &KINDS[FIRST_VISIBILITY..FIRST_OCTREE],
+            ));
         }
         if let Some(octree) = &self.fmm {
-            sections.extend(fmm::sections(octree, &KINDS[FIRST_OCTREE..ILLUMINATED]));
+            sections.extend(fmm::sections(
+                octree,
+                &KINDS[FIRST_OCTREE..ILLUMINATION_INDEX],
+            ));
         }
         if !self.illumination.is_empty() {
             sections.push(section(ILLUMINATION, COLOR, &self.illumination));
         }
         if let Some(p) = &self.probes {
-            sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..SKY_PLACE]));
+            sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..SKY_INDEX]));
         }
         if let Some(sky) = &self.sky {
             sections.push(sky::sections(sky, SKY));
         }
-        if let Some(live) = &self.materials {
+        if let Some(materials) = &self.materials {
             let kinds = &KINDS[FIRST_MATERIAL..FIRST_OCCLUDER];
-            sections.extend(materials::sections(live, kinds)?);
+            sections.extend(materials::sections(materials, kinds)?);
         }
         if let Some(o) = &self.occluders {
             sections.extend(occluders::sections(o, &self.bvh, &KINDS[FIRST_OCCLUDER..])?);
@@ -283,7 +293,7 @@ impl SceneData {
             per_sender,
         ] = shape.as_slice()
         else {
-            return Err(broken(
+            return Err(section_error(
                 SHAPE,
                 format!("{} words instead of {SHAPE_WORDS}", shape.len()),
             ));
@@ -293,7 +303,7 @@ impl SceneData {
             1 => SenderForm::Differences,
             2 => SenderForm::Components,
             other => {
-                return Err(broken(
+                return Err(section_error(
                     SHAPE,
                     format!("unknown form {other} of the operator"),
                 ));
@@ -302,7 +312,7 @@ impl SceneData {
         let points: Vec<Point> = items(&file, POINTS, POINT)?;
         let surfaces: Vec<PointSurface> = items(&file, SURFACES, SURFACE)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
-        place_links(&mut rows).ok_or_else(|| broken(ROWS, "the counts overflow"))?;
+        place_links(&mut rows).ok_or_else(|| section_error(ROWS, "the counts overflow"))?;
         let grid = display_grid(
             &file,
             &points,
@@ -311,7 +321,7 @@ impl SceneData {
             limits,
         )?;
         let bounces = bounce_operator(&file, has_bounces, bounces)?;
-        let fmm = fmm::read(&file, &KINDS[FIRST_OCTREE..ILLUMINATED], &surfaces)?;
+        let fmm = fmm::read(&file, &KINDS[FIRST_OCTREE..ILLUMINATION_INDEX], &surfaces)?;
         let mut triangles: Vec<BvhTriangle> = items(&file, TRIANGLES, TRIANGLE)?;
         let kinds = &KINDS[FIRST_OCCLUDER..];
         let occluders = occluders::read(&file, &mut triangles, kinds)?;
@@ -322,7 +332,7 @@ impl SceneData {
             sender_levels,
             light_samples: LightSamples {
                 per_sender,
-                list: items(&file, PLACES, PLACE)?,
+                list: items(&file, LIGHT_SAMPLES, LIGHT_SAMPLE)?,
             },
             pull: weights(&file, PULL)?,
             parents: weights(&file, PARENTS)?,
@@ -333,7 +343,7 @@ impl SceneData {
                 links: items(&file, LINKS, LINK)?,
             },
             bounces,
-            visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..FIRST_OCTREE])?,
+            visibility: visibility::read(&file, &KINDS[FIRST_VISIBILITY..FIRST_OCTREE])?,
             fmm,
             sky: sky::read(&file, SKY)?,
             materials: materials::read(&file, &KINDS[FIRST_MATERIAL..FIRST_OCCLUDER])?,
@@ -341,7 +351,7 @@ impl SceneData {
                 true => items(&file, ILLUMINATION, COLOR)?,
                 false => Vec::new(),
             },
-            probes: probes::read(&file, &KINDS[FIRST_PROBES..SKY_PLACE], limits)?,
+            probes: probes::read(&file, &KINDS[FIRST_PROBES..SKY_INDEX], limits)?,
             display: FlatBasis {
                 radius: f32::from_bits(radius),
                 planes: items(&file, PLANES, PLANE)?,
@@ -371,14 +381,18 @@ fn display_grid(
         0 => {
             let left = limits.max_bytes - file.memory;
             absent(file, [SLOTS, ENTRIES])?;
-            rebuild_grid(points, cell_size, left).ok_or_else(|| limit("the display's grid", limits))
+            rebuild_grid(points, cell_size, left)
+                .ok_or_else(|| limit_error("the display's grid", limits))
         }
         1 => Ok(HashedGrid {
             cell_size,
             slots: items(file, SLOTS, SLOT)?,
             entries: items(file, ENTRIES, INDEX)?,
         }),
-        other => Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
+        other => Err(section_error(
+            SHAPE,
+            format!("{other} is neither yes nor no"),
+        )),
     }
 }
 
@@ -398,14 +412,17 @@ fn bounce_operator(
             links: items(file, BOUNCES[1], BOUNCE)?,
             bounces,
         })),
-        other => Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
+        other => Err(section_error(
+            SHAPE,
+            format!("{other} is neither yes nor no"),
+        )),
     }
 }
 
 fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
     for kind in kinds {
         if file.has(kind) {
-            return Err(broken(
+            return Err(section_error(
                 kind,
                 "is there, but the section `shape` says that it is not",
             ));
@@ -438,7 +455,7 @@ fn compression(file: &Container<'_>, form: SenderForm) -> Result<Option<Compress
 fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
     let (_, raw) = file
         .section(INFO)?
-        .ok_or_else(|| broken(INFO, "is missing"))?;
-    let text = std::str::from_utf8(&raw).map_err(|e| broken(INFO, e))?;
-    ron::from_str(text).map_err(|e| broken(INFO, e))
+        .ok_or_else(|| section_error(INFO, "is missing"))?;
+    let text = std::str::from_utf8(&raw).map_err(|e| section_error(INFO, e))?;
+    ron::from_str(text).map_err(|e| section_error(INFO, e))
 }

@@ -82,7 +82,7 @@ impl SceneData {
         for (i, terms) in sky.senders.iter().enumerate() {
             let sound = terms.iter().all(|t| (-1.01..=1.01).contains(t));
             check.item(sound, "sky terms", i, || format!("{terms:?}"));
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }

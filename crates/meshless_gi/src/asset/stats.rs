@@ -86,7 +86,7 @@ impl SceneData {
         let weights = |w: &Weights| bytes(w.starts.len(), 4) + bytes(w.entries.len(), 8);
         let bounces = self.bounces.as_ref();
         let columns = self.operator.compression.as_ref();
-        let seen = self.visibility.as_ref();
+        let visibility = self.visibility.as_ref();
         let probes = self.probes.as_ref();
         let octree = self.fmm.as_ref();
         BakedStats {
@@ -102,10 +102,10 @@ impl SceneData {
             fmm_entries: octree.map_or(0, |o| o.entries.len() as u64),
             fmm_points: octree.map_or(0, |o| o.points.len() as u64),
             fmm_bytes: octree.map_or(0, FmmOperator::bytes),
-            visibility_clusters: seen.map_or(0, |v| v.clusters.len() as u64),
-            visibility_coefficients: seen
+            visibility_clusters: visibility.map_or(0, |v| v.clusters.len() as u64),
+            visibility_coefficients: visibility
                 .map_or(0, |v| v.points.iter().map(|p| u64::from(p.count())).sum()),
-            visibility_bytes: seen.map_or(0, |v| v.bytes() as u64),
+            visibility_bytes: visibility.map_or(0, |v| v.bytes() as u64),
             points_per_level: self
                 .level_starts
                 .windows(2)
@@ -141,7 +141,7 @@ impl SceneData {
             }),
             column_values: columns
                 .map_or(0, |c| c.columns.iter().map(|c| u64::from(c.count)).sum()),
-            memory: seen.map_or(0, |v| v.bytes() as u64)
+            memory: visibility.map_or(0, |v| v.bytes() as u64)
                 + probes.map_or(0, Probes::bytes)
                 + octree.map_or(0, FmmOperator::bytes)
                 + self.materials.as_ref().map_or(0, DynamicMaterials::bytes)

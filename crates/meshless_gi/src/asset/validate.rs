@@ -12,14 +12,14 @@ use glam::{Vec3, Vec4};
 /// Largest deviation from one of sums of weights and of lengths of normals.
 pub(super) const TOLERANCE: f32 = 1e-3;
 /// Largest depth of a BVH: the stack of a shadow ray's traversal has as many nodes.
-const DEEPEST: u8 = 62;
+const MAX_BVH_DEPTH: u8 = 62;
 /// Largest radiosity that surfaces may emit, W/m². Sums of larger values overflow.
-pub(super) const BRIGHTEST: f32 = 1e20;
+pub(super) const MAX_RADIOSITY: f32 = 1e20;
 /// Largest sum Σ |F·n| of rows of averages: 1 except for rounding.
-pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
+pub(super) const MAX_ROW_SUM: f32 = 1.01;
 /// Largest |F|. It is at most 1 for averages. Differences between levels and the noise of the
 /// gather may exceed 1 slightly.
-pub(super) const LARGEST_LINK: f32 = 16.0;
+pub(super) const MAX_LINK: f32 = 16.0;
 
 impl SceneData {
     /// Checks everything that a frame requires. A scene that passes can be used without further
@@ -133,7 +133,7 @@ impl SceneData {
             check.item(planes.end <= self.display.planes.len(), "points", i, || {
                 format!("clip planes {planes:?} of {}", self.display.planes.len())
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -151,9 +151,12 @@ impl SceneData {
                 i,
                 || format!("albedo {:?}", s.albedo),
             );
-            check.item(within(s.emission, 0.0, BRIGHTEST), "surfaces", i, || {
-                format!("emission {:?}", s.emission)
-            });
+            check.item(
+                within(s.emission, 0.0, MAX_RADIOSITY),
+                "surfaces",
+                i,
+                || format!("emission {:?}", s.emission),
+            );
             check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || {
                 format!("sky {:?}", s.sky)
             });
@@ -181,10 +184,12 @@ impl SceneData {
     /// levels. Both traversals then end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
-        check.whole(all && sound_starts(&self.parents), "parent rows", || {
-            "do not ascend to the end of the weights".into()
-        });
-        check.whole(sound_starts(&self.pull), "pull rows", || {
+        check.whole(
+            all && has_valid_starts(&self.parents),
+            "parent rows",
+            || "do not ascend to the end of the weights".into(),
+        );
+        check.whole(has_valid_starts(&self.pull), "pull rows", || {
             "do not ascend to the end of the weights".into()
         });
         if !check.0.is_empty() {
@@ -216,7 +221,7 @@ impl SceneData {
                 }
                 check_sums(check, "pull", i, self.pull.row(i), |_| None);
             }
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -224,7 +229,7 @@ impl SceneData {
 
     /// Returns the highest tier that row `i` may be of. Rows that a frame of every tier needs are
     /// of the first, and differences are not omitted.
-    fn most_tier(&self, i: usize) -> u32 {
+    fn max_tier(&self, i: usize) -> u32 {
         // The parent rows may be invalid themselves.
         let needed =
             !matches!(self.parents.starts.get(i..i + 2), Some(&[start, end]) if start < end);
@@ -269,18 +274,18 @@ impl SceneData {
         // Invalid parent rows cannot be evaluated.
         let sound = check.0.is_empty();
         for (i, row) in rows.iter().enumerate() {
-            let fits = !sound || row.tier <= self.most_tier(i);
+            let fits = !sound || row.tier <= self.max_tier(i);
             check.item(fits, "rows", i, || {
                 format!(
                     "is of tier {}, but may be of {}",
                     row.tier,
-                    self.most_tier(i)
+                    self.max_tier(i)
                 )
             });
             check.item(row.tier > 0 || row.count == 0, "rows", i, || {
                 format!("is of no tier, but has {} links", row.count)
             });
-            check.item((0.0..=LARGEST_LINK).contains(&row.scale), "rows", i, || {
+            check.item((0.0..=MAX_LINK).contains(&row.scale), "rows", i, || {
                 format!("scale {}", row.scale)
             });
         }
@@ -301,7 +306,7 @@ impl SceneData {
             check.item(link.sender() as usize <= coefficients, "links", i, || {
                 format!("sender {} of {coefficients}", link.sender())
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -345,7 +350,7 @@ impl SceneData {
                 .filter(|l| l.sender() as usize <= self.senders());
             let sum: f32 = light.map(|l| l.vector().dot(n).abs()).sum();
             let sum = sum * row.scale;
-            check.item(sum <= LARGEST_ROW_SUM, "rows", i, || {
+            check.item(sum <= MAX_ROW_SUM, "rows", i, || {
                 format!("links sum to {sum}: more light than there is")
             });
         }
@@ -367,7 +372,7 @@ impl SceneData {
         );
         // Lists are contiguous, so that no entry is read twice.
         let mut at = 0;
-        while at < entries.len() && !check.full() {
+        while at < entries.len() && !check.is_full() {
             let count = entries[at] as usize;
             let Some(list) = entries[at + 1..].get(..count) else {
                 check.item(false, "grid entries", at, || {
@@ -384,7 +389,7 @@ impl SceneData {
             at += 1 + count;
         }
         // A slot that starts within a list might refer to an entry that is not a point.
-        let walk = || {
+        let list_starts = || {
             let mut at = 0;
             std::iter::from_fn(move || {
                 let start = at;
@@ -392,8 +397,8 @@ impl SceneData {
                 Some(start as u32)
             })
         };
-        let mut lists = Vec::with_capacity(walk().count());
-        lists.extend(walk());
+        let mut lists = Vec::with_capacity(list_starts().count());
+        lists.extend(list_starts());
         for (i, slot) in slots.iter().enumerate() {
             let sound = slot.start == GridSlot::EMPTY || lists.binary_search(&slot.start).is_ok();
             check.item(sound, "grid slots", i, || {
@@ -438,8 +443,10 @@ impl SceneData {
             } else {
                 let behind = first > i && first + 1 < nodes.len();
                 check.item(behind, "bvh nodes", i, || format!("children at {first}"));
-                check.item(depth <= DEEPEST, "bvh nodes", i, || "is too deep".into());
-                if behind && depth <= DEEPEST {
+                check.item(depth <= MAX_BVH_DEPTH, "bvh nodes", i, || {
+                    "is too deep".into()
+                });
+                if behind && depth <= MAX_BVH_DEPTH {
                     for child in [first, first + 1] {
                         check.item(depths[child] == 0, "bvh nodes", child, || {
                             "has two parents".into()
@@ -448,7 +455,7 @@ impl SceneData {
                     }
                 }
             }
-            if check.full() {
+            if check.is_full() {
                 return 0;
             }
         }
@@ -472,7 +479,7 @@ fn unit(n: Vec3) -> bool {
     (n.length_squared() - 1.0).abs() <= 2.0 * TOLERANCE
 }
 
-fn sound_starts(weights: &Weights) -> bool {
+fn has_valid_starts(weights: &Weights) -> bool {
     weights.starts.is_sorted()
         && weights.starts.first() == Some(&0)
         && weights.starts.last().map(|&s| s as usize) == Some(weights.entries.len())

@@ -2,7 +2,7 @@
 //! [`validate`](super::validate) (design D10).
 
 use super::scene_data::SceneData;
-use super::validate::{LARGEST_ROW_SUM, TOLERANCE};
+use super::validate::{MAX_ROW_SUM, TOLERANCE};
 use super::violation::Check;
 use crate::transport::pca::Compression;
 use crate::transport::{Link, SenderForm};
@@ -50,7 +50,7 @@ impl SceneData {
             );
             member = [first, end];
             value += count.div_ceil(2);
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -65,11 +65,11 @@ impl SceneData {
         check.whole(value == c.values.len() as u64, "column values", || {
             format!("{} words instead of {value}", c.values.len())
         });
-        let mut named = vec![false; senders];
+        let mut used = vec![false; senders];
         for (k, &j) in c.members.iter().enumerate() {
             let sky = k + 1 == c.members.len();
-            let sound = match named.get_mut(j as usize) {
-                Some(named) => !std::mem::replace(named, true) && !sky,
+            let sound = match used.get_mut(j as usize) {
+                Some(used) => !std::mem::replace(used, true) && !sky,
                 None => sky && j as usize == senders,
             };
             check.item(sound, "column senders", k, || {
@@ -84,7 +84,7 @@ impl SceneData {
                 k,
                 || "is not within −1 to 1".into(),
             );
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -112,7 +112,7 @@ impl SceneData {
                 square += f * f;
                 even += f64::from(f) * ones[link.sender() as usize];
             }
-            check.item(square <= LARGEST_ROW_SUM && even.abs() <= f64::from(LARGEST_ROW_SUM), "rows", i, || {
+            check.item(square <= MAX_ROW_SUM && even.abs() <= f64::from(MAX_ROW_SUM), "rows", i, || {
                 format!("of even light it receives {even}, of the least even {}: more than there is", square.sqrt())
             });
         }

@@ -30,7 +30,7 @@ impl fmt::Display for Violation {
 pub(super) struct Check(pub(super) Vec<Violation>);
 
 impl Check {
-    pub(super) fn full(&self) -> bool {
+    pub(super) fn is_full(&self) -> bool {
         self.0.len() >= MAX_VIOLATIONS
     }
 
@@ -41,7 +41,7 @@ impl Check {
         index: usize,
         problem: impl FnOnce() -> String,
     ) {
-        if !ok && !self.full() {
+        if !ok && !self.is_full() {
             self.0.push(Violation {
                 location,
                 index: Some(index),
@@ -56,7 +56,7 @@ impl Check {
         location: &'static str,
         problem: impl FnOnce() -> String,
     ) {
-        if !ok && !self.full() {
+        if !ok && !self.is_full() {
             self.0.push(Violation {
                 location,
                 index: None,

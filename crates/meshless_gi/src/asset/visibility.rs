@@ -7,7 +7,7 @@ use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::scene_data::SceneData;
-use super::section_io::{broken, items, section};
+use super::section_io::{items, section, section_error};
 use super::sections::kind;
 use super::violation::Check;
 use crate::transport::pca::{HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint};
@@ -38,7 +38,7 @@ const SHAPE_WORDS: usize = 2;
 const MAX_DIRECTIONS: u64 = 1 << 16;
 /// Largest product of coefficients and components. e is at most one, and the length of a component
 /// at most the root of the number of directions.
-const LARGEST_SCALE: f32 = 1024.0;
+const MAX_SCALE: f32 = 1024.0;
 
 /// Kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 6] = [
@@ -91,7 +91,7 @@ pub(super) fn read(
 ) -> Result<Option<Visibility>, AssetError> {
     if !file.has(&kinds[0]) {
         return match kinds.iter().find(|k| file.has(k)) {
-            Some(kind) => Err(broken(
+            Some(kind) => Err(section_error(
                 kind,
                 "is there, but the section `visibility` is not",
             )),
@@ -100,7 +100,7 @@ pub(super) fn read(
     }
     let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
     let &[columns, rows] = shape.as_slice() else {
-        return Err(broken(
+        return Err(section_error(
             &kinds[0],
             format!("{} words instead of {SHAPE_WORDS}", shape.len()),
         ));
@@ -114,10 +114,13 @@ pub(super) fn read(
         coefficients: items(file, &kinds[5], PAIR)?,
     };
     if u64::from(columns) * u64::from(rows) > MAX_DIRECTIONS {
-        return Err(broken(&kinds[0], format!("{columns} × {rows} directions")));
+        return Err(section_error(
+            &kinds[0],
+            format!("{columns} × {rows} directions"),
+        ));
     }
     out.layout()
-        .ok_or_else(|| broken(&kinds[1], "the lengths of the arrays overflow"))?;
+        .ok_or_else(|| section_error(&kinds[1], "the lengths of the arrays overflow"))?;
     Ok(Some(out))
 }
 
@@ -162,7 +165,7 @@ impl SceneData {
             check.item(c.components <= max, "visibility clusters", i, || {
                 format!("{} components, at most {max}", c.components)
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
@@ -180,12 +183,12 @@ impl SceneData {
             check.item(!beyond, "visibility points", i, || {
                 format!("has coefficients of more than {components} components")
             });
-            if check.full() {
+            if check.is_full() {
                 return;
             }
         }
         for (i, &scale) in v.scales.iter().enumerate() {
-            let sound = (0.0..=LARGEST_SCALE).contains(&scale);
+            let sound = (0.0..=MAX_SCALE).contains(&scale);
             check.item(sound, "visibility scales", i, || format!("{scale}"));
         }
         // The remaining checks require valid lengths.

@@ -108,7 +108,7 @@ pub(super) fn assemble(
         bounces: None,
         visibility: None,
         probes,
-        occluders: occluders::index_terms(&source.occluders, &packed.passing, &probe_terms)?,
+        occluders: occluders::index_terms(&source.occluders, &packed.link_terms, &probe_terms)?,
         display: FlatBasis {
             radius: flat.radius(),
             planes: flat.planes,
@@ -119,7 +119,7 @@ pub(super) fn assemble(
         info: bake_info(context, survey, stats),
         level_starts: hierarchy.level_starts,
     };
-    scene.info.tiers = TierInfo::all_of(&scene);
+    scene.info.tiers = TierInfo::from_scene(&scene);
     let coarsest = &hierarchy.surfaces[scene.level(0)];
     Ok(Assembled {
         coarse_normals: coarsest.iter().map(|s| s.normal).collect(),

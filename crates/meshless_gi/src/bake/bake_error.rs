@@ -44,11 +44,16 @@ pub enum BakeError {
         max: usize,
     },
     /// Visibility data for soft shadows exceeds its limit.
-    #[error("soft shadows: {0}")]
-    Visibility(#[source] crate::transport::pca::VisibilityError),
+    #[error(
+        "soft shadows: baked visibility exceeds the limit of {max} bytes: reduce the directions or the points, or raise the error"
+    )]
+    VisibilityTooLarge {
+        /// Size limit in bytes.
+        max: u64,
+    },
     /// Points without an octree.
     #[error("the octree: {0}")]
-    Octree(#[from] crate::transport::fmm::FmmError),
+    Octree(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// Cancelled through [`Progress::cancel`](super::Progress::cancel).
     #[error("the bake was canceled")]
     Canceled,

@@ -73,9 +73,9 @@ pub struct BakeSettings {
     pub occluders: Vec<OccluderDesc>,
 }
 
-/// Ratio of the area of a dense Poisson-disk set to its covering, so that points = `FILL` · area /
+/// Ratio of the area of a dense Poisson-disk set to its covering, so that points = `PACKING_DENSITY` · area /
 /// R². Measured for dart throwing.
-const FILL: f32 = 0.7;
+const PACKING_DENSITY: f32 = 0.7;
 
 /// Approximate number of sender clusters of method `pca`, a little more than in \[P14\] §6.
 const CLUSTERS: f32 = 64.0;
@@ -111,7 +111,7 @@ impl Recipe {
                 allowed,
             ));
         }
-        let fine = (FILL * area / quality.points).sqrt();
+        let fine = (PACKING_DENSITY * area / quality.points).sqrt();
         let coarse_radius = self
             .coarse_radius
             .unwrap_or(fine * (1u32 << (levels - 1)) as f32);
@@ -125,7 +125,7 @@ impl Recipe {
         }
         // Approximate number of senders of the finest sender level.
         let radius = coarse_radius / (1u32 << (sender_levels.max(1) - 1)) as f32;
-        let senders = FILL * area / (radius * radius);
+        let senders = PACKING_DENSITY * area / (radius * radius);
         let cluster_size = (senders / CLUSTERS).clamp(MIN_CLUSTER, 65_536.0) as u32;
         let transport = match self.transport {
             TransportMethod::Pca(pca) => TransportMethod::Pca(PcaRecipe {
@@ -237,7 +237,7 @@ pub fn reached_area(
     let size = geometry.bounds().size();
     // About a thousand disks on a box of this size.
     let box_area = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
-    let radius = (FILL * box_area / 1000.0).sqrt();
+    let radius = (PACKING_DENSITY * box_area / 1000.0).sqrt();
     if radius <= 0.0 || !radius.is_finite() {
         return (0.0, 0);
     }
@@ -253,7 +253,7 @@ pub fn reached_area(
         },
     );
     (
-        disks.points.len() as f32 * radius * radius / FILL,
+        disks.points.len() as f32 * radius * radius / PACKING_DENSITY,
         disks.rays,
     )
 }

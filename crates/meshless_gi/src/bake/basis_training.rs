@@ -24,7 +24,7 @@ use rayon::prelude::*;
 const SUN_OF: usize = 4;
 
 /// Lower limit of the returned fraction of a light, relative to the median light.
-const MIN_BACK: f64 = 0.5;
+const MIN_RETURNED_FRACTION: f64 = 0.5;
 
 /// Training light of unit strength.
 #[derive(Clone, Copy, Debug)]
@@ -121,7 +121,7 @@ fn training_set(
     shares.sort_by(f64::total_cmp);
     let usual = shares.get(shares.len() / 2).copied().unwrap_or(0.0);
     for (row, [back, direct]) in light.chunks_exact_mut(own.len().max(1)).zip(powers) {
-        let power = back.max(MIN_BACK * usual * direct);
+        let power = back.max(MIN_RETURNED_FRACTION * usual * direct);
         let scale = if power > 0.0 {
             (1.0 / power) as f32
         } else {
@@ -160,7 +160,7 @@ fn radiosity(
                         (sample.x(), sample.n())
                     }
                 };
-                *value = s.albedo[number % 3] * shine(geometry, source, x, n, far);
+                *value = s.albedo[number % 3] * irradiance_of_light(geometry, source, x, n, far);
             }
             row
         })
@@ -180,7 +180,13 @@ fn turn(number: usize, count: usize) -> usize {
 }
 
 /// Computes the irradiance at (x, n), W/m².
-fn shine(geometry: &dyn Geometry, source: &TrainingLight, x: Vec3, n: Vec3, far: f32) -> f32 {
+fn irradiance_of_light(
+    geometry: &dyn Geometry,
+    source: &TrainingLight,
+    x: Vec3,
+    n: Vec3,
+    far: f32,
+) -> f32 {
     let start = x + n * geometry.ray_offset(x);
     match *source {
         TrainingLight::Point(source) => {

@@ -36,13 +36,13 @@ use std::f32::consts::FRAC_1_PI;
 /// Largest allowed gain. A thousand bounces then keep a third of the light.
 pub(super) const MAX_GAIN: f64 = 0.999;
 /// Gains above this value are reduced.
-pub(super) const GUARDED_FROM: f64 = 0.9995;
+pub(super) const MAX_UNCLAMPED_GAIN: f64 = 0.9995;
 /// Number of steps that tighten the bound.
 const STEPS: usize = 12;
 /// Fraction of itself that each step keeps, so that it stays positive.
-const KEEP: f64 = 0.1;
+const RETAINED_FRACTION: f64 = 0.1;
 /// Largest number of coarsest senders for the reciprocity residual.
-const ROOTS: usize = 128;
+const MAX_COARSEST_SENDERS: usize = 128;
 
 /// Largest deviation from the closed form that rounding explains. Such rows are rescaled.
 const ROUNDING: f64 = 0.01;
@@ -79,7 +79,7 @@ pub(super) fn enforce_energy_bound(scene: &mut SceneData, missed: &[f32]) -> Ene
     };
     let (mut gain, mut found) = gains(scene);
     let (mut clamped_senders, mut albedo_scale) = (0, 1.0);
-    if gain > GUARDED_FROM {
+    if gain > MAX_UNCLAMPED_GAIN {
         for (j, surface) in scene
             .surfaces
             .iter_mut()
@@ -130,7 +130,7 @@ fn conserve_components(
     };
     let mut found = gain(scene);
     let (mut clamped_senders, mut albedo_scale) = (0, 1.0);
-    if found > GUARDED_FROM {
+    if found > MAX_UNCLAMPED_GAIN {
         albedo_scale = MAX_GAIN / found;
         let senders = scene.senders();
         clamped_senders = components::lower(&mut scene.surfaces[..senders], albedo_scale);
@@ -167,7 +167,7 @@ pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
 
 /// Rescales rows of averages so that they sum to the gathered part.
 fn renormalize_rows(scene: &mut SceneData, missed: &[f32]) {
-    if !scene.operator.form.rows_stand_alone() {
+    if !scene.operator.form.has_independent_rows() {
         return;
     }
     let compression = scene.operator.compression.as_ref();
@@ -345,7 +345,7 @@ impl Senders {
     /// differences the sum has only the senders that `pull` does not fill.
     fn sums(&self, scene: &SceneData) -> (Vec<f64>, f64) {
         let coarsest = scene.level(0).len().min(self.count);
-        let stride = coarsest.div_ceil(ROOTS).max(1);
+        let stride = coarsest.div_ceil(MAX_COARSEST_SENDERS).max(1);
         let chosen = coarsest.div_ceil(stride);
         let index_of = |j: usize| {
             let root = self.root[j] as usize;
@@ -473,7 +473,8 @@ impl Senders {
             for (x, y) in x.iter_mut().zip(&y) {
                 for c in 0..3 {
                     // Values neither overflow nor vanish.
-                    x[c] = (KEEP * x[c] + (1.0 - KEEP) * y[c] / bound).max(1e-100);
+                    x[c] = (RETAINED_FRACTION * x[c] + (1.0 - RETAINED_FRACTION) * y[c] / bound)
+                        .max(1e-100);
                 }
             }
         }

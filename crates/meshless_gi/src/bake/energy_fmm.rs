@@ -8,7 +8,7 @@
 //! **Reciprocity** is measured for groups of neighboring senders: uniform light of one group on
 //! another, times the area.
 
-use super::energy::{GUARDED_FROM, MAX_GAIN};
+use super::energy::{MAX_GAIN, MAX_UNCLAMPED_GAIN};
 use super::energy_components::lower;
 use super::fmm::unit_response;
 use crate::asset::{EnergyInfo, SceneData};
@@ -19,7 +19,7 @@ use glam::Vec3;
 /// Number of steps of the power iteration.
 const STEPS: usize = 12;
 /// Number of sender groups for the reciprocity residual, three at a time.
-const RUNS: usize = 12;
+const SENDER_GROUPS: usize = 12;
 
 /// Reduces albedos and returns the measured energy of the octree, combined with that of the links.
 /// `unlit` is the fraction of each point's hemisphere with unlit back sides, `areas` the area of
@@ -43,7 +43,7 @@ pub(super) fn enforce_energy_bound(
     let mut found = gain(scene, &octree, &mut passes);
     let (mut clamped_senders, mut albedo_scale) =
         (before.clamped_senders, f64::from(before.albedo_scale));
-    if found > GUARDED_FROM {
+    if found > MAX_UNCLAMPED_GAIN {
         albedo_scale *= MAX_GAIN / found;
         let senders = scene.senders();
         clamped_senders = lower(&mut scene.surfaces[..senders], MAX_GAIN / found);
@@ -127,9 +127,9 @@ fn reciprocity(
     areas: &[f32],
 ) -> f64 {
     let finest = scene.finest_senders();
-    let run = |j: usize| (j - finest.start) * RUNS / finest.len().max(1);
-    let mut between = [[0.0f64; RUNS]; RUNS];
-    for three in 0..RUNS / 3 {
+    let run = |j: usize| (j - finest.start) * SENDER_GROUPS / finest.len().max(1);
+    let mut between = [[0.0f64; SENDER_GROUPS]; SENDER_GROUPS];
+    for three in 0..SENDER_GROUPS / 3 {
         let mut light = vec![[0.0f32; 4]; scene.senders()];
         for j in finest.clone().filter(|&j| run(j) / 3 == three) {
             light[j][run(j) % 3] = 1.0;

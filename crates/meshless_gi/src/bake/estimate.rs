@@ -34,26 +34,26 @@ use crate::scene::{Geometry, Light};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Fraction of the bake's rays that the estimate casts, between the limits of [`Effort::paths`].
-const SHARE: f64 = 0.04;
+/// Fraction of the bake's rays that the estimate casts, between the limits of [`SampleBudget::paths`].
+const RAY_FRACTION: f64 = 0.04;
 /// Number of lights that are evaluated together, one per color channel.
 const COLORS: usize = 3;
 /// Number of importance particles that surface points and lights are drawn from.
 const PARTICLES: u64 = 4096;
 /// Number of candidate positions per light. The one with the largest clearance is used, since
 /// lights hang below ceilings and stand on tables.
-const TRIED: usize = 4;
+const CANDIDATES_PER_LIGHT: usize = 4;
 /// Smallest mean number of paths per position.
 const MIN_PATHS: u32 = 384;
 /// Threshold of the returned light, relative to the median. Lights below it get a proportionally
 /// smaller weight.
-const RETURNS: f64 = 0.1;
+const MIN_RETURNED_FRACTION: f64 = 0.1;
 /// Number of parts of the sampling mixture. All have equal weight.
 const PARTS: f64 = 4.0;
 
 /// Sample budget of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Effort {
+struct SampleBudget {
     /// Number of triples of lights.
     triples: usize,
     /// Number of surface points per triple at which the bake is evaluated.
@@ -64,13 +64,13 @@ struct Effort {
     paths: u32,
 }
 
-impl Effort {
+impl SampleBudget {
     /// Computes the budget in proportion to the bake, with a lower limit. A small bake gets fewer
     /// lights and positions and the same number of paths. The noise of the reference enters with
     /// its fourth power if it exceeds the error.
     fn from_scene(scene: &BakedScene) -> Self {
         let rays_per_path = (RAYS_PER_BOUNCE * u64::from(scene.info().bounces)) as f64;
-        let paths = SHARE * scene.info().rays as f64 / rays_per_path;
+        let paths = RAY_FRACTION * scene.info().rays as f64 / rays_per_path;
         let (triples, positions) = if paths >= f64::from(8 * 96 * MIN_PATHS) {
             (8, 96)
         } else {
@@ -119,8 +119,13 @@ pub fn estimate_errors(
     seed: u64,
     progress: &Progress,
 ) -> Option<(Vec<ErrorEstimate>, u64)> {
-    let (sources, rays) =
-        light_errors(scene, geometry, &Effort::from_scene(scene), seed, progress)?;
+    let (sources, rays) = light_errors(
+        scene,
+        geometry,
+        &SampleBudget::from_scene(scene),
+        seed,
+        progress,
+    )?;
     let estimates = sources.iter().map(|l| summarize(l)).collect();
     Some((estimates, rays))
 }
@@ -130,7 +135,7 @@ pub fn estimate_errors(
 fn light_errors(
     scene: &BakedScene,
     geometry: &dyn Geometry,
-    effort: &Effort,
+    budget: &SampleBudget,
     seed: u64,
     progress: &Progress,
 ) -> Option<(Vec<Vec<LightError>>, u64)> {
@@ -140,9 +145,15 @@ fn light_errors(
     let traced = trace_particles(geometry, &viewpoints, 0..PARTICLES, seed, false);
     let mut candidates = traced.candidates;
     let mut random = Random::new(seed, 0, 0);
-    let count = COLORS * effort.triples;
-    let sources = sample_open_positions(geometry, &candidates, count, TRIED, &mut random);
-    let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_PER_POSITION;
+    let count = COLORS * budget.triples;
+    let sources = sample_open_positions(
+        geometry,
+        &candidates,
+        count,
+        CANDIDATES_PER_LIGHT,
+        &mut random,
+    );
+    let mut rays = traced.rays + (count * CANDIDATES_PER_LIGHT) as u64 * RAYS_PER_POSITION;
     // Morton order: equal steps spread over the surface.
     let bounds = geometry.bounds();
     candidates.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
@@ -150,14 +161,14 @@ fn light_errors(
     let mut estimator = TripleEstimator {
         scene,
         geometry,
-        effort,
+        budget,
         seed,
         frame: CpuFrame::new(scene),
         reach: 2.0 * radii.fold(f32::INFINITY, f32::min),
     };
     let mut all: Vec<Vec<LightError>> = vec![Vec::new(); scene.data().tiers() as usize];
     for (k, three) in sources.chunks_exact(COLORS).enumerate() {
-        if !progress.set(BakeStage::ErrorEstimate, k as f32 / effort.triples as f32) {
+        if !progress.set(BakeStage::ErrorEstimate, k as f32 / budget.triples as f32) {
             return None;
         }
         let sources: Vec<Light> = (three.iter().zip([Vec3::X, Vec3::Y, Vec3::Z]))
@@ -167,7 +178,7 @@ fn light_errors(
                 range: f32::INFINITY,
             })
             .collect();
-        let pool = spread(&candidates, effort.pool, &mut random);
+        let pool = spread(&candidates, budget.pool, &mut random);
         let (found, cast) = estimator.errors(&sources, k as u64, &pool, &mut random);
         rays += cast;
         for (all, found) in all.iter_mut().zip(found) {
@@ -181,7 +192,7 @@ fn light_errors(
 struct TripleEstimator<'a> {
     scene: &'a BakedScene,
     geometry: &'a dyn Geometry,
-    effort: &'a Effort,
+    budget: &'a SampleBudget,
     seed: u64,
     frame: CpuFrame,
     /// Distance in meters within which a change of the light is a change within a basis function.
@@ -189,7 +200,7 @@ struct TripleEstimator<'a> {
 }
 
 /// Two independent values of ground truth at a point.
-struct Halves {
+struct IndependentPair {
     first: DVec3,
     second: DVec3,
     /// Direct irradiance.
@@ -217,14 +228,14 @@ impl TripleEstimator<'_> {
             return (Vec::new(), 0);
         };
         let scores = self.scores(pool, whole, lower.last(), random);
-        let drawn = systematic(&scores, self.effort.positions, random);
+        let drawn = systematic(&scores, self.budget.positions, random);
         let (truth, rays) = self.truth(sources, stream, pool, whole, &scores, &drawn);
         // E f = Σ f(x) / (n p(x)) over n drawn points.
         let weights: Vec<f64> = drawn
             .iter()
             .map(|&i| 1.0 / (scores[i] * drawn.len() as f64))
             .collect();
-        let drawn: Vec<(usize, f64, &Halves)> = (drawn.iter().zip(&weights).zip(&truth))
+        let drawn: Vec<(usize, f64, &IndependentPair)> = (drawn.iter().zip(&weights).zip(&truth))
             .map(|((&i, &weight), halves)| (i, weight, halves))
             .collect();
         let mut power = mean(whole.iter().map(|v| v * v));
@@ -337,20 +348,20 @@ impl TripleEstimator<'_> {
         whole: &[DVec3],
         scores: &[f64],
         drawn: &[usize],
-    ) -> (Vec<Halves>, u64) {
+    ) -> (Vec<IndependentPair>, u64) {
         let lit = NonEmissive {
             geometry: self.geometry,
         };
         let bounces = self.scene.info().bounces;
         let noise = |i: usize| (whole[i].length_squared() / scores[i]).sqrt();
         let usual = drawn.iter().map(|&i| noise(i)).sum::<f64>() / drawn.len().max(1) as f64;
-        let found: Vec<(Halves, u64)> = drawn
+        let found: Vec<(IndependentPair, u64)> = drawn
             .par_iter()
             .enumerate()
             .map(|(j, &i)| {
                 let (x, n) = (pool[i].surface.position, pool[i].surface.normal);
                 let share = if usual > 0.0 { noise(i) / usual } else { 1.0 };
-                let paths = (0.5 * f64::from(self.effort.paths) * share.clamp(0.25, 4.0)) as u32;
+                let paths = (0.5 * f64::from(self.budget.paths) * share.clamp(0.25, 4.0)) as u32;
                 let settings = ReferenceSettings {
                     paths: paths.max(2),
                     bounces: Some(bounces),
@@ -358,7 +369,7 @@ impl TripleEstimator<'_> {
                 };
                 let [a, b] = [0, 1]
                     .map(|half| irradiance(&lit, sources, x, n, 2 * j as u64 + half, &settings));
-                let halves = Halves {
+                let halves = IndependentPair {
                     first: a.indirect.as_dvec3(),
                     second: b.indirect.as_dvec3(),
                     direct: a.direct.as_dvec3(),
@@ -420,7 +431,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// stay below m + t s √(1 + 1/n), with Student's t for n − 1 degrees of freedom. Squares are skewed
 /// to larger errors, so the upper end gives the width on both sides.
 fn summarize(sources: &[LightError]) -> ErrorEstimate {
-    let usual = RETURNS * median(sources.iter().map(|l| l.returns));
+    let usual = MIN_RETURNED_FRACTION * median(sources.iter().map(|l| l.returns));
     let weights: Vec<f64> = sources
         .iter()
         .map(|l| (l.returns / usual).min(1.0))

@@ -39,6 +39,8 @@ impl FmmRecipe {
 
 /// Cells of the emitting senders.
 pub(super) struct SenderCells {
+    /// Parameters of the method.
+    recipe: FmmRecipe,
     /// Index of the first emitting sender.
     first: usize,
     /// Pieces of each cell.
@@ -53,11 +55,12 @@ impl SenderCells {
         hierarchy: &Hierarchy,
         settings: &BakeSettings,
     ) -> Option<Self> {
-        let octree = settings.fmm()?;
+        let recipe = settings.fmm()?;
         let finest = settings.sender_levels as usize - 1;
         let level = &hierarchy.senders[finest];
-        let (cells, rays) = find_cells(geometry, level, octree.samples_per_sender, settings.seed);
+        let (cells, rays) = find_cells(geometry, level, recipe.samples_per_sender, settings.seed);
         Some(Self {
+            recipe,
             first: hierarchy.level(finest).start,
             cells,
             rays,
@@ -104,7 +107,7 @@ pub(super) fn add_octree(
     scene: SceneData,
     stats: &mut BakeStats,
 ) -> Result<SceneData, BakeError> {
-    let (Some(cells), Some(recipe)) = (cells, settings.fmm()) else {
+    let Some(cells) = cells else {
         return Ok(scene);
     };
     let began = Instant::now();
@@ -119,13 +122,14 @@ pub(super) fn add_octree(
         })
         .collect();
     stats.rays += cells.rays + sky_rays.len() as u64 * u64::from(rays);
-    let mut scene = match recipe.fallback_links {
+    let mut scene = match cells.recipe.fallback_links {
         // Links have their own gathered sky visibility. Sweeps over them subtract it.
         true => scene,
         false => with_sky(scene, &sky_rays),
     };
     let (points, of) = cells.points(&scene);
-    let fmm = Fmm::new(&points, &recipe.solver(settings.seed), Some(geometry))?;
+    let fmm = Fmm::new(&points, &cells.recipe.solver(settings.seed), Some(geometry))
+        .map_err(|error| BakeError::Octree(Box::new(error)))?;
     stats.rays += fmm.lists().counts.rays;
     let mut operator = fmm.operator(|at| of[at as usize]);
     for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
@@ -136,7 +140,7 @@ pub(super) fn add_octree(
     stats.octree_bytes = operator.bytes();
     stats.octree_entries = operator.entries.len() as u64;
     scene.fmm = Some(operator);
-    scene.info.tiers = TierInfo::all_of(&scene);
+    scene.info.tiers = TierInfo::from_scene(&scene);
     let energy = energy_fmm::enforce_energy_bound(&mut scene, &unlit, &cells.areas());
     let senders = scene.senders() as u64;
     (stats.warnings).extend(super::energy::warning(&energy, senders));

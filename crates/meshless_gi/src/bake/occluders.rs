@@ -4,18 +4,25 @@
 use super::BakeError;
 use super::recipe::RecipeError;
 use crate::asset::Occluders;
-use crate::scene::{Bounds, Bvh, Geometry, Occluder, Shutter};
+use crate::scene::{Bounds, BoxPlanes, Bvh, Geometry, Occluder};
 use crate::transport::{PackedLinkTerm, UnindexedLinkTerm, number_sets};
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// Largest number of boxes of an occluder.
 const MAX_BOXES: usize = 4096;
 /// Length of the longest name, in bytes.
-const LONGEST_NAME: usize = 256;
+const MAX_NAME_BYTES: usize = 256;
 
 /// Part of the scene that a game opens and closes, such as a door or a lift.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderDesc {
     /// Name of the occluder. Without boxes the occluder is the subtree of the scene node with this
@@ -28,6 +35,11 @@ pub struct OccluderDesc {
 
 /// Axis-aligned box in the space of the bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderBox {
     /// Center, in meters.
@@ -71,7 +83,7 @@ pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError
         return Err(wrong(format!("{} of them", shapes.len()), "64 at most"));
     }
     for (i, shape) in shapes.iter().enumerate() {
-        if !(1..=LONGEST_NAME).contains(&shape.name.len()) {
+        if !(1..=MAX_NAME_BYTES).contains(&shape.name.len()) {
             let value = format!("one with a name of {} bytes", shape.name.len());
             return Err(wrong(value, "called something, in 256 bytes at most"));
         }
@@ -116,7 +128,7 @@ pub(super) fn find(
             name: shape.name.clone(),
             triangles: part.map_or_else(Vec::new, |p| p.triangles.clone()),
             boxes: (shape.boxes.iter())
-                .map(|b| Shutter::new(b.bounds(), geometry))
+                .map(|b| BoxPlanes::new(b.bounds(), geometry))
                 .collect(),
         };
         match occluder.shapes().is_empty() {
@@ -133,7 +145,7 @@ pub(super) fn find(
 /// links that cross them. Returns `None` without occluders.
 pub(super) fn index_terms(
     occluders: &[Occluder],
-    passing: &[UnindexedLinkTerm],
+    link_terms: &[UnindexedLinkTerm],
     space: &[UnindexedLinkTerm],
 ) -> Result<Option<Occluders>, BakeError> {
     if occluders.is_empty() {
@@ -141,7 +153,7 @@ pub(super) fn index_terms(
     }
     let max = PackedLinkTerm::MAX_SETS;
     let (sets, [links, probes]) =
-        number_sets([passing, space]).ok_or(BakeError::TooManyOccluderSets { max })?;
+        number_sets([link_terms, space]).ok_or(BakeError::TooManyOccluderSets { max })?;
     Ok(Some(Occluders {
         names: occluders.iter().map(|o| o.name.clone()).collect(),
         sets,

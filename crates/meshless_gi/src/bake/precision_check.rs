@@ -5,9 +5,9 @@ use crate::scene::Bounds;
 
 /// Largest offset of ray origins, relative to the scene's size. The offset is eight roundings of
 /// the largest coordinate.
-const MAX_LIFT: f32 = 0.1;
+const MAX_OFFSET: f32 = 0.1;
 /// Offset that causes a warning: a scene of 2 m at a distance of 2 km.
-const NOTED_LIFT: f32 = 1e-3;
+const WARNING_OFFSET: f32 = 1e-3;
 
 /// Returns the warning for a scene that is too far from the origin for full precision.
 pub(super) fn check_precision(bounds: &Bounds) -> Result<Option<String>, BakeError> {
@@ -16,10 +16,10 @@ pub(super) fn check_precision(bounds: &Bounds) -> Result<Option<String>, BakeErr
     let spacing = f32::EPSILON * far;
     // An empty scene is reported by a later stage.
     let lift = 8.0 * spacing / size;
-    if size <= 0.0 || lift.is_nan() || lift <= NOTED_LIFT {
+    if size <= 0.0 || lift.is_nan() || lift <= WARNING_OFFSET {
         return Ok(None);
     }
-    if lift > MAX_LIFT {
+    if lift > MAX_OFFSET {
         return Err(BakeError::PrecisionLoss { far, size, spacing });
     }
     Ok(Some(format!(

@@ -9,12 +9,19 @@ use crate::scene::Bounds;
 use crate::transport::{
     GatherSettings, SenderForm, SenderTree, Training, UnindexedLinkTerm, pack, probe_rows,
 };
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// Irradiance probes in open space, for dynamic objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProbeSettings {
     /// Distance between mutually visible probes, in meters, 1e-9 to 1e9. Default: about 2048 probes
@@ -152,6 +159,6 @@ pub(super) fn bake_probes(
             rows: packed.operator.rows,
             links: packed.operator.links,
         },
-        occluded: packed.passing,
+        occluded: packed.link_terms,
     })
 }

@@ -2,7 +2,7 @@
 //!
 //! A target error changes all parameters of the presets together: thresholds of links and of added
 //! points, density, rays and samples. Levels lie between and beyond the presets. The expected error
-//! falls by [`STEP`] from level to level. The sequence is the same for every target, so a smaller
+//! falls by [`ERROR_RATIO`] from level to level. The sequence is the same for every target, so a smaller
 //! target never gives a coarser bake.
 
 use super::recipe::Preset;
@@ -72,33 +72,33 @@ impl Preset {
 
 /// Typical errors of the presets on scenes without hard corners. They select the first level for a
 /// target error.
-const USUAL: [(f32, Preset); 3] = [
+const PRESET_ERRORS: [(f32, Preset); 3] = [
     (0.04, Preset::Draft),
     (0.015, Preset::Medium),
     (0.008, Preset::High),
 ];
 /// Error of the coarsest level on such a scene.
-const COARSEST: f32 = 0.16;
+const COARSEST_ERROR: f32 = 0.16;
 /// Ratio of the errors of consecutive levels.
-const STEP: f32 = 1.6;
+const ERROR_RATIO: f32 = 1.6;
 /// Number of levels. The last is finer than the finest preset by half a step. Finer levels exhaust
 /// memory on large scenes.
-const RUNGS: i32 = 8;
+const STEP_COUNT: i32 = 8;
 
 impl QualityParameters {
     /// Returns the levels to try for a target error, from the coarsest that can meet it to the
     /// finest.
     pub fn refinement_steps(error: f32) -> impl Iterator<Item = Self> {
-        let usual = |rung: i32| COARSEST / STEP.powi(rung);
-        let first = (0..RUNGS - 1).find(|&rung| usual(rung) <= STEP * error);
-        (first.unwrap_or(RUNGS - 1)..RUNGS).map(move |rung| Self::of_error(usual(rung)))
+        let usual = |step: i32| COARSEST_ERROR / ERROR_RATIO.powi(step);
+        let first = (0..STEP_COUNT - 1).find(|&step| usual(step) <= ERROR_RATIO * error);
+        (first.unwrap_or(STEP_COUNT - 1)..STEP_COUNT).map(move |step| Self::of_error(usual(step)))
     }
 
     /// Returns the parameters for a typical error, by geometric interpolation between the nearest
     /// presets. Extrapolates beyond them.
     fn of_error(error: f32) -> Self {
-        let pair = if error > USUAL[1].0 { 0 } else { 1 };
-        let [(e0, coarse), (e1, fine)] = [USUAL[pair], USUAL[pair + 1]];
+        let pair = if error > PRESET_ERRORS[1].0 { 0 } else { 1 };
+        let [(e0, coarse), (e1, fine)] = [PRESET_ERRORS[pair], PRESET_ERRORS[pair + 1]];
         let (coarse, fine) = (coarse.parameters(), fine.parameters());
         let t = libm::logf(error / e0) / libm::logf(e1 / e0);
         let mix = |a: f32, b: f32| a * libm::powf(b / a, t);
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn refinement_steps_include_presets_and_increase() {
-        for (error, preset) in USUAL {
+        for (error, preset) in PRESET_ERRORS {
             let (a, b) = (QualityParameters::of_error(error), preset.parameters());
             assert!(
                 (a.points / b.points - 1.0).abs() < 1e-3 && a.rays_per_point == b.rays_per_point
@@ -145,7 +145,7 @@ mod tests {
             assert_eq!(a.refinement_levels, b.refinement_levels);
         }
         let all: Vec<QualityParameters> = QualityParameters::refinement_steps(1.0).collect();
-        assert_eq!(all.len(), RUNGS as usize);
+        assert_eq!(all.len(), STEP_COUNT as usize);
         for pair in all.windows(2) {
             let (a, b) = (pair[0], pair[1]);
             assert!(

@@ -7,6 +7,8 @@ use super::sky::SkyModel;
 use super::transport_method::TransportMethod;
 use super::visibility::VisibilityRecipe;
 use crate::asset::LightSamples;
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use ron::extensions::Extensions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
@@ -14,6 +16,11 @@ use std::ops::RangeInclusive;
 
 /// Quality level of a bake. It sets every value that the recipe leaves out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 #[non_exhaustive]
 pub enum Preset {
     /// Fast bake for work in progress.
@@ -27,6 +34,11 @@ pub enum Preset {
 
 /// Stage that computes the second and later bounces (design D2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 #[non_exhaustive]
 pub enum BounceMode {
     /// The frame, by sweeps over the senders. Materials can change at run time.
@@ -41,6 +53,11 @@ pub enum BounceMode {
 /// Input of a bake in addition to the scene. Every field has a default: `Recipe::default()` bakes
 /// any scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 #[serde(from = "RecipeText")]
 pub struct Recipe {
     /// Path of the scene file, relative to the recipe's file. Required in a `.gi.ron` file. Ignored

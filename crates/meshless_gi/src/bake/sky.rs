@@ -4,12 +4,19 @@ use super::BakeSettings;
 use crate::basis::Hierarchy;
 use crate::scene::{Geometry, SkyRadiance};
 use crate::transport::{LinkTerm, RawRow, ReceiverRays, gather_sky_harmonics, merge_parts};
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Model of the sky that lights a baked scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 #[non_exhaustive]
 pub enum SkyModel {
     /// Sky with the same radiance from all directions. One link per row.

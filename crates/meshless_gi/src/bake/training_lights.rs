@@ -32,23 +32,23 @@ pub fn sample_light_positions(
     seed: u64,
     drop_first: bool,
 ) -> (Vec<Vec3>, u64) {
-    const TRIED: usize = 4;
+    const CANDIDATES_PER_LIGHT: usize = 4;
     let traced = trace_particles(
         geometry,
         viewpoints,
-        0..4 * (TRIED * count) as u64,
+        0..4 * (CANDIDATES_PER_LIGHT * count) as u64,
         seed ^ 0x66_72_65_65,
         drop_first,
     );
-    let stride = (traced.candidates.len() / (TRIED * count).max(1)).max(1);
+    let stride = (traced.candidates.len() / (CANDIDATES_PER_LIGHT * count).max(1)).max(1);
     let tried: Vec<_> = traced
         .candidates
         .iter()
         .step_by(stride)
-        .take(TRIED * count)
+        .take(CANDIDATES_PER_LIGHT * count)
         .collect();
     let samples = tried
-        .chunks(TRIED)
+        .chunks(CANDIDATES_PER_LIGHT)
         .filter_map(|few| {
             few.iter()
                 .map(|c| (c.free.distance(c.surface.position), c.free))
@@ -166,13 +166,13 @@ fn radiosity(
             let s = &hierarchy.surfaces[j];
             let mut row = [0.0; TRAINING_LIGHTS];
             if j < finest || count == 0 {
-                shine(geometry, sources, s.position, s.normal, 1.0, &mut row);
+                add_irradiance(geometry, sources, s.position, s.normal, 1.0, &mut row);
             } else {
                 let first = (j - finest) * count;
                 let own = &samples.list[first..first + count];
                 for sample in own {
                     let share = 1.0 / count as f32;
-                    shine(geometry, sources, sample.x(), sample.n(), share, &mut row);
+                    add_irradiance(geometry, sources, sample.x(), sample.n(), share, &mut row);
                 }
             }
             let albedo = s.albedo.dot(LUMINANCE);
@@ -196,7 +196,7 @@ fn radiosity(
 }
 
 /// Adds the irradiance at (x, n) of lights of 1 W/sr, scaled by `share`.
-fn shine(
+fn add_irradiance(
     geometry: &dyn Geometry,
     sources: &[Vec3],
     x: Vec3,

@@ -1,10 +1,17 @@
 //! Representation of light transport: the method of a recipe, with its parameters.
 
 use super::recipe::{RecipeError, in_range};
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use serde::{Deserialize, Serialize};
 
 /// Representation of the transport operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 #[non_exhaustive]
 pub enum TransportMethod {
     /// Links that keep the mass of each row, with a bound on the truncation error. See
@@ -63,6 +70,11 @@ impl TransportMethod {
 
 /// Parameters of [`TransportMethod::Pca`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 #[serde(default, deny_unknown_fields)]
 pub struct PcaRecipe {
     /// Vectors of the light basis of a cluster, 1 to 1000. Default 10. More reduce the error and
@@ -99,6 +111,11 @@ impl PcaRecipe {
 
 /// Parameters of [`TransportMethod::Fmm`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq, Hash)
+)]
 #[serde(default, deny_unknown_fields)]
 pub struct FmmRecipe {
     /// Order of the expansions, 0 to 16. Default 2. GPU kernels support up to 6. Areas, visibility

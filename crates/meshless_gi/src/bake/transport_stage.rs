@@ -143,7 +143,7 @@ impl TransportStage<'_> {
         )
         .ok_or(BakeError::Canceled)?;
         let probes = self.probes(points, &tree, &training, stats)?;
-        if let Some(mass) = &refined.handed {
+        if let Some(mass) = &refined.truncation_mass {
             points.pull = mass.pull(&tree, &points.visible_areas);
         }
         Ok(Rows {

@@ -7,6 +7,8 @@ use crate::asset::SceneData;
 use crate::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
 };
+#[cfg(feature = "bevy_reflect")]
+use bevy_reflect::std_traits::ReflectDefault;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -14,6 +16,11 @@ use std::time::Instant;
 /// Visibility of the senders and one finer level, for lights with soft shadows. Defaults are those
 /// of [`VisibilitySettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "bevy_reflect",
+    derive(bevy_reflect::Reflect),
+    reflect(Default, Clone, Debug, PartialEq)
+)]
 #[serde(default, deny_unknown_fields)]
 pub struct VisibilityRecipe {
     /// Approximate number of directions per point, 16 to 16384. Default 4012. \[P14\] uses 2016.
@@ -97,7 +104,7 @@ pub(super) fn add_visibility(
     )
     .map_err(|error| match error {
         VisibilityError::Stopped => BakeError::Canceled,
-        error @ VisibilityError::TooLarge { .. } => BakeError::Visibility(error),
+        VisibilityError::TooLarge { max } => BakeError::VisibilityTooLarge { max },
     })?;
     stats.rays += rays;
     stats.visibility_bytes = visibility.bytes() as u64;

@@ -17,7 +17,7 @@
 //! of a cover cuts off the surface below it. A plane half-way in height cuts off the surface above
 //! or below a step.
 
-use super::kernel::{before, kernel, leans, plane_at};
+use super::kernel::{before, is_occluder_plane, kernel, plane_at};
 use super::layer_edge::edge_plane;
 use super::visibility::{ORIGIN_HEIGHT, visibility_origin_height};
 use super::{LevelBasis, support_bounds};
@@ -29,7 +29,7 @@ use rayon::prelude::*;
 /// Largest number of planes of a function. It limits the plane tests at run time.
 const MAX_PLANES: usize = 6;
 /// Largest visible weight that a plane may cut off per unit of blocked weight.
-const LOSS: f32 = 0.5;
+const MAX_VISIBLE_LOSS: f32 = 0.5;
 /// Largest number of given positions whose visibility is tested per function.
 const MAX_VISIBILITY_SAMPLES: usize = 64;
 /// Largest number of positions whose layer's edge is searched.
@@ -37,19 +37,19 @@ const MAX_EDGES: usize = 8;
 /// Number of directions along the tangent plane that are searched for walls.
 const DIRECTIONS: u32 = 16;
 /// Number of distances behind a wall at which surface is searched, per direction.
-const BEHIND: u32 = 4;
+const DISTANCES_PER_WALL: u32 = 4;
 /// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq.
 /// (10).
-const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
+const SUPPORT_HEIGHT: f32 = 1.0 / (1.0 + F_SQUASH);
 /// Height above the tangent plane, in radii, from which surface under a cover is searched.
-const UNDER_COVER: f32 = 0.01;
+const COVER_SEARCH_HEIGHT: f32 = 0.01;
 /// Smallest gain in blocked weight that justifies a plane. The weight at the function's center is
 /// 1.
-const WORTH: f32 = 1e-5;
+const MIN_GAIN: f32 = 1e-5;
 
 /// Surface position around a function.
 #[derive(Clone, Copy)]
-struct Surrounding {
+struct SupportSurface {
     /// Position, meters, and unit normal.
     x: Vec3,
     n: Vec3,
@@ -57,7 +57,7 @@ struct Surrounding {
     free: Option<f32>,
 }
 
-impl Surrounding {
+impl SupportSurface {
     /// Returns the free height above the position, meters, at most `reach`. Adds the rays cast to
     /// `rays`.
     fn free_height(&self, geometry: &dyn Geometry, reach: f32, rays: &mut u64) -> f32 {
@@ -85,7 +85,7 @@ pub(super) struct ClipSample {
 
 /// Chooses clip planes. The result starts with the planes `first` (n, d), followed by the
 /// candidates that cut off the most blocked weight of `samples`. A candidate is left out if it cuts
-/// off the center. It is also left out if the visible weight that it cuts off exceeds [`LOSS`]
+/// off the center. It is also left out if the visible weight that it cuts off exceeds [`MAX_VISIBLE_LOSS`]
 /// times the blocked weight. Blocked samples that are cut off are removed from `samples`. `radius`
 /// is the support radius, meters.
 pub(super) fn choose_planes(
@@ -116,11 +116,11 @@ pub(super) fn choose_planes(
                     gain += if sample.blocked {
                         sample.weight
                     } else {
-                        -sample.weight / LOSS
+                        -sample.weight / MAX_VISIBLE_LOSS
                     };
                 }
             }
-            if gain > best.map_or(WORTH, |(g, _)| g) {
+            if gain > best.map_or(MIN_GAIN, |(g, _)| g) {
                 best = Some((gain, plane));
             }
         }
@@ -136,7 +136,7 @@ pub(super) fn choose_planes(
 fn clip_planes(
     geometry: &dyn Geometry,
     point: &Point,
-    around: impl Iterator<Item = Surrounding>,
+    around: impl Iterator<Item = SupportSurface>,
     rays: &mut u64,
 ) -> Vec<[f32; 4]> {
     // Gather rays pass through occluders, but functions end at them. Otherwise light from one side
@@ -144,7 +144,7 @@ fn clip_planes(
     // the surfaces that they cover are lit when they are open.
     let closed = geometry.with_occluders_closed().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
-    let reach = TALL * radius;
+    let reach = SUPPORT_HEIGHT * radius;
     let layer = Layer::new(geometry, x_j, n_j, reach);
     *rays += Layer::RAYS;
     let lift = (ORIGIN_HEIGHT * radius).max(closed.ray_offset(x_j));
@@ -155,7 +155,7 @@ fn clip_planes(
     let mut covers: Vec<(f32, Vec3)> = Vec::new();
     let (behind, occluders) = behind_walls(closed, point, eye, rays);
     for surrounding in around.chain(behind) {
-        let Surrounding { x, n, .. } = surrounding;
+        let SupportSurface { x, n, .. } = surrounding;
         let cosine = n.dot(n_j);
         let r = dist(x - x_j, n_j);
         if cosine <= 0.0 || r >= radius || !layer.contains(x) {
@@ -220,10 +220,10 @@ fn behind_walls(
     point: &Point,
     eye: Vec3,
     rays: &mut u64,
-) -> (Vec<Surrounding>, Vec<Vec4>) {
+) -> (Vec<SupportSurface>, Vec<Vec4>) {
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let (t, b) = tangents(n_j);
-    let tall = TALL * radius;
+    let tall = SUPPORT_HEIGHT * radius;
     let mut found = Vec::new();
     let mut occluders: Vec<Vec4> = Vec::new();
     for k in 0..DIRECTIONS {
@@ -236,18 +236,18 @@ fn behind_walls(
         };
         let plane = plane_at(&geometry.barrier(&ray, &wall), radius);
         let keeps_center = before(plane, x_j, n_j, radius) > 0.0;
-        if leans(plane) && keeps_center && !occluders.contains(&plane) {
+        if is_occluder_plane(plane) && keeps_center && !occluders.contains(&plane) {
             occluders.push(plane);
         }
-        for k in 0..BEHIND {
-            let across = wall.t + (radius - wall.t) * (k as f32 + 0.5) / BEHIND as f32;
-            for height in [tall, UNDER_COVER * radius] {
+        for k in 0..DISTANCES_PER_WALL {
+            let across = wall.t + (radius - wall.t) * (k as f32 + 0.5) / DISTANCES_PER_WALL as f32;
+            for height in [tall, COVER_SEARCH_HEIGHT * radius] {
                 let above = x_j + way * across + n_j * height;
                 let down = Ray::segment(above, -n_j, height + tall);
                 *rays += 1;
                 if let Some(hit) = geometry.cast(&down) {
                     let there = geometry.hit_point(&down, &hit);
-                    found.push(Surrounding {
+                    found.push(SupportSurface {
                         x: there.position,
                         n: there.normal,
                         free: None,
@@ -271,15 +271,15 @@ pub(super) fn with_planes(
         return (LevelBasis::new(points, Vec::new()), 0);
     }
     let largest = points.iter().fold(0.0f32, |r, p| r.max(p.radius));
-    let samples: Vec<Surrounding> = around
+    let samples: Vec<SupportSurface> = around
         .iter()
         .flat_map(|level| level.iter())
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|c| {
             let (x, n) = (c.surface.position, c.surface.normal);
-            let free = Some(free_height(geometry, x, n, TALL * largest));
-            Surrounding { x, n, free }
+            let free = Some(free_height(geometry, x, n, SUPPORT_HEIGHT * largest));
+            SupportSurface { x, n, free }
         })
         .collect();
     // The functions have several radii. Each uses the grid whose cells are about as large as its

@@ -3,13 +3,13 @@
 //!
 //! \[L08\] gives every function the radius of the finest level. Our finer levels exist only where
 //! the light needs detail. A function's radius therefore follows from the points around it. The
-//! function reaches every position that has it among its [`NEAREST`] nearest visible points. At
+//! function reaches every position that has it among its [`FUNCTIONS_PER_POSITION`] nearest visible points. At
 //! evenly spaced points all radii are equal. At the border of a denser region the radii are large
 //! enough to leave no position uncovered. The tested positions are the points themselves, surface
 //! positions around each of them, and hits of importance particles.
 
 use super::clip::with_planes;
-use super::kernel::{before, leans};
+use super::kernel::{before, is_occluder_plane};
 use super::visibility::Viewer;
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
 use crate::samples::{
@@ -21,15 +21,15 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Number of functions that reach a position.
-const NEAREST: usize = 5;
+const FUNCTIONS_PER_POSITION: usize = 5;
 /// Largest distance of a near function, relative to the second nearest.
-const FAR: f32 = 3.0;
+const MAX_DISTANCE_RATIO: f32 = 3.0;
 /// Radius of a function relative to the distance of its farthest tested position.
-const MARGIN: f32 = 1.1;
+const RADIUS_MARGIN: f32 = 1.1;
 /// Number of importance particles.
 const PATHS: u64 = 6_144;
 /// Number of rays from each point that search further test positions.
-const BESIDE: u64 = 8;
+const RAYS_PER_POINT: u64 = 8;
 
 impl Hierarchy {
     /// Builds the flat basis of all points. Also returns the number of rays cast.
@@ -45,8 +45,8 @@ impl Hierarchy {
         let sure = self.surfaces.iter();
         let sure = sure.chain(traced.candidates.iter().map(|c| &c.surface));
         let sure = sure.map(|s| (s.position, s.normal, f32::INFINITY));
-        let (beside, asked) = self.beside(geometry, settings.levels - 1, seed);
-        let samples: Vec<(Vec3, Vec3, f32)> = sure.chain(beside).collect();
+        let (extra_samples, extra_rays) = self.extra_samples(geometry, settings.levels - 1, seed);
+        let samples: Vec<(Vec3, Vec3, f32)> = sure.chain(extra_samples).collect();
         let (nearest, seen): (Vec<Vec<(u32, f32)>>, Vec<u64>) = samples
             .par_iter()
             .map_init(
@@ -65,7 +65,7 @@ impl Hierarchy {
         let mut radius = vec![min; self.surfaces.len()];
         for &(i, d) in nearest.iter().flatten() {
             let r = &mut radius[i as usize];
-            *r = r.max(MARGIN * d);
+            *r = r.max(RADIUS_MARGIN * d);
         }
         let points: Vec<Point> = self
             .surfaces
@@ -83,13 +83,13 @@ impl Hierarchy {
             .collect();
         let (mut flat, rays) = with_planes(geometry, points, &[&around], settings.clip);
         let opened = open(geometry, &mut flat, &samples, &nearest);
-        (flat, rays + traced.rays + asked + seen + opened)
+        (flat, rays + traced.rays + extra_rays + seen + opened)
     }
 
     /// Returns positions around each point from level `first` on, in its layer and in adjacent
     /// layers. Each has the largest allowed distance of its nearest point. Only coarse functions
     /// reach behind walls that no light reaches. Also returns the number of rays cast.
-    fn beside(
+    fn extra_samples(
         &self,
         geometry: &dyn Geometry,
         first: usize,
@@ -97,8 +97,14 @@ impl Hierarchy {
     ) -> (Vec<(Vec3, Vec3, f32)>, u64) {
         let points: Vec<usize> = (self.level_starts[first] as usize..self.surfaces.len()).collect();
         let own = self.levels[first].radius();
-        let (found, rays) =
-            local_candidates(geometry, &self.surfaces, &points, own, BESIDE, seed ^ 0x62);
+        let (found, rays) = local_candidates(
+            geometry,
+            &self.surfaces,
+            &points,
+            own,
+            RAYS_PER_POINT,
+            seed ^ 0x62,
+        );
         let found = found.iter().map(|c| &c.surface);
         let found = found.map(|s| (s.position, s.normal, own));
         (found.collect(), rays)
@@ -133,9 +139,9 @@ impl Hierarchy {
         let mut max = f32::INFINITY;
         let viewer = Viewer::new(geometry, x, n, self.levels[0].radius());
         let own = self.levels.last().map_or(0.0, LevelBasis::radius);
-        let mut nearest = Vec::with_capacity(NEAREST);
+        let mut nearest = Vec::with_capacity(FUNCTIONS_PER_POSITION);
         for &(distance, i, d) in &*near {
-            if nearest.len() == NEAREST || distance > max {
+            if nearest.len() == FUNCTIONS_PER_POSITION || distance > max {
                 break;
             }
             let l = self.level_of(i as usize);
@@ -150,7 +156,7 @@ impl Hierarchy {
                 nearest.push((i, d));
                 // At a sparsely covered position, distant functions are left out.
                 if nearest.len() == 2 {
-                    max = FAR * distance;
+                    max = MAX_DISTANCE_RATIO * distance;
                 }
             }
         }
@@ -184,8 +190,8 @@ fn open(
             let point = &flat.points[j as usize];
             // Planes of occluders still separate positions.
             let mut occluders = flat.planes[point.plane_range()].iter();
-            let is_open =
-                occluders.all(|p| !leans(Vec4::from_array(*p)) || before(p, point.radius));
+            let is_open = occluders
+                .all(|p| !is_occluder_plane(Vec4::from_array(*p)) || before(p, point.radius));
             let reach = point.radius / (1.0 + F_SQUASH);
             rays += 2;
             let height = |x, n| free_height(geometry, x, n, reach);

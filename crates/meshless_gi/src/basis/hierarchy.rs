@@ -152,14 +152,14 @@ impl Hierarchy {
         })
     }
 
-    /// Adds a level around the points `wanting` of the finest level, where light needs more detail.
+    /// Adds a level around the points `refined_points` of the finest level, where light needs more detail.
     /// Its disk radius is half that of the finest level. Candidates are surface points visible from
     /// just above each of the points. `max` limits the number of added points. Returns the number
     /// of added points.
     pub fn add_level(
         &mut self,
         geometry: &dyn Geometry,
-        wanting: &[usize],
+        refined_points: &[usize],
         max: usize,
         settings: &HierarchySettings,
     ) -> usize {
@@ -168,7 +168,7 @@ impl Hierarchy {
         let (candidates, rays) = local_candidates(
             geometry,
             &self.surfaces,
-            wanting,
+            refined_points,
             2.0 * disk * OVERLAP[1],
             LOCAL_RAYS,
             settings.seed.wrapping_add(l as u64),

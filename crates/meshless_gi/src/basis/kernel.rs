@@ -22,7 +22,7 @@ pub const LEAN_FROM: f32 = 1.001;
 /// surfaces drawn on the occluder itself, and rounding.
 const LEAN_MARGIN: f32 = 0.01;
 /// Largest lean, in radii. Functions do not reach farther.
-const LONGEST_LEAN: f32 = 2.0;
+const MAX_LEAN: f32 = 2.0;
 
 /// Computes the clip plane (n, d) of a function of `radius` at a barrier. The normal of an ordinary
 /// plane is a unit vector. The normal of an occluder's plane is longer: its squared length is
@@ -32,13 +32,13 @@ pub(super) fn plane_at(barrier: &Barrier, radius: f32) -> Vec4 {
     let plane = barrier.normal.extend(-barrier.normal.dot(barrier.position));
     let half = barrier.half_thickness;
     half.map_or(plane, |half| {
-        let lean = (half / radius).min(LONGEST_LEAN) + LEAN_MARGIN;
+        let lean = (half / radius).min(MAX_LEAN) + LEAN_MARGIN;
         plane * (LEAN_FROM + lean).sqrt()
     })
 }
 
 /// Returns `true` if a clip plane belongs to an occluder.
-pub(super) fn leans(plane: Vec4) -> bool {
+pub(super) fn is_occluder_plane(plane: Vec4) -> bool {
     plane.truncate().length_squared() > LEAN_FROM
 }
 

@@ -4,7 +4,7 @@ use crate::samples::tangents;
 use glam::{Vec3, Vec4};
 
 /// Number of bisections. The error of the edge is at most 0.001 of the distance searched.
-const STEPS: u32 = 10;
+const BISECTIONS: u32 = 10;
 /// Angle to either side at which the direction of the edge is measured, radians.
 const ANGLE: f32 = 0.15;
 
@@ -30,7 +30,7 @@ pub(super) fn edge_plane(
         if is_inside(x_j + toward * far) {
             return None;
         }
-        for _ in 0..STEPS {
+        for _ in 0..BISECTIONS {
             let middle = 0.5 * (near + far);
             if is_inside(x_j + toward * middle) {
                 near = middle;

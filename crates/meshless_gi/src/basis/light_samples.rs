@@ -65,7 +65,7 @@ pub fn place_light_samples(
         .par_iter_mut()
         .enumerate()
         .map(|(i, surface)| {
-            let (candidates, rays) = look_around(geometry, level, i, surface, &reach, seed);
+            let (candidates, rays) = sample_support(geometry, level, i, surface, &reach, seed);
             let mut seen = resample(&candidates, count);
             if seen.is_empty() {
                 seen = vec![*surface; count];
@@ -88,7 +88,7 @@ pub fn place_light_samples(
 
 /// Returns the candidates of function `i` at lattice points around its center, and the number of
 /// rays cast. Each lattice has one point at each radius in `reach`, relative to the support radius.
-fn look_around(
+fn sample_support(
     geometry: &dyn Geometry,
     level: &SenderLevel<'_>,
     i: usize,

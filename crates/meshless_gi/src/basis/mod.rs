@@ -19,7 +19,7 @@ pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use hit_senders::GatherHit;
 pub use kernel::{LEAN_FROM, kernel, weight};
 pub use light_samples::{SenderLevel, place_light_samples};
-pub use probes::{PROBE_OVERLAP, probe_basis, weight_in_space};
+pub use probes::{PROBE_OVERLAP, probe_basis, probe_weight};
 pub use shepard::{LevelBasis, support_bounds};
 pub use voronoi_cells::{CellPart, find_cells};
 pub use weights::{WeightEntry, Weights};

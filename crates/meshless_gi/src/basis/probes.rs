@@ -27,7 +27,7 @@ const WALLS: u32 = 48;
 /// they lie in the middle of the occluder.
 #[must_use]
 #[inline]
-pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
+pub fn probe_weight(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     let squared = (x - probe.x()).length_squared();
     if squared < probe.radius * probe.radius {
         weight_inside(probe, planes, x, n, 1.0, squared)
@@ -142,7 +142,7 @@ fn planes_of(
 mod tests {
     use super::*;
     use crate::samples::{ProbePlacementSettings, Random, place_probes};
-    use crate::scene::{Material, Quad, mesh_of_quads};
+    use crate::scene::{Material, Quad, TriangleMesh};
 
     /// The six walls of a room, with fronts to the inside.
     fn room(low: Vec3, high: Vec3) -> Vec<Quad> {
@@ -171,7 +171,7 @@ mod tests {
     fn probe_functions_stop_at_thin_wall() {
         let mut quads = room(Vec3::ZERO, Vec3::splat(2.0));
         quads.extend(room(Vec3::X * 2.0, Vec3::new(4.0, 2.0, 2.0)));
-        let mesh = mesh_of_quads(&quads);
+        let mesh = TriangleMesh::from_quads(&quads);
         let eyes = [Vec3::ONE, Vec3::new(3.0, 1.0, 1.0)];
         let settings = ProbePlacementSettings {
             spacing: 0.4,
@@ -187,7 +187,7 @@ mod tests {
                 false => Point { planes: 0, ..*p },
             };
             let all = basis.points.iter().map(own);
-            all.filter(|p| weight_in_space(p, &basis.planes, x, Vec3::ZERO) > 0.0)
+            all.filter(|p| probe_weight(p, &basis.planes, x, Vec3::ZERO) > 0.0)
                 .map(|p| p.x())
                 .collect::<Vec<_>>()
         };

@@ -83,10 +83,10 @@ impl LevelBasis {
         n: Vec3,
         out: &mut Vec<WeightEntry>,
     ) -> f32 {
-        const AT_ONCE: usize = 32;
+        const BATCH_SIZE: usize = 32;
         let mut sum = 0.0;
-        let mut reaching = [(0u32, 0.0f32, 0.0f32); AT_ONCE];
-        for some in near.chunks(AT_ONCE) {
+        let mut reaching = [(0u32, 0.0f32, 0.0f32); BATCH_SIZE];
+        for some in near.chunks(BATCH_SIZE) {
             // Two of three functions do not reach the position, and branch prediction fails. The
             // ones that do are therefore selected first, without a branch.
             let mut count = 0;

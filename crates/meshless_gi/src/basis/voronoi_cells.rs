@@ -38,7 +38,7 @@ pub fn find_cells(
     let cells: Vec<(Vec<CellPart>, u64)> = (0..level.points.len())
         .into_par_iter()
         .map_init(Vec::new, |found, i| {
-            let (seen, rays) = look_around(geometry, level, i, seed, found);
+            let (seen, rays) = trace_cell(geometry, level, i, seed, found);
             (thinned(&seen, parts.max(1) as usize), rays)
         })
         .collect();
@@ -47,7 +47,7 @@ pub fn find_cells(
 }
 
 /// Returns all parts of a cell and the number of rays cast.
-fn look_around(
+fn trace_cell(
     geometry: &dyn Geometry,
     level: &LevelBasis,
     i: usize,

@@ -162,7 +162,7 @@ mod tests {
 
     /// Returns the form factor from a point below the center of a parallel square: 4 times the form
     /// factor of a quarter from its corner.
-    fn below_the_center(h: f32) -> f32 {
+    fn center_form_factor(h: f32) -> f32 {
         let a = 1.0 / h;
         let s = (1.0 + a * a).sqrt();
         4.0 / (2.0 * PI) * 2.0 * (a / s) * (a / s).atan()
@@ -174,7 +174,7 @@ mod tests {
             let mesh = [panel(h)];
             let light = EmissionIntegrator::new(&mesh, SkyRadiance::BLACK);
             let e = light.irradiance(Vec3::ZERO, Vec3::Y, 7);
-            let right = 3.0 * PI * below_the_center(h);
+            let right = 3.0 * PI * center_form_factor(h);
             assert!((e.x / right - 1.0).abs() < 4e-3, "{h}: {e} {right}");
             assert!((e.y / e.x - 0.5).abs() < 1e-4 && e.z == 0.0);
             assert_eq!(light.irradiance(Vec3::ZERO, Vec3::NEG_Y, 7), Vec3::ZERO);
@@ -208,7 +208,7 @@ mod tests {
         let mesh = [panel(1.0)];
         let light = EmissionIntegrator::new(&mesh, Vec3::ONE.into());
         let e = light.irradiance(Vec3::ZERO, Vec3::Y, 1);
-        let share = below_the_center(1.0);
+        let share = center_form_factor(1.0);
         assert!((e.z / (PI * (1.0 - share)) - 1.0).abs() < 5e-3, "{e}");
         assert!(!light.is_dark() && EmissionIntegrator::new(&[], SkyRadiance::BLACK).is_dark());
     }

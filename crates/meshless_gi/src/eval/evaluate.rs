@@ -69,7 +69,7 @@ pub struct Evaluator<'a> {
     /// Reflected light only.
     solved: Solved,
     light_sources: Vec<FrameLight>,
-    glow: EmissionIntegrator<'a>,
+    emission_integrator: EmissionIntegrator<'a>,
     /// Number of simulated bounces. `None` if baked bounces were used or the solve ran to
     /// convergence.
     bounces: Option<u32>,
@@ -115,11 +115,11 @@ impl<'a> Evaluator<'a> {
         let mut solved = Solved::from_frame(&frame);
         let emits = scene.data().surfaces.iter().any(|s| s.emission != [0.0; 3]);
         if emits {
-            let once_more = match bounces {
+            let emission_bounces = match bounces {
                 Bounces::Count(count) => Bounces::Count(count.max(1).saturating_add(1)),
                 Bounces::All => Bounces::All,
             };
-            solved.add(1.0, &solve_emission(scene, once_more, tier));
+            solved.add(1.0, &solve_emission(scene, emission_bounces, tier));
         }
         if emits || !sky.is_black() {
             let mut black = scene.clone();
@@ -138,7 +138,7 @@ impl<'a> Evaluator<'a> {
             scene,
             solved,
             light_sources: expand(FINE_PATCHES),
-            glow: EmissionIntegrator::new(meshes, sky),
+            emission_integrator: EmissionIntegrator::new(meshes, sky),
             bounces: used,
         }
     }
@@ -149,7 +149,7 @@ impl<'a> Evaluator<'a> {
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
         let scene = self.scene.data();
         let extent = project::extent(scene);
-        let above = x + n * self.glow.surface_relief(x);
+        let above = x + n * self.emission_integrator.surface_relief(x);
         let light_sources: Vec3 = self
             .light_sources
             .iter()
@@ -162,14 +162,17 @@ impl<'a> Evaluator<'a> {
         let (points, display) = (&scene.points, &scene.display);
         let indirect = match splat::splat_covered(points, display, values, x, n) {
             Some((e, cover)) => {
-                let (e, share) = (e.dot(n).max(Vec3::ZERO), splat::share(cover, splat::SEAM));
+                let (e, share) = (
+                    e.dot(n).max(Vec3::ZERO),
+                    splat::share(cover, splat::FULL_COVER),
+                );
                 let rest = (share < 1.0).then(|| self.probe_irradiance(x, n)).flatten();
                 Some(rest.map_or(e, |space| space.lerp(e, share)))
             }
             None => self.probe_irradiance(x, n),
         };
         Evaluated {
-            direct: finite(light_sources + self.glow.irradiance(x, n, stream)),
+            direct: finite(light_sources + self.emission_integrator.irradiance(x, n, stream)),
             indirect: indirect.map(finite),
         }
     }
@@ -213,10 +216,10 @@ pub(crate) fn solve(
 ) -> (CpuFrame, Option<u32>) {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, light_sources);
-    let known = scene.info().bounces;
-    if scene.data().bounces.is_some() && bounces == Bounces::Count(known) {
+    let baked_count = scene.info().bounces;
+    if scene.data().bounces.is_some() && bounces == Bounces::Count(baked_count) {
         let baked = FrameSettings {
-            sweeps: known.max(1) - 1,
+            sweeps: baked_count.max(1) - 1,
             baked_bounces: true,
             ..*settings
         };

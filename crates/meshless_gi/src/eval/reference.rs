@@ -380,8 +380,11 @@ mod tests {
             let right = right.irradiance(x, Vec3::Y, 1);
             assert!((e.direct.x / right.x - 1.0).abs() < 5e-3, "{e:?} {right}");
             assert!(e.direct_error.x < 5e-3 * right.x, "{e:?}");
-            let blind = irradiance(&WithoutEmitters(&mesh), &[], x, Vec3::Y, 1, &settings(256));
-            assert!(blind.direct_error.x > 0.3 * right.x || blind.direct.x == 0.0);
+            let without_emitters =
+                irradiance(&WithoutEmitters(&mesh), &[], x, Vec3::Y, 1, &settings(256));
+            assert!(
+                without_emitters.direct_error.x > 0.3 * right.x || without_emitters.direct.x == 0.0
+            );
         }
     }
 
@@ -397,19 +400,20 @@ mod tests {
                 (Vec3::new(0.05, 0.5 * height, 0.0), Vec3::NEG_Y),
             ] {
                 let both = irradiance(&mesh, &[], x, n, 2, &settings(20_000));
-                let blind = irradiance(&WithoutEmitters(&mesh), &[], x, n, 3, &settings(200_000));
+                let without_emitters =
+                    irradiance(&WithoutEmitters(&mesh), &[], x, n, 3, &settings(200_000));
                 let parts = [
                     (
                         both.direct,
                         both.direct_error,
-                        blind.direct,
-                        blind.direct_error,
+                        without_emitters.direct,
+                        without_emitters.direct_error,
                     ),
                     (
                         both.indirect,
                         both.indirect_error,
-                        blind.indirect,
-                        blind.indirect_error,
+                        without_emitters.indirect,
+                        without_emitters.indirect_error,
                     ),
                 ];
                 let error = both.direct_error.x;
@@ -418,7 +422,7 @@ mod tests {
                     let error = (ea * ea + eb * eb).x.sqrt();
                     assert!(
                         (a - b).x.abs() <= 4.0 * error,
-                        "{height} {n}: {both:?} {blind:?}"
+                        "{height} {n}: {both:?} {without_emitters:?}"
                     );
                 }
             }

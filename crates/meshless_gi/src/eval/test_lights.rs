@@ -7,12 +7,12 @@ use crate::scene::{Bounds, Geometry, Hit, Ray, Surface};
 use glam::{Vec2, Vec3};
 
 /// Number of directions in which clearance is measured.
-const LOOKS: u32 = 96;
+const CLEARANCE_RAYS: u32 = 96;
 
 /// Number of rays that [`sample_open_positions`] casts per candidate.
-pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
+pub const RAYS_PER_POSITION: u64 = CLEARANCE_RAYS as u64;
 
-/// Returns `count` light positions. Each is the one with the largest clearance of `tried` random
+/// Returns `count` light positions. Each is the one with the largest clearance of `candidates_per_light` random
 /// candidates. A light that almost touches a wall is not representative, and its reference is
 /// noisy. Returns no positions if there are no candidates.
 #[must_use]
@@ -20,26 +20,26 @@ pub fn sample_open_positions(
     geometry: &dyn Geometry,
     candidates: &[Candidate],
     count: usize,
-    tried: usize,
+    candidates_per_light: usize,
     random: &mut Random,
 ) -> Vec<Vec3> {
     if candidates.is_empty() {
         return Vec::new();
     }
     let size = geometry.bounds().size().max_element();
-    let room = |p: Vec3| {
-        (0..LOOKS)
+    let clearance = |p: Vec3| {
+        (0..CLEARANCE_RAYS)
             .filter_map(|k| {
-                let direction = uniform_sphere(lattice(k, LOOKS, Vec2::splat(0.5)));
+                let direction = uniform_sphere(lattice(k, CLEARANCE_RAYS, Vec2::splat(0.5)));
                 geometry.cast(&Ray::new(p, direction)).map(|hit| hit.t)
             })
             .fold(size, f32::min)
     };
     (0..count)
         .filter_map(|_| {
-            (0..tried)
+            (0..candidates_per_light)
                 .map(|_| candidates[random.below(candidates.len())].free)
-                .map(|p| (room(p), p))
+                .map(|p| (clearance(p), p))
                 .max_by(|a, b| a.0.total_cmp(&b.0))
         })
         .map(|best| best.1)

@@ -5,7 +5,7 @@ use super::VolumePlacement;
 use super::ktx2;
 use crate::asset::{BakedScene, write_file};
 use crate::eval::{Bounces, PATCHES, solve};
-use crate::frame::splat::LARGEST_HALF;
+use crate::frame::splat::MAX_HALF;
 use crate::frame::volume::volume_texels;
 use crate::frame::{
     FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
@@ -18,7 +18,7 @@ use std::path::Path;
 
 /// Scale of the light during the computation, since the kernel clamps texels to the range of half
 /// floats. No light of a frame is above 10¹⁸.
-const SMALL: f32 = 1.0 / (1u128 << 64) as f32;
+const COMPUTE_SCALE: f32 = 1.0 / (1u128 << 64) as f32;
 
 /// Settings of an exported volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,7 +112,7 @@ impl ExportedVolume {
             .unwrap_or(Bounces::Count(scene.info().bounces));
         let (frame, _) = solve(scene, &slots, &settings, bounces);
         let mut params = VolumeParams::new(&shape, &Mat4::IDENTITY);
-        params.scale *= SMALL;
+        params.scale *= COMPUTE_SCALE;
         let values = VolumeValues {
             points: frame.vector_irradiance(),
             probes: frame.probes(),
@@ -126,8 +126,8 @@ impl ExportedVolume {
             .iter()
             .flat_map(|t| &t[..3])
             .fold(0.0, |peak: f32, v| peak.max(*v));
-        let intensity = intensity(peak / SMALL);
-        let scale = 1.0 / SMALL / intensity;
+        let intensity = intensity(peak / COMPUTE_SCALE);
+        let scale = 1.0 / COMPUTE_SCALE / intensity;
         let stored =
             |[r, g, b, way]: [f32; 4]| [r * scale, g * scale, b * scale, way].map(f16::from_f32);
         Ok(Self {
@@ -178,7 +178,7 @@ impl ExportedVolume {
 /// floats represent it well.
 fn intensity(peak: f32) -> f32 {
     let mut intensity = 1.0f32;
-    while peak / intensity > LARGEST_HALF {
+    while peak / intensity > MAX_HALF {
         intensity *= 2.0;
     }
     while peak > 0.0 && peak / intensity < 1.0 && intensity > f32::MIN_POSITIVE {
@@ -193,14 +193,14 @@ mod tests {
 
     #[test]
     fn volume_intensity_keeps_brightest_texel_in_f16_range() {
-        for peak in [0.0, 1.0, 300.0, LARGEST_HALF] {
+        for peak in [0.0, 1.0, 300.0, MAX_HALF] {
             assert_eq!(intensity(peak), 1.0, "{peak}");
         }
         assert_eq!(intensity(65_505.0), 2.0);
         assert_eq!(intensity(0.75), 0.5);
         for peak in [1e-30f32, 1e-5, 1e6, 1e30, f32::MAX] {
             let stored = peak / intensity(peak);
-            assert!((1.0..=LARGEST_HALF).contains(&stored), "{peak}: {stored}");
+            assert!((1.0..=MAX_HALF).contains(&stored), "{peak}: {stored}");
         }
     }
 }

@@ -6,7 +6,7 @@
 /// Number of stored steps.
 const DEPTH: usize = 6;
 /// Share of the largest diagonal element below which a direction counts as linearly dependent.
-const DEPENDENT: f64 = 1e-12;
+const MIN_RELATIVE_DIAGONAL: f64 = 1e-12;
 
 /// History of one iteration.
 #[derive(Debug, Default)]
@@ -65,7 +65,7 @@ impl Anderson {
                 if i == j {
                     largest = largest.max(a);
                     let rest = a - inner;
-                    l[i][i] = match rest > DEPENDENT * largest {
+                    l[i][i] = match rest > MIN_RELATIVE_DIAGONAL * largest {
                         true => rest.sqrt(),
                         false => f64::INFINITY,
                     };

@@ -34,7 +34,7 @@ pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> Vector
 
 /// Fills `out[points]` by `value_of`. Rows that a frame of this tier does not use count as rows
 /// without links.
-pub(super) fn over_rows(
+pub(super) fn for_each_row(
     params: &SolveParams,
     rows: &[Row],
     points: Range<usize>,
@@ -64,7 +64,7 @@ pub fn apply(
     coefficients: &[[f32; 4]],
     out: &mut [VectorIrradiance],
 ) {
-    over_rows(params, rows, points, out, |row| {
+    for_each_row(params, rows, points, out, |row| {
         apply_row(row, links, coefficients)
     });
 }

@@ -4,7 +4,7 @@
 //! chromaticity h. The kernel computes a third of the products and loads a third of the
 //! coefficients. The output has three channels, so that later kernels do not differ.
 
-use super::apply::over_rows;
+use super::apply::for_each_row;
 use super::layout::{SolveParams, VectorIrradiance};
 use crate::transport::{Link, Row};
 use glam::Vec3;
@@ -44,7 +44,7 @@ pub fn apply_one(
     out: &mut [VectorIrradiance],
 ) {
     let (channel, hue) = (params.channel as usize, params.hue);
-    over_rows(params, rows, points, out, |row| {
+    for_each_row(params, rows, points, out, |row| {
         apply_one_row(row, links, coefficients, channel, hue)
     });
 }

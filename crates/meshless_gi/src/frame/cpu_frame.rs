@@ -11,7 +11,7 @@ use super::{
 use crate::asset::{BakedScene, PointSurface, SceneData};
 use crate::scene::{Bvh, MaterialFactors};
 use crate::transport::Link;
-use transport::{Whom, octree};
+use transport::{ReceiverSet, octree};
 
 mod converge;
 mod results;
@@ -70,7 +70,7 @@ struct Occluded {
     probe_links: Vec<Link>,
     bvh: Bvh,
     /// Visibility of the sky's terms from the senders.
-    seen: Vec<[f32; 8]>,
+    sky_visibility: Vec<[f32; 8]>,
 }
 
 impl CpuFrame {
@@ -156,7 +156,7 @@ impl CpuFrame {
             return false;
         }
         self.factors = factors;
-        self.paint(scene);
+        self.update_surfaces(scene);
         true
     }
 
@@ -183,14 +183,14 @@ impl CpuFrame {
             links: data.operator.links.clone(),
             probe_links: probe_links.to_vec(),
             bvh: data.bvh.clone(),
-            seen: Vec::new(),
+            sky_visibility: Vec::new(),
         });
-        let passing = occluder_set_transmittances(known, &gains);
-        occlude(&known.links, &passing, &mut occluded.links);
-        occlude(&known.probes, &passing, &mut occluded.probe_links);
+        let transmittances = occluder_set_transmittances(known, &gains);
+        occlude(&known.links, &transmittances, &mut occluded.links);
+        occlude(&known.probes, &transmittances, &mut occluded.probe_links);
         occluded.bvh.set_transmittances(&gains);
         occluded.gains = gains;
-        self.paint(data);
+        self.update_surfaces(data);
         self.projected_for.fill(FrameLight::default());
         let lights = std::mem::take(&mut self.lights);
         self.set_lights(scene, &lights);
@@ -198,15 +198,15 @@ impl CpuFrame {
     }
 
     /// Recomputes the senders' surfaces for the current materials and occluders.
-    fn paint(&mut self, scene: &SceneData) {
-        let passing = match (&self.occluded, &scene.occluders) {
+    fn update_surfaces(&mut self, scene: &SceneData) {
+        let transmittances = match (&self.occluded, &scene.occluders) {
             (Some(now), Some(known)) => occluder_set_transmittances(known, &now.gains),
             _ => Vec::new(),
         };
-        let (surfaces, seen) = current_surfaces(scene, &self.factors, &passing);
+        let (surfaces, sky_visibility) = current_surfaces(scene, &self.factors, &transmittances);
         self.surfaces = surfaces;
         if let Some(occluded) = &mut self.occluded {
-            occluded.seen = seen;
+            occluded.sky_visibility = sky_visibility;
         }
         self.solved = None;
     }
@@ -257,8 +257,8 @@ impl CpuFrame {
         for _ in 0..steps.sweeps {
             self.sweep(scene, &params, &steps, &mut octree);
         }
-        self.transport(scene, &params, &steps, &mut octree, Whom::All);
-        self.light_space(scene, &params, &steps);
+        self.transport(scene, &params, &steps, &mut octree, ReceiverSet::All);
+        self.transport_to_probes(scene, &params, &steps);
         self.solved = Some(*settings);
         self.counters.solves += 1;
         self.counters.sweeps += u64::from(steps.sweeps);
@@ -306,7 +306,7 @@ fn sender_inputs<'a>(
         points: &scene.points,
         surfaces: surfaces(own, scene),
         sky: match occluded {
-            Some(o) => &o.seen,
+            Some(o) => &o.sky_visibility,
             None => scene.sky.as_ref().map_or(&[], |sky| &sky.senders),
         },
     }

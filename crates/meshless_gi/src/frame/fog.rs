@@ -210,7 +210,7 @@ pub fn fog(
             let position = voxels_from_view.transform_point3(x);
             let arrives = read_voxels(params.size, texels, position, sent);
             let way = (-lost * params.radius).exp();
-            sum += left * density * way * part * mean_left(lost * part) * arrives;
+            sum += left * density * way * part * mean_transmittance(lost * part) * arrives;
         }
         left *= (-lost * part).exp();
     }
@@ -253,7 +253,7 @@ fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
 }
 
 /// Returns (1 − e^(−x)) / x, the mean transmittance on the way out of a step.
-fn mean_left(x: f32) -> f32 {
+fn mean_transmittance(x: f32) -> f32 {
     match x < 1e-2 {
         true => 1.0 - x * (0.5 - x / 6.0),
         false => (1.0 - (-x).exp()) / x,

@@ -24,18 +24,18 @@
 //! own sides are read, which store the light of the wall.
 
 use super::fog::FogView;
-use super::splat::LARGEST_HALF;
-use super::volume::{AHEAD, VolumeParams};
+use super::splat::MAX_HALF;
+use super::volume::{STRAIGHT_STEP, VolumeParams};
 use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 
 /// Smallest distance between two positions. The direction to the eye is undefined at the eye.
-pub const NEAREST: f32 = 1e-12;
+pub const MIN_EYE_DISTANCE: f32 = 1e-12;
 
 /// Upper limit of the encoded distance of a direction that is free up to the next voxel
 /// ([`WallDistances::encode`](super::WallDistances::encode)).
-pub const FREE_WAY: f32 = -1.252;
+pub const UNOBSTRUCTED_THRESHOLD: f32 = -1.252;
 
 /// Volume of a scene in one view through fog, for `fog_inscatter`. 192 bytes.
 #[repr(C)]
@@ -68,7 +68,7 @@ impl FogInscatterParams {
         Self {
             world_from_voxels: world_from_voxels.to_cols_array_2d(),
             eye: eye.to_array(),
-            steps: volume.steps.map(|of| of[AHEAD]),
+            steps: volume.steps.map(|of| of[STRAIGHT_STEP]),
             size: shape.size().to_array(),
             asymmetry: asymmetry.clamp(-1.0, 1.0),
         }
@@ -77,7 +77,7 @@ impl FogInscatterParams {
 
 /// Returns one texel. RGB is in the unit that [`Fog::color`](super::Fog::color) multiplies, cd/m²
 /// if lights are in lumens. The fourth number is that of the voxel's own texels. It is below
-/// [`OPEN`](super::volume_sample::OPEN) if no wall is near. `texels` is the output of
+/// [`NO_WALL_THRESHOLD`](super::volume_sample::NO_WALL_THRESHOLD) if no wall is near. `texels` is the output of
 /// [`volume`](super::volume::volume).
 #[must_use]
 pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
@@ -86,14 +86,17 @@ pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UV
     let middle = world_from_voxels.transform_point3(voxel.as_vec3() + 0.5);
     let eye = Vec4::from(params.eye);
     let toward = middle * eye.w - eye.truncate();
-    let weights = sides(params.asymmetry, toward / toward.length().max(NEAREST));
+    let weights = sides(
+        params.asymmetry,
+        toward / toward.length().max(MIN_EYE_DISTANCE),
+    );
     let texel = |voxel: UVec3, side: usize| {
         let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
         Vec4::from(texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize])
     };
     let free = |way: IVec3| {
         let along = |k: usize| texel(voxel, 2 * k + usize::from(way[k] < 0)).w;
-        (0..3).all(|k| way[k] == 0 || along(k) < FREE_WAY)
+        (0..3).all(|k| way[k] == 0 || along(k) < UNOBSTRUCTED_THRESHOLD)
     };
     let own = |side: usize| {
         let [x, y, z, _] = params.steps[side];
@@ -107,7 +110,7 @@ pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UV
     };
     let light: Vec3 = (0..6).map(|k| weights[k] * own(k)).sum();
     light
-        .clamp(Vec3::ZERO, Vec3::splat(LARGEST_HALF))
+        .clamp(Vec3::ZERO, Vec3::splat(MAX_HALF))
         .extend(texel(voxel, 0).w)
         .to_array()
 }

@@ -31,7 +31,7 @@ pub struct FrameLight {
 
 /// Upper limit of lights, sky and surface emission, in W/sr or W/m². Sums of many lights at any
 /// distance stay finite in single precision.
-pub const BRIGHTEST: f32 = 1e18;
+pub const MAX_INTENSITY: f32 = 1e18;
 
 impl FrameLight {
     /// `kind` of a slot without a light.
@@ -180,12 +180,12 @@ impl FrameLight {
         } == *other
     }
 
-    /// Returns the light with its color clamped to [`BRIGHTEST`]. Returns an empty slot if a number
+    /// Returns the light with its color clamped to [`MAX_INTENSITY`]. Returns an empty slot if a number
     /// of the light is not finite.
     fn or_none(self) -> Self {
         if self.is_finite() {
             let color = Vec3::from_array(self.color);
-            let max = Vec3::splat(BRIGHTEST);
+            let max = Vec3::splat(MAX_INTENSITY);
             Self {
                 color: color.clamp(-max, max).to_array(),
                 ..self

@@ -4,7 +4,7 @@
 //! This is not a kernel. It runs in frames in which a factor changed, over a few thousand senders,
 //! and the result is uploaded.
 
-use super::light::BRIGHTEST;
+use super::light::MAX_INTENSITY;
 use super::occlude::occlude_sky;
 use crate::asset::{DynamicMaterials, PointSurface, SceneData};
 use crate::scene::{MaterialFactors, SkyRadiance};
@@ -34,7 +34,7 @@ pub fn sanitize_factors(
         .map(|(m, baked)| {
             factors.get(m).map_or(*baked, |f| MaterialFactors {
                 base_color: within(f.base_color, 1.0),
-                emissive: within(f.emissive, BRIGHTEST / 4.0),
+                emissive: within(f.emissive, MAX_INTENSITY / 4.0),
             })
         })
         .collect()
@@ -91,16 +91,16 @@ pub fn dynamic_surfaces(
 pub fn current_surfaces(
     scene: &SceneData,
     factors: &[MaterialFactors],
-    passing: &[f32],
+    transmittances: &[f32],
 ) -> (Vec<PointSurface>, Vec<[f32; SkyRadiance::TERMS]>) {
     let live = match factors.is_empty() {
         true => None,
         false => dynamic_surfaces(scene, factors),
     };
     let mut surfaces = live.unwrap_or_else(|| scene.surfaces[..scene.senders()].to_vec());
-    let mut seen = scene.sky.as_ref().map_or(Vec::new(), |s| s.senders.clone());
-    if !passing.is_empty() {
-        occlude_sky(scene, passing, &mut surfaces, &mut seen);
+    let mut sky_visibility = scene.sky.as_ref().map_or(Vec::new(), |s| s.senders.clone());
+    if !transmittances.is_empty() {
+        occlude_sky(scene, transmittances, &mut surfaces, &mut sky_visibility);
     }
-    (surfaces, seen)
+    (surfaces, sky_visibility)
 }

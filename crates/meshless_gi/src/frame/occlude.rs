@@ -33,19 +33,19 @@ pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<
     occluders.sets.iter().map(product).collect()
 }
 
-/// Returns the link with the terms `parts` for the transmittance `passing` of each set.
+/// Returns the link with the terms `parts` for the transmittance `transmittances` of each set.
 #[must_use]
 #[inline]
-pub fn combine_link_terms(parts: &[PackedLinkTerm], passing: &[f32], link: Link) -> Link {
-    let passes = |p: &PackedLinkTerm| passing[p.set() as usize] * p.vector();
+pub fn combine_link_terms(parts: &[PackedLinkTerm], transmittances: &[f32], link: Link) -> Link {
+    let passes = |p: &PackedLinkTerm| transmittances[p.set() as usize] * p.vector();
     link_of_parts(parts.iter().map(passes), link.sender())
 }
 
 /// Rewrites the links that have terms.
-pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link]) {
+pub fn occlude(passages: &[PackedLinkTerm], transmittances: &[f32], links: &mut [Link]) {
     for parts in passages.chunk_by(|a, b| a.link == b.link) {
         let link = &mut links[parts[0].link as usize];
-        *link = combine_link_terms(parts, passing, *link);
+        *link = combine_link_terms(parts, transmittances, *link);
     }
 }
 
@@ -54,7 +54,7 @@ pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link])
 /// terms, if the bake has them.
 pub fn occlude_sky(
     scene: &SceneData,
-    passing: &[f32],
+    transmittances: &[f32],
     surfaces: &mut [PointSurface],
     seen: &mut [[f32; SkyRadiance::TERMS]],
 ) {
@@ -78,7 +78,7 @@ pub fn occlude_sky(
             if parts.is_empty() {
                 continue;
             }
-            let now = combine_link_terms(parts, passing, link).vector();
+            let now = combine_link_terms(parts, transmittances, link).vector();
             let lost = row.scale * (link.vector() - now);
             match term.checked_sub(1) {
                 None => surface.sky = (Vec3::from(surface.sky) - lost).to_array(),

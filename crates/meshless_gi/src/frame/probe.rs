@@ -5,10 +5,10 @@
 //! Weights are squared as in `splat`: a near probe counts more than several distant ones.
 
 use super::layout::{SplatParams, VectorIrradiance};
-use super::splat::{LARGEST_HALF, lit_pixel, pixel_position, to_world};
+use super::splat::{MAX_HALF, lit_pixel, pixel_position, to_world};
 use super::subsplat::{SubsplatNode, state};
 use crate::asset::Probes;
-use crate::basis::{NO_COVER, weight_in_space};
+use crate::basis::{NO_COVER, probe_weight};
 use crate::transport::PROBE_ROWS;
 use glam::{Vec3, Vec4};
 
@@ -95,7 +95,7 @@ fn probe_at(
     let mut sum = ProbeIrradiance::default();
     let (mut cover, mut all) = (0.0, 0.0);
     for &j in probes.grid.near(x) {
-        let w = weight_in_space(&probes.points[j as usize], &probes.planes, x, n);
+        let w = probe_weight(&probes.points[j as usize], &probes.planes, x, n);
         if w > 0.0 {
             cover += w;
             all += w * w;
@@ -131,7 +131,7 @@ pub fn probe_pixel(
     match probe(probes, values, x, n) {
         Some(light) => (light.irradiance(n) * params.scale)
             .lerp(Vec4::from_array(earlier).truncate(), earlier[3])
-            .min(Vec3::splat(LARGEST_HALF))
+            .min(Vec3::splat(MAX_HALF))
             .extend(1.0)
             .to_array(),
         None => earlier,

@@ -46,13 +46,13 @@ pub fn min_distance_squared(extent: f32) -> f32 {
 /// that edge. A sample therefore represents a square of edge 2σ / √samples.
 #[must_use]
 pub fn sample_spacing(scene: &SceneData) -> f32 {
-    const ASKED: usize = 256;
+    const MAX_SAMPLED_SENDERS: usize = 256;
     let count = scene.light_samples.per_sender as usize;
     if count < 2 {
         return 0.0;
     }
     let senders = scene.light_samples.list.chunks_exact(count);
-    let stride = senders.len().div_ceil(ASKED).max(1);
+    let stride = senders.len().div_ceil(MAX_SAMPLED_SENDERS).max(1);
     let (mut variance, mut sampled) = (0.0f32, 0u32);
     for own in senders.step_by(stride) {
         let share = 1.0 / count as f32;

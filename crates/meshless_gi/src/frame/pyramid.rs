@@ -12,10 +12,10 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
 /// Depth of a pixel without geometry, meters.
-pub const NOTHING: f32 = 1e30;
+pub const BACKGROUND_DEPTH: f32 = 1e30;
 
 /// Upper limit of a depth slope.
-pub const STEEPEST: f32 = 1e9;
+pub const MAX_SLOPE: f32 = 1e9;
 
 /// Ranges of depth and normal of a cell's pixels. 16 bytes.
 #[repr(C)]
@@ -77,22 +77,22 @@ pub struct VisibleSurface {
 
 /// Maximum reference length of depth tolerances, in pixel widths. Equals the distance of a picture
 /// 2000 pixels high with a vertical angle of 64°, in pixel widths.
-pub const REACH: f32 = 1600.0;
+pub const MAX_REACH_PIXELS: f32 = 1600.0;
 
 /// Returns the reference length of depth tolerances, meters. It is a pixel's linear depth `z`, as
-/// in \[N09\], limited to [`REACH`] of its widths there. Through a long lens or with parallel rays,
+/// in \[N09\], limited to [`MAX_REACH_PIXELS`] of its widths there. Through a long lens or with parallel rays,
 /// objects one pixel wide are a small part of their distance but have edges.
 #[must_use]
 pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     let m = &params.view_from_clip;
     let w = m[2][3] * depth + m[3][3];
     let width = 2.0 * m[1][1].abs() / (params.viewport[3] * w.abs()).max(f32::MIN_POSITIVE);
-    z.abs().min(REACH * width)
+    z.abs().min(MAX_REACH_PIXELS * width)
 }
 
 /// Returns the view-space position of a pixel with this reversed depth.
 #[must_use]
-pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 {
+pub fn view_position(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
     let at = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
         / Vec2::new(width, height);
@@ -110,18 +110,18 @@ pub fn visible_surface(
 ) -> Option<VisibleSurface> {
     let depth = picture.depth(params.size, pixel);
     (depth > 0.0).then(|| VisibleSurface {
-        x: view_place(params, pixel, depth),
+        x: view_position(params, pixel, depth),
         n: params.turn() * gbuffer::normal(picture.texel(params.size, pixel)),
-        reach: reach(params, view_place(params, pixel, depth).z, depth),
+        reach: reach(params, view_position(params, pixel, depth).z, depth),
     })
 }
 
-/// Returns the linear depth, meters, or [`NOTHING`] if `depth` is 0.
+/// Returns the linear depth, meters, or [`BACKGROUND_DEPTH`] if `depth` is 0.
 fn linear(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> f32 {
     if depth > 0.0 {
-        -view_place(params, pixel, depth).z
+        -view_position(params, pixel, depth).z
     } else {
-        NOTHING
+        BACKGROUND_DEPTH
     }
 }
 
@@ -160,7 +160,7 @@ fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) 
                 let p = neighbors_of(size, pixel, dx, dy);
                 let other = linear(params, p, depth(p));
                 // The slope from geometry to background has the largest value.
-                ((other - z).abs() / other.min(z)).min(STEEPEST)
+                ((other - z).abs() / other.min(z)).min(MAX_SLOPE)
             };
             (0.0, Vec2::new(change(1, 0), change(0, 1)).length())
         }
@@ -290,7 +290,7 @@ fn four(
 
 /// Returns `true` if cell (x, y) of level `k` is not continuous.
 #[must_use]
-pub fn breaks(
+pub fn is_discontinuous(
     params: &SubsplatParams,
     levels: &SubsplatLevels,
     cells: &[CellRange],

@@ -3,7 +3,7 @@
 //! A cell is divided if one of these holds:
 //!
 //! - It is on the coarsest level.
-//! - It is discontinuous ([`pyramid::breaks`]).
+//! - It is discontinuous ([`pyramid::is_discontinuous`]).
 //! - It has a discontinuous diagonal neighbor (\[N09\] §5.2).
 //! - Its light differs from its prediction.
 
@@ -62,19 +62,19 @@ pub fn divides(
     [x, y]: [u32; 2],
 ) -> bool {
     let levels = params.levels();
-    if k == params.coarsest_level || pyramid::breaks(params, &levels, cells, k, x, y) {
+    if k == params.coarsest_level || pyramid::is_discontinuous(params, &levels, cells, k, x, y) {
         return true;
     }
     let [w, h] = levels.grid(k);
-    let breaks = |dx: i32, dy: i32| {
+    let is_discontinuous = |dx: i32, dy: i32| {
         let (cx, cy) = (x.checked_add_signed(dx), y.checked_add_signed(dy));
         matches!((cx, cy), (Some(cx), Some(cy)) if cx < w && cy < h
-            && pyramid::breaks(params, &levels, cells, k, cx, cy))
+            && pyramid::is_discontinuous(params, &levels, cells, k, cx, cy))
     };
     if params.diagonal != 0
         && [(-1, -1), (1, -1), (-1, 1), (1, 1)]
             .iter()
-            .any(|&(dx, dy)| breaks(dx, dy))
+            .any(|&(dx, dy)| is_discontinuous(dx, dy))
     {
         return true;
     }

@@ -27,12 +27,12 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// Threads of `select_vpls`. Each sums a run of texels.
 pub const CHUNKS: usize = 256;
 /// Largest distance from the space's origin, meters. Texels beyond it are dark.
-pub const FARTHEST: f32 = 1e8;
+pub const MAX_DISTANCE: f32 = 1e8;
 /// Lower bound of the cosine in a texel's area.
 pub const MIN_COSINE: f32 = 0.1;
 /// Squared distance below which the irradiance of a light does not increase, m². One square
 /// centimeter, as for Bevy's lights.
-pub const NEAREST_SQUARE: f32 = 1e-4;
+pub const MIN_DISTANCE_SQUARED: f32 = 1e-4;
 
 /// Returns the index of texel (x, y) along the Hilbert curve through a map of `side` texels.
 /// Neighbors on the curve are neighbors in the map, unlike on a Morton curve.
@@ -98,7 +98,7 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
     let h = Mat4::from_cols_array_2d(&params.space_from_clip) * ndc;
     let x = h.truncate() / h.w;
     // The negated comparison rejects NaN too.
-    if !x.abs().cmplt(Vec3::splat(FARTHEST)).all() {
+    if !x.abs().cmplt(Vec3::splat(MAX_DISTANCE)).all() {
         return dark;
     }
     let n = gbuffer::normal(gbuffer);
@@ -115,7 +115,7 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
         let to = toward / square.sqrt();
         let angle = texel_angle(params, pixel);
         (area, cosine) = (angle * square, n.dot(to));
-        let mut flux = angle * (square / square.max(NEAREST_SQUARE));
+        let mut flux = angle * (square / square.max(MIN_DISTANCE_SQUARED));
         if light.kind == FrameLight::PATCH {
             flux *= (-to.dot(axis)).max(0.0);
         } else {

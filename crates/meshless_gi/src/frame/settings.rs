@@ -3,7 +3,7 @@
 
 use super::Channels;
 use super::layout::SolveParams;
-use super::light::BRIGHTEST;
+use super::light::MAX_INTENSITY;
 use super::project::{extent, sample_spacing};
 use crate::asset::SceneData;
 use crate::scene::SkyRadiance;
@@ -162,7 +162,7 @@ impl SceneDimensions {
     #[must_use]
     pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
         let finite = |v: f32| match v.is_finite() {
-            true => v.clamp(-BRIGHTEST, BRIGHTEST),
+            true => v.clamp(-MAX_INTENSITY, MAX_INTENSITY),
             false => 0.0,
         };
         let (channel, hue) = settings.channels.one().unwrap_or((0, Vec3::ONE));

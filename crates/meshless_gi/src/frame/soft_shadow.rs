@@ -145,7 +145,7 @@ impl SoftShadowParams {
 /// plane with a normal. A zero normal means no plane.
 pub trait VisibilityQuery {
     /// Returns the visibility, 0 to 1.
-    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
+    fn visibility_toward(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
 }
 
 /// Visibility of one point, with its coefficients decoded.
@@ -188,7 +188,7 @@ impl<'a> DecodedVisibility<'a> {
 }
 
 impl VisibilityQuery for DecodedVisibility<'_> {
-    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32 {
+    fn visibility_toward(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32 {
         let grid = self.visibility.grid;
         let (local, plane) = (self.local(direction), self.local(normal));
         let (texels, weights) = grid.lookup(local);
@@ -220,7 +220,7 @@ pub struct RayVisibility<'a> {
 }
 
 impl VisibilityQuery for RayVisibility<'_> {
-    fn sees(&self, direction: Vec3, distance: f32, _: Vec3) -> f32 {
+    fn visibility_toward(&self, direction: Vec3, distance: f32, _: Vec3) -> f32 {
         let end = self.start + direction * distance;
         let end = end - direction * self.geometry.ray_offset(end);
         if self.geometry.occluded(self.start, end) {
@@ -245,7 +245,7 @@ pub fn visible_fraction(
     let (mut sum, mut visible, mut hidden) = (0.0, 0.0, Vec3::ZERO);
     for k in 0..samples {
         if let Some((w, direction, distance)) = weigh(light, sample(light, k, x), x, n) {
-            let v = sight.sees(direction, distance, normal);
+            let v = sight.visibility_toward(direction, distance, normal);
             sum += w;
             visible += w * v;
             hidden += (w * (1.0 - v)) * direction;

@@ -20,12 +20,12 @@ use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
 /// Largest finite half float. Brighter values are clamped.
-pub const LARGEST_HALF: f32 = 65_504.0;
+pub const MAX_HALF: f32 = 65_504.0;
 
 /// Default [`SplatParams::seam`] of a scene with probes. Almost no points on baked surfaces have
 /// less cover (`--test lab probes` prints their number). Their irradiance is thus the same as
 /// without probes.
-pub const SEAM: f32 = 0.5;
+pub const FULL_COVER: f32 = 0.5;
 
 /// Minimum cosine between the normals of a function and of a surface that it covers: 46 degrees. A
 /// function has the light of its own side. A surface with a larger tilt counts as another surface,
@@ -36,7 +36,7 @@ pub const FULL_COVER_COSINE: f32 = 0.9;
 
 /// Minimum share of a pixel within the support of functions. A share of zero marks a pixel without
 /// functions.
-pub const MIN_SHARE: f32 = 1.0 / 1024.0;
+pub const MIN_COVERED_FRACTION: f32 = 1.0 / 1024.0;
 
 /// Returns the fraction of a function's weight that covers a surface, by the cosine between their
 /// normals.
@@ -132,8 +132,8 @@ pub fn splat_pixel(
     };
     match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
-            .min(Vec3::splat(LARGEST_HALF))
-            .extend(share(cover, params.seam).max(MIN_SHARE))
+            .min(Vec3::splat(MAX_HALF))
+            .extend(share(cover, params.seam).max(MIN_COVERED_FRACTION))
             .to_array(),
         None => [0.0; 4],
     }

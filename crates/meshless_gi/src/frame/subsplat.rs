@@ -12,7 +12,7 @@
 //! Eq. (3). That modulation is still available, see [`SubsplatSettings::detail`].
 
 use super::layout::VectorIrradiance;
-use super::splat::LARGEST_HALF;
+use super::splat::MAX_HALF;
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
 use bytemuck::{Pod, Zeroable};
@@ -20,9 +20,9 @@ use glam::{Mat3, Mat4, Vec3, Vec4};
 use half::f16;
 
 /// Maximum coarsest level: cells of 64 pixels, \[N09\]'s 16² at 1024².
-pub const COARSEST: u32 = 6;
+pub const MAX_COARSEST_LEVEL: u32 = 6;
 /// Maximum number of levels, including that of the pixels.
-pub const LEVELS: usize = COARSEST as usize + 1;
+pub const LEVELS: usize = MAX_COARSEST_LEVEL as usize + 1;
 /// Number of pixels per direct evaluation. If more pixels need one, the others are interpolated
 /// from the most similar nodes.
 pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
@@ -34,6 +34,7 @@ pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
     derive(bevy_reflect::Reflect),
     reflect(Clone, Debug, PartialEq)
 )]
+#[non_exhaustive]
 pub enum DepthTest {
     /// Distance of a pixel from the plane through its neighbors, as a fraction of its depth times
     /// the cell's edge in pixels. Slanted planes are continuous. Not in \[N09\].
@@ -51,6 +52,7 @@ pub enum DepthTest {
     derive(bevy_reflect::Reflect),
     reflect(Clone, Debug, PartialEq)
 )]
+#[non_exhaustive]
 pub enum NormalTest {
     /// Maximum minus minimum of any component (\[N09\] §3.2.2), 0 to 2.
     MinMax(f32),
@@ -66,7 +68,7 @@ pub enum NormalTest {
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SubsplatSettings {
-    /// Level at which every node is evaluated and every cell is refined once, 2 to [`COARSEST`].
+    /// Level at which every node is evaluated and every cell is refined once, 2 to [`MAX_COARSEST_LEVEL`].
     /// Its cells have 2^coarsest_level pixels.
     pub coarsest_level: u32,
     /// Level below which no cell is refined: at least 1, and less than `coarsest_level`. Single
@@ -110,7 +112,7 @@ impl SubsplatSettings {
     /// Returns the settings with every number clamped to its range.
     #[must_use]
     pub fn clamped(self) -> Self {
-        let coarsest = self.coarsest_level.clamp(2, COARSEST);
+        let coarsest = self.coarsest_level.clamp(2, MAX_COARSEST_LEVEL);
         let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
         Self {
             coarsest_level: coarsest,
@@ -261,7 +263,7 @@ impl SubsplatNode {
 }
 
 fn pack(a: f32, b: f32) -> u32 {
-    let bits = |v: f32| u32::from(f16::from_f32(v.clamp(-LARGEST_HALF, LARGEST_HALF)).to_bits());
+    let bits = |v: f32| u32::from(f16::from_f32(v.clamp(-MAX_HALF, MAX_HALF)).to_bits());
     bits(a) | bits(b) << 16
 }
 
@@ -408,7 +410,7 @@ mod tests {
         let node = SubsplatNode::new(&e, 0.75, state::KNOWN | state::COVERED);
         let back = node.light();
         assert_eq!((back.x, back.z), (e.x, e.z));
-        assert_eq!(back.y, [0.25, LARGEST_HALF, -LARGEST_HALF, 0.0]);
+        assert_eq!(back.y, [0.25, MAX_HALF, -MAX_HALF, 0.0]);
         assert_eq!(node.predicted_luminance(), 0.75);
         assert!(node.has_bits(state::COVERED) && !node.has_bits(state::EVALUATED | state::KNOWN));
     }
@@ -436,7 +438,7 @@ mod tests {
         let tame = wild.clamped();
         assert_eq!(
             (tame.coarsest_level, tame.finest_level),
-            (COARSEST, COARSEST - 1)
+            (MAX_COARSEST_LEVEL, MAX_COARSEST_LEVEL - 1)
         );
         assert_eq!((tame.radiance_threshold, tame.min_similarity), (0.0, 1.0));
         assert_eq!(tame.depth, DepthTest::MinMax(0.0));

@@ -91,13 +91,13 @@ pub fn subsplats(
         .collect();
     let room = levels.cells(0) as usize;
     let holes: Vec<u32> = (0..width * height)
-        .filter(|&i| matches!(resolved[i as usize], PixelResolve::Hole(_)))
+        .filter(|&i| matches!(resolved[i as usize], PixelResolve::NeedsEvaluation(_)))
         .take(room)
         .collect();
     let mut texels: Vec<[f32; 4]> = resolved
         .into_iter()
         .map(|r| match r {
-            PixelResolve::Texel(t) | PixelResolve::Hole(t) => t,
+            PixelResolve::Texel(t) | PixelResolve::NeedsEvaluation(t) => t,
         })
         .collect();
     let filled: Vec<(SubsplatNode, [f32; 4])> = holes

@@ -17,7 +17,7 @@ use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::project::extent;
 use super::soft_shadow::{SoftLight, corners, lambert, unshadowed, window};
-use super::splat::{LARGEST_HALF, lit_pixel};
+use super::splat::{MAX_HALF, lit_pixel};
 use crate::asset::SceneData;
 use crate::basis::{NO_COVER, weight};
 use crate::frame::brdf::{MIN_NDOTV, MIN_ROUGHNESS};
@@ -27,7 +27,7 @@ use std::f32::consts::FRAC_1_PI;
 
 /// Fraction of the occluded radiance that is subtracted. Half-float pictures are rounded and must
 /// not become negative.
-pub const TAKEN: f32 = 0.998;
+pub const SUBTRACTED_FRACTION: f32 = 0.998;
 
 /// Lights of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
 #[repr(C)]
@@ -92,10 +92,10 @@ pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     let lh = (l.dot(sum) / sum.length().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
     let r = roughness.clamp(MIN_ROUGHNESS, 1.0);
     let more = 2.0 * r * r * lh * lh - 0.5;
-    let fifth = |v: f32| v * v * v * v * v;
+    let pow5 = |v: f32| v * v * v * v * v;
     let nl = n.dot(l).clamp(0.0, 1.0);
     let nv = n.dot(v).clamp(MIN_NDOTV, 1.0);
-    (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv))
+    (1.0 + more * pow5(1.0 - nl)) * (1.0 + more * pow5(1.0 - nv))
 }
 
 /// Tables of linearly transformed cosines (\[HDHN16\]), over perceptual roughness and √(1 − cos θ)
@@ -251,11 +251,8 @@ pub fn subtract_shadow_pixel(
     }
     let surface = LitSurface::from_texel(texel, n, eye_from(view, pixel, x));
     let drawn = drawn(params, tables, lights, x, &surface);
-    let radiance = TAKEN * view.scale * share * drawn;
-    radiance
-        .min(Vec3::splat(LARGEST_HALF))
-        .extend(1.0)
-        .to_array()
+    let radiance = SUBTRACTED_FRACTION * view.scale * share * drawn;
+    radiance.min(Vec3::splat(MAX_HALF)).extend(1.0).to_array()
 }
 
 /// Returns the unit direction from x toward the eye: to the start of the pixel's ray.

@@ -12,7 +12,7 @@ use super::gbuffer;
 use super::layout::VectorIrradiance;
 use super::pyramid::{GbufferView, VisibleSurface, visible_surface};
 use super::refine::{luminance, pack_cell};
-use super::splat::LARGEST_HALF;
+use super::splat::MAX_HALF;
 use super::subsplat::{SubsplatLevels, SubsplatNode, SubsplatParams, state};
 use glam::Vec3;
 
@@ -58,7 +58,7 @@ const MIDDLE: [(i32, i32, f32); 12] = [
 ];
 
 /// Interpolated value of a level between its nodes.
-struct Between {
+struct Interpolation {
     light: VectorIrradiance,
     /// Share of the weight of nodes with light.
     covered: f32,
@@ -78,7 +78,7 @@ fn between(
     k: u32,
     [x, y]: [u32; 2],
     here: &VisibleSurface,
-) -> Between {
+) -> Interpolation {
     let [w, h] = levels.grid(k + 1);
     let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
     let node_at = |dx: i32, dy: i32| -> Option<([u32; 2], SubsplatNode)> {
@@ -109,7 +109,7 @@ fn between(
         (true, false) => (EDGE[i].0, 0, EDGE[i].1),
         _ => (0, EDGE[i].0, EDGE[i].1),
     };
-    let mut out = Between {
+    let mut out = Interpolation {
         light: VectorIrradiance::default(),
         covered: 1.0,
         weight: 1.0,
@@ -119,8 +119,8 @@ fn between(
     for i in 0..count {
         let (dx, dy, weight) = tap(i);
         match node(dx, dy) {
-            Some((node, likeness))
-                if node.has_bits(state::COVERED) && likeness >= CUBIC_MIN_SIMILARITY =>
+            Some((node, similarity))
+                if node.has_bits(state::COVERED) && similarity >= CUBIC_MIN_SIMILARITY =>
             {
                 out.light.add_scaled(weight, &node.light());
             }
@@ -141,8 +141,8 @@ fn between(
         if (dx == 1 && !odd_x) || (dy == 1 && !odd_y) {
             continue;
         }
-        if let Some((node, likeness)) = node(dx, dy) {
-            let weight = share * likeness;
+        if let Some((node, similarity)) = node(dx, dy) {
+            let weight = share * similarity;
             total += weight;
             if node.has_bits(state::COVERED) {
                 covered += weight;
@@ -155,7 +155,7 @@ fn between(
     let scale = if covered > 0.0 { 1.0 / covered } else { 0.0 };
     let mut light = VectorIrradiance::default();
     light.add_scaled(scale, &sum);
-    Between {
+    Interpolation {
         light,
         covered: if total > 0.0 { covered / total } else { 0.0 },
         weight: total,
@@ -163,7 +163,7 @@ fn between(
     }
 }
 
-impl Between {
+impl Interpolation {
     /// Returns the state bits. The result is known if nodes on the same surface have enough weight
     /// and all have light. The result "no light" additionally requires that all nodes around are
     /// known. Otherwise single positions without a function would spread over unknown surroundings.
@@ -231,7 +231,7 @@ pub enum PixelResolve {
     /// Irradiance times the view's scale, and 1 in alpha if light is present.
     Texel([f32; 4]),
     /// A pixel that needs a direct evaluation, with its fallback value if the list is full.
-    Hole([f32; 4]),
+    NeedsEvaluation([f32; 4]),
 }
 
 /// Entry point `resolve`, for one pixel.
@@ -263,7 +263,7 @@ pub fn resolve(
         }
     };
     if bits & state::KNOWN == 0 {
-        return PixelResolve::Hole(lit(some));
+        return PixelResolve::NeedsEvaluation(lit(some));
     }
     PixelResolve::Texel(lit(bits & state::COVERED != 0))
 }
@@ -297,7 +297,7 @@ fn texel(
     let facing = here.n.dot(-here.x.normalize()).max(0.0);
     let shade = params.detail * facing + (1.0 - params.detail);
     (shade * light.dot(n).max(Vec3::ZERO))
-        .min(Vec3::splat(LARGEST_HALF))
+        .min(Vec3::splat(MAX_HALF))
         .extend(1.0)
         .to_array()
 }

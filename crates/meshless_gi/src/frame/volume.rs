@@ -18,15 +18,15 @@
 //! gathers per side.
 
 use super::layout::VectorIrradiance;
-use super::splat::LARGEST_HALF;
-use super::volume_walls::{FACING, SAME};
+use super::splat::MAX_HALF;
+use super::volume_walls::{COSINE_TOLERANCE, MIN_FACING_COSINE};
 use super::volume_weights::{VoxelGrid, VoxelWeights};
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 /// Index of the straight step among a side's [`VolumeParams::steps`].
-pub const AHEAD: usize = 4;
+pub const STRAIGHT_STEP: usize = 4;
 
 /// A volume in the world, for `volume`. 928 bytes.
 #[repr(C)]
@@ -38,7 +38,7 @@ pub struct VolumeParams {
     pub scale: f32,
     /// World axes as unit vectors of the local space, the fourth floats not used.
     pub axes: [[f32; 4]; 3],
-    /// Steps of each side in voxels along each edge: to the voxel ahead, [`AHEAD`], and to its
+    /// Steps of each side in voxels along each edge: to the voxel ahead, [`STRAIGHT_STEP`], and to its
     /// eight neighbors. Sides: along each axis, and then against it. The fourth numbers are not
     /// used.
     pub steps: [[[i32; 4]; 9]; 6],
@@ -140,12 +140,16 @@ pub fn volume(
     let step = |k: usize| params.step(voxel, side, k).and_then(light);
     let own = index(size, voxel);
     let wall_distances = &weights.wall_distances()[own as usize];
-    let [x, y, z, _] = params.steps[side][AHEAD];
+    let [x, y, z, _] = params.steps[side][STRAIGHT_STEP];
     let mine = light(own);
-    let e = on_a_wall(weights, values.points, own, n, mine.is_some());
+    let e = wall_irradiance(weights, values.points, own, n, mine.is_some());
     let e = e.or_else(|| {
         let walled = mine.is_some() && wall_distances.is_blocked([x, y, z]);
-        if walled { mine } else { step(AHEAD).or(mine) }
+        if walled {
+            mine
+        } else {
+            step(STRAIGHT_STEP).or(mine)
+        }
     });
     let e = e.unwrap_or_else(|| {
         let (mut sum, mut count) = (Vec3::ZERO, 0.0f32);
@@ -156,7 +160,7 @@ pub fn volume(
         sum / count.max(1.0)
     });
     (e * params.scale)
-        .min(Vec3::splat(LARGEST_HALF))
+        .min(Vec3::splat(MAX_HALF))
         .extend(wall_distances.encode(side))
         .to_array()
 }
@@ -165,7 +169,7 @@ pub fn volume(
 /// several. It is the irradiance for the wall's own normal, so that oblique sides together
 /// reproduce it. A voxel in the air uses samples within 60 degrees. A voxel in the ground uses any
 /// of its samples, because it has no other light. Returns `None` if no sample qualifies.
-fn on_a_wall(
+fn wall_irradiance(
     weights: &VoxelWeights,
     values: &[VectorIrradiance],
     voxel: u32,
@@ -173,10 +177,10 @@ fn on_a_wall(
     in_air: bool,
 ) -> Option<Vec3> {
     let wall_samples = weights.wall_samples();
-    let mut best = (if in_air { FACING } else { -2.0 }, None);
+    let mut best = (if in_air { MIN_FACING_COSINE } else { -2.0 }, None);
     for face in wall_samples.samples_of(voxel) {
         let cosine = Vec3::from_array(wall_samples.wall_samples[face].normal).dot(n);
-        if cosine > best.0 + SAME {
+        if cosine > best.0 + COSINE_TOLERANCE {
             best = (cosine, Some(face));
         }
     }

@@ -7,7 +7,7 @@
 //! surface therefore also traces rays along that surface, from just in front of it. Walls on the
 //! ground then limit the distances below it too.
 
-use super::volume_walls::FACING;
+use super::volume_walls::MIN_FACING_COSINE;
 use super::volume_weights::VoxelGrid;
 use crate::scene::{Bvh, Ray};
 use bytemuck::{Pod, Zeroable};
@@ -59,7 +59,10 @@ impl WallDistances {
         let voxel = shape.voxel();
         wall_distances.bound(bvh, x, x, voxel, |_| true);
         for (depth, n) in behind.clone() {
-            if behind.clone().any(|(_, other)| other.dot(n) < -FACING) {
+            if behind
+                .clone()
+                .any(|(_, other)| other.dot(n) < -MIN_FACING_COSINE)
+            {
                 wall_distances.lights = 0;
             }
             let from = x + n * (depth + LIFT * voxel.min_element());
@@ -126,7 +129,7 @@ mod tests {
     use glam::UVec3;
 
     /// Returns an infinitely thin wall at x = 0.3 that stands on the ground at y = 0.
-    fn level() -> Bvh {
+    fn wall_on_ground() -> Bvh {
         let quad = |a: Vec3, b: Vec3, c: Vec3| [[a, b, c], [a + c - b, a, c]];
         let wall = quad(
             Vec3::new(0.3, 0.0, -9.0),
@@ -145,7 +148,7 @@ mod tests {
     fn wall_distances_end_at_walls_below_ground_too() {
         let shape = VoxelGrid::new([Vec3::splat(-4.0), Vec3::splat(4.0)], UVec3::splat(8));
         let shape = shape.expect("a box");
-        let bvh = level();
+        let bvh = wall_on_ground();
         let find = |x: Vec3| WallDistances::find(&shape, &bvh, x, [].into_iter());
         let at = |x: f32, y: f32| find(Vec3::new(x, y, 0.1)).sides;
         assert_eq!(at(-2.0, 2.0), [UNOBSTRUCTED; 6]);

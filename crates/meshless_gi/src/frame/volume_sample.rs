@@ -9,13 +9,13 @@
 use glam::{UVec3, Vec3};
 
 /// Threshold below which a voxel has no walls near it.
-pub const OPEN: f32 = -1.999;
+pub const NO_WALL_THRESHOLD: f32 = -1.999;
 /// Offset that [`WallDistances::encode`](super::WallDistances::encode) adds to a distance.
-pub const QUARTER: f32 = 0.25;
+pub const DISTANCE_OFFSET: f32 = 0.25;
 /// Distance beyond a wall, voxels, up to which a point is lit as if it were in front of it.
-pub const BEFORE: f32 = 0.01;
+pub const WALL_FADE_START: f32 = 0.01;
 /// Distance beyond a wall, voxels, from which a point gets no light from in front of it.
-pub const BEYOND: f32 = 0.03;
+pub const WALL_FADE_END: f32 = 0.03;
 /// Sum of the weights of the eight voxels below which the wall test is ignored.
 pub const MIN: f32 = 1e-3;
 
@@ -68,10 +68,14 @@ pub fn read_voxels(
             .map(|axis| {
                 let side = 2 * axis + usize::from(from[axis] < 0.0);
                 let way = texels[index(size, voxel, side)][3];
-                let beyond = from[axis].abs() + way + QUARTER;
+                let beyond = from[axis].abs() + way + DISTANCE_OFFSET;
                 // Volumes of the engine have no negative values.
-                match way > OPEN && way < 0.0 {
-                    true => 1.0 - smooth_step((beyond - BEFORE) / (BEYOND - BEFORE)),
+                match way > NO_WALL_THRESHOLD && way < 0.0 {
+                    true => {
+                        1.0 - smooth_step(
+                            (beyond - WALL_FADE_START) / (WALL_FADE_END - WALL_FADE_START),
+                        )
+                    }
                     false => 1.0,
                 }
             })

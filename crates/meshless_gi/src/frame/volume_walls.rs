@@ -12,7 +12,7 @@
 //! A wall sample has its wall's normal and no side. The sides of the voxel that read it depend on
 //! the scene's rotation in the world.
 
-use super::splat::SEAM;
+use super::splat::FULL_COVER;
 use super::volume_weights::{MAX_WEIGHTS, VoxelGrid};
 use crate::asset::FlatBasis;
 use crate::basis::weight;
@@ -22,12 +22,12 @@ use glam::{UVec3, Vec3, Vec4};
 
 /// Minimum cosine between a side and a wall sample that it reads: 60 degrees. All three sides by
 /// which an engine may sample a wall then have its light.
-pub const FACING: f32 = 0.5;
+pub const MIN_FACING_COSINE: f32 = 0.5;
 /// Cosine difference below which two samples count as equal. The first one is then used, so the
 /// result does not depend on rounding.
-pub const SAME: f32 = 1e-4;
+pub const COSINE_TOLERANCE: f32 = 1e-4;
 /// Cosine between wall normals above which walls share one sample of a voxel: 30 degrees.
-const ALIKE: f32 = 0.866_025_4;
+const MIN_SHARED_COSINE: f32 = 0.866_025_4;
 /// Maximum number of wall samples of a voxel.
 pub const MAX_FACES: usize = 6;
 /// Maximum number of weights of all wall samples of a volume, by the largest binding of WebGPU, 128
@@ -106,24 +106,24 @@ impl WallSamples {
     /// Returns the number of functions processed.
     pub(super) fn find(
         &mut self,
-        beside: &[Beside],
+        beside: &[WallPoint],
         points: &[Point],
         display: &FlatBasis,
         x: Vec3,
     ) -> u64 {
-        let mut looks = 0;
+        let mut visit_cost = 0;
         for wall in beside.iter().filter(|b| !b.is_beyond(beside, x)) {
             // If only functions end at the wall point, the center of the function found is used
             // instead.
             for at in [wall.at, points[wall.point as usize].x()] {
-                looks += display.grid.near(at).len() as u64;
+                visit_cost += display.grid.near(at).len() as u64;
                 if self.add(points, display, at, wall.n) {
                     break;
                 }
             }
         }
         self.ends.push(self.wall_samples.len() as u32);
-        looks
+        visit_cost
     }
 
     /// Adds a wall sample at `x`, a position on a wall with this normal, if functions cover it
@@ -140,7 +140,7 @@ impl WallSamples {
                 weights.push(WallWeight { point: j, part });
             }
         }
-        if cover < SEAM {
+        if cover < FULL_COVER {
             return false;
         }
         if weights.len() > MAX_WEIGHTS {
@@ -166,7 +166,7 @@ impl WallSamples {
 
 /// Point on a wall that is nearest to a voxel center.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Beside {
+pub(super) struct WallPoint {
     /// Index of the function that represents it.
     point: u32,
     at: Vec3,
@@ -174,7 +174,7 @@ pub(super) struct Beside {
     pub n: Vec3,
 }
 
-impl Beside {
+impl WallPoint {
     /// Returns the height of `x` above the wall, meters. Negative behind it.
     pub fn height(&self, x: Vec3) -> f32 {
         (x - self.at).dot(self.n)
@@ -186,7 +186,9 @@ impl Beside {
         let depth = -self.height(x);
         let between = |other: &Self| {
             let height = other.height(x);
-            other.n.dot(self.n) < -FACING && height > 0.0 && height <= depth * (1.0 + 1e-3)
+            other.n.dot(self.n) < -MIN_FACING_COSINE
+                && height > 0.0
+                && height <= depth * (1.0 + 1e-3)
         };
         depth > 0.0 && all.iter().any(between)
     }
@@ -214,12 +216,12 @@ impl WallIndex {
     ) -> u64 {
         self.nearest
             .resize(shape.voxels() as usize, [NONE; MAX_FACES]);
-        let mut looks = 0;
-        while self.seen < points.len() && looks < max {
-            looks += 1 + self.enter(shape, points, &display.planes, self.seen as u32);
+        let mut visit_cost = 0;
+        while self.seen < points.len() && visit_cost < max {
+            visit_cost += 1 + self.enter(shape, points, &display.planes, self.seen as u32);
             self.seen += 1;
         }
-        looks
+        visit_cost
     }
 
     /// Returns the wall points next to a voxel with center `x`.
@@ -229,13 +231,13 @@ impl WallIndex {
         points: &[Point],
         planes: &[[f32; 4]],
         x: Vec3,
-    ) -> ([Beside; MAX_FACES], usize) {
-        let mut beside = [Beside::default(); MAX_FACES];
+    ) -> ([WallPoint; MAX_FACES], usize) {
+        let mut beside = [WallPoint::default(); MAX_FACES];
         let mut count = 0;
         for &point in self.nearest[voxel as usize].iter().filter(|&&j| j != NONE) {
             let of = &points[point as usize];
-            let (at, n) = (on_wall(of, planes, x), of.n());
-            beside[count] = Beside { point, at, n };
+            let (at, n) = (nearest_wall_point(of, planes, x), of.n());
+            beside[count] = WallPoint { point, at, n };
             count += 1;
         }
         (beside, count)
@@ -264,10 +266,11 @@ impl WallIndex {
                     }
                     let far = |j: u32| {
                         let point = &points[j as usize];
-                        x.distance_squared(on_wall(point, planes, x))
+                        x.distance_squared(nearest_wall_point(point, planes, x))
                     };
                     let list = &mut self.nearest[voxel as usize];
-                    let alike = |&i: &u32| i == NONE || points[i as usize].n().dot(n) >= ALIKE;
+                    let alike =
+                        |&i: &u32| i == NONE || points[i as usize].n().dot(n) >= MIN_SHARED_COSINE;
                     if let Some(k) = list.iter().position(alike)
                         && (list[k] == NONE || far(j) < far(list[k]))
                     {
@@ -282,7 +285,7 @@ impl WallIndex {
 
 /// Returns the point nearest to `x` that a function represents: on its plane, within [`CORE`] of
 /// its radius, and in front of its clip planes.
-fn on_wall(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
+fn nearest_wall_point(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
     let (center, n, radius) = (point.x(), point.n(), CORE * point.radius);
     let from = x - center;
     let along = from - from.dot(n) * n;

@@ -12,7 +12,7 @@ use super::probe::ProbeIrradiance;
 use super::volume_distance::WallDistances;
 use super::volume_walls::{WallIndex, WallSamples};
 use crate::asset::{Probes, SceneData};
-use crate::basis::{NO_COVER, PROBE_OVERLAP, weight_in_space};
+use crate::basis::{NO_COVER, PROBE_OVERLAP, probe_weight};
 use crate::transport::PROBE_ROWS;
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
@@ -205,11 +205,11 @@ impl VoxelWeights {
     pub fn find(&mut self, scene: &SceneData, max: u64) -> bool {
         let all = self.shape.voxels();
         let (points, display) = (&scene.points, &scene.display);
-        let mut looks = match self.is_whole() {
+        let mut visit_cost = match self.is_whole() {
             true => 0,
             false => self.walls.find(&self.shape, points, display, max),
         };
-        while !self.is_whole() && looks < max {
+        while !self.is_whole() && visit_cost < max {
             let found = self.starts.len() as u32 - 1;
             let end = all.min(found + RUN * RUNS);
             let runs: Vec<Run> = (found..end)
@@ -227,7 +227,7 @@ impl VoxelWeights {
                 self.wall_samples.append(run.wall_samples);
                 self.wall_distances.extend(run.wall_distances);
                 // A lookup without functions has a cost too.
-                looks += run.looks + run.ends.len() as u64;
+                visit_cost += run.visit_cost + run.ends.len() as u64;
             }
         }
         if self.is_whole() {
@@ -298,7 +298,7 @@ struct Run {
     wall_samples: WallSamples,
     wall_distances: Vec<WallDistances>,
     /// Number of functions processed and of rays traced.
-    looks: u64,
+    visit_cost: u64,
 }
 
 impl Run {
@@ -313,7 +313,7 @@ impl Run {
             weights: Vec::new(),
             wall_samples: WallSamples::default(),
             wall_distances: Vec::with_capacity(voxels.len()),
-            looks: 0,
+            visit_cost: 0,
         };
         let (points, display) = (&scene.points, &scene.display);
         let mut reaching: Vec<(u32, f32)> = Vec::new();
@@ -321,25 +321,25 @@ impl Run {
             let x = shape.voxel_center(voxel);
             let (beside, count) = walls.points_next_to(voxel, points, &display.planes, x);
             let beside = &beside[..count];
-            run.looks += run.wall_samples.find(beside, points, display, x);
+            run.visit_cost += run.wall_samples.find(beside, points, display, x);
             let behind = (beside.iter())
                 .filter(|b| !b.is_beyond(beside, x))
                 .map(|b| (-b.height(x), b.n))
                 .filter(|(depth, _)| *depth > 0.0);
             run.wall_distances
                 .push(WallDistances::find(shape, &scene.bvh, x, behind));
-            run.looks += RAY * 6;
+            run.visit_cost += RAY * 6;
             let Some(probes) = &scene.probes else {
                 run.ends.push(0);
                 continue;
             };
             let near = probes.grid.near(x);
-            run.looks += near.len() as u64;
+            run.visit_cost += near.len() as u64;
             reaching.clear();
             let weights = near.iter().map(|&j| {
                 (
                     j,
-                    weight_in_space(&probes.points[j as usize], &probes.planes, x, Vec3::ZERO),
+                    probe_weight(&probes.points[j as usize], &probes.planes, x, Vec3::ZERO),
                 )
             });
             reaching.extend(weights.filter(|&(_, w)| w > 0.0));
@@ -411,7 +411,7 @@ mod tests {
             weights: Vec::new(),
             wall_samples: WallSamples::default(),
             wall_distances: Vec::new(),
-            looks: 0,
+            visit_cost: 0,
         };
         // Every third probe is strong, and there are more of them than a position keeps. The weak
         // ones would round to zero.

@@ -18,7 +18,7 @@ use super::gbuffer;
 use super::layout::VectorIrradiance;
 use super::project::ray_offset;
 use super::rsm_layout::{Vpl, VplParams, VplViewParams};
-use super::splat::LARGEST_HALF;
+use super::splat::MAX_HALF;
 use super::subsplat::{SubsplatNode, state};
 use crate::samples::tangents;
 use crate::scene::{Bvh, Ray};
@@ -29,7 +29,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 pub const DISK: f32 = 2.0;
 /// Offset of the start of shadow rays in multiples of [`ray_offset`], because positions come from a
 /// depth buffer.
-pub const LIFTS: f32 = 4.0;
+pub const RAY_OFFSET_SCALE: f32 = 4.0;
 
 /// Squared distances over the squared radius of a light between which `near` blends to the formula
 /// of a point light.
@@ -40,7 +40,7 @@ pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
 /// between the two normals.
 pub const FADE: f32 = 0.1;
 /// Lower bound of the length of an edge and of a form factor, in single precision.
-pub const SHORTEST: f32 = 1e-7;
+pub const MIN_EDGE_LENGTH: f32 = 1e-7;
 
 /// Returns the mean of max(0, V̂·N) over unit normals N with the mean `normal`. The normals have a
 /// uniform distribution over a disk around it.
@@ -129,12 +129,12 @@ fn near_field_direction(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 
         let (u, v) = (corners[i], corners[(i + 1) % 4]);
         let across = u.cross(v);
         let sine = across.length();
-        sum += across * (libm::atan2f(sine, u.dot(v)) / sine.max(SHORTEST));
+        sum += across * (libm::atan2f(sine, u.dot(v)) / sine.max(MIN_EDGE_LENGTH));
     }
     // The sign depends on the orientation of the corners.
     let factor = sum * (0.5 * FRAC_1_PI * if sum.dot(toward) < 0.0 { -1.0 } else { 1.0 });
     let length = factor.length();
-    if length <= SHORTEST {
+    if length <= MIN_EDGE_LENGTH {
         return Vec3::ZERO;
     }
     let to = factor / length;
@@ -147,7 +147,7 @@ fn near_field_direction(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 
     } else {
         (cosine + wide) * (cosine + wide) / (4.0 * wide)
     };
-    let fade = (top / (FADE * half * n.dot(normal)).max(SHORTEST * half)).min(1.0);
+    let fade = (top / (FADE * half * n.dot(normal)).max(MIN_EDGE_LENGTH * half)).min(1.0);
     // The vector whose dot product with `n` is the clipped form factor over the area.
     (to + n * (clipped - cosine)) * (fade * length * FRAC_1_PI / disk)
 }
@@ -159,7 +159,8 @@ pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let turned = local.transform_vector3(n);
     let at = local.transform_point3(x);
-    at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * ray_offset(at, params.extent))
+    at + turned / turned.length().max(f32::MIN_POSITIVE)
+        * (RAY_OFFSET_SCALE * ray_offset(at, params.extent))
 }
 
 /// Returns the transmittance of the baked scene from a light to the surface point with this
@@ -239,7 +240,7 @@ pub fn vpl_pixel(
         return earlier;
     }
     (Vec4::from_array(earlier).truncate() + e)
-        .min(Vec3::splat(LARGEST_HALF))
+        .min(Vec3::splat(MAX_HALF))
         .extend(1.0)
         .to_array()
 }

@@ -27,7 +27,7 @@ use super::gbuffer;
 use super::pyramid::{GbufferView, VisibleSurface, visible_surface};
 use super::refine::FLOOR;
 use super::rsm_layout::VplViewParams;
-use super::splat::LARGEST_HALF;
+use super::splat::MAX_HALF;
 use super::subsplat::{LUMINANCE, SubsplatLevels, SubsplatParams};
 use super::upsample::PLANE;
 use glam::Vec3;
@@ -87,7 +87,7 @@ struct Glossy {
 
 /// A node around a position: its light, weight and surface.
 #[derive(Clone, Copy)]
-struct Around {
+struct NeighborNode {
     weight: f32,
     light: SpecularRadiance,
     at: Receiver,
@@ -97,7 +97,7 @@ struct Around {
 #[derive(Default)]
 struct Prediction {
     light: SpecularRadiance,
-    around: [Option<Around>; 4],
+    around: [Option<NeighborNode>; 4],
     known: bool,
 }
 
@@ -149,7 +149,7 @@ impl SpecularView<'_> {
             if weight > 0.0 {
                 total += weight;
                 let at = self.receiver(pixel, &there);
-                out.around[slot] = Some(Around { weight, light, at });
+                out.around[slot] = Some(NeighborNode { weight, light, at });
             }
         }
         out.known = total > self.screen.min_similarity;
@@ -164,7 +164,7 @@ impl SpecularView<'_> {
 
     /// Returns the union of the refine masks of level `k` + 1 around cell (x, y) of level `k`. All
     /// bits are set if level `k` + 1 is the coarsest.
-    fn asked(
+    fn combined_refine_masks(
         &self,
         levels: &SubsplatLevels,
         refine_masks: &[[u32; 4]],
@@ -213,9 +213,9 @@ impl SpecularView<'_> {
             return (same, none.0, none.1);
         }
         let before = self.predict(levels, nodes, k, [x, y], &here);
-        let asked = self.asked(levels, refine_masks, k, [x, y]);
+        let combined_refine_masks = self.combined_refine_masks(levels, refine_masks, k, [x, y]);
         let finer = k >= self.screen.finest_level;
-        if before.known && (asked == [0; 4] || !finer) {
+        if before.known && (combined_refine_masks == [0; 4] || !finer) {
             return (SpecularNode::new(&before.light), none.0, none.1);
         }
         if !before.known && !finer {
@@ -232,10 +232,10 @@ impl SpecularView<'_> {
             return (node, [bits; 4], all);
         }
         let at = self.receiver(pixel, &here);
-        let group = self.lights.a_group();
+        let group = self.lights.lights_per_group();
         let (mut light, mut bits, mut count) = (before.light, [0; 4], 0);
         for g in 0..self.lights.lit.vpls.div_ceil(group) {
-            if before.known && asked[(g / 32) as usize] >> (g % 32) & 1 == 0 {
+            if before.known && combined_refine_masks[(g / 32) as usize] >> (g % 32) & 1 == 0 {
                 continue;
             }
             let mut change = SpecularRadiance::default();
@@ -398,7 +398,7 @@ fn texel(here: &Glossy, light: &SpecularRadiance) -> [f32; 4] {
     let f0 = gbuffer::f0(here.texel);
     let again = brdf::multiscatter_compensation(gbuffer::roughness(here.texel), f0);
     (here.shown * again * light.evaluate(f0))
-        .min(Vec3::splat(LARGEST_HALF))
+        .min(Vec3::splat(MAX_HALF))
         .extend(1.0)
         .to_array()
 }

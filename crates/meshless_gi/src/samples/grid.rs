@@ -89,13 +89,13 @@ impl HashedGrid {
     }
 
     /// Builds a grid as [`build`](Self::build) does, within a memory limit. Returns `None`, without
-    /// allocation of the grid, if it would take more than `most_bytes` bytes.
+    /// allocation of the grid, if it would take more than `max_bytes` bytes.
     #[must_use]
     pub fn build_within(
         count: usize,
         cell_size: f32,
         bounds: impl Fn(usize) -> Bounds,
-        most_bytes: u64,
+        max_bytes: u64,
     ) -> Option<Self> {
         let range_of = |i: usize| {
             let b = bounds(i);
@@ -119,7 +119,7 @@ impl HashedGrid {
             sum.saturating_add(cells)
         });
         const PAIR: u64 = size_of::<([i32; 3], u32)>() as u64;
-        if total > u64::from(u32::MAX) / 2 || total * PAIR > most_bytes {
+        if total > u64::from(u32::MAX) / 2 || total * PAIR > max_bytes {
             return None;
         }
         let mut pairs: Vec<([i32; 3], u32)> = Vec::with_capacity(total as usize);
@@ -132,7 +132,7 @@ impl HashedGrid {
         let needed = (pairs.len() as u64) * (PAIR + 4)
             + cells as u64 * 8
             + (table * size_of::<GridSlot>()) as u64;
-        if needed > most_bytes {
+        if needed > max_bytes {
             return None;
         }
         let mut slots = vec![

@@ -7,13 +7,13 @@ use crate::scene::Bounds;
 use glam::Vec3;
 
 /// Largest integer coordinate along each axis.
-const STEPS: f32 = 2_097_151.0;
+const MAX_COORDINATE: f32 = 2_097_151.0;
 
 /// Computes the position of `x` on Morton's curve through `bounds`.
 #[must_use]
 pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
     let size = bounds.size().max(Vec3::splat(f32::MIN_POSITIVE));
-    let at = ((x - bounds.min) / size).clamp(Vec3::ZERO, Vec3::ONE) * STEPS;
+    let at = ((x - bounds.min) / size).clamp(Vec3::ZERO, Vec3::ONE) * MAX_COORDINATE;
     let spread = |v: f32| {
         let mut v = v as u64;
         v = (v | v << 32) & 0x001f_0000_0000_ffff;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 const BOUNCES: u32 = 30;
 /// Number of first bounces without a candidate, so that the distribution does not depend on the
 /// start ([L08]: 3).
-const DROPPED: u32 = 3;
+const DROPPED_BOUNCES: u32 = 3;
 
 /// Surface position that light reaches.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +93,7 @@ fn trace_one(
         if !surface.front && surface.albedo == Vec3::ZERO && surface.emission == Vec3::ZERO {
             break;
         }
-        if !drop_first || bounce >= DROPPED {
+        if !drop_first || bounce >= DROPPED_BOUNCES {
             out.push(Candidate {
                 surface,
                 free: ray.at(0.5 * hit.t),

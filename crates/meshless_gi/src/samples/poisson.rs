@@ -143,7 +143,7 @@ impl<'a> Disks<'a> {
 
     /// Returns `true` if every point of the candidate's layer is at least a radius away under
     /// \[L08\] Eq. (11).
-    fn is_bare(&mut self, candidate: &Candidate) -> bool {
+    fn is_uncovered(&mut self, candidate: &Candidate) -> bool {
         let (x, n) = (candidate.surface.position, candidate.surface.normal);
         let reach = self.reach();
         let (mut free, mut own) = (None, None);
@@ -187,7 +187,7 @@ pub fn fill_level(
     settings: &DiskSettings,
 ) -> PoissonSamples {
     let mut disks = Disks::new(Some(geometry), settings.radius);
-    let mut truncated = throw_particles(geometry, viewpoints, settings, &mut disks);
+    let mut truncated = accept_particles(geometry, viewpoints, settings, &mut disks);
     if !settings.open_only && !truncated {
         let surfaces: Vec<Surface> = disks.points.iter().map(|c| c.surface).collect();
         let all: Vec<usize> = (0..surfaces.len()).collect();
@@ -206,7 +206,7 @@ pub fn fill_level(
                 truncated = true;
                 break;
             }
-            if disks.is_bare(&candidate) {
+            if disks.is_uncovered(&candidate) {
                 disks.push(candidate);
             }
         }
@@ -220,7 +220,7 @@ pub fn fill_level(
 
 /// Throws importance particles until the level is full. Returns `true` if it reached its largest
 /// number of points.
-fn throw_particles(
+fn accept_particles(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
     settings: &DiskSettings,
@@ -246,7 +246,7 @@ fn throw_particles(
         }
         for candidate in traced.candidates {
             let (x, n) = (candidate.surface.position, candidate.surface.normal);
-            let mut accepted = disks.is_bare(&candidate);
+            let mut accepted = disks.is_uncovered(&candidate);
             if accepted && settings.open_only {
                 let stream = disks.points.len() as u64;
                 let mut random = Random::new(settings.seed, 0x6f_70_65_6e, stream);
@@ -286,7 +286,7 @@ pub fn throw_darts(
         if disks.points.len() >= max {
             break;
         }
-        if disks.is_bare(&candidate) {
+        if disks.is_uncovered(&candidate) {
             disks.push(candidate);
         }
     }

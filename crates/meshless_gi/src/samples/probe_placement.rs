@@ -15,11 +15,11 @@ use std::collections::HashMap;
 /// Number of particles per round.
 const PATHS: u64 = 2_048;
 /// Largest number of rounds.
-const ROUNDS: u64 = 24;
+const MAX_ROUNDS: u64 = 24;
 /// Fraction of new probes, relative to all probes, below which the current round is the last.
-const ENOUGH: f64 = 0.004;
+const MIN_NEW_FRACTION: f64 = 0.004;
 /// Number of rays that measure the clearance of a candidate.
-const FEELERS: u32 = 14;
+const CLEARANCE_RAYS: u32 = 14;
 /// Largest number of candidates per round.
 const MAX_CANDIDATES: usize = 1 << 15;
 
@@ -64,7 +64,7 @@ pub fn place_probes(
     let spacing = settings.spacing;
     let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
     let cell = |x: Vec3| (x / spacing).floor().as_ivec3();
-    for round in 0..ROUNDS {
+    for round in 0..MAX_ROUNDS {
         let (mut candidates, rays) = candidates(geometry, viewpoints, settings, round);
         out.rays += rays;
         candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -104,7 +104,9 @@ pub fn place_probes(
         }
         out.crossed.extend(candidates.iter().map(|c| c.1));
         let new = out.probes.len() - before;
-        if out.truncated || candidates.is_empty() || (new as f64) < ENOUGH * out.probes.len() as f64
+        if out.truncated
+            || candidates.is_empty()
+            || (new as f64) < MIN_NEW_FRACTION * out.probes.len() as f64
         {
             break;
         }
@@ -150,18 +152,18 @@ fn candidates(
                 .cast(&up)
                 .map_or(2.0 * settings.spacing, |hit| hit.t);
             let above = up.at(room * (0.02 + 0.96 * random.unit()));
-            [along, above].map(|x| (room_around(shut, x, reach), x))
+            [along, above].map(|x| (clearance(shut, x, reach), x))
         })
         .collect();
-    let rays = traced.rays + found.len() as u64 * u64::from(1 + 2 * FEELERS);
+    let rays = traced.rays + found.len() as u64 * u64::from(1 + 2 * CLEARANCE_RAYS);
     let sound = |c: &(f32, Vec3)| c.1.is_finite() && c.0 > 0.0;
     (found.into_iter().flatten().filter(sound).collect(), rays)
 }
 
 /// Estimates the distance to the nearest geometry with a few rays, at most `reach`, meters.
-fn room_around(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
-    (0..FEELERS).fold(reach, |free, k| {
-        let way = uniform_sphere(lattice(k, FEELERS, Vec2::ZERO)).normalize_or(Vec3::Y);
+fn clearance(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
+    (0..CLEARANCE_RAYS).fold(reach, |free, k| {
+        let way = uniform_sphere(lattice(k, CLEARANCE_RAYS, Vec2::ZERO)).normalize_or(Vec3::Y);
         let ray = Ray::segment(x, way, free);
         geometry.cast(&ray).map_or(free, |hit| hit.t.min(free))
     })
@@ -170,7 +172,7 @@ fn room_around(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Bounds, cornell_box, mesh_of_quads};
+    use crate::scene::{Bounds, Quad, TriangleMesh};
 
     fn settings(spacing: f32) -> ProbePlacementSettings {
         ProbePlacementSettings {
@@ -183,7 +185,7 @@ mod tests {
 
     #[test]
     fn probe_placement_covers_only_open_positions() {
-        let mesh = mesh_of_quads(&cornell_box());
+        let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
         let eye = [Vec3::new(0.0, 1.0, 0.9)];
         let found = place_probes(&mesh, &eye, &settings(0.25));
         assert!(!found.truncated);

@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 /// Number of darts per disk area. This number leaves few gaps.
-const DARTS: f64 = 16.0;
+const DARTS_PER_DISK: f64 = 16.0;
 /// Largest number of darts.
 const MAX: f64 = 3e8;
 
@@ -24,7 +24,7 @@ pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints
         area += 0.5 * f64::from((b - a).cross(c - a).length());
         sums.push(area);
     }
-    let darts = DARTS * area / (f64::from(spacing) * f64::from(spacing));
+    let darts = DARTS_PER_DISK * area / (f64::from(spacing) * f64::from(spacing));
     if !(spacing > 0.0 && darts < MAX) {
         return None;
     }

@@ -13,11 +13,11 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Number of tested positions.
-const TRIED: u64 = 2048;
+const TESTED_POSITIONS: u64 = 2048;
 /// Number of rays per position.
 const RAYS: u32 = 32;
 /// Largest number of viewpoints.
-const KEPT: usize = 64;
+const MAX_VIEWPOINTS: usize = 64;
 
 /// Visibility from one position.
 struct View {
@@ -37,10 +37,10 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
     if !size.is_finite() || size.max_element() <= 0.0 {
         return (Vec::new(), 0);
     }
-    let inside = look_around(geometry, seed, |r| {
+    let inside = trace_views(geometry, seed, |r| {
         bounds.min + size * Vec3::new(r.unit(), r.unit(), r.unit())
     });
-    let mut rays = TRIED * u64::from(RAYS);
+    let mut rays = TESTED_POSITIONS * u64::from(RAYS);
     let seen: u32 = inside.iter().map(|v| v.hits).sum();
     let fronts: u32 = inside.iter().map(|v| v.fronts).sum();
     // Winding is reliable if fronts clearly prevail. With reliable winding, rays from outside
@@ -56,32 +56,32 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
         // Without winding: keep the half with the largest distances.
         kept.truncate(kept.len().div_ceil(2));
     }
-    let mut out = spread(kept.iter().map(|v| v.position), KEPT);
+    let mut out = spread(kept.iter().map(|v| v.position), MAX_VIEWPOINTS);
     if out.is_empty() {
         // Open all around: take positions on a sphere outside the bounding box.
         let radius = 0.75 * size.length();
-        let outside = look_around(geometry, seed ^ 1, |r| {
+        let outside = trace_views(geometry, seed ^ 1, |r| {
             bounds.center() + radius * uniform_sphere(Vec2::new(r.unit(), r.unit()))
         });
-        rays += TRIED * u64::from(RAYS);
+        rays += TESTED_POSITIONS * u64::from(RAYS);
         out = spread(
             outside.iter().filter(|v| v.hits > 0).map(|v| v.position),
-            KEPT,
+            MAX_VIEWPOINTS,
         );
         if out.is_empty() {
             // Random rays miss a thin distant object: take positions on the sphere without a hit.
-            out = spread(outside.iter().map(|v| v.position), KEPT);
+            out = spread(outside.iter().map(|v| v.position), MAX_VIEWPOINTS);
         }
     }
     (out, rays)
 }
 
-fn look_around(
+fn trace_views(
     geometry: &dyn Geometry,
     seed: u64,
     position: impl Fn(&mut Random) -> Vec3 + Sync,
 ) -> Vec<View> {
-    (0..TRIED)
+    (0..TESTED_POSITIONS)
         .into_par_iter()
         .map(|k| {
             let mut random = Random::new(seed, 0x76_69_65_77, k);

@@ -51,7 +51,7 @@ impl Bvh {
     /// Size of the traversal stack in nodes. This is the largest depth of a BVH.
     pub const STACK: usize = 64;
     /// Smallest magnitude of a direction component. Smaller components are replaced by this value.
-    pub const SMALLEST: f32 = 1e-18;
+    pub const MIN_COMPONENT: f32 = 1e-18;
 
     /// Largest number of occluders. A traversal stores one bit per crossed occluder.
     pub const MAX_OCCLUDERS: usize = 64;
@@ -95,7 +95,7 @@ impl Bvh {
         let mut ray = *ray;
         let shear = Shear::new(ray.direction);
         self.walk(&ray.clone(), |triangle| {
-            if let Some(t) = shear.meets(&ray, triangle) {
+            if let Some(t) = shear.intersects(&ray, triangle) {
                 ray.max_t = t;
             }
             false
@@ -135,8 +135,8 @@ impl Bvh {
         // Infinities would give 0 · ∞. A direction component near zero is replaced by a very small
         // one.
         let guard = |d: f32| {
-            if d.abs() < Self::SMALLEST {
-                Self::SMALLEST
+            if d.abs() < Self::MIN_COMPONENT {
+                Self::MIN_COMPONENT
             } else {
                 d
             }
@@ -165,7 +165,7 @@ impl Bvh {
             }
             let first = node.first as usize;
             let leaf = &self.triangles[first..first + node.count as usize];
-            if (leaf.iter()).any(|t| shear.meets(ray, t).is_some() && meet(t)) {
+            if (leaf.iter()).any(|t| shear.intersects(ray, t).is_some() && meet(t)) {
                 return;
             }
         }
@@ -209,7 +209,7 @@ impl Shear {
     }
 
     /// Returns the distance along the ray, or `None` if the ray misses the triangle.
-    fn meets(&self, ray: &Ray, triangle: &BvhTriangle) -> Option<f32> {
+    fn intersects(&self, ray: &Ray, triangle: &BvhTriangle) -> Option<f32> {
         let [x, y, z] = self.axes;
         let corner = |v: [f32; 3]| {
             let v = Vec3::from_array(v) - ray.origin;

@@ -23,7 +23,7 @@ pub(super) type Corners = [Vec3; 3];
 /// triangle test and the slabs of the box test are both rounded relative to that coordinate.
 const PADDING: f32 = 4.0 * f32::EPSILON;
 /// Largest depth of a binary tree that fits the traversal stack of [`Bvh::occluded`].
-const DEEPEST: usize = 60;
+const MAX_DEPTH: usize = 60;
 /// Largest number of triangles in a leaf of the frame's tree.
 const LEAF: u32 = 4;
 
@@ -64,7 +64,7 @@ pub(super) fn build_binary(triangles: &[Corners], leaf: u32) -> Bvh2 {
         ..BvhBuildParams::medium_build()
     };
     let binary = build_bvh2(&boxes, params, &mut Duration::default());
-    if depth(&binary) > DEEPEST {
+    if depth(&binary) > MAX_DEPTH {
         return balanced(&boxes, leaf);
     }
     binary
@@ -247,7 +247,7 @@ mod tests {
         let mut open = vec![(0usize, Vec3::NEG_INFINITY, Vec3::INFINITY, 1usize)];
         let mut seen = 0;
         while let Some((index, min, max, depth)) = open.pop() {
-            assert!(depth <= DEEPEST, "depth {depth}");
+            assert!(depth <= MAX_DEPTH, "depth {depth}");
             let node = &bvh.nodes[index];
             let (a, b) = (Vec3::from_array(node.min), Vec3::from_array(node.max));
             assert!(a.cmpge(min).all() && b.cmple(max).all());

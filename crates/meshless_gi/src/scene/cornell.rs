@@ -17,66 +17,68 @@ const WHITE: Vec3 = Vec3::new(0.73, 0.71, 0.68);
 const RED: Vec3 = Vec3::new(0.61, 0.06, 0.05);
 const GREEN: Vec3 = Vec3::new(0.12, 0.42, 0.09);
 
-/// Returns a room of 2 m, open toward +Z, red on the left and green on the right. Two blocks stand
-/// on its floor. The floor is at y = 0 with its center at the origin.
-#[must_use]
-pub fn cornell_box() -> Vec<Quad> {
-    let v = Vec3::new;
-    let wall = |color, corners| Quad {
-        corners,
-        material: Material::diffuse(color),
-    };
-    let corner = |x: f32, y: f32, z: f32| v(x, 1.0 + y, z);
-    let mut quads = vec![
-        wall(
-            WHITE,
-            [
-                corner(-1.0, -1.0, -1.0),
-                corner(-1.0, -1.0, 1.0),
-                corner(1.0, -1.0, 1.0),
-                corner(1.0, -1.0, -1.0),
-            ],
-        ),
-        wall(
-            WHITE,
-            [
-                corner(-1.0, 1.0, -1.0),
-                corner(1.0, 1.0, -1.0),
-                corner(1.0, 1.0, 1.0),
-                corner(-1.0, 1.0, 1.0),
-            ],
-        ),
-        wall(
-            WHITE,
-            [
-                corner(-1.0, -1.0, -1.0),
-                corner(1.0, -1.0, -1.0),
-                corner(1.0, 1.0, -1.0),
-                corner(-1.0, 1.0, -1.0),
-            ],
-        ),
-        wall(
-            RED,
-            [
-                corner(-1.0, -1.0, 1.0),
-                corner(-1.0, -1.0, -1.0),
-                corner(-1.0, 1.0, -1.0),
-                corner(-1.0, 1.0, 1.0),
-            ],
-        ),
-        wall(
-            GREEN,
-            [
-                corner(1.0, -1.0, -1.0),
-                corner(1.0, -1.0, 1.0),
-                corner(1.0, 1.0, 1.0),
-                corner(1.0, 1.0, -1.0),
-            ],
-        ),
-    ];
-    quads.extend(block(v(-0.35, 0.0, -0.35), v(0.6, 1.2, 0.6), 0.3));
-    quads.extend(block(v(0.35, 0.0, 0.35), v(0.6, 0.6, 0.6), -0.3));
-    quads
+impl Quad {
+    /// Returns a room of 2 m, open toward +Z, red on the left and green on the right. Two blocks stand
+    /// on its floor. The floor is at y = 0 with its center at the origin.
+    #[must_use]
+    pub fn cornell_box() -> Vec<Self> {
+        let v = Vec3::new;
+        let wall = |color, corners| Self {
+            corners,
+            material: Material::diffuse(color),
+        };
+        let corner = |x: f32, y: f32, z: f32| v(x, 1.0 + y, z);
+        let mut quads = vec![
+            wall(
+                WHITE,
+                [
+                    corner(-1.0, -1.0, -1.0),
+                    corner(-1.0, -1.0, 1.0),
+                    corner(1.0, -1.0, 1.0),
+                    corner(1.0, -1.0, -1.0),
+                ],
+            ),
+            wall(
+                WHITE,
+                [
+                    corner(-1.0, 1.0, -1.0),
+                    corner(1.0, 1.0, -1.0),
+                    corner(1.0, 1.0, 1.0),
+                    corner(-1.0, 1.0, 1.0),
+                ],
+            ),
+            wall(
+                WHITE,
+                [
+                    corner(-1.0, -1.0, -1.0),
+                    corner(1.0, -1.0, -1.0),
+                    corner(1.0, 1.0, -1.0),
+                    corner(-1.0, 1.0, -1.0),
+                ],
+            ),
+            wall(
+                RED,
+                [
+                    corner(-1.0, -1.0, 1.0),
+                    corner(-1.0, -1.0, -1.0),
+                    corner(-1.0, 1.0, -1.0),
+                    corner(-1.0, 1.0, 1.0),
+                ],
+            ),
+            wall(
+                GREEN,
+                [
+                    corner(1.0, -1.0, -1.0),
+                    corner(1.0, -1.0, 1.0),
+                    corner(1.0, 1.0, 1.0),
+                    corner(1.0, 1.0, -1.0),
+                ],
+            ),
+        ];
+        quads.extend(block(v(-0.35, 0.0, -0.35), v(0.6, 1.2, 0.6), 0.3));
+        quads.extend(block(v(0.35, 0.0, 0.35), v(0.6, 0.6, 0.6), -0.3));
+        quads
+    }
 }
 
 /// Returns a box without underside that stands on `foot`, rotated by `turn` radians about the
@@ -112,18 +114,21 @@ fn block(foot: Vec3, size: Vec3, turn: f32) -> Vec<Quad> {
     ]
 }
 
-/// Triangulates surfaces for the bake: two triangles per quad.
-#[must_use]
-pub fn mesh_of_quads(quads: &[Quad]) -> TriangleMesh {
-    let halves = |q: &Quad| {
-        let [a, b, c, d] = q.corners;
-        [[a, b, c], [a, c, d]]
-    };
-    TriangleMesh::new(
-        quads.iter().flat_map(halves).collect(),
-        (0..2 * quads.len() as u32).map(|i| i / 2).collect(),
-        quads.iter().map(|q| q.material.clone()).collect(),
-    )
+impl TriangleMesh {
+    /// Creates a mesh of quadrilaterals, two triangles each. Each quadrilateral has a material of
+    /// its own.
+    #[must_use]
+    pub fn from_quads(quads: &[Quad]) -> Self {
+        let halves = |q: &Quad| {
+            let [a, b, c, d] = q.corners;
+            [[a, b, c], [a, c, d]]
+        };
+        Self::new(
+            quads.iter().flat_map(halves).collect(),
+            (0..2 * quads.len() as u32).map(|i| i / 2).collect(),
+            quads.iter().map(|q| q.material.clone()).collect(),
+        )
+    }
 }
 
 #[cfg(test)]
@@ -133,9 +138,9 @@ mod tests {
 
     #[test]
     fn cornell_box_surfaces_face_inward() {
-        let quads = cornell_box();
+        let quads = Quad::cornell_box();
         assert_eq!(quads.len(), 15);
-        let mesh = mesh_of_quads(&quads);
+        let mesh = TriangleMesh::from_quads(&quads);
         assert_eq!((mesh.len(), mesh.problems().dropped()), (30, 0));
         // Viewpoint in the middle of the room, above the blocks.
         let eye = Vec3::new(0.0, 1.5, 0.6);

@@ -47,7 +47,7 @@ pub struct Emitters {
 }
 
 /// Largest fraction of the area of a geometry that sparse emitters cover.
-const SPARSE: f64 = 0.5;
+const MAX_SPARSE_FRACTION: f64 = 0.5;
 
 impl Emitters {
     /// Collects triangles: index of the primitive, corners in meters, and mean emission. All
@@ -112,7 +112,7 @@ impl Emitters {
             },
             emitters,
             power: power as f32,
-            is_sparse: emissive_area <= SPARSE * total_area,
+            is_sparse: emissive_area <= MAX_SPARSE_FRACTION * total_area,
         }
     }
 

@@ -52,7 +52,7 @@ impl TriangleMesh {
             lifts.extend(own_lifts);
         }
         let mut mesh = Self::textured(triangles, material_of, materials, uvs, textures);
-        mesh.set_lifts(lifts);
+        mesh.set_ray_offsets(lifts);
         if !nodes.is_empty() {
             mesh.set_nodes(nodes, node_of);
         }

@@ -3,26 +3,12 @@
 
 #[cfg(feature = "point_clouds")]
 use super::load_ply_within;
-use super::{InputBudget, MeshProblems, SceneError, TriangleMesh, load_gltf_within};
+use super::{InputBudget, LoadedScene, SceneError, TriangleMesh, load_gltf_within};
 use glam::Vec3;
 use std::path::Path;
 
-/// Geometry of a scene as one mesh.
-#[derive(Debug)]
-#[non_exhaustive]
-pub struct LoadedGeometry {
-    /// Triangles, and the cells of points, in meters.
-    pub mesh: TriangleMesh,
-    /// Number of points that have cells in the mesh. 0 for triangles only.
-    pub points: u64,
-    /// Numbers of triangles that were dropped or corrected.
-    pub problems: MeshProblems,
-    /// Notes on content that was ignored or converted.
-    pub notes: Vec<String>,
-}
-
 /// Reads `.ply` files as points and other files as glTF. With the feature `json` a `.json` file is
-/// a scene description, and its geometry is joined. A surface of points without normals faces those
+/// a scene description, and its geometry is joined without lights. A surface of points without normals faces those
 /// `viewpoints` (meters, between surfaces) that it encloses. See `PointCloud::new`. Without the
 /// feature `point_clouds` a `.ply` file is an error.
 ///
@@ -31,7 +17,7 @@ pub struct LoadedGeometry {
 pub fn load_geometry(
     path: impl AsRef<Path>,
     viewpoints: &[Vec3],
-) -> Result<LoadedGeometry, SceneError> {
+) -> Result<LoadedScene, SceneError> {
     load_geometry_within(path, viewpoints, &mut InputBudget::default())
 }
 
@@ -43,7 +29,7 @@ pub fn load_geometry_within(
     path: impl AsRef<Path>,
     viewpoints: &[Vec3],
     budget: &mut InputBudget,
-) -> Result<LoadedGeometry, SceneError> {
+) -> Result<LoadedScene, SceneError> {
     let path = path.as_ref();
     let ends = |ending: &str| {
         path.extension()
@@ -65,20 +51,13 @@ pub fn load_geometry_within(
     if ends("ply") {
         let read = load_ply_within(path, viewpoints, budget)?;
         let (mesh, _) = read.cloud.mesh();
-        return Ok(LoadedGeometry {
-            mesh,
+        return Ok(LoadedScene {
             points: read.cloud.len() as u64,
-            problems: MeshProblems::default(),
             notes: read.notes,
+            ..LoadedScene::from(mesh)
         });
     }
-    let read = load_gltf_within(path, budget)?;
-    Ok(LoadedGeometry {
-        mesh: read.mesh,
-        points: 0,
-        problems: read.problems,
-        notes: read.notes,
-    })
+    load_gltf_within(path, budget)
 }
 
 /// Reads all geometry that a description lists.
@@ -87,14 +66,9 @@ fn described(
     path: &Path,
     viewpoints: &[Vec3],
     budget: &mut InputBudget,
-) -> Result<LoadedGeometry, SceneError> {
+) -> Result<LoadedScene, SceneError> {
     let description = super::SceneDescription::read_within(path, budget)?;
-    let mut all = LoadedGeometry {
-        mesh: TriangleMesh::joined(Vec::new()),
-        points: 0,
-        problems: MeshProblems::default(),
-        notes: Vec::new(),
-    };
+    let mut all = LoadedScene::from(TriangleMesh::joined(Vec::new()));
     let mut meshes = Vec::new();
     for (i, file) in description.geometry.iter().enumerate() {
         if file

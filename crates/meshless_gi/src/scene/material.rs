@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3, Vec4};
 
 /// Addressing mode of texture coordinates outside [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Wrap {
     /// The texture repeats.
     #[default]

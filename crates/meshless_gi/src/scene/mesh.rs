@@ -12,7 +12,7 @@ mod rays;
 
 use rays::{interpolate, normal};
 
-use super::Lifts;
+use super::RayOffsets;
 use super::bvh_build::build_binary;
 use super::geometry::mesh_ray_offset;
 use super::occluder::MeshNode;
@@ -29,11 +29,11 @@ use std::time::{Duration, Instant};
 
 /// Upper limit of coordinates, meters. Larger values are treated as damage, because their squares
 /// overflow.
-const FARTHEST: f32 = 1e9;
+const MAX_COORDINATE: f32 = 1e9;
 
 /// Upper limit of radiance, W/(m² sr). Larger values are treated as damage, because their sums
 /// overflow.
-const BRIGHTEST: f32 = 1e18;
+const MAX_RADIANCE: f32 = 1e18;
 
 /// Texture coordinates of the three corners of a triangle, per texture type of a [`Material`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -54,7 +54,7 @@ pub(super) struct FaceParts {
     pub(super) uvs: Vec<TriangleUvs>,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
-    pub(super) lifts: Vec<Lifts>,
+    pub(super) lifts: Vec<RayOffsets>,
     pub(super) nodes: Vec<MeshNode>,
     /// Node of each triangle. Empty without nodes.
     pub(super) node_of: Vec<u32>,
@@ -86,7 +86,7 @@ pub struct TriangleMesh {
     problems: MeshProblems,
     emitters: Emitters,
     /// Ray offsets of the cells of point clouds.
-    lifts: Vec<Lifts>,
+    lifts: Vec<RayOffsets>,
     /// Nodes of the source file. Empty without a file or if the file has no nodes.
     nodes: Vec<MeshNode>,
     /// Node of each triangle.
@@ -311,7 +311,7 @@ impl TriangleMesh {
     }
 
     /// Adds ray offsets of point cells to [`Geometry::ray_offset`].
-    pub(super) fn set_lifts(&mut self, lifts: impl IntoIterator<Item = Lifts>) {
+    pub(super) fn set_ray_offsets(&mut self, lifts: impl IntoIterator<Item = RayOffsets>) {
         self.lifts = lifts.into_iter().collect();
     }
 
@@ -408,7 +408,7 @@ impl core::fmt::Debug for TriangleMesh {
 
 /// Returns `true` if the coordinates of a triangle are finite and small enough for rays.
 fn within_reach(corners: &[Vec3; 3]) -> bool {
-    (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
+    (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < MAX_COORDINATE)
 }
 
 /// Returns `true` if a ray can hit the triangle.
@@ -445,8 +445,8 @@ fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems)
     if !(material.emissive.is_finite() && material.emissive.min_element() >= 0.0) {
         material.emissive = Vec3::ZERO;
         problems.bad_emission += 1;
-    } else if material.emissive.max_element() > BRIGHTEST {
-        material.emissive = material.emissive.min(Vec3::splat(BRIGHTEST));
+    } else if material.emissive.max_element() > MAX_RADIANCE {
+        material.emissive = material.emissive.min(Vec3::splat(MAX_RADIANCE));
         problems.bad_emission += 1;
     }
     if material.alpha_cutoff.is_some_and(|c| !c.is_finite()) {

@@ -19,6 +19,8 @@ mod join;
 mod light;
 #[cfg(feature = "gltf")]
 mod load;
+#[cfg(feature = "gltf")]
+mod loaded_scene;
 mod material;
 mod mesh;
 mod mesh_problems;
@@ -36,12 +38,12 @@ mod statue;
 mod watertight;
 
 #[cfg(not(feature = "point_clouds"))]
-use no_points::Lifts;
+use no_points::RayOffsets;
 #[cfg(feature = "point_clouds")]
-use points::Lifts;
+use points::RayOffsets;
 
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
-pub use cornell::{Quad, cornell_box, mesh_of_quads};
+pub use cornell::Quad;
 #[cfg(feature = "json")]
 pub use description::SceneDescription;
 pub use emitter_view::EmitterView;
@@ -49,17 +51,17 @@ pub use emitters::Emitters;
 pub use error::SceneError;
 pub use geometry::{Barrier, Bounds, Geometry, Hit, HitPoint, MaterialTerms, Ray, Surface};
 #[cfg(feature = "gltf")]
-pub use gltf::{
-    LoadedScene, Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within,
-};
+pub use gltf::{Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within};
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};
 pub use light::Light;
 #[cfg(feature = "gltf")]
-pub use load::{LoadedGeometry, load_geometry, load_geometry_within};
+pub use load::{load_geometry, load_geometry_within};
+#[cfg(feature = "gltf")]
+pub use loaded_scene::LoadedScene;
 pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;
-pub use occluder::{MeshNode, Occluder, OccluderGeometry, Shutter};
+pub use occluder::{BoxPlanes, MeshNode, Occluder, OccluderGeometry};
 #[cfg(feature = "point_clouds")]
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, read_ply_within, write_ply};
 #[cfg(feature = "point_clouds")]

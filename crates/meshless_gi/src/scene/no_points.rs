@@ -4,9 +4,9 @@ use glam::Vec3;
 
 /// Ray offsets of the cells of a point cloud.
 #[derive(Clone, Debug)]
-pub(super) enum Lifts {}
+pub(super) enum RayOffsets {}
 
-impl Lifts {
+impl RayOffsets {
     /// Returns the ray offset at a position, meters.
     pub(super) fn at(&self, _: Vec3) -> f32 {
         match *self {}

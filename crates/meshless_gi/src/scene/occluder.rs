@@ -17,14 +17,14 @@ pub struct Occluder {
     /// Corners of its triangles in the closed state, meters.
     pub triangles: Vec<[Vec3; 3]>,
     /// Boxes in the closed state.
-    pub boxes: Vec<Shutter>,
+    pub boxes: Vec<BoxPlanes>,
 }
 
 /// Planes that replace a box, because rendered geometry may lie anywhere inside it. They are the
 /// middle plane across the thinnest edge and the planes of those of the four sides that no wall
 /// adjoins. From one large side to the other they block as much as the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shutter {
+pub struct BoxPlanes {
     bounds: Bounds,
     /// Axis of the thinnest edge.
     axis: usize,
@@ -36,9 +36,9 @@ pub struct Shutter {
 /// the next one.
 const CORNERS: [(f32, f32); 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
 /// Number of rays that test for a wall along a side.
-const LOOKS: usize = 9;
+const RAYS_PER_SIDE: usize = 9;
 
-impl Shutter {
+impl BoxPlanes {
     /// Creates the planes of a box (meters) in the opening of `geometry`.
     #[must_use]
     pub fn new(bounds: Bounds, geometry: &dyn Geometry) -> Self {
@@ -62,8 +62,8 @@ impl Shutter {
         let thickness = self.bounds.size()[self.axis];
         let way = depth.normalize_or_zero();
         let inset = thickness.min(0.5 * depth.length());
-        (0..LOOKS).all(|i| {
-            let edge = from.lerp(to, (i as f32 + 0.5) / LOOKS as f32);
+        (0..RAYS_PER_SIDE).all(|i| {
+            let edge = from.lerp(to, (i as f32 + 0.5) / RAYS_PER_SIDE as f32);
             let ray = Ray::segment(edge - way * inset, way, inset + 0.25 * thickness);
             way != Vec3::ZERO && geometry.cast(&ray).is_some()
         })
@@ -119,7 +119,7 @@ impl Occluder {
     /// Returns the triangles that block light: its own, and the middle and side planes of each box.
     #[must_use]
     pub fn shapes(&self) -> Vec<[Vec3; 3]> {
-        let boxes = self.boxes.iter().flat_map(Shutter::triangles);
+        let boxes = self.boxes.iter().flat_map(BoxPlanes::triangles);
         let boxes = boxes.map(|(triangle, _)| triangle);
         self.triangles.iter().copied().chain(boxes).collect()
     }
@@ -170,22 +170,22 @@ impl TriangleMesh {
 
 /// Geometry with open occluders that records the occluders that rays cross.
 pub struct OccluderGeometry<'a> {
-    shut: Shut<'a>,
+    closed: ClosedGeometry<'a>,
     bvh: Bvh,
 }
 
 /// Variant of the geometry with all occluders closed.
-struct Shut<'a> {
+struct ClosedGeometry<'a> {
     open: &'a dyn Geometry,
     doors: TriangleMesh,
     /// Boxes. `occluder_of` has the box index of each triangle of `doors`, and `true` if the
     /// triangle is a side.
-    shutters: Vec<Shutter>,
+    shutters: Vec<BoxPlanes>,
     occluder_of: Vec<Option<(u32, bool)>>,
 }
 
 /// Flag bit of primitive indices of occluders. The scene has fewer triangles.
-const DOOR: u32 = 1 << 31;
+const OCCLUDER_FLAG: u32 = 1 << 31;
 
 impl<'a> OccluderGeometry<'a> {
     /// Creates the geometry from `open`, which does not contain the occluders. Occluders beyond
@@ -213,7 +213,7 @@ impl<'a> OccluderGeometry<'a> {
             ..Material::default()
         };
         Self {
-            shut: Shut {
+            closed: ClosedGeometry {
                 open,
                 doors: TriangleMesh::new(all, vec![0; occluder_of.len()], vec![material]),
                 shutters,
@@ -224,7 +224,7 @@ impl<'a> OccluderGeometry<'a> {
     }
 }
 
-impl Shut<'_> {
+impl ClosedGeometry<'_> {
     /// Returns the plane at which basis functions end at an occluder's `primitive`. It is the plane
     /// half-way between the two faces of the occluder, facing the ray's origin.
     fn door(&self, ray: &Ray, hit: &Hit) -> Barrier {
@@ -266,35 +266,35 @@ impl Shut<'_> {
 
 impl Geometry for OccluderGeometry<'_> {
     fn bounds(&self) -> Bounds {
-        self.shut.open.bounds()
+        self.closed.open.bounds()
     }
 
     fn cast(&self, ray: &Ray) -> Option<Hit> {
-        self.shut.open.cast(ray)
+        self.closed.open.cast(ray)
     }
 
     fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        self.shut.open.occluded(from, to)
+        self.closed.open.occluded(from, to)
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
-        self.shut.open.surface(ray, hit)
+        self.closed.open.surface(ray, hit)
     }
 
     fn hit_point(&self, ray: &Ray, hit: &Hit) -> HitPoint {
-        self.shut.open.hit_point(ray, hit)
+        self.closed.open.hit_point(ray, hit)
     }
 
     fn material_terms(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
-        self.shut.open.material_terms(ray, hit)
+        self.closed.open.material_terms(ray, hit)
     }
 
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
-        self.shut.open.materials()
+        self.closed.open.materials()
     }
 
     fn emitters(&self) -> Option<&Emitters> {
-        self.shut.open.emitters()
+        self.closed.open.emitters()
     }
 
     fn crossed_occluders(&self, ray: &Ray) -> u64 {
@@ -302,19 +302,19 @@ impl Geometry for OccluderGeometry<'_> {
     }
 
     fn with_occluders_closed(&self) -> Option<&dyn Geometry> {
-        Some(&self.shut)
+        Some(&self.closed)
     }
 
     fn ray_offset(&self, p: Vec3) -> f32 {
-        self.shut.open.ray_offset(p)
+        self.closed.open.ray_offset(p)
     }
 
     fn surface_relief(&self, p: Vec3) -> f32 {
-        self.shut.open.surface_relief(p)
+        self.closed.open.surface_relief(p)
     }
 }
 
-impl Geometry for Shut<'_> {
+impl Geometry for ClosedGeometry<'_> {
     fn bounds(&self) -> Bounds {
         self.open.bounds()
     }
@@ -324,7 +324,7 @@ impl Geometry for Shut<'_> {
         let end = hit.map_or(ray.max_t, |hit| hit.t);
         let door = self.doors.cast(&Ray { max_t: end, ..*ray });
         let marked = |hit: Hit| Hit {
-            primitive: hit.primitive | DOOR,
+            primitive: hit.primitive | OCCLUDER_FLAG,
             ..hit
         };
         door.map(marked).or(hit)
@@ -335,20 +335,20 @@ impl Geometry for Shut<'_> {
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
-        match hit.primitive & DOOR {
+        match hit.primitive & OCCLUDER_FLAG {
             0 => self.open.surface(ray, hit),
             _ => {
-                let primitive = hit.primitive & !DOOR;
+                let primitive = hit.primitive & !OCCLUDER_FLAG;
                 self.doors.surface(ray, &Hit { primitive, ..*hit })
             }
         }
     }
 
     fn barrier(&self, ray: &Ray, hit: &Hit) -> Barrier {
-        match hit.primitive & DOOR {
+        match hit.primitive & OCCLUDER_FLAG {
             0 => self.open.barrier(ray, hit),
             _ => {
-                let primitive = hit.primitive & !DOOR;
+                let primitive = hit.primitive & !OCCLUDER_FLAG;
                 self.door(ray, &Hit { primitive, ..*hit })
             }
         }

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 /// Number of bytes per read call.
-const PIECE: u64 = 1 << 20;
+const CHUNK_BYTES: u64 = 1 << 20;
 
 /// Error of reading a file.
 #[derive(Debug, thiserror::Error)]
@@ -89,7 +89,7 @@ pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
         return Err(io::Error::from(io::ErrorKind::OutOfMemory).into());
     }
     while bytes.len() as u64 <= limit {
-        let piece = PIECE.min((limit - bytes.len() as u64).saturating_add(1));
+        let piece = CHUNK_BYTES.min((limit - bytes.len() as u64).saturating_add(1));
         if file.by_ref().take(piece).read_to_end(&mut bytes)? == 0 {
             return Ok(bytes);
         }
@@ -141,7 +141,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bin");
         // Two pieces and one byte.
-        let content: Vec<u8> = (0..2 * PIECE + 1).map(|i| (i % 251) as u8).collect();
+        let content: Vec<u8> = (0..2 * CHUNK_BYTES + 1).map(|i| (i % 251) as u8).collect();
         fs::write(&path, &content).unwrap();
         let size = content.len() as u64;
         assert!(read_file(&path, size).unwrap() == content);

@@ -22,15 +22,15 @@ use nalgebra::{Matrix4, SymmetricEigen};
 
 /// Mean squares over the sphere: <(d·ω)²> = |d|²/3 and <(ω·Q ω)²> = 2 |Q|²/15. |Q|² is the sum of
 /// all nine squares.
-const FIRST: f64 = 1.0 / 3.0;
-const SECOND: f64 = 2.0 / 15.0;
+const LINEAR_MEAN_SQUARE: f64 = 1.0 / 3.0;
+const QUADRATIC_MEAN_SQUARE: f64 = 2.0 / 15.0;
 /// Penalty parameter of the method, in units of these weights.
 const PENALTY: f64 = 0.3;
 /// Largest number of steps. The skies of the tests take at most 230.
 const STEPS: u32 = 400;
 /// Largest difference between two steps at which the iteration ends. Also the threshold of zero.
 /// Relative to a mean of one.
-const NEAR: f64 = 1e-6;
+const TOLERANCE: f64 = 1e-6;
 /// Limit of the terms relative to a mean of one. The terms of light from a single direction are at
 /// most 7.5.
 const MAX: f64 = 10.0;
@@ -73,7 +73,7 @@ impl SkyRadiance {
 /// Returns the nearest terms for which a channel of mean one is non-negative. `None` if `terms`
 /// already meet this condition.
 fn nearest(terms: &Terms) -> Option<Terms> {
-    if best(terms) >= -NEAR {
+    if best(terms) >= -TOLERANCE {
         return None;
     }
     // Terms above `MAX` are scaled down first. Terms of a thousand times the mean are unphysical.
@@ -88,9 +88,14 @@ fn nearest(terms: &Terms) -> Option<Terms> {
         let to: Matrix4<f64> = near - dual;
         t = (to[(0, 0)] + to[(1, 1)] + to[(2, 2)] + 1.0 - to[(3, 3)]) / 4.0;
         let trace = (to[(0, 0)] + to[(1, 1)] + to[(2, 2)]) / 3.0;
-        let first =
-            |w: f64, m: f64| (2.0 * FIRST * w + PENALTY * m) / (2.0 * FIRST + PENALTY / 2.0);
-        let second = |w: f64, m: f64| (2.0 * SECOND * w + PENALTY * m) / (2.0 * SECOND + PENALTY);
+        let first = |w: f64, m: f64| {
+            (2.0 * LINEAR_MEAN_SQUARE * w + PENALTY * m)
+                / (2.0 * LINEAR_MEAN_SQUARE + PENALTY / 2.0)
+        };
+        let second = |w: f64, m: f64| {
+            (2.0 * QUADRATIC_MEAN_SQUARE * w + PENALTY * m)
+                / (2.0 * QUADRATIC_MEAN_SQUARE + PENALTY)
+        };
         found = [
             first(limited[0], to[(0, 3)]),
             first(limited[1], to[(1, 3)]),
@@ -105,7 +110,7 @@ fn nearest(terms: &Terms) -> Option<Terms> {
         let before = near;
         near = semidefinite(&(here + dual));
         dual += here - near;
-        if (here - near).amax() < NEAR && (near - before).amax() < NEAR {
+        if (here - near).amax() < TOLERANCE && (near - before).amax() < TOLERANCE {
             break;
         }
     }

@@ -1,7 +1,7 @@
 //! Built-in statue: a knot on a pedestal in the Cornell box, without the blocks. It is a closed
 //! shape with thin, curved and hidden parts. The demo and the tests sample point clouds from it.
 
-use super::{Material, TriangleMesh, cornell_box, mesh_of_quads};
+use super::{Material, Quad, TriangleMesh};
 use glam::{DVec2, DVec3, Vec3};
 
 const MARBLE: Vec3 = Vec3::new(0.78, 0.76, 0.72);
@@ -40,7 +40,7 @@ pub fn statue() -> TriangleMesh {
 /// its center at the origin.
 #[must_use]
 pub fn statue_room() -> TriangleMesh {
-    let walls = mesh_of_quads(&cornell_box()[..5]);
+    let walls = TriangleMesh::from_quads(&Quad::cornell_box()[..5]);
     TriangleMesh::joined(vec![walls, statue()])
 }
 

@@ -72,7 +72,7 @@ impl WatertightRay {
     /// Returns the intersection with the triangle from either side, with t in (0, `max_t`].
     #[must_use]
     #[inline]
-    pub fn meet(&self, a: Vec3, b: Vec3, c: Vec3, max_t: f32) -> Option<TriangleHit> {
+    pub fn intersect(&self, a: Vec3, b: Vec3, c: Vec3, max_t: f32) -> Option<TriangleHit> {
         let (a, b, c) = (self.sheared(a), self.sheared(b), self.sheared(c));
         let mut u = c.x * b.y - c.y * b.x;
         let mut v = a.x * c.y - a.y * c.x;
@@ -117,34 +117,40 @@ mod tests {
     const B: Vec3 = Vec3::new(1.0, 0.0, 2.0);
     const C: Vec3 = Vec3::new(0.0, 1.0, 2.0);
 
-    fn meet(origin: Vec3, direction: Vec3) -> Option<TriangleHit> {
-        WatertightRay::new(&Ray::new(origin, direction)).meet(A, B, C, f32::INFINITY)
+    fn intersect(origin: Vec3, direction: Vec3) -> Option<TriangleHit> {
+        WatertightRay::new(&Ray::new(origin, direction)).intersect(A, B, C, f32::INFINITY)
     }
 
     #[test]
     fn watertight_hit_weights_match_vertices() {
-        let hit = meet(Vec3::new(0.25, 0.5, 0.0), Vec3::Z).unwrap();
+        let hit = intersect(Vec3::new(0.25, 0.5, 0.0), Vec3::Z).unwrap();
         assert_eq!((hit.t, hit.u, hit.v), (2.0, 0.25, 0.5));
         // A hit from behind. Misses: the ray points away, ends before the triangle or passes next
         // to it.
-        assert_eq!(meet(Vec3::new(0.25, 0.5, 5.0), -Vec3::Z).unwrap().t, 3.0);
-        assert_eq!(meet(Vec3::new(0.25, 0.5, 0.0), -Vec3::Z), None);
-        assert_eq!(meet(Vec3::new(0.75, 0.5, 0.0), Vec3::Z), None);
+        assert_eq!(
+            intersect(Vec3::new(0.25, 0.5, 5.0), -Vec3::Z).unwrap().t,
+            3.0
+        );
+        assert_eq!(intersect(Vec3::new(0.25, 0.5, 0.0), -Vec3::Z), None);
+        assert_eq!(intersect(Vec3::new(0.75, 0.5, 0.0), Vec3::Z), None);
         let ray = Ray::new(Vec3::new(0.25, 0.5, 0.0), Vec3::Z);
-        assert_eq!(WatertightRay::new(&ray).meet(A, B, C, 1.9), None);
+        assert_eq!(WatertightRay::new(&ray).intersect(A, B, C, 1.9), None);
     }
 
     #[test]
     fn watertight_edges_and_vertices_are_hit() {
         for p in [A, B, C, 0.5 * (A + B), 0.5 * (B + C), 0.5 * (A + C)] {
-            assert!(meet(Vec3::new(p.x, p.y, 0.0), Vec3::Z).is_some(), "{p}");
+            assert!(
+                intersect(Vec3::new(p.x, p.y, 0.0), Vec3::Z).is_some(),
+                "{p}"
+            );
         }
     }
 
     #[test]
     fn watertight_coplanar_ray_and_degenerate_triangle_miss() {
-        assert_eq!(meet(Vec3::new(-1.0, 0.25, 2.0), Vec3::X), None);
+        assert_eq!(intersect(Vec3::new(-1.0, 0.25, 2.0), Vec3::X), None);
         let ray = WatertightRay::new(&Ray::new(Vec3::ZERO, Vec3::Z));
-        assert_eq!(ray.meet(A, A, A, f32::INFINITY), None);
+        assert_eq!(ray.intersect(A, A, A, f32::INFINITY), None);
     }
 }

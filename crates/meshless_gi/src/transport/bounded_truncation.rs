@@ -23,7 +23,7 @@ use glam::Vec3A;
 /// Weight of the change for senders that are lit alone. Measured on three scenes: half of it loses
 /// light on a scale of centimeters next to ledges. Four times as much doubles the links and does
 /// not reduce the error.
-const GUARD: f32 = 0.25;
+const SINGLE_SENDER_WEIGHT: f32 = 0.25;
 
 /// Sender hierarchy as a tree. Every sender below the coarsest level belongs to the parent with the
 /// largest weight.
@@ -272,14 +272,14 @@ fn group_change(
     // Σ (a − mean)(b − mean) E² over all children. Those without hits have a = b = 0.
     let [a_mean, b_mean] = sums.map(|s| s / tree.children[parent as usize] as f32);
     let both = |a: f32, b: f32| 4.0 * a * b;
-    let unmet = both(a_mean, b_mean);
-    let mut single = unmet * training.family[parent as usize];
+    let mean_product = both(a_mean, b_mean);
+    let mut single = mean_product * training.family[parent as usize];
     for &m in members {
         let [a, b] = gathered.sums[m as usize];
         let (a, b) = (a.dot(n), b.dot(n));
-        single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[m as usize];
+        single += (both(a - a_mean, b - b_mean) - mean_product) * training.exposure[m as usize];
     }
-    (coherent / TRAINING_LIGHTS as f32 + GUARD * single).max(0.0)
+    (coherent / TRAINING_LIGHTS as f32 + SINGLE_SENDER_WEIGHT * single).max(0.0)
 }
 
 #[cfg(test)]

@@ -98,7 +98,7 @@ pub enum SenderForm {
 impl SenderForm {
     /// Returns `true` if a point without a row takes its parents' mean.
     #[must_use]
-    pub fn rows_stand_alone(self) -> bool {
+    pub fn has_independent_rows(self) -> bool {
         self != Self::Differences
     }
 }

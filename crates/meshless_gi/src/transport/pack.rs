@@ -11,7 +11,7 @@ pub struct Packed {
     /// Operator.
     pub operator: Operator,
     /// Terms of its links that cross occluders, in ascending order of links.
-    pub passing: Vec<UnindexedLinkTerm>,
+    pub link_terms: Vec<UnindexedLinkTerm>,
     /// Largest error of a link relative to the largest link of its row.
     pub error: f32,
 }
@@ -42,10 +42,10 @@ pub fn pack(
         compression: None,
     };
     let mut error = 0.0f32;
-    let mut passing = Vec::new();
+    let mut link_terms = Vec::new();
     for i in row_order(&operator.rows) {
         let i = i as usize;
-        let sky = (form.rows_stand_alone() && sky[i] != Vec3::ZERO)
+        let sky = (form.has_independent_rows() && sky[i] != Vec3::ZERO)
             .then(|| (senders as u32, Vec3A::from(sky[i])));
         let terms = terms.get(i).into_iter().flatten();
         let terms = (senders as u32 + 1..).zip(terms.map(|&t| Vec3A::from(t)));
@@ -78,7 +78,7 @@ pub fn pack(
                 // Links that round to zero are dropped.
                 if link.vector() != Vec3::ZERO || !split.is_empty() {
                     operator.links.push(link);
-                    passing.append(&mut split);
+                    link_terms.append(&mut split);
                 }
             }
         }
@@ -89,7 +89,7 @@ pub fn pack(
     }
     Packed {
         operator,
-        passing,
+        link_terms,
         error,
     }
 }
@@ -156,9 +156,9 @@ mod tests {
             active: true,
         };
         let packed = pack(&[row], &[1], &[Vec3::ZERO], &[], 8, SenderForm::Averages);
-        assert_eq!(packed.passing.len(), 2);
+        assert_eq!(packed.link_terms.len(), 2);
         let largest = |p: &UnindexedLinkTerm| p.packed.vector().abs().max_element();
-        let largest = packed.passing.iter().map(largest).fold(0.0, f32::max);
+        let largest = packed.link_terms.iter().map(largest).fold(0.0, f32::max);
         assert!((largest - 1.0).abs() < 1e-3, "{largest}");
     }
 

@@ -73,14 +73,14 @@ pub fn probe_rows(
     let measure = CutMeasure { training, epsilon };
     let mut out = ProbeGather::default();
     let mut lost = 0.0;
-    const AT_ONCE: usize = 256;
-    for (chunk, some) in positions.chunks(AT_ONCE).enumerate() {
+    const BATCH_SIZE: usize = 256;
+    for (chunk, some) in positions.chunks(BATCH_SIZE).enumerate() {
         let found: Vec<Probe> = some
             .par_iter()
             .enumerate()
             .map_init(
                 || ProbeScratch::new(senders),
-                |scratch, (k, &x)| one(scene, chunk * AT_ONCE + k, x, tree, &measure, scratch),
+                |scratch, (k, &x)| one(scene, chunk * BATCH_SIZE + k, x, tree, &measure, scratch),
             )
             .collect();
         for mut probe in found {
@@ -97,7 +97,7 @@ pub fn probe_rows(
             lost += f64::from(probe.lost);
         }
         out.rays += some.len() as u64 * u64::from(scene.rays);
-        if !on_progress((chunk * AT_ONCE + some.len()) as f32 / positions.len() as f32) {
+        if !on_progress((chunk * BATCH_SIZE + some.len()) as f32 / positions.len() as f32) {
             return None;
         }
     }
@@ -118,7 +118,7 @@ struct ProbeScratch {
     cut: CutScratch,
     found: Vec<WeightEntry>,
     /// Sender, weight, direction and crossed occluders of each deposit.
-    met: Vec<(u32, f32, Vec3, u64)>,
+    deposits: Vec<(u32, f32, Vec3, u64)>,
     /// Index of each sender's link in the row.
     slot: Vec<u32>,
 }
@@ -131,7 +131,7 @@ impl ProbeScratch {
             gathered: Gathered::new(senders),
             cut: CutScratch::default(),
             found: Vec::new(),
-            met: Vec::new(),
+            deposits: Vec::new(),
             slot: vec![NONE; senders],
         }
     }
@@ -155,7 +155,7 @@ fn one(
         lost: 0.0,
     };
     scratch.gathered.reset();
-    scratch.met.clear();
+    scratch.deposits.clear();
     let emitters = scene.hierarchy.separate_emitters(scene.geometry);
     for k in 0..scene.rays {
         let way = uniform_sphere(lattice(k, scene.rays, shift)).normalize_or(Vec3::Y);
@@ -172,7 +172,7 @@ fn one(
                 // The sky and its terms.
                 let factors = [1.0].into_iter().chain(SkyRadiance::polynomials(way));
                 for (sender, p) in (tree.parent.len() as u32..).zip(factors) {
-                    note(&mut out.rows, sender, crossed, &parts.map(|part| part * p));
+                    add_occluded_terms(&mut out.rows, sender, crossed, &parts.map(|part| part * p));
                 }
             }
             continue;
@@ -203,7 +203,7 @@ fn one(
             let (j, w) = (entry.index, entry.weight * weight);
             // Truncation uses each sender's contribution to c.
             scratch.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
-            scratch.met.push((j, w, way, crossed));
+            scratch.deposits.push((j, w, way, crossed));
         }
     }
     let cut = cut_row(
@@ -217,7 +217,7 @@ fn one(
         scratch.slot[j as usize] = at as u32;
     }
     let mut links = vec![[Vec3A::ZERO; PROBE_ROWS]; cut.len()];
-    for &(j, w, way, crossed) in &scratch.met {
+    for &(j, w, way, crossed) in &scratch.deposits {
         // Moved mass belongs to the nearest kept ancestor.
         let mut k = j;
         while scratch.slot[k as usize] == NONE && tree.parent[k as usize] != k {
@@ -227,7 +227,7 @@ fn one(
             let parts = harmonics(way, w);
             link.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
             if crossed != 0 {
-                note(&mut out.rows, k, crossed, &parts);
+                add_occluded_terms(&mut out.rows, k, crossed, &parts);
             }
         }
     }
@@ -246,7 +246,12 @@ fn one(
 }
 
 /// Adds the terms of a probe's links to `sender` that cross occluders.
-fn note(rows: &mut [RawRow; PROBE_ROWS], sender: u32, crossed: u64, values: &[Vec3A; PROBE_ROWS]) {
+fn add_occluded_terms(
+    rows: &mut [RawRow; PROBE_ROWS],
+    sender: u32,
+    crossed: u64,
+    values: &[Vec3A; PROBE_ROWS],
+) {
     for (row, &value) in rows.iter_mut().zip(values) {
         row.parts.push(LinkTerm {
             sender,

@@ -58,7 +58,7 @@ pub struct RefinedOperator {
     /// Largest row sum Σ F·n.
     pub largest_row_sum: f32,
     /// Mass that truncation moved in the rows of senders. `None` with method `pca`.
-    pub handed: Option<TruncationMass>,
+    pub truncation_mass: Option<TruncationMass>,
     /// Part of the processor time for gathering. Refinement uses the rest.
     pub gather_share: f64,
 }
@@ -309,7 +309,7 @@ impl Refinement<'_> {
         self.out.uncovered = self.uncovered / self.out.gathered.max(1) as f64;
         self.out.gather_share = share(self.times);
         RefinedOperator {
-            handed: self.basis.is_none().then_some(self.truncation),
+            truncation_mass: self.basis.is_none().then_some(self.truncation),
             ..self.out
         }
     }

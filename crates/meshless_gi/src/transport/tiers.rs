@@ -24,7 +24,7 @@ pub const TIERS: u32 = 4;
 
 /// Links of the first tier relative to all. The tier is larger if rows without parents have more
 /// links.
-const FIRST: f64 = 0.125;
+const FIRST_TIER_FRACTION: f64 = 0.125;
 
 /// Computes the tier of each point's row, 1 to [`TIERS`]. A frame of this tier or a higher one uses
 /// the row. The value is undefined for points without rows.
@@ -68,9 +68,9 @@ pub fn assign_tiers(
 }
 
 /// Computes the number of links of each tier except the last. The numbers are a geometric series up
-/// to all links. It starts at [`FIRST`] of `all`, or at the required links if there are more.
+/// to all links. It starts at [`FIRST_TIER_FRACTION`] of `all`, or at the required links if there are more.
 fn targets(all: u64, needed: u64) -> [u64; TIERS as usize - 1] {
-    let first = (needed as f64 / all.max(1) as f64).max(FIRST);
+    let first = (needed as f64 / all.max(1) as f64).max(FIRST_TIER_FRACTION);
     let step = libm::cbrt(first);
     [first, step * step, step].map(|share| (share * all as f64) as u64)
 }

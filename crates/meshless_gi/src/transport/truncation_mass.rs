@@ -14,9 +14,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Fixed-point steps per unit of mass. Integer sums do not depend on the order (design D5). The
 /// mass of a row is at most one, and 2²⁴ rows fit.
-const STEPS: f32 = (1u64 << 40) as f32;
+const FIXED_POINT_SCALE: f32 = (1u64 << 40) as f32;
 /// Weight of the visible areas, relative to the moved mass.
-const GENERAL: f32 = 0.01;
+const VISIBLE_AREA_WEIGHT: f32 = 0.01;
 
 /// Moved mass of every sender, by the level of the ancestor that received it.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ impl TruncationMass {
     pub fn add(&self, tree: &SenderTree, j: u32, k: u32, mass: f32) {
         if j != k && mass > 0.0 {
             let level = &self.levels[tree.level_of(k)];
-            level[j as usize].fetch_add((mass * STEPS) as u64, Ordering::Relaxed);
+            level[j as usize].fetch_add((mass * FIXED_POINT_SCALE) as u64, Ordering::Relaxed);
         }
     }
 
@@ -70,10 +70,10 @@ impl TruncationMass {
             sums[k][1] += general;
         });
         pairs(&mut |j, k, mass, general| {
-            let [handed, shown] = sums[k];
+            let [moved_mass, shown] = sums[k];
             let general = if shown > 0.0 { general / shown } else { 0.0 };
-            let weight = if handed > 0.0 {
-                (1.0 - GENERAL) * mass / handed + GENERAL * general
+            let weight = if moved_mass > 0.0 {
+                (1.0 - VISIBLE_AREA_WEIGHT) * mass / moved_mass + VISIBLE_AREA_WEIGHT * general
             } else {
                 general
             };
@@ -103,13 +103,13 @@ mod tests {
         // Two roots, two children each, two grandchildren below the first child.
         let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1, 2, 2], &[0, 2, 6, 8]);
         let shown = vec![vec![1.0; 8]; 3];
-        let handed = TruncationMass::new(&tree);
-        handed.add(&tree, 6, 2, 0.25);
-        handed.add(&tree, 7, 2, 0.75);
-        handed.add(&tree, 6, 0, 0.3);
-        handed.add(&tree, 3, 0, 0.1);
-        handed.add(&tree, 3, 3, 0.5);
-        let pull = handed.pull(&tree, &shown);
+        let moved_mass = TruncationMass::new(&tree);
+        moved_mass.add(&tree, 6, 2, 0.25);
+        moved_mass.add(&tree, 7, 2, 0.75);
+        moved_mass.add(&tree, 6, 0, 0.3);
+        moved_mass.add(&tree, 3, 0, 0.1);
+        moved_mass.add(&tree, 3, 3, 0.5);
+        let pull = moved_mass.pull(&tree, &shown);
         let weight = |k: usize, j: u32| {
             let entry = pull.row(k).iter().find(|w| w.index == j);
             entry.map_or(0.0, |w| w.weight)

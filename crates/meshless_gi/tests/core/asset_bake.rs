@@ -77,7 +77,7 @@ fn small() -> Recipe {
 fn bake_of_one_version_has_recorded_hash() {
     let mut scene = baked(&small(), 2);
     // The digest excludes the facts about the bake.
-    let tiers = TierInfo::all_of(scene.data());
+    let tiers = TierInfo::from_scene(scene.data());
     scene.data_mut().info = BakeInfo::default();
     scene.data_mut().info.tiers = tiers;
     let digest = fingerprint(&[&scene.to_bytes().unwrap()]);

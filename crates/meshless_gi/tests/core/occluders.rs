@@ -8,7 +8,7 @@ use meshless_gi::internals::transport::PackedLinkTerm;
 use meshless_gi::{
     BakeError, BakeSceneError, BakedScene, CpuFrame, FrameLight, FrameSettings, Light, Limits,
     Material, OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Quad, Recipe, SkyModel,
-    SkyRadiance, TransportMethod, TriangleMesh, bake_scene, load_gltf, mesh_of_quads,
+    SkyRadiance, TransportMethod, TriangleMesh, bake_scene, load_gltf,
 };
 use std::path::Path;
 use std::sync::LazyLock;
@@ -35,12 +35,12 @@ fn quad(origin: Vec3, u: Vec3, v: Vec3, albedo: f32) -> Quad {
 
 /// Returns two rooms.
 fn rooms(opening: Opening) -> TriangleMesh {
-    level(&[4.0], opening)
+    rooms_in_row(&[4.0], opening)
 }
 
 /// Returns rooms in a row, with a wall between them at each x of `walls`, and an opening in each
 /// wall.
-fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
+fn rooms_in_row(walls: &[f32], opening: Opening) -> TriangleMesh {
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
     let [w, h, d] = SIZE.to_array();
     let [left, right, top] = OPENING;
@@ -76,7 +76,7 @@ fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
             quads.push(quad(foot, top * y, across, 0.0));
         }
     }
-    mesh_of_quads(&quads)
+    TriangleMesh::from_quads(&quads)
 }
 
 /// Returns the door between two rooms.
@@ -146,13 +146,13 @@ fn positions(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
     out
 }
 
-fn lit_room() -> Vec<(Vec3, Vec3)> {
+fn lit_room_positions() -> Vec<(Vec3, Vec3)> {
     positions(0.02, 3.88)
 }
 
 /// Returns positions in the room behind the door, on its side of the wall, and in the part of the
 /// opening beyond the door.
-fn dark_room() -> Vec<(Vec3, Vec3)> {
+fn dark_room_positions() -> Vec<(Vec3, Vec3)> {
     let mut out = positions(4.12, 7.98);
     let [left, right, top] = OPENING;
     for k in 0..20 {
@@ -190,7 +190,7 @@ fn error(found: &[f32], right: &[f32]) -> f64 {
 }
 
 /// Solves the frame of a scene under the light, with these gains.
-fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
+fn solve_frame(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, &light_source());
     frame.set_occluders(scene, gains);
@@ -198,7 +198,7 @@ fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
     frame
 }
 
-fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
+fn probe_irradiances(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
     let positions = (0..40).map(|i| {
         let t = (i as f32 + 0.5) / 40.0;
         Vec3::new(4.2 + 3.7 * t, 0.2 + 2.2 * t, 0.3 + 3.0 * (1.0 - t))
@@ -216,23 +216,23 @@ fn closed_door_blocks_all_light() {
     let with = &*WITH_DOOR;
     let without = baked(&rooms(Opening::Open), &recipe(Vec::new()));
     let closed = baked(&rooms(Opening::Panel), &recipe(Vec::new()));
-    let known = with.data().occluders.as_ref().expect("a door");
-    assert_eq!(known.names, ["door"]);
-    assert_eq!(known.sets, [0, 1]);
-    assert!(!known.probes.is_empty());
+    let occluders = with.data().occluders.as_ref().expect("a door");
+    assert_eq!(occluders.names, ["door"]);
+    assert_eq!(occluders.sets, [0, 1]);
+    assert!(!occluders.probes.is_empty());
     assert!(without.data().occluders.is_none());
     // Half of the scene has no light path through the door.
-    let share = known.links.len() as f64 / with.data().operator.links.len() as f64;
+    let share = occluders.links.len() as f64 / with.data().operator.links.len() as f64;
     println!(
         "{} of {} links' parts, {share:.3}",
-        known.links.len(),
+        occluders.links.len(),
         with.data().operator.links.len()
     );
     assert!(share < 0.7, "{share}");
 
-    let (near, beyond) = (lit_room(), dark_room());
-    let open = lit(with, &[]);
-    let right = lit(&without, &[]);
+    let (near, beyond) = (lit_room_positions(), dark_room_positions());
+    let open = solve_frame(with, &[]);
+    let right = solve_frame(&without, &[]);
     let [a, b] = [(&open, with), (&right, &without)].map(|(f, s)| light(f, s, &beyond));
     println!(
         "open, beyond: {:.4} of the bake without a door",
@@ -241,8 +241,8 @@ fn closed_door_blocks_all_light() {
     assert!(error(&a, &b) < 0.1, "{}", error(&a, &b));
     let bright = root_mean_square(&b);
 
-    let shut = lit(with, &[0.0]);
-    let black = light(&lit(&closed, &[]), &closed, &beyond);
+    let shut = solve_frame(with, &[0.0]);
+    let black = light(&solve_frame(&closed, &[]), &closed, &beyond);
     let dark = light(&shut, with, &beyond);
     let off: Vec<f32> = dark.iter().zip(&black).map(|(a, b)| a - b).collect();
     let left = root_mean_square(&off) / bright;
@@ -254,13 +254,13 @@ fn closed_door_blocks_all_light() {
         off.len()
     );
     assert!(f64::from(worst) <= 0.01 * bright, "{worst}");
-    let space = in_space(&shut, with);
-    let open_space = in_space(&open, with);
+    let space = probe_irradiances(&shut, with);
+    let open_space = probe_irradiances(&open, with);
     let left = root_mean_square(&space) / root_mean_square(&open_space);
     println!("shut, in free space beyond: {left:.2e} of the open light");
     assert!(left <= 0.01, "{left}");
     // Room in front of the door, compared with a bake with a black panel.
-    let before = light(&lit(&closed, &[]), &closed, &near);
+    let before = light(&solve_frame(&closed, &[]), &closed, &near);
     let found = light(&shut, with, &near);
     println!(
         "shut, before: {:.4} of the bake with a panel",
@@ -269,12 +269,12 @@ fn closed_door_blocks_all_light() {
     assert!(error(&found, &before) < 0.1);
 
     // A half-open door transmits half of the light that crosses it once.
-    let half = lit(with, &[0.5]);
+    let half = solve_frame(with, &[0.5]);
     let ajar = light(&half, with, &beyond);
     let between = root_mean_square(&ajar) / root_mean_square(&a);
     println!("half open, beyond: {between:.4} of the open light");
     assert!((0.3..0.55).contains(&between), "{between}");
-    let nearly = light(&lit(with, &[0.1]), with, &beyond);
+    let nearly = light(&solve_frame(with, &[0.1]), with, &beyond);
     assert!(
         root_mean_square(&nearly) > 0.01 * bright,
         "a gap is no shut door"
@@ -285,7 +285,7 @@ fn closed_door_blocks_all_light() {
 /// rooms in front of it stay bright.
 #[test]
 fn two_doors_in_sequence_block_independently() {
-    let mesh = level(&[3.0, 5.5], Opening::Open);
+    let mesh = rooms_in_row(&[3.0, 5.5], Opening::Open);
     let rooms = [[0.02, 2.88], [3.12, 5.38], [5.62, 7.98]].map(|[from, to]| positions(from, to));
     let viewpoints = vec![[1.5, 1.3, 1.8], [4.2, 1.3, 1.8], [6.7, 1.3, 1.8]];
     let recipe = |occluders| Recipe {
@@ -295,17 +295,17 @@ fn two_doors_in_sequence_block_independently() {
     let doors = vec![door_at("first", 3.0), door_at("second", 5.5)];
     let scene = baked(&mesh, &recipe(doors));
     // Sets: none, the first, the second, both.
-    let known = scene.data().occluders.as_ref().expect("two doors");
-    assert_eq!(known.sets, [0, 1, 2, 3]);
+    let occluders = scene.data().occluders.as_ref().expect("two doors");
+    assert_eq!(occluders.sets, [0, 1, 2, 3]);
     let of = |gains: [f32; 2]| {
-        let frame = lit(&scene, &gains);
+        let frame = solve_frame(&scene, &gains);
         rooms
             .each_ref()
             .map(|room| root_mean_square(&light(&frame, &scene, room)))
     };
     let open = of([1.0, 1.0]);
     let without = baked(&mesh, &recipe(Vec::new()));
-    let frame = lit(&without, &[]);
+    let frame = solve_frame(&without, &[]);
     for (k, room) in rooms.iter().enumerate() {
         let right = root_mean_square(&light(&frame, &without, room));
         println!("open, room {k}: {:.3e} beside {right:.3e}", open[k]);
@@ -335,7 +335,7 @@ fn two_doors_in_sequence_block_independently() {
 fn frame_follows_door_transmittance_and_returns() {
     let scene = &*WITH_DOOR;
     let settings = FrameSettings::bounces(4);
-    let mut frame = lit(scene, &[]);
+    let mut frame = solve_frame(scene, &[]);
     let open = frame.vector_irradiance().to_vec();
     assert!(!frame.set_occluders(scene, &[1.0]), "nothing changed");
     assert!(
@@ -396,9 +396,9 @@ fn open_box() -> (TriangleMesh, Recipe) {
 fn closed_door_blocks_sky() {
     let (mesh, recipe) = open_box();
     let scene = baked(&mesh, &recipe);
-    let known = scene.data().occluders.as_ref().unwrap();
+    let occluders = scene.data().occluders.as_ref().unwrap();
     // Light that passes the edge of one shutter may still cross the other.
-    assert!(known.sets.contains(&0b11), "{:?}", known.sets);
+    assert!(occluders.sets.contains(&0b11), "{:?}", occluders.sets);
     let mut sky = SkyRadiance::from(Vec3::splat(2.0));
     sky.terms[0] = Vec3::new(0.3, 0.2, 0.1);
     sky.terms[5] = Vec3::new(-0.1, 0.2, 0.1);
@@ -463,11 +463,11 @@ fn invalid_occluder_recipes_are_rejected() {
         bounce_mode: meshless_gi::BounceMode::Baked,
         ..with_box([0.0; 3], [1.0; 3])
     };
-    let other_rule = Recipe {
+    let other_method = Recipe {
         transport: TransportMethod::L08,
         ..with_box([0.0; 3], [1.0; 3])
     };
-    for (wrong, says) in [
+    for (wrong, message) in [
         (named(&[""]), "0 bytes"),
         (named(&["a", "b", "a"]), "two called `a`"),
         (named(&many), "65 of them"),
@@ -475,11 +475,11 @@ fn invalid_occluder_recipes_are_rejected() {
         (with_box([0.0; 3], [1.0, 0.0, 1.0]), "boxes"),
         (with_box([0.0; 3], [1.0, -1.0, 1.0]), "boxes"),
         (baked_bounces, "bounce mode Runtime"),
-        (other_rule, "transport Bounded"),
+        (other_method, "transport Bounded"),
     ] {
         let error = fails(&wrong).to_string();
         assert!(
-            error.contains("occluders") && error.contains(says),
+            error.contains("occluders") && error.contains(message),
             "{error}"
         );
     }
@@ -564,14 +564,14 @@ fn damaged_occluder_bake_is_rejected() {
     // Terms that cancel when open would create light when one occluder closes.
     let mut bright = scene.clone();
     let arrays = bright.data_mut();
-    let known = arrays.occluders.as_mut().unwrap();
+    let occluders = arrays.occluders.as_mut().unwrap();
     let row = (arrays.operator.rows.iter())
-        .find(|r| r.count > 0 && known.links.iter().any(|p| p.link == r.start))
+        .find(|r| r.count > 0 && occluders.links.iter().any(|p| p.link == r.start))
         .copied();
     if let Some(row) = row {
-        let at = known.links.partition_point(|p| p.link < row.start);
+        let at = occluders.links.partition_point(|p| p.link < row.start);
         let one = 0x3c00_3c00;
-        known.links[at].xy = one;
+        occluders.links[at].xy = one;
         assert!(bright.data().validate().is_err());
     }
     // Every damaged byte of the new sections is detected.

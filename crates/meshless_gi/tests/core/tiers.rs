@@ -55,7 +55,7 @@ fn solve(scene: &BakedScene, lights: &[FrameLight], tier: u32) -> CpuFrame {
 
 /// Returns the irradiance at positions that importance particles reach, independent of the bake's
 /// points.
-fn seen(scene: &BakedScene, test: &TestScene, tier: u32) -> Vec<Vec3> {
+fn sample_irradiance(scene: &BakedScene, test: &TestScene, tier: u32) -> Vec<Vec3> {
     let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
     let frame = solve(scene, &test.lights, tier);
     trace_particles(&test.mesh, &viewpoints, 0..2048, 0x7469_6572, false)
@@ -81,14 +81,14 @@ fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
 
 /// Checks that every tier is as bright as the whole within 0.5 %, and that a higher tier is closer
 /// to it.
-fn neither_darker_nor_brighter(name: &str) {
+fn assert_tiers_match_whole(name: &str) {
     let test = test_scene(name);
     let scene = baked(&test, draft());
     assert_eq!(scene.data().operator.tiers(), TIERS);
-    let whole = seen(&scene, &test, TIERS);
+    let whole = sample_irradiance(&scene, &test, TIERS);
     let mut last = f64::INFINITY;
     for (tier, info) in (1..TIERS).zip(&scene.info().tiers) {
-        let (bias, rms) = compare(&seen(&scene, &test, tier), &whole);
+        let (bias, rms) = compare(&sample_irradiance(&scene, &test, tier), &whole);
         let share = info.links as f64 / scene.data().operator.links.len() as f64;
         println!(
             "{name}, tier {tier}, {:.1} % of the links: bias {:+.3} %, difference {:.2} %",
@@ -113,18 +113,18 @@ fn neither_darker_nor_brighter(name: &str) {
             };
         }
     });
-    let (bias, _) = compare(&seen(&orphans, &test, 1), &whole);
+    let (bias, _) = compare(&sample_irradiance(&orphans, &test, 1), &whole);
     assert!(bias < -0.05, "{name}: darkness goes unnoticed: {bias}");
 }
 
 #[test]
 fn tiers_of_cornell_box_are_within_error_bounds() {
-    neither_darker_nor_brighter("cornell");
+    assert_tiers_match_whole("cornell");
 }
 
 #[test]
 fn tiers_of_open_rooms_are_within_error_bounds() {
-    neither_darker_nor_brighter("rooms_open");
+    assert_tiers_match_whole("rooms_open");
 }
 
 /// The links that a frame of a tier reads are a prefix of all links.

@@ -121,7 +121,7 @@ fn misses(triangles: &Triangles, center: Vec3, count: u64) -> [u64; 3] {
         .fold([0; 3], |sum, m| [0, 1, 2].map(|i| sum[i] + m[i]))
 }
 
-fn moved(mut triangles: Triangles, offset: Vec3) -> Triangles {
+fn translate(mut triangles: Triangles, offset: Vec3) -> Triangles {
     triangles.iter_mut().flatten().for_each(|v| *v += offset);
     triangles
 }
@@ -131,8 +131,8 @@ fn cases() -> Vec<(&'static str, Triangles, Vec3)> {
     let mut out = Vec::new();
     for offset in [0.0, 10.0, 1000.0] {
         let center = Vec3::new(offset, -0.7 * offset, 0.3 * offset);
-        out.push(("sphere", moved(sphere(4), center), center));
-        out.push(("spiked box", moved(spiked_box(12), center), center));
+        out.push(("sphere", translate(sphere(4), center), center));
+        out.push(("spiked box", translate(spiked_box(12), center), center));
     }
     out
 }
@@ -154,12 +154,12 @@ fn closed_mesh_blocks_every_ray() {
 fn missing_triangle_is_detected() {
     for (name, mut triangles, center) in cases() {
         // Triangle with the largest solid angle from the center.
-        let seen = |t: &[Vec3; 3]| {
+        let solid_angle = |t: &[Vec3; 3]| {
             let [a, b, c] = t.map(|v| v - center);
             (b - a).cross(c - a).dot(a).abs() / (a + b + c).length().powi(3)
         };
         let largest = (0..triangles.len())
-            .max_by(|&i, &j| seen(&triangles[i]).total_cmp(&seen(&triangles[j])));
+            .max_by(|&i, &j| solid_angle(&triangles[i]).total_cmp(&solid_angle(&triangles[j])));
         triangles.swap_remove(largest.unwrap());
         let missed = misses(&triangles, center, 50_000);
         assert!(

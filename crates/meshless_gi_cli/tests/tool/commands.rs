@@ -288,8 +288,11 @@ fn eval_few_and_distant_points_succeed() {
         ("px,py,pz,nx,ny,nz\n0,0,0,0,0,0\n", "line 2"),
         ("px,py,pz,nx,ny,nz\n0,0\n", "line 2, column `pz`"),
     ] {
-        let (_, why) = eval(INPUT, csv);
-        assert!(why.contains(location) && why.contains("p.csv"), "{why}");
+        let (_, error) = eval(INPUT, csv);
+        assert!(
+            error.contains(location) && error.contains("p.csv"),
+            "{error}"
+        );
     }
 }
 
@@ -338,8 +341,8 @@ fn eval_invalid_input_has_exit_code() {
         r#"{"lights":[{"type":"sky","zenith":[1,1,1],"horizon":[0,0,0],"ground":[0,0,0]}]}"#,
     )
     .unwrap();
-    let why = eval(INPUT, bake, &at("varies.json"), &points, &out);
-    assert!(why.contains("--sky harmonics"), "{why}");
+    let error = eval(INPUT, bake, &at("varies.json"), &points, &out);
+    assert!(error.contains("--sky harmonics"), "{error}");
     for (code, wrong) in [
         (INPUT, ["--tier", "9"]),
         (INPUT, ["--tier", "0"]),
@@ -351,10 +354,10 @@ fn eval_invalid_input_has_exit_code() {
             "eval", bake, "--scene", &scene, "--points", &points, "-o", &out,
         ];
         all.extend(wrong);
-        let (_, why) = expect(code, &all);
+        let (_, error) = expect(code, &all);
         assert!(
-            code == USAGE || why.contains("tiers") || why.contains("1 to 4"),
-            "{why}"
+            code == USAGE || error.contains("tiers") || error.contains("1 to 4"),
+            "{error}"
         );
     }
 }
@@ -414,9 +417,9 @@ fn bake_invalid_input_has_exit_code() {
     expect(USAGE, &["bake", &scene_file]);
     expect(USAGE, &["bake", &few, "-o", &out, "--recipe", &few]);
     // An input is not overwritten.
-    let mine = write("mine.glb", &glb);
-    expect(USAGE, &["bake", &mine, "-o", &mine]);
-    assert!(fs::read(&mine).unwrap() == glb);
+    let scene_copy = write("scene_copy.glb", &glb);
+    expect(USAGE, &["bake", &scene_copy, "-o", &scene_copy]);
+    assert!(fs::read(&scene_copy).unwrap() == glb);
 
     // Detected before the bake, which would take minutes at this preset.
     let slow = ["--preset", "high"];
@@ -518,12 +521,15 @@ fn validate_reports_outdated_bake() {
         let check = ["validate", text(&bake), "--level", text(&scene_file)];
         assert!(expect(DONE, &check).0.contains(": valid"));
         fs::copy(data("rooms_open/rooms_open.glb"), &scene_file).unwrap();
-        let (list, why) = expect(INPUT, &check);
+        let (list, error) = expect(INPUT, &check);
         assert!(
             list.contains("stale") && list.contains("level.glb"),
             "{list}"
         );
-        assert!(why.contains("stale") && why.contains("level.mgi"), "{why}");
+        assert!(
+            error.contains("stale") && error.contains("level.mgi"),
+            "{error}"
+        );
         // The bake is valid if it is not compared with the scene.
         expect(DONE, &["validate", text(&bake)]);
     }
@@ -553,10 +559,10 @@ fn bake_named_node_becomes_occluder() {
     assert!(expect(DONE, &["inspect", text(&out)]).0.contains("blue, "));
     // The occluder is part of the scene, so the bake is not stale.
     expect(DONE, &["validate", text(&out), "--level", &scene_file]);
-    let (_, why) = bake("gate", INPUT);
-    assert!(why.contains("`gate`"), "{why}");
-    let (_, why) = bake("", USAGE);
-    assert!(why.contains("occluders"), "{why}");
+    let (_, error) = bake("gate", INPUT);
+    assert!(error.contains("`gate`"), "{error}");
+    let (_, error) = bake("", USAGE);
+    assert!(error.contains("occluders"), "{error}");
 }
 
 #[test]
@@ -569,19 +575,22 @@ fn validate_reports_damaged_file() {
     );
     let bytes = fs::read(bake).unwrap();
     let damaged = folder.path().join("damaged.mgi");
-    let mut turned = bytes.clone();
-    let last = turned.len() - 100;
-    turned[last] ^= 0x10;
+    let mut corrupted = bytes.clone();
+    let last = corrupted.len() - 100;
+    corrupted[last] ^= 0x10;
     for (bytes, word) in [
         (&bytes[..bytes.len() / 2], "cut off"),
         (&bytes[..3], "not a .mgi file"),
-        (&turned, "checksum"),
+        (&corrupted, "checksum"),
         (&[], "not a .mgi file"),
     ] {
         fs::write(&damaged, bytes).unwrap();
-        let (list, why) = expect(INPUT, &["validate", text(&damaged)]);
+        let (list, error) = expect(INPUT, &["validate", text(&damaged)]);
         assert!(list.contains("not valid") && list.contains(word), "{list}");
-        assert!(why.contains(word) && why.contains("damaged.mgi"), "{why}");
+        assert!(
+            error.contains(word) && error.contains("damaged.mgi"),
+            "{error}"
+        );
         expect(INPUT, &["inspect", text(&damaged)]);
     }
     for command in ["validate", "inspect"] {
@@ -639,10 +648,10 @@ fn output_closed_pipe_succeeds_and_full_disk_fails() {
     };
     assert_eq!(run(Stdio::piped()), (Some(DONE), String::new()));
     let full = fs::File::options().write(true).open("/dev/full").unwrap();
-    let (code, why) = run(full.into());
-    assert_eq!(code, Some(IO), "{why}");
+    let (code, error) = run(full.into());
+    assert_eq!(code, Some(IO), "{error}");
     assert!(
-        why.contains("standard output") && !why.contains("panicked"),
-        "{why}"
+        error.contains("standard output") && !error.contains("panicked"),
+        "{error}"
     );
 }

@@ -101,8 +101,8 @@ fn bake_of_broken_scene_prints_warnings() {
         code == 1 && err.contains("no usable triangle"),
         "{code} {err}"
     );
-    let away = room(Vec3::new(1e7, 0.0, 0.0), Vec3::splat(2.0));
-    let (code, _, err) = bake(folder.path(), &glb(&away, Vec3::Y, GRAY));
+    let distant_room = room(Vec3::new(1e7, 0.0, 0.0), Vec3::splat(2.0));
+    let (code, _, err) = bake(folder.path(), &glb(&distant_room, Vec3::Y, GRAY));
     assert!(code == 1 && err.contains("origin"), "{code} {err}");
 }
 
@@ -135,12 +135,12 @@ fn bake_of_lossless_room_prints_warning() {
     assert_eq!(code, 0);
     // The statistics write single precision numbers as double precision.
     for (name, reported) in energy.as_object().unwrap() {
-        let there = &info["info"]["energy"][name];
+        let inspected = &info["info"]["energy"][name];
         if reported.is_boolean() {
-            assert_eq!(reported, there, "{name}");
+            assert_eq!(reported, inspected, "{name}");
             continue;
         }
-        let [a, b] = [reported, there].map(|v| v.as_f64().unwrap());
+        let [a, b] = [reported, inspected].map(|v| v.as_f64().unwrap());
         assert!((a - b).abs() <= 1e-6 * a.abs(), "{name}: {a} {b}");
     }
     let (code, out, _) = run(&["inspect", &at("out.mgi")]);

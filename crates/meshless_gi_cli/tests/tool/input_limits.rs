@@ -18,7 +18,7 @@ const USAGE: i32 = 2;
 const MEMORY: u32 = 768 * 1024;
 
 /// Time limit of a run.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 /// Runs the tool in little memory and returns standard error. The tool must exit with `code`,
 /// without a panic or a signal.
@@ -35,7 +35,7 @@ fn run(code: i32, arguments: &[&str]) -> String {
         .unwrap();
     let began = Instant::now();
     while child.try_wait().unwrap().is_none() {
-        if began.elapsed() > PATIENCE {
+        if began.elapsed() > TIME_LIMIT {
             child.kill().unwrap();
             child.wait().unwrap();
             panic!("{arguments:?} does not end");

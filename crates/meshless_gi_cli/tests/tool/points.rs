@@ -8,8 +8,7 @@ use glam::Vec3;
 use meshless_gi::internals::samples::{Random, scatter};
 use meshless_gi::internals::scene::{PlyEncoding, PlyPoints, read_ply, write_ply};
 use meshless_gi::{
-    BakedScene, Bounces, Geometry, Light, Limits, PointCloud, Preset, Ray, TriangleMesh,
-    cornell_box, mesh_of_quads,
+    BakedScene, Bounces, Geometry, Light, Limits, PointCloud, Preset, Quad, Ray, TriangleMesh,
 };
 use points_support::{REFLECTIONS, baked, direct, indirect, nrmse, reference, shown};
 use std::fs;
@@ -54,7 +53,7 @@ fn samples(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
 
 #[test]
 fn point_box_matches_triangle_box() {
-    let solid = mesh_of_quads(&cornell_box());
+    let solid = TriangleMesh::from_quads(&Quad::cornell_box());
     let points = scatter(&solid, SPACING, 1).expect("points");
     let samples = samples(&solid, 400);
     let truth = reference(&solid, &light_source(), &samples, 64);
@@ -94,8 +93,8 @@ fn point_box_matches_triangle_box() {
             assert!(found < bound, "{what}: {found}, at most {bound}");
         }
         // The same light at the wrong positions has a large error.
-        let turned: Vec<Vec3> = i.iter().rev().copied().collect();
-        assert!(nrmse(&turned, &truth, indirect) > 0.2);
+        let reversed: Vec<Vec3> = i.iter().rev().copied().collect();
+        assert!(nrmse(&reversed, &truth, indirect) > 0.2);
         // Color bleeding: the floor next to the red wall is redder than next to the green one.
         let tint = |left: bool| {
             let near = |(x, n): &(Vec3, Vec3)| {
@@ -261,16 +260,16 @@ fn the_tool_takes_points(rule: &str) {
     for (color, light) in own.2.iter().zip(&stored.data().illumination) {
         assert!(color.abs_diff_eq(Vec3::from_array(*light), 1e-6 + 1e-5 * color.length()));
     }
-    let mut asked = String::from("px,py,pz,nx,ny,nz\n");
+    let mut points_csv = String::from("px,py,pz,nx,ny,nz\n");
     let mut expected = Vec::new();
     for (positions, normals, light) in [&own, &scan] {
         for i in (0..positions.len()).step_by(positions.len() / 20) {
             let (p, n) = (positions[i], normals[i]);
-            asked += &format!("{},{},{},{},{},{}\n", p.x, p.y, p.z, n.x, n.y, n.z);
+            points_csv += &format!("{},{},{},{},{},{}\n", p.x, p.y, p.z, n.x, n.y, n.z);
             expected.push(light[i]);
         }
     }
-    fs::write(at("all.csv"), asked).unwrap();
+    fs::write(at("all.csv"), points_csv).unwrap();
     tool(
         &[
             "eval",
@@ -379,7 +378,7 @@ fn scan_without_normals_faces_viewpoint() {
 
 /// Point cloud in a room of triangles: one bake of both, and light from one on the other.
 #[test]
-fn tool_bakes_points_beside_triangles() {
+fn bake_of_points_and_triangles_exchanges_light() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
     // Red ball of points in the middle of the white box.
@@ -412,8 +411,8 @@ fn tool_bakes_points_beside_triangles() {
     )
     .unwrap();
     // Wall in the shadow of the ball, wall above it, ceiling over the lit side of the ball.
-    let asked = "px,py,pz,nx,ny,nz\n0,1.3,4,1,0,0\n0,4.5,4,1,0,0\n2.6,5.48,4,0,-1,0\n";
-    fs::write(at("mp.csv"), asked).unwrap();
+    let points_csv = "px,py,pz,nx,ny,nz\n0,1.3,4,1,0,0\n0,4.5,4,1,0,0\n2.6,5.48,4,0,-1,0\n";
+    fs::write(at("mp.csv"), points_csv).unwrap();
     let light = |scene: &str| -> Vec<Vec<f32>> {
         let (json, out, csv) = (at(scene), at("m.mgi"), at("mo.csv"));
         let quick = [

@@ -3,8 +3,7 @@
 use crate::support::data;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{
-    Material, PcaRecipe, Preset, Progress, Recipe, TransportMethod, TriangleMesh, cornell_box,
-    mesh_of_quads,
+    Material, PcaRecipe, Preset, Progress, Quad, Recipe, TransportMethod, TriangleMesh,
 };
 use meshless_gi_lab::report::{
     Factor, Ratio, Report, Run, Sweep, TestSetSize, Variant, baseline, choice, compare, figures,
@@ -33,7 +32,7 @@ fn report(arguments: &[&str]) -> (Option<i32>, String, String) {
 
 /// Checks that a picture is XML and that all coordinates are finite.
 fn check_svg(text: &str) {
-    let svg = roxmltree::Document::parse(text).unwrap_or_else(|why| panic!("{why}: {text}"));
+    let svg = roxmltree::Document::parse(text).unwrap_or_else(|error| panic!("{error}: {text}"));
     assert_eq!(svg.root_element().tag_name().name(), "svg");
     for node in svg.descendants() {
         for name in ["x", "y", "cx", "cy"] {
@@ -251,14 +250,14 @@ fn tiny_sweep() -> Sweep {
             paths: 2048,
         },
         baseline: variant(Factor::Preset, "tiny", 1.0, tiny()),
-        choose: tiny_variants,
+        create_variants: tiny_variants,
         ..Sweep::quick()
     }
 }
 
 #[test]
 fn report_errors_fall_with_quality_on_common_axes() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let steps = Mutex::new(Vec::new());
     let made = sweep(&mesh, &tiny_sweep(), &Progress::default(), &|step| {
         assert!(step.done < step.steps);
@@ -328,26 +327,26 @@ fn report_of_dark_or_empty_scene_fails() {
     assert!(made.unwrap_err().to_string().contains("no light"));
     let stopped = Progress::default();
     stopped.cancel();
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     assert!(sweep(&mesh, &tiny_sweep(), &stopped, &|_| ()).is_err());
 }
 
 /// Returns a report with given rows: method, links, error, seconds.
-fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
+fn report_of_rows(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
         test_set: TestSetSize {
             light_sources: 1,
             positions: 20,
             paths: 64,
         },
-        choose: |_| Vec::new(),
+        create_variants: |_| Vec::new(),
         ..tiny_sweep()
     };
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let mut report = sweep(&mesh, &one, &Progress::default(), &|_| ()).unwrap();
-    let like = report.rows.remove(0);
+    let template = report.rows.remove(0);
     for &(rule, links, error, seconds) in rows {
-        let mut row = like.clone();
+        let mut row = template.clone();
         row.settings.baked.transport = rule;
         row.settings.name = format!("{rule:?} {links}");
         (row.links, row.nrmse, row.bake_seconds) = (links, error, seconds);
@@ -360,9 +359,9 @@ fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
 }
 
 #[test]
-fn report_compares_rules_at_equal_error_and_links() {
+fn report_compares_methods_at_equal_error_and_links() {
     let (b, l) = (TransportMethod::Bounded, TransportMethod::L08);
-    let report = made_up(&[
+    let report = report_of_rows(&[
         (b, 1_000, 0.1, 3.0),
         (b, 100_000, 0.01, 9.0),
         // Not on the front.
@@ -404,14 +403,14 @@ fn report_compares_rules_at_equal_error_and_links() {
         row("**Recommendation for a release").contains("100 ms"),
         "{chosen}"
     );
-    let cheap = choice(&made_up(&[(b, 90, 0.04, 1.0), (l, 80, 0.04, 1.0)]).rows);
+    let cheap = choice(&report_of_rows(&[(b, 90, 0.04, 1.0), (l, 80, 0.04, 1.0)]).rows);
     assert!(cheap.contains("The published method has a faster frame here"));
-    let far = choice(&made_up(&[(b, 10, 0.5, 1.0)]).rows);
+    let far = choice(&report_of_rows(&[(b, 10, 0.5, 1.0)]).rows);
     assert!(
         far.contains("No measured bake of this scene has an error below 5 %")
             && far.contains("not reached")
     );
-    let none = made_up(&[]);
+    let none = report_of_rows(&[]);
     assert!(text("x", &none, &figures("x", &none)).contains("Nothing was measured"));
 }
 

@@ -11,8 +11,7 @@ use meshless_gi::internals::transport::{
     gather,
 };
 use meshless_gi::{
-    BakedScene, FrameLight, Preset, Progress, Recipe, TriangleMesh, bake_scene, cornell_box,
-    mesh_of_quads,
+    BakedScene, FrameLight, Preset, Progress, Quad, Recipe, TriangleMesh, bake_scene,
 };
 use rayon::prelude::*;
 
@@ -44,7 +43,7 @@ pub struct Fixture {
 impl Fixture {
     /// Bakes the Cornell box.
     pub fn new() -> Self {
-        let mesh = mesh_of_quads(&cornell_box());
+        let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
         let recipe = Recipe {
             preset: Preset::Draft,
             ..Recipe::default()

@@ -7,11 +7,11 @@ use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::internals::samples::scatter;
 use meshless_gi::internals::scene::{PlyEncoding, parse_ply, statue_room, write_ply};
 use meshless_gi::{
-    CpuFrame, FmmRecipe, FrameLight, FrameSettings, Light, PointCloud, Preset, Progress, Recipe,
-    TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
+    CpuFrame, FmmRecipe, FrameLight, FrameSettings, Light, PointCloud, Preset, Progress, Quad,
+    Recipe, TransportMethod, TriangleMesh, bake_scene,
 };
 use meshless_gi_lab::report::{
-    Factor, Figure, Report, Run, Sweep, Variant, beside_octree, figures, sweep,
+    Factor, Figure, Report, Run, Sweep, Variant, figures, fmm_comparison, sweep,
 };
 use std::error::Error;
 use std::fmt::Write;
@@ -24,7 +24,7 @@ const LIMIT: Duration = Duration::from_mins(5);
 const SPACING: f32 = 0.035;
 
 /// Returns variants of the methods at preset values, and variants of the settings of method `fmm`.
-fn choose(_: &BakeSettings) -> Vec<Variant> {
+fn create_variants(_: &BakeSettings) -> Vec<Variant> {
     let of = |name: &str, factor, cost, recipe| Variant {
         factor,
         name: name.into(),
@@ -154,7 +154,7 @@ fn cost(mesh: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn 
 }
 
 /// Returns a table of times from reading a file of points to a frame, by number of points.
-fn by_number() -> Result<String, Box<dyn Error>> {
+fn point_count_table() -> Result<String, Box<dyn Error>> {
     let mut out = "\n## Bakes by number of points\n\n\
      Scene: a statue in the Cornell box, as a `.ply` of points (`meshless_gi scatter`), preset `Draft`.\n\
      Read: from the bytes of the file to the triangles of the cells. Solve: four bounces of one light on the CPU without projection.\n\
@@ -200,10 +200,10 @@ fn by_number() -> Result<String, Box<dyn Error>> {
 
 /// Returns the scenes with their names.
 fn scenes() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
-    let solid = mesh_of_quads(&cornell_box());
+    let solid = TriangleMesh::from_quads(&Quad::cornell_box());
     let points = cloud(&solid, SPACING, |_| true)?;
     // Walls of the room as triangles, everything else as points.
-    let walls = mesh_of_quads(&cornell_box()[..5]);
+    let walls = TriangleMesh::from_quads(&Quad::cornell_box()[..5]);
     let statue = cloud(&statue_room(), 0.6 * SPACING, |p| {
         p.x.abs() < 0.95 && p.z.abs() < 0.95 && p.y > 0.01 && p.y < 1.95
     })?;
@@ -256,16 +256,16 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
     for figure in charts {
         let _ = writeln!(out, "\n![{}](fmm/{})", figure.chart.title, figure.file);
     }
-    let _ = writeln!(out, "\n{}", beside_octree(&report.rows));
+    let _ = writeln!(out, "\n{}", fmm_comparison(&report.rows));
     out
 }
 
 /// Measures the bakes, writes their charts and returns their section of the document.
 pub fn measure(folder: &Path) -> Result<String, Box<dyn Error>> {
-    let mut out = by_number()?;
+    let mut out = point_count_table()?;
     for (k, (name, scene)) in scenes()?.into_iter().enumerate() {
         let plan = Sweep {
-            choose,
+            create_variants,
             limit: LIMIT,
             ..Sweep::quick()
         };

@@ -1,6 +1,6 @@
 //! Document: tables, charts and conclusions.
 
-use super::{Found, POINTS, RECEIVERS, ROUNDS, Size};
+use super::{FmmResults, POINTS, RECEIVERS, ROUNDS, Size};
 use meshless_gi::internals::transport::fmm::FmmSettings;
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
 use std::error::Error;
@@ -32,7 +32,7 @@ impl Size {
 /// Returns the number of points above which `ours` stays below the sum over all pairs. The
 /// logarithms of two measured sizes are interpolated. Returns the first size if `ours` is never
 /// above.
-fn overtakes(sizes: &[Size], ours: impl Fn(&Size) -> f64) -> Option<f64> {
+fn crossover(sizes: &[Size], ours: impl Fn(&Size) -> f64) -> Option<f64> {
     let gap = |s: &Size| (ours(s) / s.direct).ln();
     let Some(last) = sizes.iter().rposition(|s| gap(s) > 0.0) else {
         return sizes.first().map(|s| s.points as f64);
@@ -48,7 +48,7 @@ fn points(sizes: &[Size], value: impl Fn(&Size) -> f64) -> Vec<(f64, f64)> {
 }
 
 /// Returns all charts with the names of their files.
-pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
+pub fn charts(found: &FmmResults) -> Vec<(&'static str, Chart)> {
     let separation = f64::from(FmmSettings::default().separation);
     let orders = |value: &dyn Fn(&super::Order) -> f64| -> Vec<(f64, f64)> {
         found
@@ -152,7 +152,7 @@ fn seconds(v: f64) -> String {
 const MIN_FITTED: usize = 900;
 
 /// Returns the document.
-pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
+pub fn text(found: &FmmResults) -> Result<String, Box<dyn Error>> {
     let mut out = String::new();
     let w = &mut out;
     let sizes = &found.sizes;
@@ -238,8 +238,8 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
             &fitted[..fitted.len().saturating_sub(4)],
             Size::pass
         )),
-        said(overtakes(sizes, Size::pass)),
-        said(overtakes(sizes, Size::whole)),
+        said(crossover(sizes, Size::pass)),
+        said(crossover(sizes, Size::whole)),
         percent(to.map_or(0.0, |s| s.seconds[2] / s.pass())),
     )?;
     writeln!(
@@ -267,7 +267,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
          | points | settings | NRMSE | bias | bounces | lists and rays, s | all bounces, s | rays | partial pairs |\n\
          |---|---|---|---|---|---|---|---|---|"
     )?;
-    for s in &found.seen {
+    for s in &found.visibility_results {
         // The kernel is unbounded: more light is reflected than emitted.
         let (nrmse, bias) = match s.errors.nrmse > 1.0 {
             true => ("above 100 %".into(), "".into()),

@@ -18,9 +18,9 @@ use meshless_gi::internals::samples::Random;
 use meshless_gi::internals::transport::fmm::harmonics::inverse_fourth;
 use meshless_gi::internals::transport::fmm::lists::ListCounts;
 use meshless_gi::internals::transport::fmm::{Fmm, FmmSettings, direct};
-use meshless_gi::{Light, ReferenceSettings, cornell_box, mesh_of_quads};
+use meshless_gi::{Light, Quad, ReferenceSettings, TriangleMesh};
 use meshless_gi_lab::accuracy::{Errors, errors};
-use room::{Room, cornell, glow, lit, with_ball};
+use room::{Room, cornell, lit, varying_radiosity, with_ball};
 use std::error::Error;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -75,7 +75,7 @@ pub struct Slack {
 }
 
 /// Results of the Cornell box with visibility.
-pub struct Seen {
+pub struct VisibilityResult {
     /// Number of points.
     pub points: usize,
     /// Maximum number of points per leaf.
@@ -93,7 +93,7 @@ pub struct Seen {
 }
 
 /// All results of the document.
-pub struct Found {
+pub struct FmmResults {
     /// Results by order.
     pub orders: Vec<Order>,
     /// Results by number of points.
@@ -101,7 +101,7 @@ pub struct Found {
     /// Results by slack.
     pub slacks: Vec<Slack>,
     /// Results with visibility.
-    pub seen: Vec<Seen>,
+    pub visibility_results: Vec<VisibilityResult>,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -116,10 +116,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     let folder = folder.ok_or(usage)?;
-    let found = Found {
+    let found = FmmResults {
         orders: orders()?,
         slacks: slacks()?,
-        seen: seen()?,
+        visibility_results: visibility_results()?,
         sizes: sizes(max)?,
     };
     let charts = folder.join("fmm");
@@ -138,7 +138,7 @@ fn nrmse(values: &[Vec3], right: &[Vec3]) -> f64 {
     errors(values, right, &vec![Vec3::ZERO; right.len()]).nrmse
 }
 
-fn some(room: &Room) -> Vec<u32> {
+fn receiver_indices(room: &Room) -> Vec<u32> {
     let step = room.points.len().div_ceil(RECEIVERS).max(1);
     (0..room.points.len() as u32).step_by(step).collect()
 }
@@ -186,8 +186,8 @@ fn series() -> Vec<f64> {
 
 fn orders() -> Result<Vec<Order>, Box<dyn Error>> {
     let room = with_ball(POINTS);
-    let radiosity = glow(&room);
-    let receivers = some(&room);
+    let radiosity = varying_radiosity(&room);
+    let receivers = receiver_indices(&room);
     let right = direct(&room.points, &radiosity, &receivers, false, None);
     let mut out = Vec::new();
     for (order, series) in series().into_iter().enumerate() {
@@ -208,8 +208,8 @@ fn orders() -> Result<Vec<Order>, Box<dyn Error>> {
 
 fn slacks() -> Result<Vec<Slack>, Box<dyn Error>> {
     let room = with_ball(POINTS);
-    let radiosity = glow(&room);
-    let receivers = some(&room);
+    let radiosity = varying_radiosity(&room);
+    let receivers = receiver_indices(&room);
     let right = direct(&room.points, &radiosity, &receivers, false, None);
     let mut out = Vec::new();
     for slack in [0.0, 0.03, 0.1, 0.3, 1.0] {
@@ -247,8 +247,8 @@ fn sizes(max: usize) -> Result<Vec<Size>, Box<dyn Error>> {
     for round in 0..ROUNDS {
         for (k, &points) in numbers.iter().enumerate() {
             let room = with_ball(points);
-            let radiosity = glow(&room);
-            let receivers = some(&room);
+            let radiosity = varying_radiosity(&room);
+            let receivers = receiver_indices(&room);
             for run in 0..(20_000 / points).clamp(1, 20) {
                 let start = Instant::now();
                 let right = direct(&room.points, &radiosity, &receivers, true, None);
@@ -280,8 +280,8 @@ fn sizes(max: usize) -> Result<Vec<Size>, Box<dyn Error>> {
     Ok(out)
 }
 
-fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
-    let mesh = mesh_of_quads(&cornell_box());
+fn visibility_results() -> Result<Vec<VisibilityResult>, Box<dyn Error>> {
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let light_source = Light::Point {
         position: Vec3::new(0.0, 1.8, 0.2),
         intensity: Vec3::splat(10.0),
@@ -343,7 +343,7 @@ fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
             };
             let built = start.elapsed().as_secs_f64();
             let solved = fmm.solve(&room.albedo, &emission, BOUNCES, 1e-3)?;
-            out.push(Seen {
+            out.push(VisibilityResult {
                 points: room.points.len(),
                 leaf: settings.leaf,
                 name,

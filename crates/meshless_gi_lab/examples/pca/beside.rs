@@ -5,7 +5,7 @@ use super::document::SCENE;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{Progress, TransportMethod, TriangleMesh};
 use meshless_gi_lab::report::{
-    Factor, Figure, Report, Sweep, Variant, beside_bases, figures, full, sweep,
+    Factor, Figure, Report, Sweep, Variant, figures, full, pca_comparison, sweep,
 };
 use std::error::Error;
 use std::fmt::Write;
@@ -16,7 +16,7 @@ const LIMIT: Duration = Duration::from_mins(8);
 
 /// Chooses variants of a full report: those that change the method or its threshold at draft.
 /// Includes bases of light without refinement levels, as for links to senders.
-fn choose(base: &BakeSettings) -> Vec<Variant> {
+fn create_variants(base: &BakeSettings) -> Vec<Variant> {
     let mut all = full(base);
     all.retain(|v| {
         let wanted = [
@@ -43,7 +43,7 @@ fn choose(base: &BakeSettings) -> Vec<Variant> {
 /// Measures a scene.
 pub fn measure(name: &str, mesh: &TriangleMesh) -> Result<Report, Box<dyn Error>> {
     let plan = Sweep {
-        choose,
+        create_variants,
         limit: LIMIT,
         ..Sweep::quick()
     };
@@ -103,6 +103,6 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
     for figure in figures {
         let _ = writeln!(out, "![{}](pca/{})\n", figure.chart.title, figure.file);
     }
-    out += &beside_bases(&report.rows);
+    out += &pca_comparison(&report.rows);
     out
 }

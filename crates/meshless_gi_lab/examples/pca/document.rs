@@ -1,7 +1,7 @@
 //! Texts of the document and the chart of visibility.
 
 use super::transfer::{Made, Transfer};
-use super::visibility::{BAKES, COUNTS, Cut, Found, Race, SAMPLES};
+use super::visibility::{BAKES, COUNTS, Found, SAMPLES, SplitResult, VisibilityTiming};
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, PENUMBRA, Series, Style};
 use std::fmt::Write;
 
@@ -41,7 +41,12 @@ pub fn parts(document: &str) -> [String; 2] {
 pub const SCENE: &str = "## Links to senders and bases of light: ";
 
 /// Returns the document on visibility.
-pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> String {
+pub fn text(
+    found: &[Found],
+    timings: &[VisibilityTiming],
+    scene: &str,
+    split_results: &[SplitResult],
+) -> String {
     let mut out = format!(
         "# Visibility in principal components\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/scene`, or with `--part visibility`. Do not edit.\n\n\
@@ -147,29 +152,29 @@ pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> Strin
         }
     }
     out += "\nSeconds are those of one machine, on all its cores.\n";
-    out += &cut(scene, cuts);
+    out += &split_section(scene, split_results);
     out += "\n## Comparison with rays\n\n\
      The kernel `project` traces shadow rays. It could use the stored visibility.\n\
      The table compares the visible fraction of a panel at the points with stored visibility, with the same samples, on one CPU thread.\n\
      One sample is the case of a point light. The difference is the root mean square over points.\n\n\
      | scene | triangles | points | samples | rays, µs per point | stored, µs per point | difference |\n\
      |---|---|---|---|---|---|---|\n";
-    for r in races {
+    for r in timings {
         let _ = writeln!(
             out,
             "| {} | {} | {} | {} | {:.2} | {:.2} | {:.3} |",
             r.name, r.triangles, r.points, r.samples, r.rays, r.memory, r.apart
         );
     }
-    for r in races.iter().filter(|r| r.apart > 0.3) {
+    for r in timings.iter().filter(|r| r.apart > 0.3) {
         let _ = write!(
             out,
             "\nIn {} with {} samples the difference is {:.2}: the visibility stored at `Draft` is not usable there.\n",
             r.name, r.samples, r.apart
         );
     }
-    let wins = races.iter().filter(|r| r.memory < r.rays).count();
-    let (min, max) = (races.iter().map(|r| r.memory / r.rays))
+    let wins = timings.iter().filter(|r| r.memory < r.rays).count();
+    let (min, max) = (timings.iter().map(|r| r.memory / r.rays))
         .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
     let _ = writeln!(
         out,
@@ -178,7 +183,7 @@ pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> Strin
          {}\n\n\
          ## Pictures\n\n\
          The panel's light on white surfaces: stored visibility, reference integrator, and five times their difference around gray.\n",
-        races.len(),
+        timings.len(),
         match wins {
             0 => "Rays are exact and faster here, so `project` uses rays.",
             _ => "Rays are exact and need no bake, so `project` uses rays.",
@@ -191,8 +196,8 @@ pub fn text(found: &[Found], races: &[Race], scene: &str, cuts: &[Cut]) -> Strin
 }
 
 /// Returns the section on split clusters.
-fn cut(scene: &str, cuts: &[Cut]) -> String {
-    let Some(first) = cuts.first() else {
+fn split_section(scene: &str, split_results: &[SplitResult]) -> String {
+    let Some(first) = split_results.first() else {
         return String::new();
     };
     let mut out = format!(
@@ -204,7 +209,7 @@ fn cut(scene: &str, cuts: &[Cut]) -> String {
          |---|---|---|---|---|---|---|\n",
         first.positions
     );
-    for c in cuts {
+    for c in split_results {
         let _ = writeln!(
             out,
             "| {} | {} | {:.1} | {:.0} | {:.3} | {:.1} | {:.1} |",

@@ -25,7 +25,7 @@ use meshless_gi::{
 };
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use visibility::{Cut, Race};
+use visibility::{SplitResult, VisibilityTiming};
 
 /// Names of the published scenes.
 const SCENES: [&str; 2] = ["cornell", "rooms_open"];
@@ -74,11 +74,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     if wanted[0] {
-        let mut races: Vec<Race> = found.iter_mut().flat_map(|f| f.races.drain(..)).collect();
-        let (more, cuts) = raced(&name, &compared)?;
-        races.extend(more);
+        let mut timings: Vec<VisibilityTiming> =
+            found.iter_mut().flat_map(|f| f.timings.drain(..)).collect();
+        let (more, split_results) = measure_splits(&name, &compared)?;
+        timings.extend(more);
         std::fs::write(pictures.join("coefficients.svg"), document::chart(&found))?;
-        let text = document::text(&found, &races, &name, &cuts);
+        let text = document::text(&found, &timings, &name, &split_results);
         std::fs::write(folder.join("pca_visibility.md"), text)?;
     }
     if wanted[1] {
@@ -103,7 +104,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Compares ray visibility with baked visibility at draft on a scene, below a panel at the first
 /// viewpoint. Also measures the effect of split clusters.
-fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
+fn measure_splits(
+    name: &str,
+    mesh: &TriangleMesh,
+) -> Result<(Vec<VisibilityTiming>, Vec<SplitResult>), Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()
@@ -118,7 +122,7 @@ fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<d
         v: Vec3::Z * half,
         radiance: Vec3::ONE,
     };
-    visibility::cuts(name, mesh, &scene, &panel)
+    visibility::split_results(name, mesh, &scene, &panel)
 }
 
 /// Returns the path of a published scene.

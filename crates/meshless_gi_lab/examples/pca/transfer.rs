@@ -58,7 +58,7 @@ fn made(
     scene: &BakedScene,
     baked: Option<&Baked>,
 ) -> Made {
-    let grade = test_set.grade(scene, &FrameSettings::bounces(BOUNCES));
+    let score = test_set.score(scene, &FrameSettings::bounces(BOUNCES));
     let operator = &scene.data().operator;
     let columns = operator.compression.as_ref().map_or(0, |c| c.bytes());
     Made {
@@ -73,8 +73,8 @@ fn made(
             + size_of_val(&operator.rows[..])
             + columns as usize,
         seconds: baked.map(|b| b.stats.seconds.total),
-        error: grade.errors.nrmse,
-        interval: grade.interval,
+        error: score.errors.nrmse,
+        interval: score.interval,
     }
 }
 

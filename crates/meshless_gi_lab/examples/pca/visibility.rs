@@ -13,8 +13,8 @@ use meshless_gi::internals::transport::pca::{
 };
 use meshless_gi::{BakedScene, Geometry, Light, Ray, Surface, TriangleMesh};
 use meshless_gi_lab::accuracy::{
-    Camera, Errors, Image, PenumbraSample, deficits_by_rays, errors, penumbra_samples, render,
-    shadow_errors, shadowed_irradiance,
+    Camera, Errors, Image, PenumbraSample, errors, occluded_irradiances_by_rays, penumbra_samples,
+    render, shadow_errors, shadowed_irradiance,
 };
 use rayon::prelude::*;
 use std::error::Error;
@@ -155,7 +155,7 @@ pub struct Variant {
 }
 
 /// Results of a panel that was not used to choose a constant.
-pub struct Other {
+pub struct OtherPanel {
     pub what: &'static str,
     pub positions: usize,
     /// Errors with the defaults and with the finest bake.
@@ -173,13 +173,13 @@ pub struct Found {
     pub penumbra: [Errors; 3],
     pub lit: [Errors; 3],
     pub variants: Vec<Variant>,
-    pub others: Vec<Other>,
-    pub races: Vec<Race>,
+    pub others: Vec<OtherPanel>,
+    pub timings: Vec<VisibilityTiming>,
 }
 
 /// Comparison of the visible fraction of a panel by rays and from baked visibility, at the same
 /// points.
-pub struct Race {
+pub struct VisibilityTiming {
     pub name: String,
     pub triangles: usize,
     pub points: usize,
@@ -192,7 +192,7 @@ pub struct Race {
 }
 
 /// Results of a bake that splits clusters with an error above `error`.
-pub struct Cut {
+pub struct SplitResult {
     pub error: f32,
     pub clusters: usize,
     pub bytes: usize,
@@ -208,30 +208,30 @@ pub struct Cut {
 }
 
 /// Errors above which clusters are split.
-const CUTS: [f32; 4] = [1.0, 0.04, 0.03, 0.02];
+const SPLIT_ERRORS: [f32; 4] = [1.0, 0.04, 0.03, 0.02];
 
 /// Bakes the visibility of the scene with and without split clusters. Returns the race of the
 /// default bake and the results.
-pub fn cuts(
+pub fn split_results(
     name: &str,
     mesh: &TriangleMesh,
     scene: &BakedScene,
     light: &Light,
-) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
+) -> Result<(Vec<VisibilityTiming>, Vec<SplitResult>), Box<dyn Error>> {
     let soft_light = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
     let shade = penumbra_of(&penumbra_samples(scene, mesh, light, PATHS));
-    let points = remembering(scene);
-    let occluded_irradiances = deficits_by_rays(scene, mesh, &soft_light, points.len());
+    let points = points_with_visibility(scene);
+    let occluded_irradiances = occluded_irradiances_by_rays(scene, mesh, &soft_light, points.len());
     let rays = shadow_errors(scene, &occluded_irradiances, &shade).nrmse;
-    let (mut races, mut cuts) = (Vec::new(), Vec::new());
+    let (mut timings, mut split_results) = (Vec::new(), Vec::new());
     let usual = VisibilitySettings::default();
-    for error in CUTS {
+    for error in SPLIT_ERRORS {
         let began = Instant::now();
         let settings = VisibilitySettings { error, ..usual };
         let (visibility, _) = bake_visibility(mesh, &points, &settings, &|_| true)?;
         let seconds = began.elapsed().as_secs_f64();
         let run = race(name, mesh, scene, &visibility, light)?;
-        cuts.push(Cut {
+        split_results.push(SplitResult {
             error,
             clusters: visibility.clusters.len(),
             bytes: visibility.bytes(),
@@ -242,14 +242,14 @@ pub fn cuts(
             positions: shade.len(),
         });
         if error == usual.error {
-            races = run;
+            timings = run;
         }
     }
-    Ok((races, cuts))
+    Ok((timings, split_results))
 }
 
 /// Returns the points with visibility data, as in a bake with soft shadows.
-fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
+fn points_with_visibility(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
     let levels = (scene.data().sender_levels as usize + 1).min(scene.levels());
     let known = scene.data().level_starts[levels] as usize;
     (scene.data().points[..known].iter())
@@ -265,10 +265,10 @@ pub fn race(
     scene: &BakedScene,
     visibility: &Visibility,
     light: &Light,
-) -> Result<Vec<Race>, Box<dyn Error>> {
+) -> Result<Vec<VisibilityTiming>, Box<dyn Error>> {
     let extent = extent(scene.data());
     let params = SoftShadowParams::new(visibility, extent, 1);
-    let mut races = Vec::new();
+    let mut timings = Vec::new();
     for samples in [1, SAMPLES] {
         let soft_light = SoftLight::from_light(light, samples).ok_or("no rectangle")?;
         let positions: Vec<(usize, Vec3, Vec3)> = (scene.data().points[..visibility.points.len()]
@@ -284,13 +284,13 @@ pub fn race(
             (1e6 * seconds / positions.len().max(1) as f64, found)
         };
         let (rays, truth) = time(&|&(_, x, n)| {
-            let sight = RayVisibility {
+            let ray_visibility = RayVisibility {
                 geometry: mesh,
                 start: x + n * mesh.ray_offset(x),
             };
-            soft_shadow::visible_fraction(&soft_light, x, n, &sight).0
+            soft_shadow::visible_fraction(&soft_light, x, n, &ray_visibility).0
         });
-        let (memory, remembered) = time(&|&(i, x, n)| {
+        let (memory, decoded) = time(&|&(i, x, n)| {
             soft_shadow::visible_fraction(
                 &soft_light,
                 x,
@@ -299,9 +299,9 @@ pub fn race(
             )
             .0
         });
-        let pairs = truth.iter().zip(&remembered);
+        let pairs = truth.iter().zip(&decoded);
         let square: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
-        races.push(Race {
+        timings.push(VisibilityTiming {
             name: name.into(),
             triangles: mesh.len(),
             points: positions.len(),
@@ -311,7 +311,7 @@ pub fn race(
             apart: (square / positions.len().max(1) as f64).sqrt(),
         });
     }
-    Ok(races)
+    Ok(timings)
 }
 
 /// Returns the positions that the light illuminates partially.
@@ -339,7 +339,7 @@ pub fn measure(
         lit.len(),
         shade.len()
     );
-    let points = remembering(scene);
+    let points = points_with_visibility(scene);
     let known = points.len();
     let usual = VisibilitySettings::default();
     let bake = |settings: &VisibilitySettings| {
@@ -384,8 +384,8 @@ pub fn measure(
         let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
         let shade = penumbra_of(&penumbra_samples(scene, mesh, &light, PATHS));
         let error = |visibility: &Visibility| memory(scene, visibility, &soft_light, &shade).nrmse;
-        let occluded_irradiances = deficits_by_rays(scene, mesh, &soft_light, known);
-        others.push(Other {
+        let occluded_irradiances = occluded_irradiances_by_rays(scene, mesh, &soft_light, known);
+        others.push(OtherPanel {
             what,
             positions: shade.len(),
             penumbra: [error(&own), error(&fine)],
@@ -427,7 +427,7 @@ pub fn measure(
     }
     let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
     let visibility = with.data().visibility.as_ref().ok_or("lost")?;
-    let races = race(name, mesh, scene, visibility, &light)?;
+    let timings = race(name, mesh, scene, visibility, &light)?;
     picture(name, mesh, &with, &light, folder)?;
     Ok(Found {
         name: name.into(),
@@ -435,7 +435,7 @@ pub fn measure(
         by_count,
         rays: shadow_errors(
             scene,
-            &deficits_by_rays(scene, mesh, &soft_light, known),
+            &occluded_irradiances_by_rays(scene, mesh, &soft_light, known),
             &shade,
         )
         .nrmse,
@@ -443,7 +443,7 @@ pub fn measure(
         lit: all,
         variants,
         others,
-        races,
+        timings,
     })
 }
 

@@ -7,20 +7,20 @@ use super::subsplat_support::{LitScene, Measured, View, from};
 use glam::Vec3;
 use meshless_gi::internals::frame::subsplat::state;
 use meshless_gi::internals::frame::{SubsplatNode, VectorIrradiance, gbuffer, splat, subsplats};
-use meshless_gi::{Material, NormalTest, Quad, SubsplatSettings, TriangleMesh, mesh_of_quads};
+use meshless_gi::{Material, NormalTest, Quad, SubsplatSettings, TriangleMesh};
 use std::f32::consts::PI;
 
 /// Content of the nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Held {
+pub enum NodeContent {
     Vectors,
     Scalars,
     /// Darkened at grazing angles with this α.
     Darkened(f32),
 }
 
-pub struct Bumpy {
-    pub held: Held,
+pub struct BumpResult {
+    pub content: NodeContent,
     pub normal: f32,
     pub measured: Measured,
 }
@@ -58,7 +58,7 @@ fn scene() -> TriangleMesh {
         corners: [corner, corner + u, corner + u + v, corner + v],
         material: Material::diffuse(Vec3::splat(0.6)),
     });
-    mesh_of_quads(&quads)
+    TriangleMesh::from_quads(&quads)
 }
 
 /// Adds bumps a few centimeters wide, up to 25 degrees steep.
@@ -114,7 +114,7 @@ fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Meas
     (out, measured)
 }
 
-pub fn measure() -> Vec<Bumpy> {
+pub fn measure() -> Vec<BumpResult> {
     let stage = LitScene::made("bumps", scene(), light);
     let eye = Vec3::ZERO;
     let mut view = View::new(&stage, eye, Vec3::NEG_Z, SMALL);
@@ -128,14 +128,14 @@ pub fn measure() -> Vec<Bumpy> {
             min_similarity: 0.0,
             ..SubsplatSettings::default()
         };
-        out.push(Bumpy {
-            held: Held::Vectors,
+        out.push(BumpResult {
+            content: NodeContent::Vectors,
             normal,
             measured: view.measure(&settings),
         });
         let (plain, measured) = scalars(&view, &settings);
-        out.push(Bumpy {
-            held: Held::Scalars,
+        out.push(BumpResult {
+            content: NodeContent::Scalars,
             normal,
             measured,
         });
@@ -151,8 +151,8 @@ pub fn measure() -> Vec<Bumpy> {
                 [shade * r, shade * g, shade * b, a]
             })
             .collect();
-        out.push(Bumpy {
-            held: Held::Darkened(alpha),
+        out.push(BumpResult {
+            content: NodeContent::Darkened(alpha),
             normal,
             measured: view.compare(&dark, measured.counts),
         });

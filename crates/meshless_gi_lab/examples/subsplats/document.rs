@@ -1,6 +1,6 @@
 //! Document and its charts.
 
-use super::bumps::Held;
+use super::bumps::NodeContent;
 use super::experiments::{FINEST, Found, LIGHTS, NORMALS, Pair, SCREEN, SMALL};
 use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Mark, Series, Style};
@@ -14,6 +14,7 @@ fn depth_name(test: DepthTest) -> (&'static str, f32) {
         DepthTest::Plane(t) => ("plane", t),
         DepthTest::MinMax(t) => ("min-max", t),
         DepthTest::Derivative(t) => ("derivative", t),
+        other => unreachable!("{other:?}"),
     }
 }
 
@@ -21,6 +22,7 @@ fn normal_name(test: NormalTest) -> (&'static str, f32) {
     match test {
         NormalTest::MinMax(t) => ("min-max", t),
         NormalTest::Curvature(t) => ("curvature", t),
+        other => unreachable!("{other:?}"),
     }
 }
 
@@ -313,14 +315,14 @@ fn bumps(found: &Found, out: &mut String) -> Result<(), Error> {
         SMALL[0], SMALL[1]
     )?;
     for b in &found.bumpy {
-        let held = match b.held {
-            Held::Vectors => "vectors".to_string(),
-            Held::Scalars => "scalars".to_string(),
-            Held::Darkened(alpha) => format!("scalars, Eq. (3), α = {alpha}"),
+        let content = match b.content {
+            NodeContent::Vectors => "vectors".to_string(),
+            NodeContent::Scalars => "scalars".to_string(),
+            NodeContent::Darkened(alpha) => format!("scalars, Eq. (3), α = {alpha}"),
         };
         writeln!(
             out,
-            "| {} | 1/{:.1} | {held} | {:.4} | {} |",
+            "| {} | 1/{:.1} | {content} | {:.4} | {} |",
             b.normal,
             1.0 / b.measured.share(),
             b.measured.flip,

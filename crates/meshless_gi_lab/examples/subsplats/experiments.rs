@@ -1,7 +1,7 @@
 //! Experiments: views of every scene, tests of discontinuities along a path ([N09] Fig. 9),
 //! resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
 
-use super::bumps::{self, Bumpy};
+use super::bumps::{self, BumpResult};
 use super::gloss;
 use super::subsplat_support::{LitScene, Measured, View};
 use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
@@ -12,7 +12,7 @@ pub const SCREEN: [u32; 2] = [1920, 1080];
 /// Size of the pictures along the path, in pixels.
 pub const SMALL: [u32; 2] = [960, 540];
 /// Number of positions of the path.
-pub const PLACES: u32 = 8;
+pub const PATH_POSITIONS: u32 = 8;
 /// Measured finest levels.
 pub const FINEST: [u32; 3] = [1, 2, 3];
 /// Measured thresholds of the normal.
@@ -72,7 +72,7 @@ pub struct Found {
     pub pairs: Vec<Pair>,
     pub cells: Vec<Cell>,
     pub lights: Vec<Light>,
-    pub bumpy: Vec<Bumpy>,
+    pub bumpy: Vec<BumpResult>,
     pub gloss: gloss::Found,
 }
 
@@ -95,7 +95,7 @@ pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
                 scene: stage.scene.name.clone(),
                 view: i,
                 measured: view.measure(&settings),
-                seconds: [full, view.few_seconds(&settings)],
+                seconds: [full, view.subsplat_seconds(&settings)],
             });
             if i == 0 {
                 lights.extend(LIGHTS.map(|light| Light {
@@ -129,7 +129,7 @@ pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
 }
 
 /// Returns settings that refine by discontinuities alone, as in [N09].
-fn by_shape(depth: DepthTest, normal: NormalTest) -> SubsplatSettings {
+fn discontinuity_settings(depth: DepthTest, normal: NormalTest) -> SubsplatSettings {
     SubsplatSettings {
         depth,
         normal,
@@ -145,13 +145,13 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
             let plain = SubsplatSettings::default();
             let settings = SubsplatSettings {
                 finest_level: finest,
-                ..by_shape(plain.depth, NormalTest::MinMax(normal))
+                ..discontinuity_settings(plain.depth, NormalTest::MinMax(normal))
             };
             out.push(Cell {
                 finest,
                 normal,
                 measured: view.measure(&settings),
-                seconds: [full, view.few_seconds(&settings)],
+                seconds: [full, view.subsplat_seconds(&settings)],
             });
         }
     }
@@ -162,10 +162,10 @@ fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
 fn path(stage: &LitScene) -> Vec<View<'_>> {
     let [(a, at), (b, bt), _] = stage.scene.views;
     let position = |k: u32| {
-        let t = k as f32 / (PLACES - 1) as f32;
+        let t = k as f32 / (PATH_POSITIONS - 1) as f32;
         View::new(stage, a.lerp(b, t), at.lerp(bt, t), SMALL)
     };
-    (0..PLACES).map(position).collect()
+    (0..PATH_POSITIONS).map(position).collect()
 }
 
 fn along(stage: &LitScene) -> Vec<Pair> {
@@ -176,7 +176,7 @@ fn along(stage: &LitScene) -> Vec<Pair> {
     };
     let flip = |settings: &SubsplatSettings| mean(&with(settings, 2), |m| f64::from(m.flip));
     let plain = SubsplatSettings::default();
-    let goal = flip(&by_shape(plain.depth, plain.normal));
+    let goal = flip(&discontinuity_settings(plain.depth, plain.normal));
     let mut out = Vec::new();
     for normal in 0..2 {
         for depth in 0..3 {
@@ -191,7 +191,7 @@ fn along(stage: &LitScene) -> Vec<Pair> {
                     0 => NormalTest::MinMax((1.0 * factor).min(2.0)),
                     _ => NormalTest::Curvature((0.5 * factor).min(2.0)),
                 };
-                by_shape(depth, normal)
+                discontinuity_settings(depth, normal)
             };
             let (mut low, mut high) = (-4.0f32, 4.0f32);
             for _ in 0..5 {

@@ -45,7 +45,7 @@ pub struct Row {
     lights: u32,
     /// Seconds, fraction of the evaluations and FLIP of full resolution, one list, and one list per
     /// light.
-    ways: [(f64, f64, f32); 3],
+    modes: [(f64, f64, f32); 3],
 }
 
 /// Results of diffuse light: seconds at full resolution. `levels` has the fraction of the
@@ -99,7 +99,7 @@ pub fn measure() -> Found {
 }
 
 /// Returns the gloss of one light in a pixel, times the scale, which [N09] compares.
-fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
+fn light_gloss(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
     let size = view.screen.size;
     let (depth, texel) = (
         view.picture.depth(size, pixel),
@@ -118,7 +118,7 @@ fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
 /// Computes the list of cells of one light by [N09] §3.3.1. Cells whose quadrants differ by more
 /// than `max` in a channel are replaced by their quadrants. Returns the number of cells in the list
 /// and the elapsed seconds of each pass.
-fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, max: f32) -> Vec<(u64, f64)> {
+fn cell_counts(view: &SpecularView<'_>, i: u32, passes: u32, max: f32) -> Vec<(u64, f64)> {
     let [w, h] = view.screen.size.map(|edge| edge >> COARSEST);
     let mut list: Vec<[u32; 2]> = (0..w * h).map(|c| [c % w, c / w]).collect();
     let (mut done, mut out) = (0, vec![(list.len() as u64, 0.0)]);
@@ -130,7 +130,7 @@ fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, max: f32) -> Vec<(u64, 
             let [mut low, mut high] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
             for q in 0..4 {
                 let of = |at: u32, odd: u32| at * edge + edge / 4 + odd * edge / 2;
-                let v = of_light(view, i, [of(x, q & 1), of(y, q >> 1)]);
+                let v = light_gloss(view, i, [of(x, q & 1), of(y, q >> 1)]);
                 (low, high) = (low.min(v), high.max(v));
             }
             if (high - low).max_element() > max {
@@ -168,7 +168,7 @@ fn column(scene: &Scene, passes: u32) -> Column {
     let mut theirs = vec![(0, 0.0); passes as usize + 1];
     let lists: Vec<_> = (0..lights)
         .into_par_iter()
-        .map(|i| list_of(&view, i, passes, max))
+        .map(|i| cell_counts(&view, i, passes, max))
         .collect();
     for list in &lists {
         for (sum, (count, seconds)) in theirs.iter_mut().zip(list) {
@@ -201,7 +201,7 @@ fn row(scene: &Scene) -> Row {
     };
     Row {
         lights: scene.lit.vpls,
-        ways: [(seconds, 1.0, 0.0), way(true), way(false)],
+        modes: [(seconds, 1.0, 0.0), way(true), way(false)],
     }
 }
 
@@ -313,7 +313,7 @@ pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
         SMALL[0], SMALL[1]
     )?;
     for row in &found.rows {
-        let [full, one, each] = row.ways;
+        let [full, one, each] = row.modes;
         writeln!(
             out,
             "| {} | {:.2} s | 1/{:.1} | {:.4} | {:.2} | 1/{:.1} | {:.4} | {:.2} |",

@@ -1,7 +1,7 @@
 //! Charts: errors against the number of points, and the curves B(ζ), D(u) of [V11] Figures 11-13
 //! for every basis and density.
 
-use super::{Experiment, SHOWN, slug};
+use super::{Experiment, SHOWN_SPACING, slug};
 use glam::DVec3;
 use meshless_gi_lab::accuracy::SurfaceField;
 use meshless_gi_lab::accuracy::{
@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 /// Bases of the charts that show several, in the order of their colors. The widest Gaussians exceed
 /// every frame and have their own charts.
 const SEVERAL: [Basis; 6] = [
-    Basis::Ours,
+    Basis::FlatVector,
     Basis::Shepard,
     Basis::HalfGaussian,
     Basis::Lehtinen,
@@ -24,9 +24,9 @@ const SEVERAL: [Basis; 6] = [
 /// Number of positions of a curve.
 const STEPS: usize = 320;
 /// Number of azimuths of a mean.
-const AROUND: usize = 48;
+const AZIMUTHS: usize = 48;
 /// Azimuth of a single line, in turns.
-const LINE: f64 = 0.13;
+const LINE_AZIMUTH: f64 = 0.13;
 
 /// One of the four curves of the paper's figures.
 #[derive(Clone, Copy)]
@@ -135,7 +135,7 @@ impl Curve {
 }
 
 fn spacing_text(set: &PointSet) -> String {
-    let points = set.points(Basis::Ours).len();
+    let points = set.points(Basis::FlatVector).len();
     format!("points at least {} m apart ({points} of them)", set.spacing)
 }
 
@@ -167,9 +167,9 @@ pub fn write(made: &Experiment, all: bool) -> Result<(), Box<dyn Error>> {
             fitted.push((*basis, built.fit(&samples)?));
         }
         for curve in CURVES {
-            if set.spacing == SHOWN || all {
+            if set.spacing == SHOWN_SPACING || all {
                 let name = format!("{}_{}.svg", curve.name, set.spacing);
-                let path = if set.spacing == SHOWN {
+                let path = if set.spacing == SHOWN_SPACING {
                     folder.join(name)
                 } else {
                     folder.join("all").join(name)
@@ -189,12 +189,15 @@ pub fn write(made: &Experiment, all: bool) -> Result<(), Box<dyn Error>> {
 /// Returns the chart of the error against the number of points.
 fn errors(made: &Experiment, quantity: Quantity, sphere: bool) -> Chart {
     let rmse = |r: &ComparisonRow| if sphere { r.sphere.rmse } else { r.disk.rmse };
-    let series = SEVERAL.iter().chain(&[Basis::OursTwice]).map(|&basis| {
-        let own = made.rows.iter();
-        let own = own.filter(|r| r.basis == basis && r.quantity == quantity);
-        let points = own.map(|r| (r.points as f64, rmse(r)));
-        Series::new(basis.name(), Style::LineAndPoints, points)
-    });
+    let series = SEVERAL
+        .iter()
+        .chain(&[Basis::CorrectedFlatVector])
+        .map(|&basis| {
+            let own = made.rows.iter();
+            let own = own.filter(|r| r.basis == basis && r.quantity == quantity);
+            let points = own.map(|r| (r.points as f64, rmse(r)));
+            Series::new(basis.name(), Style::LineAndPoints, points)
+        });
     let surface = if sphere { "sphere" } else { "disk" };
     let mut y = Axis::log(
         "root mean square error / root mean square of the light",
@@ -244,7 +247,7 @@ fn several(
             let positions = curve.positions(solution);
             let points = positions
                 .iter()
-                .map(|&at| (at, curve.value(solution, field, at, LINE)));
+                .map(|&at| (at, curve.value(solution, field, at, LINE_AZIMUTH)));
             Series::new(basis.name(), Style::Line, points)
         })
         .collect();
@@ -276,11 +279,11 @@ fn single(
     let positions = curve.positions(solution);
     let line = positions
         .iter()
-        .map(|&at| (at, curve.value(solution, field, at, LINE)));
+        .map(|&at| (at, curve.value(solution, field, at, LINE_AZIMUTH)));
     let mean = positions.iter().map(|&at| {
-        let turns = (0..AROUND).map(|k| (k as f64 + 0.37) / AROUND as f64);
+        let turns = (0..AZIMUTHS).map(|k| (k as f64 + 0.37) / AZIMUTHS as f64);
         let sum: f64 = turns.map(|t| curve.value(solution, field, at, t)).sum();
-        (at, sum / AROUND as f64)
+        (at, sum / AZIMUTHS as f64)
     });
     Chart {
         title: format!("{}: {}", basis.name(), curve.what),

@@ -1,6 +1,6 @@
 //! Document: results, tables, charts and pictures.
 
-use super::{Experiment, SHOWN, SPACINGS, slug};
+use super::{Experiment, SHOWN_SPACING, SPACINGS, slug};
 use meshless_gi_lab::accuracy::{Basis, ComparisonRow, Quantity, SurfaceErrors};
 use std::error::Error;
 use std::fmt::Write;
@@ -20,7 +20,7 @@ const QUANTITIES: [(Quantity, &str); 5] = [
 ];
 
 /// Bases of [V11], with as many samples at the same points as ours.
-const PAPERS: [Basis; 5] = [
+const PAPER_BASES: [Basis; 5] = [
     Basis::Shepard,
     Basis::Gaussian,
     Basis::HalfGaussian,
@@ -36,12 +36,12 @@ impl Experiment {
     }
 
     /// Returns the RMSE of our basis, the best basis of [V11] by RMSE, and its RMSE.
-    fn duel(&self, quantity: Quantity, sphere: bool, spacing: f64) -> (f64, Basis, f64) {
+    fn best_of_paper(&self, quantity: Quantity, sphere: bool, spacing: f64) -> (f64, Basis, f64) {
         let rmse = |basis| on(self.row(basis, quantity, spacing), sphere).rmse;
-        let best = PAPERS.iter().copied();
+        let best = PAPER_BASES.iter().copied();
         let best = best.min_by(|a, b| rmse(*a).total_cmp(&rmse(*b)));
         let best = best.unwrap_or(Basis::Lehtinen);
-        (rmse(Basis::Ours), best, rmse(best))
+        (rmse(Basis::FlatVector), best, rmse(best))
     }
 }
 
@@ -69,7 +69,7 @@ fn percent(share: f64) -> String {
 pub fn text(made: &Experiment) -> Result<String, Box<dyn Error>> {
     let mut out = String::new();
     found(made, &mut out)?;
-    others(made, &mut out)?;
+    write_exceptions(made, &mut out)?;
     shown(&mut out)?;
     solution(made, &mut out)?;
     measured(made, &mut out)?;
@@ -82,12 +82,12 @@ pub fn text(made: &Experiment) -> Result<String, Box<dyn Error>> {
 fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let all: Vec<(Quantity, bool, f64)> = cells().collect();
     let won = all.iter().filter(|(q, s, r)| {
-        let (ours, _, best) = made.duel(*q, *s, *r);
+        let (ours, _, best) = made.best_of_paper(*q, *s, *r);
         ours <= best
     });
     let won = won.count();
-    let ours = |q, sphere| on(made.row(Basis::Ours, q, SHOWN), sphere).rmse;
-    let one = |q, sphere| on(made.row(Basis::Lehtinen, q, SHOWN), sphere).rmse;
+    let ours = |q, sphere| on(made.row(Basis::FlatVector, q, SHOWN_SPACING), sphere).rmse;
+    let one = |q, sphere| on(made.row(Basis::Lehtinen, q, SHOWN_SPACING), sphere).rmse;
     let (q, _) = QUANTITIES[1];
     writeln!(
         out,
@@ -105,7 +105,7 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     )?;
     let mut head = String::from("| light | on |");
     for spacing in SPACINGS {
-        let points = made.row(Basis::Ours, q, spacing).points;
+        let points = made.row(Basis::FlatVector, q, spacing).points;
         write!(head, " {spacing} m, {points} points |")?;
     }
     writeln!(
@@ -119,7 +119,7 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
         for sphere in [true, false] {
             write!(out, "| {name} | {} |", surface(sphere))?;
             for spacing in SPACINGS {
-                let (ours, basis, best) = made.duel(quantity, sphere, spacing);
+                let (ours, basis, best) = made.best_of_paper(quantity, sphere, spacing);
                 let (a, b) = (percent(ours), percent(best));
                 let (a, b) = if ours <= best {
                     (format!("**{a}**"), b)
@@ -150,8 +150,8 @@ fn oscillation(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>
          |---|---|---|---|---|---|---|"
     )?;
     for basis in Basis::ALL {
-        let reflected = made.row(basis, Quantity::Indirect, SHOWN);
-        let all = made.row(basis, Quantity::Total, SHOWN);
+        let reflected = made.row(basis, Quantity::Indirect, SHOWN_SPACING);
+        let all = made.row(basis, Quantity::Total, SHOWN_SPACING);
         let cells = [
             reflected.sphere.oscillation,
             reflected.disk.oscillation,
@@ -185,7 +185,7 @@ fn cells() -> impl Iterator<Item = (Quantity, bool, f64)> {
 }
 
 /// Writes the cases in which another basis is better, with the reason.
-fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
+fn write_exceptions(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let beaten = |of: &[Basis]| -> Vec<String> {
         let mut found = Vec::new();
         for (quantity, name) in QUANTITIES {
@@ -193,7 +193,7 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
                 let at: Vec<String> = SPACINGS
                     .iter()
                     .filter(|&&r| {
-                        let (ours, basis, best) = made.duel(quantity, sphere, r);
+                        let (ours, basis, best) = made.best_of_paper(quantity, sphere, r);
                         best < ours && of.contains(&basis)
                     })
                     .map(|r| format!("{r}"))
@@ -206,7 +206,7 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
         }
         found
     };
-    let value = |basis, q, sphere| percent(on(made.row(basis, q, SHOWN), sphere).rmse);
+    let value = |basis, q, sphere| percent(on(made.row(basis, q, SHOWN_SPACING), sphere).rmse);
     writeln!(out, "### Cases in which another basis is better\n")?;
     let gaussians = [Basis::Gaussian, Basis::HalfGaussian, Basis::NarrowGaussian];
     let lost = beaten(&gaussians);
@@ -244,7 +244,7 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     let levels = |q, s| value(Basis::LehtinenLevels, q, s);
     let finest = SPACINGS[SPACINGS.len() - 1];
     let bias = |basis, r| percent(made.row(basis, Quantity::Indirect, r).sphere.bias);
-    let second = |s| value(Basis::OursTwice, Quantity::Indirect, s);
+    let second = |s| value(Basis::CorrectedFlatVector, Quantity::Indirect, s);
     writeln!(
         out,
         "- **Three levels of Lehtinen's functions** are not in the count, because their coarser points are up to 50 % more samples.\n\
@@ -262,24 +262,24 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
          \x20 It is linear, so it could be baked into the rows of the operator. It is not implemented in the plugin.\n",
         levels(Quantity::Indirect, true),
         levels(Quantity::Indirect, false),
-        bias(Basis::Ours, SHOWN),
-        SHOWN,
-        bias(Basis::Ours, finest),
-        bias(Basis::Lehtinen, SHOWN),
+        bias(Basis::FlatVector, SHOWN_SPACING),
+        SHOWN_SPACING,
+        bias(Basis::FlatVector, finest),
+        bias(Basis::Lehtinen, SHOWN_SPACING),
         bias(Basis::Lehtinen, finest),
-        bias(Basis::Flat, SHOWN),
+        bias(Basis::Flat, SHOWN_SPACING),
         value(Basis::Flat, Quantity::Indirect, true),
-        value(Basis::Ours, Quantity::Indirect, true),
+        value(Basis::FlatVector, Quantity::Indirect, true),
         second(true),
         second(false),
-        value(Basis::Ours, Quantity::Indirect, true),
-        value(Basis::Ours, Quantity::Indirect, false),
-        bias(Basis::OursTwice, SHOWN),
-        bias(Basis::Ours, SHOWN),
-        value(Basis::OursTwice, Quantity::Noisy, true),
-        value(Basis::OursTwice, Quantity::Noisy, false),
-        value(Basis::Ours, Quantity::Noisy, true),
-        value(Basis::Ours, Quantity::Noisy, false),
+        value(Basis::FlatVector, Quantity::Indirect, true),
+        value(Basis::FlatVector, Quantity::Indirect, false),
+        bias(Basis::CorrectedFlatVector, SHOWN_SPACING),
+        bias(Basis::FlatVector, SHOWN_SPACING),
+        value(Basis::CorrectedFlatVector, Quantity::Noisy, true),
+        value(Basis::CorrectedFlatVector, Quantity::Noisy, false),
+        value(Basis::FlatVector, Quantity::Noisy, true),
+        value(Basis::FlatVector, Quantity::Noisy, false),
     )?;
     Ok(())
 }
@@ -293,9 +293,9 @@ fn shown(out: &mut String) -> Result<(), Box<dyn Error>> {
          ![Error of reflected light on the disk with noise](v11/error_noisy_disk.svg)\n\
          ![Error of all light on the disk](v11/error_total_disk.svg)\n\n\
          The curves of [V11] Figures 11-13, all bases in one chart:\n\n\
-         ![Reflected light of the sphere](v11/B_reflected_{SHOWN}.svg)\n\
-         ![Reflected light of the disk](v11/D_reflected_{SHOWN}.svg)\n\
-         ![Radiosity of the disk](v11/D_{SHOWN}.svg)\n\n\
+         ![Reflected light of the sphere](v11/B_reflected_{SHOWN_SPACING}.svg)\n\
+         ![Reflected light of the disk](v11/D_reflected_{SHOWN_SPACING}.svg)\n\
+         ![Radiosity of the disk](v11/D_{SHOWN_SPACING}.svg)\n\n\
          ## Pictures\n\n\
          The scene in each basis, from samples at points 3 m apart: all light (0.9 W/m² is white) and reflected light alone (0.6 W/m² is white).\n\
          The light comes from straight above. Direct light is represented in the basis here, unlike in the plugin. Negative values are black.\n\n\

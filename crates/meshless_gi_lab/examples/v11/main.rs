@@ -22,7 +22,7 @@ use std::path::PathBuf;
 /// Minimum distances between two points, in meters. The third is that of the paper.
 pub const SPACINGS: [f64; 5] = [6.0, 4.24, 3.0, 2.12, 1.5];
 /// Spacing of the charts and pictures in the document.
-pub const SHOWN: f64 = 3.0;
+pub const SHOWN_SPACING: f64 = 3.0;
 /// Number of point sets per density. The table has the median of each number over them.
 const SETS: u64 = 5;
 /// Number of cells of the reference solution.
@@ -123,7 +123,7 @@ pub fn slug(basis: Basis) -> &'static str {
         Basis::Lehtinen => "lehtinen",
         Basis::LehtinenLevels => "lehtinen_3",
         Basis::Flat => "ours_scalars",
-        Basis::Ours => "ours",
-        Basis::OursTwice => "ours_second_pass",
+        Basis::FlatVector => "ours",
+        Basis::CorrectedFlatVector => "ours_second_pass",
     }
 }

@@ -1,6 +1,6 @@
 //! Pictures of the scene as represented by each basis, by the project's renderer on the CPU.
 
-use super::{Experiment, SHOWN, slug};
+use super::{Experiment, SHOWN_SPACING, slug};
 use glam::{DVec3, Vec3};
 use meshless_gi_lab::accuracy::{Basis, Camera, Image, exact_samples, render};
 use std::error::Error;
@@ -25,7 +25,7 @@ const CAMERA: Camera = Camera {
 /// `…_solution.png`.
 pub fn write(made: &Experiment) -> Result<(), Box<dyn Error>> {
     let folder = made.folder.join("v11");
-    let shown = made.sets.iter().find(|set| set.spacing == SHOWN);
+    let shown = made.sets.iter().find(|set| set.spacing == SHOWN_SPACING);
     let set = shown.ok_or("no point set of the shown density")?;
     let solution = &made.solution;
     let truth = |x: Vec3, _: Vec3| {

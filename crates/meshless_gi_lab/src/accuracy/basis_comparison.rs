@@ -324,7 +324,7 @@ pub fn compare_bases(
         )?;
         if solved {
             let samples = match which {
-                Basis::Ours | Basis::OursTwice => {
+                Basis::FlatVector | Basis::CorrectedFlatVector => {
                     let scalars = set.build(Basis::Flat)?;
                     solve_in(scalars.as_ref(), &points, &known.scene)?
                 }

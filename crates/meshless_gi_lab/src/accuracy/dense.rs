@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Smallest pivot, relative to the largest, that is not attributed to rounding.
-const SMALLEST_PIVOT: f64 = 1e-14;
+const MIN_PIVOT: f64 = 1e-14;
 
 /// LU factorization of a square matrix.
 #[derive(Clone, Debug)]
@@ -37,7 +37,7 @@ impl Lu {
             let pivot = size(best);
             (min, max) = (min.min(pivot), max.max(pivot));
             // The negated comparison rejects NaN, too.
-            if !(pivot.is_finite() && pivot > SMALLEST_PIVOT * max) {
+            if !(pivot.is_finite() && pivot > MIN_PIVOT * max) {
                 return None;
             }
             rows.swap(k, best);

@@ -32,7 +32,7 @@ pub use ground_truth::{BOUNCES, Comparison, GroundTruth, GroundTruthError};
 pub use metrics::{Errors, errors, leak_ratio};
 pub use pareto::{interpolate_log, pareto_front};
 pub use penumbra::{
-    PENUMBRA, PenumbraSample, deficits_by_rays, penumbra_samples, shadow_errors,
+    PENUMBRA, PenumbraSample, occluded_irradiances_by_rays, penumbra_samples, shadow_errors,
     shadowed_irradiance,
 };
 pub use point_set::{Basis, PointSet};

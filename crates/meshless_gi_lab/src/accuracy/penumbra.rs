@@ -111,7 +111,7 @@ pub fn penumbra_samples(
 /// `known` points, which are complete levels, take shadow rays. The others take the mean of their
 /// parents.
 #[must_use]
-pub fn deficits_by_rays(
+pub fn occluded_irradiances_by_rays(
     scene: &BakedScene,
     mesh: &TriangleMesh,
     light: &SoftLight,

@@ -35,10 +35,10 @@ pub enum Basis {
     /// Flat display basis with a scalar per point.
     Flat,
     /// Flat display basis with a vector irradiance per point, as in the plugin.
-    Ours,
+    FlatVector,
     /// Flat display basis with vectors, and a second pass over the same samples. The pass corrects
     /// each point's value by the residual of the field there. The plugin does not have it.
-    OursTwice,
+    CorrectedFlatVector,
 }
 
 impl Basis {
@@ -51,8 +51,8 @@ impl Basis {
         Self::Lehtinen,
         Self::LehtinenLevels,
         Self::Flat,
-        Self::Ours,
-        Self::OursTwice,
+        Self::FlatVector,
+        Self::CorrectedFlatVector,
     ];
 
     /// Returns the display name.
@@ -66,8 +66,8 @@ impl Basis {
             Self::Lehtinen => "Lehtinen, 1 level",
             Self::LehtinenLevels => "Lehtinen, 3 levels",
             Self::Flat => "ours, scalars",
-            Self::Ours => "ours",
-            Self::OursTwice => "ours, second pass",
+            Self::FlatVector => "ours",
+            Self::CorrectedFlatVector => "ours, second pass",
         }
     }
 }
@@ -156,8 +156,8 @@ impl PointSet {
             Basis::Lehtinen => Box::new(MultilevelBasis(&self.single.levels)),
             Basis::LehtinenLevels => Box::new(MultilevelBasis(&self.levels.levels)),
             Basis::Flat => Box::new(DisplayBasis::new(self, false, false)),
-            Basis::Ours => Box::new(DisplayBasis::new(self, true, false)),
-            Basis::OursTwice => Box::new(DisplayBasis::new(self, true, true)),
+            Basis::FlatVector => Box::new(DisplayBasis::new(self, true, false)),
+            Basis::CorrectedFlatVector => Box::new(DisplayBasis::new(self, true, true)),
         })
     }
 
@@ -192,15 +192,15 @@ struct DisplayBasis<'a> {
     /// `true` if it has vectors instead of scalars.
     vectors: bool,
     /// `true` if the points' values are corrected by their residuals.
-    twice: bool,
+    is_corrected: bool,
 }
 
 impl<'a> DisplayBasis<'a> {
-    fn new(set: &'a PointSet, vectors: bool, twice: bool) -> Self {
+    fn new(set: &'a PointSet, vectors: bool, is_corrected: bool) -> Self {
         Self {
             set,
             vectors,
-            twice,
+            is_corrected,
         }
     }
 }
@@ -226,7 +226,7 @@ impl PointBasis for DisplayBasis<'_> {
             }
         };
         let mut values: Vec<VectorIrradiance> = samples.iter().map(value).collect();
-        if self.twice {
+        if self.is_corrected {
             let second = |(p, v): (&Point, &VectorIrradiance)| {
                 let mut moved = *v;
                 if let Some(there) = splat_vector(points, display, &values, p.x(), p.n()) {

@@ -35,7 +35,7 @@ use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Convergence threshold: change between two iterations, relative to the direct light.
-const STANDS: f64 = 1e-14;
+const CONVERGENCE_THRESHOLD: f64 = 1e-14;
 /// Maximum number of iterations. It is never reached, because the gain of two reflections is below
 /// one half.
 const MAX_ITERATIONS: usize = 1000;
@@ -243,12 +243,12 @@ impl SphereOverDisk {
     }
 
     /// Computes F at one azimuth, 1/m².
-    fn form_at(&self, latitude: f64, u: f64, azimuth: f64) -> f64 {
+    fn form_factor(&self, latitude: f64, u: f64, azimuth: f64) -> f64 {
         let (sine, cosine) = latitude.sin_cos();
         let p = DVec3::new(self.radius * cosine, self.height + self.radius * sine, 0.0);
-        let way = DVec3::new(u * azimuth.cos(), 0.0, u * azimuth.sin()) - p;
-        let facing = way.dot(DVec3::new(cosine, sine, 0.0)).max(0.0);
-        facing * p.y / (PI * way.length_squared().powi(2))
+        let to_disk = DVec3::new(u * azimuth.cos(), 0.0, u * azimuth.sin()) - p;
+        let facing = to_disk.dot(DVec3::new(cosine, sine, 0.0)).max(0.0);
+        facing * p.y / (PI * to_disk.length_squared().powi(2))
     }
 
     /// Solves the equations with `cells` latitudes and about as many radii.
@@ -261,11 +261,11 @@ impl SphereOverDisk {
         check_cells(cells)?;
         // With an even number, a cell ends at the equator, where B* has its kink.
         let cells = cells.next_multiple_of(2);
-        let latitudes = middles(-FRAC_PI_2, FRAC_PI_2, cells);
+        let latitudes = cell_centers(-FRAC_PI_2, FRAC_PI_2, cells);
         let dark = (cells as f64 * self.radius / self.disk).ceil() as usize;
         let dark = dark.clamp(1, cells - 1);
-        let mut radii = middles(0.0, self.radius, dark);
-        radii.extend(middles(self.radius, self.disk, cells - dark));
+        let mut radii = cell_centers(0.0, self.radius, dark);
+        radii.extend(cell_centers(self.radius, self.disk, cells - dark));
         let bands: Vec<f64> = latitudes
             .iter()
             .map(|z| self.radius * self.radius * z.cos() * PI / cells as f64)
@@ -300,9 +300,9 @@ impl SphereOverDisk {
     pub fn solve_sums(&self, n: usize) -> Result<Solution, SphereOverDiskError> {
         self.check()?;
         check_cells(n)?;
-        let latitudes = middles(-FRAC_PI_2, FRAC_PI_2, n);
-        let radii = middles(0.0, self.disk, n);
-        let azimuths = middles(0.0, TAU, n);
+        let latitudes = cell_centers(-FRAC_PI_2, FRAC_PI_2, n);
+        let radii = cell_centers(0.0, self.disk, n);
+        let azimuths = cell_centers(0.0, TAU, n);
         let part = 1.0 / n as f64;
         let bands: Vec<f64> = latitudes
             .iter()
@@ -310,7 +310,12 @@ impl SphereOverDisk {
             .collect();
         let rings: Vec<f64> = radii.iter().map(|u| u * self.disk * part).collect();
         let form = rows(&latitudes, |z| {
-            let sum = |&u: &f64| azimuths.iter().map(|&t| self.form_at(z, u, t)).sum::<f64>();
+            let sum = |&u: &f64| {
+                azimuths
+                    .iter()
+                    .map(|&t| self.form_factor(z, u, t))
+                    .sum::<f64>()
+            };
             radii.iter().map(|u| sum(u) * TAU * part).collect()
         });
         Ok(self.iterate(latitudes, radii, &form, &bands, &rings))
@@ -355,7 +360,7 @@ impl SphereOverDisk {
             };
             let max = change(&b, &next_b).max(change(&d, &next_d));
             (b, d) = (next_b, next_d);
-            if max <= STANDS * self.albedo * self.light {
+            if max <= CONVERGENCE_THRESHOLD * self.albedo * self.light {
                 break;
             }
         }
@@ -380,7 +385,7 @@ fn check_cells(cells: usize) -> Result<(), SphereOverDiskError> {
 }
 
 /// Returns the centers of `count` equal cells.
-fn middles(from: f64, to: f64, count: usize) -> Vec<f64> {
+fn cell_centers(from: f64, to: f64, count: usize) -> Vec<f64> {
     // The product comes first: the thirteenth of a hundred radii up to 40 is exactly 5, and
     // rounding does not move it off the shadow's edge.
     let at = |k: usize| from + (k as f64 + 0.5) * (to - from) / count as f64;

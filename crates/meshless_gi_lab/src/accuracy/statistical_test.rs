@@ -16,7 +16,7 @@
 use glam::Vec3;
 
 /// Relative standard error above which positions are summed.
-const COARSE: f64 = 0.1;
+const MAX_RELATIVE_ERROR: f64 = 0.1;
 
 /// Values with their standard errors, of equal length.
 #[derive(Clone, Copy, Debug)]
@@ -45,14 +45,14 @@ pub struct TestStatistics {
     pub at: usize,
 }
 
-/// Compares two estimates. `known` is a relative difference that is tolerated in addition to noise,
+/// Compares two estimates. `tolerance` is a relative difference that is tolerated in addition to noise,
 /// such as rounding or ray offsets above the surface. Each difference is first reduced by this
 /// fraction of the larger value.
 ///
 /// # Panics
 /// Panics if lists differ in length.
 #[must_use]
-pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStatistics {
+pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, tolerance: f64) -> TestStatistics {
     assert!(
         [a.errors.len(), b.values.len(), b.errors.len()] == [a.values.len(); 3],
         "lists of one length"
@@ -74,7 +74,7 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
         let count = pairs.len() as f64;
         let (mut sum, mut square, mut largest) = (0.0, 0.0, 0.0f64);
         for pair in &pairs {
-            let z = pair.standardised(known);
+            let z = pair.z_score(tolerance);
             sum += z;
             square += z * z;
             largest = largest.max(z.abs());
@@ -93,7 +93,7 @@ pub fn test_equality(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStat
         let any = -f64::exp_m1(count * f64::ln_1p(-two_sided(largest).min(1.0 - f64::EPSILON)));
         min = min
             .min(any)
-            .min(above_chi_square(square, count))
+            .min(chi_square_tail(square, count))
             .min(two_sided(sum / count.sqrt()));
     }
     out.p = (9.0 * min).min(1.0);
@@ -123,8 +123,8 @@ impl Pair {
 
     /// Returns `true` if both values have a standard error of at most 0.1 of the larger one. Also
     /// returns `true` if both are exact, and for NaN, which is not summed.
-    fn is_fine(&self) -> bool {
-        let max = COARSE * self.size();
+    fn is_precise(&self) -> bool {
+        let max = MAX_RELATIVE_ERROR * self.size();
         let exact = self.variances == [0.0; 2];
         exact || !self.variances.iter().any(|v| v.sqrt() > max) && !self.lacks_light()
     }
@@ -136,9 +136,9 @@ impl Pair {
 
     /// Returns z. 0 if the values are equal within the tolerance. Infinite if they differ without
     /// noise or are invalid.
-    fn standardised(&self, known: f64) -> f64 {
+    fn z_score(&self, tolerance: f64) -> f64 {
         let off = self.values[0] - self.values[1];
-        let beyond = off.abs() - known * self.size();
+        let beyond = off.abs() - tolerance * self.size();
         let sigma = (self.variances[0] + self.variances[1]).sqrt();
         if !beyond.is_finite() || !sigma.is_finite() {
             f64::INFINITY
@@ -160,12 +160,12 @@ fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
             variances: [a, b].map(|e| f64::from(e.errors[at][c]).powi(2)),
             at,
         };
-        if pair.is_fine() {
+        if pair.is_precise() {
             out.push(pair);
             continue;
         }
         let sum = open.map_or(pair, |sum| sum.plus(pair));
-        if sum.is_fine() {
+        if sum.is_precise() {
             summed = Some(out.len());
             out.push(sum);
             open = None;
@@ -189,7 +189,7 @@ fn two_sided(z: f64) -> f64 {
 
 /// Returns the probability of χ² above `x` with `k` degrees of freedom, by the cube root that makes
 /// it approximately normal (\[WH31\]).
-fn above_chi_square(x: f64, k: f64) -> f64 {
+fn chi_square_tail(x: f64, k: f64) -> f64 {
     let v = 2.0 / (9.0 * k);
     let z = ((x / k).cbrt() - (1.0 - v)) / v.sqrt();
     0.5 * libm::erfc(z * core::f64::consts::FRAC_1_SQRT_2)
@@ -211,7 +211,7 @@ mod tests {
             (149.449, 100.0, 0.001),
             (1074.679, 1000.0, 0.05),
         ] {
-            assert!((above_chi_square(x, k) / p - 1.0).abs() < 0.02, "{x} {k}");
+            assert!((chi_square_tail(x, k) / p - 1.0).abs() < 0.02, "{x} {k}");
         }
     }
 

@@ -6,19 +6,19 @@ use super::render::srgb8;
 use glam::Vec3;
 
 /// Mean of the reference in an image, over pixels and channels, after its exposure.
-const MEAN: f64 = 0.2;
+const MEAN_BRIGHTNESS: f64 = 0.2;
 /// Difference of an 8-bit sRGB channel above which a pixel is visibly wrong.
-const VISIBLE: u8 = 24;
+const MAX_INVISIBLE_DIFFERENCE: u8 = 24;
 /// Fraction of the positions that are left out of [`VisibleErrors::nrmse_without_worst`].
-const WORST: f64 = 0.005;
+const EXCLUDED_FRACTION: f64 = 0.005;
 /// Irradiance of a dark position, relative to the RMS of the reference.
-const DARK: f64 = 0.01;
+const DARK_THRESHOLD: f64 = 0.01;
 /// Irradiance that a dark position may get, relative to the RMS of the reference.
-const DARK_LIMIT: f64 = 0.05;
+const MAX_DARK_IRRADIANCE: f64 = 0.05;
 /// Tolerance above the limit of a dark position, in standard errors of the reference.
 const SIGMAS: f64 = 3.0;
 /// Length of [`VisibleErrors::worst`].
-const LISTED: usize = 10;
+const WORST_COUNT: usize = 10;
 
 /// Errors at the pixels of a view or at other positions.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -58,10 +58,10 @@ pub fn visible_errors(
     if sum <= 0.0 {
         return VisibleErrors::default();
     }
-    let exposure = (MEAN * 3.0 * reference.len() as f64 / sum) as f32;
+    let exposure = (MEAN_BRIGHTNESS * 3.0 * reference.len() as f64 / sum) as f32;
     let is_wrong = |i: &usize| {
         let [a, b] = [values[*i], reference[*i]].map(|v| srgb8(exposure * v));
-        (0..3).any(|c| a[c].abs_diff(b[c]) > VISIBLE)
+        (0..3).any(|c| a[c].abs_diff(b[c]) > MAX_INVISIBLE_DIFFERENCE)
     };
     let wrong = (0..values.len()).filter(is_wrong).count();
     let mut order: Vec<usize> = (0..values.len()).collect();
@@ -70,7 +70,7 @@ pub fn visible_errors(
         square => square,
     };
     order.sort_by(|&a, &b| square(b).total_cmp(&square(a)).then(a.cmp(&b)));
-    let kept = &order[(WORST * order.len() as f64) as usize..];
+    let kept = &order[(EXCLUDED_FRACTION * order.len() as f64) as usize..];
     let of = |list: &[Vec3]| -> Vec<Vec3> { kept.iter().map(|&i| list[i]).collect() };
     let without = errors(&of(values), &of(reference), &of(standard_errors));
     let power: f64 = reference
@@ -79,9 +79,9 @@ pub fn visible_errors(
         .sum();
     let rms = (power / (3 * reference.len()) as f64).sqrt();
     let largest = |v: Vec3| f64::from(v.max_element());
-    let is_dark = |i: &usize| largest(reference[*i]) < DARK * rms;
+    let is_dark = |i: &usize| largest(reference[*i]) < DARK_THRESHOLD * rms;
     let is_lit = |i: &usize| {
-        let limit = DARK_LIMIT * rms + SIGMAS * largest(standard_errors[*i]);
+        let limit = MAX_DARK_IRRADIANCE * rms + SIGMAS * largest(standard_errors[*i]);
         values[*i].is_nan() || largest(values[*i]) > limit
     };
     let dark: Vec<usize> = (0..values.len()).filter(is_dark).collect();
@@ -92,7 +92,7 @@ pub fn visible_errors(
         p99: all.p99,
         dark_count: dark.len(),
         dark_wrong: dark.iter().filter(|i| is_lit(i)).count(),
-        worst: order.into_iter().take(LISTED).collect(),
+        worst: order.into_iter().take(WORST_COUNT).collect(),
     }
 }
 
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(found.wrong_fraction, 0.0);
         assert_eq!((found.nrmse, found.nrmse_without_worst), (0.0, 0.0));
         assert_eq!((found.dark_count, found.dark_wrong), (0, 0));
-        assert_eq!(found.worst.len(), LISTED);
+        assert_eq!(found.worst.len(), WORST_COUNT);
     }
 
     #[test]

@@ -5,13 +5,13 @@ use crate::accuracy::Image;
 use glam::Vec3;
 
 /// Mean of the reference in an image, over pixels and channels.
-const MEAN: f32 = 0.2;
+const MEAN_BRIGHTNESS: f32 = 0.2;
 /// Magnification of differences.
-const GAIN: f32 = 3.0;
+const DIFFERENCE_SCALE: f32 = 3.0;
 /// Brightness of pixels without difference.
 const GRAY: f32 = 0.2;
 /// Brightness of pixels without a surface.
-const EMPTY: f32 = 0.02;
+const BACKGROUND_BRIGHTNESS: f32 = 0.02;
 
 /// Returns the exposure at which the reference has the mean brightness of images. Returns 0 without
 /// light.
@@ -19,7 +19,11 @@ const EMPTY: f32 = 0.02;
 pub fn exposure(points: &[ReferencePoint]) -> f32 {
     let sum: f32 = points.iter().map(|p| p.irradiance.element_sum()).sum();
     let count = 3.0 * points.len() as f32;
-    if sum > 0.0 { MEAN * count / sum } else { 0.0 }
+    if sum > 0.0 {
+        MEAN_BRIGHTNESS * count / sum
+    } else {
+        0.0
+    }
 }
 
 /// Images of one view side by side.
@@ -40,7 +44,7 @@ impl Strip {
         let scale = exposure(points);
         let values = points.iter().map(|p| scale * p.irradiance);
         let top = strip.image(points, values);
-        let bottom = vec![Vec3::splat(EMPTY); top.len()];
+        let bottom = vec![Vec3::splat(BACKGROUND_BRIGHTNESS); top.len()];
         strip.columns.push([top, bottom]);
         strip
     }
@@ -51,15 +55,15 @@ impl Strip {
         let scale = exposure(points);
         let top = self.image(points, values.iter().map(|v| scale * *v));
         let differences = points.iter().zip(values);
-        let bottom =
-            differences.map(|(p, v)| Vec3::splat(GRAY) + GAIN * scale * (*v - p.irradiance));
+        let bottom = differences
+            .map(|(p, v)| Vec3::splat(GRAY) + DIFFERENCE_SCALE * scale * (*v - p.irradiance));
         let bottom = self.image(points, bottom);
         self.columns.push([top, bottom]);
     }
 
     fn image(&self, points: &[ReferencePoint], values: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
         let [width, height] = self.view;
-        let mut pixels = vec![Vec3::splat(EMPTY); width as usize * height as usize];
+        let mut pixels = vec![Vec3::splat(BACKGROUND_BRIGHTNESS); width as usize * height as usize];
         for (point, value) in points.iter().zip(values) {
             if let Some(pixel) = pixels.get_mut(point.pixel as usize) {
                 *pixel = value;

@@ -13,18 +13,18 @@ use meshless_gi::{Geometry, Light, Ray, ReferenceSettings, irradiance};
 use rayon::prelude::*;
 
 /// Vertical angle of view, radians.
-const ANGLE: f32 = 1.0;
+const VERTICAL_FOV: f32 = 1.0;
 /// Number of paths that search for a view from a surface point, and of their vertices.
-const WALKS: [u32; 2] = [16, 8];
+const SEARCH_PATHS: [u32; 2] = [16, 8];
 /// Number of paths of the pilot.
-const PILOT: u32 = 64;
+const PILOT_PATHS: u32 = 64;
 /// Number of independent estimates whose mean is the reference. Their spread is its standard error.
 /// The standard error of single paths is too large, because lattices stratify them.
 const ESTIMATES: u32 = 8;
 /// Target standard error, relative to the irradiance. It determines the number of paths.
 const TOLERANCE: f32 = 0.05;
 /// Irradiance below which the tolerance is constant, relative to the mean of all points.
-const DIM: f32 = 0.1;
+const MIN_RELATIVE_IRRADIANCE: f32 = 0.1;
 /// Seed of surface points and of the reference.
 const SEED: u64 = 0x7669_6577;
 
@@ -66,7 +66,7 @@ pub fn view_reference(
         eye,
         target,
         up: Vec3::Y,
-        vertical_angle: ANGLE,
+        vertical_angle: VERTICAL_FOV,
     };
     let [width, height] = size.view;
     let resolution = Vec2::new(width as f32, height as f32);
@@ -132,14 +132,14 @@ pub fn surface_reference(scene: &TestScene, size: &ViewReferenceSize) -> Vec<Ref
 /// Returns `true` if a path from surface point (x, n) reaches the position of a view.
 fn is_reached(scene: &TestScene, x: Vec3, n: Vec3, stream: u64) -> bool {
     let mesh = &scene.mesh;
-    let [walks, steps] = WALKS;
+    let [walks, steps] = SEARCH_PATHS;
     (0..walks).any(|walk| {
         let mut random = Random::new(SEED ^ 1, stream, u64::from(walk));
         let (mut position, mut normal) = (x + n * mesh.ray_offset(x), n);
         for _ in 0..steps {
-            let sees =
+            let is_visible =
                 |eye: Vec3| (eye - position).dot(normal) > 0.0 && !mesh.occluded(position, eye);
-            if scene.views.iter().any(|&(eye, _)| sees(eye)) {
+            if scene.views.iter().any(|&(eye, _)| is_visible(eye)) {
                 return true;
             }
             let (t, b) = tangents(normal);
@@ -195,13 +195,16 @@ fn with_reference(
         }
     };
     let points = points.par_iter().enumerate();
-    let pilot: Vec<ReferencePoint> = points.clone().map(|p| of(p, PILOT, SEED ^ 4)).collect();
+    let pilot: Vec<ReferencePoint> = points
+        .clone()
+        .map(|p| of(p, PILOT_PATHS, SEED ^ 4))
+        .collect();
     let sum: f32 = pilot.iter().map(|p| p.irradiance.max_element()).sum();
-    let floor = DIM * sum / pilot.len().max(1) as f32;
+    let floor = MIN_RELATIVE_IRRADIANCE * sum / pilot.len().max(1) as f32;
     // Square root of the number of paths that the tolerance requires.
     let needed = |p: &ReferencePoint| {
         let tolerance = TOLERANCE * p.irradiance.max_element().max(floor);
-        let noise = p.standard_error.max_element() * (PILOT as f32).sqrt();
+        let noise = p.standard_error.max_element() * (PILOT_PATHS as f32).sqrt();
         if tolerance > 0.0 {
             noise / tolerance
         } else {

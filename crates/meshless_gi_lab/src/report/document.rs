@@ -1,8 +1,8 @@
 //! Reports on several scenes as one document. It starts with results that hold for all of them.
 
 use super::charts::Figure;
-use super::format::{cell, error, how, megabytes, short, whole};
-use super::markdown::{WANTED, cheapest, section};
+use super::format::{cell, error, megabytes, recipe_label, short, whole};
+use super::markdown::{ERROR_LIMITS, cheapest, section};
 use super::measure::Row;
 use super::rules::{Ratio, comparable, compare};
 use super::sweep::Report;
@@ -55,7 +55,7 @@ pub fn document(parts: &[SceneSection], command: &str) -> String {
 /// Returns the rows of a variant that all scenes have. It can be recommended for scenes outside of
 /// the document.
 fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>> {
-    let same = |row: &&Row| how(row) == how(like) && comparable(row);
+    let same = |row: &&Row| recipe_label(row) == recipe_label(like) && comparable(row);
     parts
         .iter()
         .map(|p| p.report.rows.iter().find(same))
@@ -84,7 +84,7 @@ fn advice(parts: &[SceneSection]) -> String {
             })
             .filter(|r| r.settings.factor != Factor::Density)
             .filter_map(|r| everywhere(parts, r))
-            .filter(|rows| rows.iter().all(|r| r.sure_error() <= max))
+            .filter(|rows| rows.iter().all(|r| r.error_or_bound() <= max))
             .map(|rows| {
                 let bases = parts.iter().map(|p| p.report.rows[0].frame_ms);
                 let cost: f64 = rows.iter().zip(bases).map(|(r, b)| r.frame_ms / b).sum();
@@ -98,7 +98,7 @@ fn advice(parts: &[SceneSection]) -> String {
                  Of all recipes below this error in all scenes here ({}) it has the fastest frame:\n\n\
                  {}",
                 whole(max),
-                how(rows[0]),
+                recipe_label(rows[0]),
                 names.join(", "),
                 rows.iter()
                     .zip(&names)
@@ -133,7 +133,7 @@ fn advice(parts: &[SceneSection]) -> String {
             .join(" | "),
         "---|".repeat(parts.len())
     );
-    for max in WANTED {
+    for max in ERROR_LIMITS {
         let _ = write!(out, "| {} |", whole(max));
         for part in parts {
             let _ = match cheapest(&part.report.rows, max, |r| r.frame_ms) {

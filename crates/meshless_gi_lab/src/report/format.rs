@@ -29,7 +29,7 @@ pub fn error(row: &Row) -> String {
 }
 
 /// Returns the options that select a row.
-pub fn how(row: &Row) -> String {
+pub fn recipe_label(row: &Row) -> String {
     match row.settings.factor {
         Factor::Tier => format!("`{}` at tier {}", row.settings.recipe, row.settings.tier),
         _ => format!("`{}`", row.settings.recipe),

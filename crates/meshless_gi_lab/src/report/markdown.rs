@@ -2,10 +2,10 @@
 //! methods, and all rows.
 
 use super::charts::Figure;
-use super::format::{cell, count, error, how, megabytes, percent, short, whole};
+use super::format::{cell, count, error, megabytes, percent, recipe_label, short, whole};
 use super::measure::Row;
-use super::octree::beside_octree;
-use super::rules::{Compared, Ratio, comparable, compare, compare_with};
+use super::octree::fmm_comparison;
+use super::rules::{MethodComparison, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
 use super::tables::{known, table};
 use super::variant::{BOUNCES, Factor};
@@ -13,7 +13,7 @@ use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
 /// Error limits with a recommended choice.
-pub const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
+pub const ERROR_LIMITS: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
 /// Goals of the default method relative to `l08`: links at equal error, and error at equal links.
 const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
@@ -25,15 +25,15 @@ pub fn cheapest(rows: &[Row], max: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
 
 fn cheapest_of(
     rows: &[Row],
-    rule: TransportMethod,
+    method: TransportMethod,
     max: f64,
     cost: fn(&Row) -> f64,
 ) -> Option<&Row> {
     rows.iter()
         .filter(|r| {
             comparable(r)
-                && r.settings.baked.transport.is_same_method(&rule)
-                && r.sure_error() <= max
+                && r.settings.baked.transport.is_same_method(&method)
+                && r.error_or_bound() <= max
         })
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
@@ -73,7 +73,7 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
          {}",
         rules(&compare(&report.rows))
     );
-    let bases = beside_bases(&report.rows);
+    let bases = pca_comparison(&report.rows);
     if !bases.is_empty() {
         let _ = write!(
             out,
@@ -81,7 +81,7 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
              {bases}"
         );
     }
-    let octree = beside_octree(&report.rows);
+    let octree = fmm_comparison(&report.rows);
     if !octree.is_empty() {
         let _ = write!(
             out,
@@ -118,14 +118,14 @@ pub fn choice(rows: &[Row]) -> String {
                     .transport
                     .is_same_method(&TransportMethod::Bounded)
         })
-        .min_by(|a, b| a.sure_error().total_cmp(&b.sure_error()));
+        .min_by(|a, b| a.error_or_bound().total_cmp(&b.error_or_bound()));
     let Some(best) = best else {
         return "Nothing was measured.\n".into();
     };
     let summary = |r: &Row| {
         format!(
             "{}, bake {} s, file {}, frame {} ms on the CPU, error {} ± {}",
-            how(r),
+            recipe_label(r),
             short(r.bake_seconds),
             megabytes(r.bytes),
             short(r.frame_ms),
@@ -175,7 +175,7 @@ pub fn choice(rows: &[Row]) -> String {
          | error at most | shortest bake | smallest file | fastest frame |\n\
          |---|---|---|---|"
     );
-    for max in WANTED {
+    for max in ERROR_LIMITS {
         let cost = |cost: fn(&Row) -> f64, show: fn(&Row) -> String| match cheapest(rows, max, cost)
         {
             Some(r) => format!("{}: {} ({})", r.settings.name, show(r), percent(r.nrmse)),
@@ -323,7 +323,7 @@ fn ratio(r: Ratio) -> String {
 }
 
 /// Returns both ratios at each position of the front of `l08`, and the result for the goals.
-fn rules(compared: &[Compared]) -> String {
+fn rules(compared: &[MethodComparison]) -> String {
     if compared.is_empty() {
         return "The method `l08` was not measured.\n".into();
     }
@@ -346,7 +346,7 @@ fn rules(compared: &[Compared]) -> String {
         );
     }
     out.push('\n');
-    let mut verdict = |what: &str, goal: f64, word: &str, of: fn(&Compared) -> Ratio| {
+    let mut verdict = |what: &str, goal: f64, word: &str, of: fn(&MethodComparison) -> Ratio| {
         let found: Vec<f64> = compared.iter().filter_map(|c| of(c).value()).collect();
         let worst = found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let best = found.iter().copied().fold(f64::INFINITY, f64::min);
@@ -375,7 +375,7 @@ fn rules(compared: &[Compared]) -> String {
 /// Returns the comparison of the method `pca` with links to senders, and a recommendation. Empty if
 /// that method was not measured.
 #[must_use]
-pub fn beside_bases(rows: &[Row]) -> String {
+pub fn pca_comparison(rows: &[Row]) -> String {
     let compared = compare_with(rows, TransportMethod::pca());
     if compared.is_empty() {
         return String::new();
@@ -401,10 +401,10 @@ pub fn beside_bases(rows: &[Row]) -> String {
             ratio(c.error_ratio)
         );
     }
-    let min = |rule: TransportMethod| {
+    let min = |method: TransportMethod| {
         let errors = rows
             .iter()
-            .filter(|r| comparable(r) && r.settings.baked.transport.is_same_method(&rule));
+            .filter(|r| comparable(r) && r.settings.baked.transport.is_same_method(&method));
         errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
     };
     let (ours, theirs) = (min(TransportMethod::Bounded), min(TransportMethod::pca()));

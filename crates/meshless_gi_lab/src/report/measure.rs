@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 /// Maximum number of frames of which the median time is taken.
 const FRAMES: usize = 9;
 /// Time after which no more frames are measured. At least three are measured.
-const LONG_ENOUGH: Duration = Duration::from_secs(2);
+const MEASUREMENT_TIME: Duration = Duration::from_secs(2);
 /// Number of positions in the measurement of the display time.
-const DISPLAYED: usize = 20_000;
+const SPLAT_POSITIONS: usize = 20_000;
 
 /// Baked and measured configuration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -77,12 +77,12 @@ pub struct Row {
     pub link_error: f64,
     /// Comparisons with another program's ground truth, for presets only. Empty if there is none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub known: Vec<Beside>,
+    pub known: Vec<ExternalComparison>,
 }
 
 /// Errors against another program's ground truth with the same number of reflections.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Beside {
+pub struct ExternalComparison {
     /// Name of the lights.
     pub name: String,
     /// [`Row::nrmse`] against this ground truth.
@@ -135,7 +135,7 @@ impl<'a> Measured<'a> {
             interval,
             all,
             uncovered,
-        } = test_set.grade(self.scene, &settings);
+        } = test_set.score(self.scene, &settings);
         let info = &self.scene.info();
         let tier = variant.run.tier.clamp(1, info.tiers.len().max(1) as u32);
         let used = info.tiers.get(tier as usize - 1).copied();
@@ -173,7 +173,7 @@ impl<'a> Measured<'a> {
 
     /// Compares the bake with the external reference `known` of its scene.
     #[must_use]
-    pub fn compare(&self, mesh: &TriangleMesh, known: &ExternalReference) -> Beside {
+    pub fn compare(&self, mesh: &TriangleMesh, known: &ExternalReference) -> ExternalComparison {
         let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));
         let evaluator = Evaluator::new(
             self.scene,
@@ -182,7 +182,7 @@ impl<'a> Measured<'a> {
             Bounces::Count(BOUNCES),
         );
         let found = known.truth.compare(&evaluator, k.unwrap_or(0)).indirect;
-        Beside {
+        ExternalComparison {
             name: known.name.clone(),
             nrmse: found.nrmse,
             bias: found.bias,
@@ -194,7 +194,7 @@ impl<'a> Measured<'a> {
 impl Row {
     /// Returns the error, or its upper bound if it is below the confidence interval.
     #[must_use]
-    pub fn sure_error(&self) -> f64 {
+    pub fn error_or_bound(&self) -> f64 {
         self.nrmse.max(self.nrmse_interval)
     }
 
@@ -248,7 +248,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, test_set: &TestSet) ->
     let began = Instant::now();
     // The first frame allocates and is not counted.
     for k in 0..=FRAMES {
-        if times.len() >= 3 && began.elapsed() > LONG_ENOUGH {
+        if times.len() >= 3 && began.elapsed() > MEASUREMENT_TIME {
             break;
         }
         let position = position + Vec3::splat(step * k as f32);
@@ -267,7 +267,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, test_set: &TestSet) ->
 fn splat_ms_per_1000(scene: &BakedScene, test_set: &TestSet) -> f64 {
     let positions: Vec<_> = test_set.positions().collect();
     let frame = CpuFrame::new(scene);
-    let rounds = DISPLAYED.div_ceil(positions.len().max(1));
+    let rounds = SPLAT_POSITIONS.div_ceil(positions.len().max(1));
     let mut times: Vec<f64> = (0..rounds)
         .map(|_| {
             let start = Instant::now();

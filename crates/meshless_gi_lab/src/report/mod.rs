@@ -21,10 +21,10 @@ mod variant;
 
 pub use charts::{Figure, figures};
 pub use document::{SceneSection, document};
-pub use markdown::{beside_bases, choice, section, text};
-pub use measure::{Beside, Row, RowSettings};
-pub use octree::beside_octree;
-pub use rules::{Compared, Ratio, compare};
-pub use sweep::{Choose, ExternalReference, Report, ReportError, Step, Sweep, sweep};
+pub use markdown::{choice, pca_comparison, section, text};
+pub use measure::{ExternalComparison, Row, RowSettings};
+pub use octree::fmm_comparison;
+pub use rules::{MethodComparison, Ratio, compare};
+pub use sweep::{ExternalReference, Report, ReportError, Step, Sweep, VariantFn, sweep};
 pub use test_set::{TestScore, TestSet, TestSetSize};
 pub use variant::{BOUNCES, Factor, Run, Variant, baseline, full, quick};

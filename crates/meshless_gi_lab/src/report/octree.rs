@@ -7,11 +7,11 @@ use super::rules::comparable;
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
-/// Returns the lowest cost among the bakes by `rule` with at most this error.
-fn min(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
+/// Returns the lowest cost among the bakes by `method` with at most this error.
+fn min(rows: &[Row], method: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
         comparable(r)
-            && r.settings.baked.transport.is_same_method(&rule)
+            && r.settings.baked.transport.is_same_method(&method)
             && r.nrmse <= error
             && r.nrmse.is_finite()
     });
@@ -21,7 +21,7 @@ fn min(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -
 /// Returns the comparison of `fmm` with `bounded`, and a recommendation. Empty if `fmm` was not
 /// measured.
 #[must_use]
-pub fn beside_octree(rows: &[Row]) -> String {
+pub fn fmm_comparison(rows: &[Row]) -> String {
     let mut ours: Vec<&Row> = rows
         .iter()
         .filter(|r| {
@@ -65,7 +65,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
             other(theirs[2], short),
         );
     }
-    let best = |rule: TransportMethod| min(rows, rule, f64::INFINITY, |r| r.nrmse);
+    let best = |method: TransportMethod| min(rows, method, f64::INFINITY, |r| r.nrmse);
     let reached = |v: Option<f64>| v.map_or("none".into(), percent);
     let [file, bake, frame] = cheaper;
     let (octree, linked) = (best(TransportMethod::fmm()), best(TransportMethod::Bounded));

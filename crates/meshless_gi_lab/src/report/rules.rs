@@ -31,7 +31,7 @@ impl Ratio {
 
 /// Comparison of two methods at one position of the other method's front.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Compared {
+pub struct MethodComparison {
     /// Row of the bake by the other method.
     pub row: usize,
     /// Name of the row.
@@ -49,18 +49,20 @@ pub struct Compared {
 /// Returns the Pareto front of a method over comparable rows: row index, links and error, ordered
 /// by links.
 #[must_use]
-pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
-    let of_rule: Vec<usize> = (0..rows.len())
-        .filter(|&i| rows[i].settings.baked.transport.is_same_method(&rule) && comparable(&rows[i]))
+pub fn front(rows: &[Row], method: TransportMethod) -> Vec<(usize, f64, f64)> {
+    let of_method: Vec<usize> = (0..rows.len())
+        .filter(|&i| {
+            rows[i].settings.baked.transport.is_same_method(&method) && comparable(&rows[i])
+        })
         .filter(|&i| rows[i].links > 0 && rows[i].nrmse > 0.0)
         .collect();
-    let positions: Vec<(f64, f64)> = of_rule
+    let positions: Vec<(f64, f64)> = of_method
         .iter()
         .map(|&i| (rows[i].links as f64, rows[i].nrmse))
         .collect();
     pareto_front(&positions)
         .into_iter()
-        .map(|k| (of_rule[k], positions[k].0, positions[k].1))
+        .map(|k| (of_method[k], positions[k].0, positions[k].1))
         .collect()
 }
 
@@ -74,21 +76,21 @@ pub fn comparable(row: &Row) -> bool {
 /// Compares the default method with `l08` at each position of the front of `l08`, fewest links
 /// first.
 #[must_use]
-pub fn compare(rows: &[Row]) -> Vec<Compared> {
+pub fn compare(rows: &[Row]) -> Vec<MethodComparison> {
     compare_with(rows, TransportMethod::L08)
 }
 
-/// Compares the default method with `rule` at each position of its front, fewest links first.
+/// Compares the default method with `method` at each position of its front, fewest links first.
 #[must_use]
-pub fn compare_with(rows: &[Row], rule: TransportMethod) -> Vec<Compared> {
+pub fn compare_with(rows: &[Row], method: TransportMethod) -> Vec<MethodComparison> {
     let ours: Vec<(f64, f64)> = front(rows, TransportMethod::Bounded)
         .into_iter()
         .map(|(_, links, error)| (links, error))
         .collect();
     let by_error: Vec<(f64, f64)> = ours.iter().rev().map(|&(l, e)| (e, l)).collect();
-    front(rows, rule)
+    front(rows, method)
         .into_iter()
-        .map(|(i, links, error)| Compared {
+        .map(|(i, links, error)| MethodComparison {
             row: i,
             name: rows[i].settings.name.clone(),
             links,

@@ -13,7 +13,7 @@ use meshless_gi::{
 use std::time::{Duration, Instant};
 
 /// Function that returns the variants for the settings of the baseline.
-pub type Choose = fn(&BakeSettings) -> Vec<Variant>;
+pub type VariantFn = fn(&BakeSettings) -> Vec<Variant>;
 
 /// Extent of a report.
 #[derive(Clone, Debug)]
@@ -23,7 +23,7 @@ pub struct Sweep {
     /// Baseline. It is baked first, and all other variants derive from it.
     pub baseline: Variant,
     /// Further variants, most important first.
-    pub choose: Choose,
+    pub create_variants: VariantFn,
     /// Time limit. A bake starts only if it will probably end within this time from the start of
     /// the sweep.
     pub limit: Duration,
@@ -46,7 +46,7 @@ impl Sweep {
                 paths: 4096,
             },
             baseline: variant::baseline(),
-            choose: variant::quick,
+            create_variants: variant::quick,
             limit: Duration::from_mins(10),
             known: Vec::new(),
             viewpoints: Vec::new(),
@@ -63,7 +63,7 @@ impl Sweep {
                 positions: 250,
                 paths: 16_384,
             },
-            choose: variant::full,
+            create_variants: variant::full,
             limit: Duration::from_mins(25),
             ..Self::quick()
         }
@@ -89,7 +89,7 @@ pub enum ReportError {
     #[error(
         "no light reaches a surface: the scene is empty, or its free space was not found; check the geometry or set `viewpoints`"
     )]
-    Dark,
+    NoLight,
     /// Failed bake.
     #[error("{name}: {source}")]
     Bake {
@@ -175,7 +175,7 @@ impl Last {
     }
 }
 
-/// Sweeps `mesh`. `watch` is called before each step, with the progress of its bake.
+/// Sweeps `mesh`. `on_step` is called before each step, with the progress of its bake.
 ///
 /// # Errors
 /// See [`ReportError`].
@@ -183,29 +183,29 @@ pub fn sweep(
     mesh: &TriangleMesh,
     sweep: &Sweep,
     progress: &Progress,
-    watch: &(dyn Fn(&Step) + Sync),
+    on_step: &(dyn Fn(&Step) + Sync),
 ) -> Result<Report, ReportError> {
     // One thread pool for all measurements. Bakes start the same number of threads of their own.
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(sweep.threads)
         .build()
         .map_err(|e| ReportError::Threads(e.to_string()))?;
-    pool.install(|| run(mesh, sweep, progress, watch))
+    pool.install(|| run(mesh, sweep, progress, on_step))
 }
 
 fn run(
     mesh: &TriangleMesh,
     sweep: &Sweep,
     progress: &Progress,
-    watch: &(dyn Fn(&Step) + Sync),
+    on_step: &(dyn Fn(&Step) + Sync),
 ) -> Result<Report, ReportError> {
     let began = Instant::now();
-    let tell = |done: usize, steps: usize, what: String| {
-        watch(&Step { done, steps, what });
+    let report_step = |done: usize, steps: usize, what: String| {
+        on_step(&Step { done, steps, what });
     };
-    tell(0, 2, "reference".into());
-    let test_set =
-        TestSet::new(mesh, &sweep.viewpoints, &sweep.test_set, BOUNCES).ok_or(ReportError::Dark)?;
+    report_step(0, 2, "reference".into());
+    let test_set = TestSet::new(mesh, &sweep.viewpoints, &sweep.test_set, BOUNCES)
+        .ok_or(ReportError::NoLight)?;
     let mut report = Report {
         bounces: test_set.bounces(),
         noise: test_set.noise(),
@@ -216,12 +216,12 @@ fn run(
         reference_seconds: began.elapsed().as_secs_f64(),
         ..Report::default()
     };
-    let beside = (mesh, &sweep.known[..]);
-    tell(1, 2, sweep.baseline.name.clone());
+    let external = (mesh, &sweep.known[..]);
+    report_step(1, 2, sweep.baseline.name.clone());
     let mut last = bake(mesh, sweep, &sweep.baseline, progress)?;
-    measure(&mut report, &last, &sweep.baseline, &test_set, beside)?;
+    measure(&mut report, &last, &sweep.baseline, &test_set, external)?;
     let unit = last.stats().seconds.total;
-    let variants = (sweep.choose)(&last.settings);
+    let variants = (sweep.create_variants)(&last.settings);
     for (k, variant) in variants.iter().enumerate() {
         if variant.recipe != last.recipe {
             let until = began.elapsed().as_secs_f64() + unit * variant.cost;
@@ -229,10 +229,10 @@ fn run(
                 report.left_out.push(variant.name.clone());
                 continue;
             }
-            tell(k + 2, variants.len() + 2, variant.name.clone());
+            report_step(k + 2, variants.len() + 2, variant.name.clone());
             last = bake(mesh, sweep, variant, progress)?;
         }
-        measure(&mut report, &last, variant, &test_set, beside)?;
+        measure(&mut report, &last, variant, &test_set, external)?;
     }
     report.seconds = began.elapsed().as_secs_f64();
     Ok(report)

@@ -16,9 +16,9 @@ use rayon::prelude::*;
 /// bake.
 const SEED: u64 = 0x65_78_61_6d;
 /// Number of candidate positions per light. The one with the largest clearance is taken.
-const TRIED: usize = 6;
+const CANDIDATES_PER_LIGHT: usize = 6;
 /// Paths of the pilot that estimates the noise of a position. Nothing else uses them.
-const PILOT: u32 = 256;
+const PILOT_PATHS: u32 = 256;
 
 /// Effort of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +114,7 @@ impl TestSet {
             geometry,
             &candidates,
             size.light_sources,
-            TRIED,
+            CANDIDATES_PER_LIGHT,
             &mut random,
         );
         let lit = NonEmissive { geometry };
@@ -130,7 +130,8 @@ impl TestSet {
                     intensity: Vec3::splat(intensity),
                     range: f32::INFINITY,
                 };
-                let paths = allot(&lit, light_source(1.0), &positions, size.paths, SEED ^ k);
+                let paths =
+                    allocate_paths(&lit, light_source(1.0), &positions, size.paths, SEED ^ k);
                 let few: Vec<u32> = paths.iter().map(|p| p / 4).collect();
                 let truth = |bounces, paths: &[u32]| {
                     reference(
@@ -187,7 +188,7 @@ impl TestSet {
 
     /// Measures a bake whose frame runs with `settings`.
     #[must_use]
-    pub fn grade(&self, scene: &BakedScene, settings: &FrameSettings) -> TestScore {
+    pub fn score(&self, scene: &BakedScene, settings: &FrameSettings) -> TestScore {
         let settings = FrameSettings {
             emission: 0.0,
             sky: SkyRadiance::BLACK,
@@ -227,7 +228,7 @@ impl TestSet {
 /// Returns the number of paths per position, `paths` in the mean. It is proportional to the noise
 /// in a pilot, which minimizes the total noise for a given number of paths. The pilot's own paths
 /// are not used again, so that the reference stays unbiased.
-fn allot(
+fn allocate_paths(
     geometry: &dyn Geometry,
     light_source: Light,
     positions: &[(Vec3, Vec3)],
@@ -235,7 +236,7 @@ fn allot(
     seed: u64,
 ) -> Vec<u32> {
     let settings = ReferenceSettings {
-        paths: PILOT,
+        paths: PILOT_PATHS,
         bounces: Some(2),
         seed,
     };

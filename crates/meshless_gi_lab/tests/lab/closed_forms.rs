@@ -6,17 +6,15 @@ use glam::{DVec3, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::samples::Random;
 use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
-use meshless_gi::{
-    Geometry, Irradiance, Light, Material, Quad, ReferenceSettings, TriangleMesh, mesh_of_quads,
-};
+use meshless_gi::{Geometry, Irradiance, Light, Material, Quad, ReferenceSettings, TriangleMesh};
 use meshless_gi_lab::accuracy::{Estimates, TestStatistics, closed_form, test_equality};
 use std::f32::consts::PI;
 
 /// Least probability that passes. There are some forty comparisons here, all with fixed random
 /// numbers.
-const LEVEL: f64 = 1e-3;
+const MIN_PROBABILITY: f64 = 1e-3;
 /// Tolerance for rays that start slightly above the surface.
-const LIFT: f64 = 1e-3;
+const OFFSET_TOLERANCE: f64 = 1e-3;
 
 fn settings(paths: u32, bounces: Option<u32>) -> ReferenceSettings {
     ReferenceSettings {
@@ -39,17 +37,20 @@ fn check(what: &str, found: &[(Vec3, Vec3)], right: &[Vec3], wrong: f32) {
             values: right,
             errors: &none,
         };
-        test_equality(ours, theirs, LIFT)
+        test_equality(ours, theirs, OFFSET_TOLERANCE)
     };
     let found = against(right);
     println!(
         "{what}: p {:.3}, mean z {:.2?}, mean z² {:.2?}, largest {:.1}",
         found.p, found.mean_z, found.mean_square_z, found.largest
     );
-    assert!(found.p >= LEVEL, "{what}: {found:?}, {values:?}, {right:?}");
+    assert!(
+        found.p >= MIN_PROBABILITY,
+        "{what}: {found:?}, {values:?}, {right:?}"
+    );
     let off: Vec<Vec3> = right.iter().map(|r| wrong * *r).collect();
     let off = against(&off);
-    assert!(off.p < LEVEL, "{what}, {wrong} of it: {off:?}");
+    assert!(off.p < MIN_PROBABILITY, "{what}, {wrong} of it: {off:?}");
 }
 
 fn direct(all: &[Irradiance]) -> Vec<(Vec3, Vec3)> {
@@ -106,7 +107,7 @@ fn hall(albedo: Vec3, radiance: Vec3) -> TriangleMesh {
         corners,
         material: Material::emissive(albedo, radiance),
     });
-    mesh_of_quads(&quads)
+    TriangleMesh::from_quads(&quads)
 }
 
 /// Sphere and hall with uniform emission and reflection: the light is M Σ ρ^i. At ρ = 0.99 it is a
@@ -269,7 +270,7 @@ fn rectangle_emitters_match_polygon_formula() {
     ];
     let facing = u.cross(v).normalize();
     assert!(facing.y < 0.0, "it shines down");
-    let glowing = mesh_of_quads(&[Quad {
+    let glowing = TriangleMesh::from_quads(&[Quad {
         corners,
         material: Material::emissive(Vec3::ZERO, radiance),
     }]);
@@ -373,7 +374,7 @@ fn rectangle_form_factors_match_closed_forms() {
         ),
     ] {
         let [width, depth] = size;
-        let emitter = mesh_of_quads(&[Quad {
+        let emitter = TriangleMesh::from_quads(&[Quad {
             corners: [corner, corner + u, corner + u + v, corner + v],
             material: Material::emissive(Vec3::ZERO, Vec3::splat(1.0 / PI)),
         }]);

@@ -80,7 +80,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         bvh: Bvh::default(),
         info: BakeInfo::default(),
     });
-    scene.data_mut().info.tiers = TierInfo::all_of(scene.data());
+    scene.data_mut().info.tiers = TierInfo::from_scene(scene.data());
     scene
 }
 

@@ -43,7 +43,7 @@ fn estimated(test: &TestScene, scene: &BakedScene, seed: u64) -> Vec<ErrorEstima
 }
 
 /// Every tier's measured error lies within the interval around its estimate.
-fn holds(test: &TestScene, scene: &BakedScene, estimates: &[ErrorEstimate], what: &str) {
+fn check_estimates(test: &TestScene, scene: &BakedScene, estimates: &[ErrorEstimate], what: &str) {
     for (estimate, tier) in estimates.iter().zip(1..) {
         let found = measured(test, scene, tier);
         let (e, interval) = (f64::from(estimate.nrmse), f64::from(estimate.interval));
@@ -59,7 +59,7 @@ fn holds(test: &TestScene, scene: &BakedScene, estimates: &[ErrorEstimate], what
     }
 }
 
-fn is_honest(name: &'static str) {
+fn check_error_estimate(name: &'static str) {
     let test = test_scene(name);
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -76,8 +76,8 @@ fn is_honest(name: &'static str) {
         })
         .collect();
     assert_eq!(own, estimated(&test, &scene, 0));
-    holds(&test, &scene, &own, "as baked");
-    holds(&test, &scene, &estimated(&test, &scene, 1), "other lights");
+    check_estimates(&test, &scene, &own, "as baked");
+    check_estimates(&test, &scene, &estimated(&test, &scene, 1), "other lights");
     let whole = own.last().unwrap();
     assert!(
         whole.interval < 1.5 * whole.nrmse,
@@ -89,7 +89,7 @@ fn is_honest(name: &'static str) {
         row.scale *= 1.1;
     }
     let wrong = estimated(&test, &scene, 0);
-    holds(&test, &scene, &wrong, "links times 1.1");
+    check_estimates(&test, &scene, &wrong, "links times 1.1");
     let wrong = wrong.last().unwrap();
     assert!(
         wrong.nrmse > 0.1 && wrong.nrmse < 0.35 && wrong.nrmse > 2.0 * whole.nrmse,
@@ -99,12 +99,12 @@ fn is_honest(name: &'static str) {
 
 #[test]
 fn estimate_interval_contains_true_error_in_cornell_box() {
-    is_honest("cornell");
+    check_error_estimate("cornell");
 }
 
 #[test]
 fn estimate_interval_contains_true_error_in_open_rooms() {
-    is_honest("rooms_open");
+    check_error_estimate("rooms_open");
 }
 
 /// A largest error makes a bake as fine as necessary, and not finer.

@@ -3,17 +3,17 @@
 use glam::Vec3;
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::{
-    Bounces, Evaluator, Light, Preset, Progress, Recipe, ReferenceSettings, bake_scene,
-    cornell_box, mesh_of_quads,
+    Bounces, Evaluator, Light, Preset, Progress, Quad, Recipe, ReferenceSettings, TriangleMesh,
+    bake_scene,
 };
 use meshless_gi_lab::accuracy::errors;
 
 #[test]
 fn emission_counts_as_direct_light() {
-    let mut quads = cornell_box();
+    let mut quads = Quad::cornell_box();
     // The top of the tall block glows.
     quads[9].material.emissive = Vec3::new(5.0, 4.0, 3.0);
-    let mesh = mesh_of_quads(&quads);
+    let mesh = TriangleMesh::from_quads(&quads);
     let recipe = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()
@@ -82,7 +82,7 @@ fn emission_counts_as_direct_light() {
 
 #[test]
 fn light_types_match_reference_near_and_far() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let recipe = Recipe {
         preset: Preset::Draft,
         levels: Some(2),
@@ -135,7 +135,7 @@ fn light_types_match_reference_near_and_far() {
 
 #[test]
 fn automatic_bounces_converge() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let recipe = Recipe {
         preset: Preset::Draft,
         levels: Some(4),

@@ -6,9 +6,9 @@ use meshless_gi_lab::fixtures::fmm as room;
 use glam::Vec3;
 use meshless_gi::internals::samples::Random;
 use meshless_gi::internals::transport::fmm::{Fmm, FmmError, FmmPoint, FmmSettings, direct};
-use meshless_gi::{Light, ReferenceSettings, cornell_box, irradiance, mesh_of_quads};
+use meshless_gi::{Light, Quad, ReferenceSettings, TriangleMesh, irradiance};
 use meshless_gi_lab::accuracy::errors;
-use room::{cornell, glow, lit, with_ball};
+use room::{cornell, lit, varying_radiosity, with_ball};
 use std::time::Instant;
 
 /// Returns the root mean square of the difference relative to that of `right`.
@@ -48,7 +48,7 @@ fn on_a_sphere(count: usize, radius: f32, at: Vec3, inward: bool) -> Vec<FmmPoin
 #[test]
 fn fmm_converges_to_direct_sum() {
     let room = with_ball(6000);
-    let radiosity = glow(&room);
+    let radiosity = varying_radiosity(&room);
     let all: Vec<u32> = (0..room.points.len() as u32).step_by(3).collect();
     let right = direct(&room.points, &radiosity, &all, false, None);
     let mut last = f64::INFINITY;
@@ -127,7 +127,7 @@ fn fmm_outside_of_sphere_is_dark() {
 #[test]
 fn fmm_slack_saves_pairs_within_error_bound() {
     let room = with_ball(6000);
-    let radiosity = glow(&room);
+    let radiosity = varying_radiosity(&room);
     let run = |slack: f32| {
         let settings = FmmSettings {
             slack,
@@ -155,8 +155,8 @@ fn fmm_slack_saves_pairs_within_error_bound() {
 #[test]
 fn fmm_any_thread_count_has_equal_bits() {
     let room = cornell(2000);
-    let mesh = mesh_of_quads(&cornell_box());
-    let radiosity = glow(&room);
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
+    let radiosity = varying_radiosity(&room);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         pool.build().unwrap().install(|| {
@@ -183,7 +183,7 @@ fn fmm_any_thread_count_has_equal_bits() {
 #[test]
 fn fmm_cornell_box_matches_reference() {
     let room = cornell(8000);
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let light_source = Light::Point {
         position: Vec3::new(0.0, 1.8, 0.2),
         intensity: Vec3::splat(10.0),

@@ -16,7 +16,6 @@ use meshless_gi::internals::samples::{lattice, uniform_sphere};
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Irradiance, Light, Material, Preset,
     ProbeSettings, Progress, Quad, Ray, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
-    mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::errors;
 use meshless_gi_lab::fixtures::data::open_rooms;
@@ -26,7 +25,7 @@ use std::sync::OnceLock;
 /// Number of reflections in the frame and in the reference.
 const REFLECTIONS: u32 = 4;
 /// Number of directions per position in the reference.
-const AROUND: u32 = 512;
+const DIRECTION_COUNT: u32 = 512;
 
 /// Bakes a mesh at Draft with probes.
 fn baked(mesh: &TriangleMesh) -> BakedScene {
@@ -50,12 +49,12 @@ fn rooms() -> &'static (TriangleMesh, Vec<Light>, BakedScene) {
 }
 
 /// Input of fog: a volume of a bake in one light.
-struct Air {
+struct FogVolumeInput {
     shape: VoxelGrid,
     texels: Vec<[f32; 4]>,
 }
 
-impl Air {
+impl FogVolumeInput {
     /// Computes the volume with voxels of `edge` meters, or of the plugin's default size.
     fn new(scene: &BakedScene, lights: &[Light], edge: Option<f32>) -> Self {
         let mut frame = CpuFrame::new(scene);
@@ -135,8 +134,8 @@ fn around(
     let mut visible = Vec::new();
     for (k, &(x, _)) in positions.iter().enumerate() {
         let shift = Vec2::new(k as f32 * 0.618, k as f32 * 0.755).fract();
-        for i in 0..AROUND {
-            let w = uniform_sphere(lattice(i, AROUND, shift)).normalize();
+        for i in 0..DIRECTION_COUNT {
+            let w = uniform_sphere(lattice(i, DIRECTION_COUNT, shift)).normalize();
             let ray = Ray::new(x, w);
             let surface = mesh.cast(&ray).map(|hit| mesh.surface(&ray, &hit));
             if let Some(surface) = surface.filter(|s| s.front) {
@@ -165,7 +164,7 @@ fn integrals(
 ) -> Vec<Vec3> {
     let mut sums = vec![Vec3::ZERO; positions];
     for &(k, w, radiance) in around {
-        sums[k] += radiance * weight(k, w) * (4.0 * PI / AROUND as f32);
+        sums[k] += radiance * weight(k, w) * (4.0 * PI / DIRECTION_COUNT as f32);
     }
     sums
 }
@@ -204,7 +203,7 @@ fn fog_matches_reference() {
         ("0.1 m", Some(0.1)),
         ("0.4 m", Some(0.4)),
     ] {
-        let air = Air::new(scene, lights, edge);
+        let air = FogVolumeInput::new(scene, lights, edge);
         let found = asymmetries.map(|g| -> Vec<Vec3> {
             (positions.iter())
                 .map(|&(x, d)| air.scattered(x, g, d))
@@ -245,7 +244,7 @@ fn fog_matches_reference() {
 #[test]
 fn fog_ray_step_error_is_bounded() {
     let (mesh, lights, scene) = rooms();
-    let air = Air::new(scene, lights, None);
+    let air = FogVolumeInput::new(scene, lights, None);
     let bounds = scene.info().bounds.map(Vec3::from);
     let size = [24u32, 16];
     let near = 0.1;
@@ -316,13 +315,13 @@ fn fog_in_unlit_room_is_dark() {
     let low = Vec3::new(3.02, 0.0, 0.0);
     let mut quads = room(Vec3::ZERO, size);
     quads.extend(room(low, low + size));
-    let scene = baked(&mesh_of_quads(&quads));
+    let scene = baked(&TriangleMesh::from_quads(&quads));
     let light_source = Light::Point {
         position: Vec3::new(1.5, 2.0, 1.5),
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    let air = Air::new(&scene, &[light_source], None);
+    let air = FogVolumeInput::new(&scene, &[light_source], None);
     let (mut lit, mut dark) = (0.0f32, 0.0f32);
     let count = 3000;
     for k in 0..count {

@@ -5,11 +5,11 @@
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
-use leak_support::{Door, Leak, Walled, open, rooms};
+use leak_support::{Door, Leak, WalledScene, open, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 
 /// Measures with few rays: leaks depend on the support of functions.
-fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Leak {
+fn measure(scene: &WalledScene, rule: TransportMethod, walls: bool, rays: u32) -> Leak {
     let recipe = Recipe {
         preset: Preset::Draft,
         transport: rule,
@@ -25,7 +25,7 @@ fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Lea
     leak
 }
 
-fn stays_dark(scene: &Walled, rules: &[TransportMethod]) {
+fn stays_dark(scene: &WalledScene, rules: &[TransportMethod]) {
     assert!(scene.dark.positions.len() > 400 && scene.lit.positions.len() > 400);
     for &rule in rules {
         let with = measure(scene, rule, true, 32);

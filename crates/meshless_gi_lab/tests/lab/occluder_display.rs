@@ -4,7 +4,7 @@
 //! inside of it, or are absent. `MGI_TEST_PICTURES` names a folder for the pictures.
 
 use glam::{Mat4, Quat, Vec2, Vec3};
-use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
+use meshless_gi::internals::frame::splat::{FULL_COVER, share, splat_covered};
 use meshless_gi::internals::frame::volume::volume_texels;
 use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{
@@ -13,7 +13,7 @@ use meshless_gi::internals::frame::{
 use meshless_gi::{
     BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Material, OccluderBox, OccluderDesc,
     Preset, ProbeSettings, Progress, Quad, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
-    irradiance, mesh_of_quads,
+    irradiance,
 };
 use meshless_gi_lab::accuracy::Camera;
 use meshless_gi_lab::fixtures::data::open_rooms;
@@ -23,13 +23,13 @@ use std::sync::OnceLock;
 
 /// Center of the shut door, and half of its edges: a panel of 12 mm in a wall of 20 mm, so that
 /// parts of the jambs are visible.
-const MIDDLE: Vec3 = Vec3::new(4.01, 1.0, 1.95);
-const HALF: Vec3 = Vec3::new(0.006, 1.0, 0.45);
+const DOOR_CENTER: Vec3 = Vec3::new(4.01, 1.0, 1.95);
+const DOOR_HALF_SIZE: Vec3 = Vec3::new(0.006, 1.0, 0.45);
 /// Half of the thickness of the occluders: thicker than the door, as thick, and inside of it.
 const BOXES: [(&str, f32); 3] = [("thicker", 0.06), ("equal", 0.006), ("thinner", 0.002)];
 /// Largest distance to the opening of pixels of baked surfaces that count as its jambs and its
 /// foot, meters.
-const BESIDE: f32 = 0.15;
+const MAX_JAMB_DISTANCE: f32 = 0.15;
 /// Pixels of a picture.
 const SIZE: [u32; 2] = [40, 36];
 
@@ -44,7 +44,7 @@ const VIEWS: [(&str, [f32; 3]); 3] = [
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Door,
-    Beside,
+    Jamb,
     Far,
 }
 
@@ -58,7 +58,7 @@ struct Pixel {
 
 /// The scene, its lights, and the pixels of each view of a shut door and of a half open one, with
 /// their reference light.
-struct Stage {
+struct DoorScene {
     level: TriangleMesh,
     lights: Vec<meshless_gi::Light>,
     poses: [Vec<Vec<Option<Pixel>>>; 2],
@@ -66,9 +66,9 @@ struct Stage {
 
 /// The door, turned around its hinge.
 fn door(angle: f32) -> TriangleMesh {
-    let hinge = MIDDLE - HALF.z * Vec3::Z;
+    let hinge = DOOR_CENTER - DOOR_HALF_SIZE.z * Vec3::Z;
     let turn = Quat::from_rotation_y(angle);
-    let position = |corner: Vec3| hinge + turn * (MIDDLE + HALF * corner - hinge);
+    let position = |corner: Vec3| hinge + turn * (DOOR_CENTER + DOOR_HALF_SIZE * corner - hinge);
     let quads: Vec<Quad> = (0..6)
         .map(|k| {
             let axes = [Vec3::X, Vec3::Y, Vec3::Z];
@@ -81,15 +81,15 @@ fn door(angle: f32) -> TriangleMesh {
             }
         })
         .collect();
-    mesh_of_quads(&quads)
+    TriangleMesh::from_quads(&quads)
 }
 
 fn read() -> (TriangleMesh, Vec<meshless_gi::Light>) {
     open_rooms()
 }
 
-fn stage() -> &'static Stage {
-    static STAGE: OnceLock<Stage> = OnceLock::new();
+fn stage() -> &'static DoorScene {
+    static STAGE: OnceLock<DoorScene> = OnceLock::new();
     STAGE.get_or_init(|| {
         let (level, lights) = read();
         let poses = [0.0, -std::f32::consts::FRAC_PI_4].map(|angle| {
@@ -97,7 +97,7 @@ fn stage() -> &'static Stage {
             let view = |(_, eye): &(&str, [f32; 3])| {
                 let camera = Camera {
                     eye: Vec3::from(*eye),
-                    target: MIDDLE,
+                    target: DOOR_CENTER,
                     up: Vec3::Y,
                     vertical_angle: 1.1,
                 };
@@ -108,7 +108,7 @@ fn stage() -> &'static Stage {
             };
             VIEWS.iter().map(view).collect()
         });
-        Stage {
+        DoorScene {
             level,
             lights,
             poses,
@@ -130,11 +130,11 @@ fn pixel(
     let hit = scene.cast(&ray)?;
     let surface = scene.surface(&ray, &hit);
     let (x, n) = (surface.position, surface.normal);
-    let aside = ((x - MIDDLE).abs() - HALF).max(Vec3::ZERO);
+    let aside = ((x - DOOR_CENTER).abs() - DOOR_HALF_SIZE).max(Vec3::ZERO);
     let part = if hit.primitive as usize >= level {
         Part::Door
-    } else if aside.max_element() < BESIDE {
-        Part::Beside
+    } else if aside.max_element() < MAX_JAMB_DISTANCE {
+        Part::Jamb
     } else {
         Part::Far
     };
@@ -153,8 +153,8 @@ fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
     let shape = |(half, off): (f32, f32)| OccluderDesc {
         name: "door".into(),
         boxes: vec![OccluderBox {
-            center: (MIDDLE + off * Vec3::X).to_array(),
-            half_edges: [half, HALF.y, HALF.z],
+            center: (DOOR_CENTER + off * Vec3::X).to_array(),
+            half_edges: [half, DOOR_HALF_SIZE.y, DOOR_HALF_SIZE.z],
         }],
     };
     let recipe = Recipe {
@@ -190,7 +190,7 @@ fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
         x,
         n,
     );
-    let found = found.map(|(e, cover)| (e.dot(n).max(Vec3::ZERO), share(cover, SEAM)));
+    let found = found.map(|(e, cover)| (e.dot(n).max(Vec3::ZERO), share(cover, FULL_COVER)));
     match found {
         Some((e, share)) if share < 1.0 => space().map_or(e, |space| space.lerp(e, share)),
         Some((e, _)) => e,
@@ -200,7 +200,7 @@ fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
 
 /// Error of a view's pixels against the reference.
 #[derive(Clone, Copy, Debug)]
-struct Found {
+struct DisplayErrors {
     /// Root mean square of the error of the door's pixels over that of their light.
     nrmse: f32,
     /// Pixels of door, jambs and floor with less than half of their light, if that light is more
@@ -218,10 +218,15 @@ fn rms(values: impl Iterator<Item = Vec3>) -> f32 {
     (sum / count.max(1) as f32).sqrt()
 }
 
-fn compare(name: &str, pixels: &[Option<Pixel>], frame: &CpuFrame, scene: &BakedScene) -> Found {
+fn compare(
+    name: &str,
+    pixels: &[Option<Pixel>],
+    frame: &CpuFrame,
+    scene: &BakedScene,
+) -> DisplayErrors {
     let at = |p: &Pixel| shown(frame, scene, p.x, p.n);
     let own: Vec<Option<Vec3>> = pixels.par_iter().map(|p| p.as_ref().map(at)).collect();
-    keep(name, pixels, &own);
+    save_images(name, pixels, &own);
     let all = pixels.iter().zip(&own);
     let all: Vec<(Pixel, Vec3)> = all.filter_map(|(p, e)| Some(((*p)?, (*e)?))).collect();
     let of = |part: Part| all.iter().filter(move |(p, _)| p.part == part);
@@ -231,17 +236,17 @@ fn compare(name: &str, pixels: &[Option<Pixel>], frame: &CpuFrame, scene: &Baked
         let right = p.right.element_sum() / 3.0;
         right > 0.05 * bright && e.element_sum() / 3.0 < 0.5 * right
     });
-    Found {
+    DisplayErrors {
         nrmse: rms(of(Part::Door).map(|(p, e)| *e - p.right)) / bright.max(f32::MIN_POSITIVE),
         dark: dark.count(),
         brightest: near().fold(0.0, |a, (_, e)| a.max(e.max_element())),
         rms: bright,
-        pixels: [of(Part::Door).count(), of(Part::Beside).count()],
+        pixels: [of(Part::Door).count(), of(Part::Jamb).count()],
     }
 }
 
 /// Writes the result next to the reference if `MGI_TEST_PICTURES` names a folder.
-fn keep(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
+fn save_images(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
     let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") else {
         return;
     };

@@ -11,7 +11,7 @@ use meshless_gi::{
     BakedScene, Light, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene,
 };
 use meshless_gi_lab::accuracy::{
-    PenumbraSample, deficits_by_rays, penumbra_samples, shadow_errors,
+    PenumbraSample, occluded_irradiances_by_rays, penumbra_samples, shadow_errors,
 };
 use meshless_gi_lab::fixtures::data::published_mesh;
 
@@ -59,7 +59,7 @@ fn measure(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Li
     assert!(positions.len() > 100, "{} positions", positions.len());
     let soft_light = SoftLight::from_light(light, 25).expect("a rectangle");
     let occluded_irradiances = soft_shadow::occluded_irradiances(scene.data(), &[soft_light]);
-    let by_rays = deficits_by_rays(scene, mesh, &soft_light, visibility.points.len());
+    let by_rays = occluded_irradiances_by_rays(scene, mesh, &soft_light, visibility.points.len());
     let error =
         |occluded_irradiances: &[_]| shadow_errors(scene, occluded_irradiances, &positions).nrmse;
     // Must fail: no shadow at all.

@@ -8,8 +8,7 @@ use glam::{Vec2, Vec3};
 use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
 use meshless_gi::internals::scene::{PlyPoints, statue};
 use meshless_gi::{
-    BakedScene, Bounces, Geometry, Light, PointCloud, Preset, Ray, TriangleMesh, cornell_box,
-    mesh_of_quads,
+    BakedScene, Bounces, Geometry, Light, PointCloud, Preset, Quad, Ray, TriangleMesh,
 };
 use meshless_gi_lab::accuracy::closed_form;
 use points_support::{REFLECTIONS, baked, indirect, nrmse, reference, shown};
@@ -75,7 +74,7 @@ fn cube(spacing: f32, albedo: f32) -> PlyPoints {
         }
     };
     let sides: Vec<_> = (0..6).map(|k| side(k % 3, k < 3)).collect();
-    let points = scatter(&mesh_of_quads(&sides), spacing, 2).expect("points");
+    let points = scatter(&TriangleMesh::from_quads(&sides), spacing, 2).expect("points");
     let normals = points.normals.as_ref().expect("scattered with normals");
     let inside = points
         .positions
@@ -166,7 +165,7 @@ fn noisy_closed_point_room_conserves_energy() {
 
 /// The five walls of the box as triangles and the statue as points, with albedos times a factor.
 fn walls_and_statue(walls: f32, statue_factor: f32) -> (TriangleMesh, usize) {
-    let mut quads = cornell_box();
+    let mut quads = Quad::cornell_box();
     quads.truncate(5);
     for quad in &mut quads {
         quad.material.base_color *= Vec3::splat(walls).extend(1.0);
@@ -175,7 +174,7 @@ fn walls_and_statue(walls: f32, statue_factor: f32) -> (TriangleMesh, usize) {
     let orange = Vec3::new(0.85, 0.4, 0.06) * statue_factor;
     points.albedo = Some(vec![orange; points.positions.len()]);
     let cloud = PointCloud::new(points, &[]).expect("a cloud");
-    let room = mesh_of_quads(&quads);
+    let room = TriangleMesh::from_quads(&quads);
     let count = room.len();
     (TriangleMesh::joined(vec![room, cloud.mesh().0]), count)
 }

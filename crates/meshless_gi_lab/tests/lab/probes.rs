@@ -5,7 +5,7 @@ use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::internals::asset::Probes;
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::frame::probe::probe;
-use meshless_gi::internals::frame::splat::{SEAM, splat_covered};
+use meshless_gi::internals::frame::splat::{FULL_COVER, splat_covered};
 use meshless_gi::internals::frame::volume::volume_texels;
 use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{
@@ -15,7 +15,7 @@ use meshless_gi::internals::samples::{Random, lattice, trace_particles, uniform_
 use meshless_gi::{
     BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light, Limits, Material,
     Preset, ProbeSettings, Progress, Quad, Recipe, RecipeError, ReferenceSettings, TransportMethod,
-    TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
+    TriangleMesh, bake_scene,
 };
 use meshless_gi_lab::accuracy::{BOUNCES, Errors, errors};
 use meshless_gi_lab::fixtures::data::open_rooms;
@@ -47,7 +47,7 @@ fn closed_rooms(gap: f32) -> TriangleMesh {
     let low = Vec3::X * (ROOM.x + gap);
     let mut quads = room(Vec3::ZERO, ROOM, 0.7, |_| false);
     quads.extend(room(low, low + ROOM, 0.7, |_| false));
-    mesh_of_quads(&quads)
+    TriangleMesh::from_quads(&quads)
 }
 
 fn draft() -> Recipe {
@@ -315,7 +315,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
         let voxels = voxels_of(to - from, edge, u32::MAX);
         let shape = VoxelGrid::new([from, to], voxels).unwrap();
         let weights = VoxelWeights::from_scene(shape, scene.data());
-        shares_say_what_probes_say(&weights, scene, frame.probes());
+        check_voxel_weights(&weights, scene, frame.probes());
         println!(
             "{} faces, {} shares, {} probe shares",
             weights.wall_samples().wall_samples.len(),
@@ -384,11 +384,7 @@ fn volumes_match_room_and_stay_dark_behind_walls() {
 
 /// Compares the light of each position from its shares with the lookup that they represent. The
 /// shares are also computed in many calls and in one call.
-fn shares_say_what_probes_say(
-    weights: &VoxelWeights,
-    scene: &BakedScene,
-    values: &[VectorIrradiance],
-) {
+fn check_voxel_weights(weights: &VoxelWeights, scene: &BakedScene, values: &[VectorIrradiance]) {
     let probes = scene.data().probes.as_ref().unwrap();
     let shape = weights.shape();
     let mut by_and_by = VoxelWeights::new(*shape);
@@ -440,7 +436,7 @@ fn probes_match_closed_forms() {
         viewpoints: vec![[0.0, 2.0, 0.0]],
         ..draft()
     };
-    let open = mesh_of_quads(&[floor]);
+    let open = TriangleMesh::from_quads(&[floor]);
     let scene = baked(&open, recipe.clone());
     let frame = solved(&scene, &[], 1.0, 1);
     for k in 0..40 {
@@ -462,7 +458,7 @@ fn probes_match_closed_forms() {
     // follows from the wall's solid angle.
     for shines in [[true; 6], [false, false, true, false, false, false]] {
         let quads = room(Vec3::ZERO, Vec3::splat(2.0), 0.0, |k| shines[k]);
-        let mesh = mesh_of_quads(&quads);
+        let mesh = TriangleMesh::from_quads(&quads);
         // Between probes light is interpolated: a wall's falls by half within a meter.
         let recipe = Recipe {
             viewpoints: Vec::new(),
@@ -509,7 +505,7 @@ fn probes_match_closed_forms() {
 
 #[test]
 fn probe_data_round_trips_and_damage_is_detected() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let recipe = Recipe {
         levels: Some(3),
         sender_levels: Some(2),
@@ -632,7 +628,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
 /// not jump between the two.
 #[test]
 fn surface_and_probe_light_join_continuously() {
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     let scene = baked(&mesh, draft());
     let light_source = Light::Point {
         position: Vec3::new(0.0, 1.8, 0.0),
@@ -659,9 +655,9 @@ fn surface_and_probe_light_join_continuously() {
     });
     let mut covers: Vec<f32> = covers.collect();
     covers.sort_by(f32::total_cmp);
-    let below = covers.partition_point(|&c| c < SEAM);
+    let below = covers.partition_point(|&c| c < FULL_COVER);
     println!(
-        "{below} of {} places have cover below {SEAM}; the thousandth part below {}, the median {}",
+        "{below} of {} places have cover below {FULL_COVER}; the thousandth part below {}, the median {}",
         covers.len(),
         covers[covers.len() / 1000],
         covers[covers.len() / 2]

@@ -7,13 +7,13 @@ mod room;
 
 use glam::{Mat4, Vec3};
 use meshless_gi::internals::frame::rsm_layout::{light_in_space, space_from_clip};
-use meshless_gi::internals::frame::splat::LARGEST_HALF;
+use meshless_gi::internals::frame::splat::MAX_HALF;
 use meshless_gi::internals::frame::{
     RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer, rsm, vpl,
 };
 use meshless_gi::{Bvh, FrameLight, Light};
 use meshless_gi_lab::accuracy::errors;
-use room::{Aim, Grid, ORANGE, Room, ball, choose, cuboid, mesh};
+use room::{Grid, MapCamera, ORANGE, Room, ball, cuboid, mesh, select_vpls};
 
 const PATHS: u32 = 16_384;
 /// Distance to the object below which positions are compared separately, meters.
@@ -35,7 +35,7 @@ fn ball_room() -> Room {
         cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true),
         ball(center, 0.5),
         light_source(eye),
-        Aim::light_source(eye, center, 0.6),
+        MapCamera::light_source(eye, center, 0.6),
     )
 }
 
@@ -55,7 +55,7 @@ fn crate_room() -> Room {
         cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true),
         cuboid(Vec3::new(2.8, 0.0, 1.6), Vec3::new(3.6, 0.8, 2.4), false),
         light,
-        Aim::light_source(eye, center, 0.9),
+        MapCamera::light_source(eye, center, 0.9),
     )
 }
 
@@ -85,7 +85,7 @@ fn door_room() -> Room {
         walls,
         ball(center, 0.5),
         light_source(eye),
-        Aim::light_source(eye, center, 0.6),
+        MapCamera::light_source(eye, center, 0.6),
     )
 }
 
@@ -102,7 +102,7 @@ fn sunny_room() -> Room {
             direction,
             irradiance: Vec3::splat(20.0),
         },
-        Aim::parallel(center - 5.0 * direction, center, 1.2),
+        MapCamera::parallel(center - 5.0 * direction, center, 1.2),
     )
 }
 
@@ -238,7 +238,7 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
             cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true),
             ball(center, 0.5),
             light_source(eye),
-            Aim::light_source(eye, middle, 0.7),
+            MapCamera::light_source(eye, middle, 0.7),
         )
     };
     let rms = |all: &mut dyn Iterator<Item = f32>| {
@@ -318,10 +318,10 @@ fn rsm_lit_disk_matches_closed_form() {
         .map(|i| [Vec3::ZERO, corner(i), corner(i + 1)])
         .collect();
     let light = FrameLight::directional(Vec3::Y, Vec3::splat(10.0));
-    let aim = Aim::parallel(-3.0 * Vec3::Y, Vec3::ZERO, 0.6);
+    let camera = MapCamera::parallel(-3.0 * Vec3::Y, Vec3::ZERO, 0.6);
     let object = mesh(disk, ORANGE);
-    let drawn = aim.draw(&object, 64);
-    let texels = rsm::texels(&aim.params(&light, 64), &drawn.depth, &drawn.gbuffer);
+    let drawn = camera.draw(&object, 64);
+    let texels = rsm::texels(&camera.params(&light, 64), &drawn.depth, &drawn.gbuffer);
     let radiosity = 10.0 * gbuffer::diffuse(gbuffer::pack(ORANGE, 0.0, 1.0, Vec3::Y, 0));
     let flux: Vec3 = texels.iter().map(|t| Vec3::from_array(t.flux)).sum();
     let area = std::f32::consts::PI * radius * radius;
@@ -330,7 +330,7 @@ fn rsm_lit_disk_matches_closed_form() {
         "{flux}"
     );
     for (vpls, bound) in [(1, 0.02), (16, 0.04), (256, 0.04)] {
-        let lights = choose(&texels, vpls);
+        let lights = select_vpls(&texels, vpls);
         let params = VplParams::unshadowed(vpls);
         for h in [0.02, 0.1, 0.25, 0.5, 1.0, 3.0] {
             let right = radiosity * (radius * radius / (radius * radius + h * h));
@@ -368,7 +368,7 @@ fn rsm_selection_conserves_flux() {
     let whole: Vec3 = texels.iter().map(|t| Vec3::from_array(t.flux)).sum();
     assert!(whole.x > 0.0);
     for vpls in [1, 2, 3, 7, 64, 100, 128, 1000, 1024] {
-        let lights = choose(&texels, vpls);
+        let lights = select_vpls(&texels, vpls);
         assert_eq!(lights.len(), vpls as usize);
         let off = (flux_of(&lights) / whole - 1.0).abs().max_element();
         assert!(off < 1e-5, "{vpls}: {off}");
@@ -381,13 +381,13 @@ fn rsm_selection_conserves_flux() {
     // One texel for all lights: each light has a part of it, at the same position.
     let mut one = vec![RsmTexel::default(); 4096];
     one[1234] = *texels.iter().find(|t| t.flux[0] > 0.0).unwrap();
-    for l in choose(&one, 128) {
+    for l in select_vpls(&one, 128) {
         assert_eq!(l.position, one[1234].position);
         assert!(l.square > 0.0 && (l.flux[0] * 128.0 / one[1234].flux[0] - 1.0).abs() < 1e-4);
     }
     // None, in a map and without one.
     for nothing in [vec![RsmTexel::default(); 64], Vec::new()] {
-        assert_eq!(choose(&nothing, 16), vec![Vpl::default(); 16]);
+        assert_eq!(select_vpls(&nothing, 16), vec![Vpl::default(); 16]);
     }
 }
 
@@ -397,8 +397,12 @@ fn rsm_is_shadowed_by_baked_walls() {
     let room = door_room();
     let lit = room.texels(64);
     let light = room.slot();
-    let drawn = room.aim.draw(&mesh(room.object.clone(), room.color), 64);
-    let bare = rsm::texels(&room.aim.params(&light, 64), &drawn.depth, &drawn.gbuffer);
+    let drawn = room.camera.draw(&mesh(room.object.clone(), room.color), 64);
+    let bare = rsm::texels(
+        &room.camera.params(&light, 64),
+        &drawn.depth,
+        &drawn.gbuffer,
+    );
     let eye = Vec3::from_array(light.position);
     let (mut dark, mut bright) = (0, 0);
     for (a, b) in lit.iter().zip(&bare).filter(|(_, b)| b.flux[0] > 0.0) {
@@ -427,32 +431,32 @@ fn rsm_degenerate_input_stays_finite() {
     let center = Vec3::new(2.2, 1.0, 2.0);
     let object = mesh(ball(center, 0.5), ORANGE);
     let eye = Vec3::new(0.5, 2.5, 0.6);
-    let lights_of = |aim: &Aim, light: &FrameLight, object, side| {
-        let drawn = aim.draw(object, side);
-        let texels = rsm::texels(&aim.params(light, side), &drawn.depth, &drawn.gbuffer);
-        let lights = choose(&texels, 32);
+    let lights_of = |camera: &MapCamera, light: &FrameLight, object, side| {
+        let drawn = camera.draw(object, side);
+        let texels = rsm::texels(&camera.params(light, side), &drawn.depth, &drawn.gbuffer);
+        let lights = select_vpls(&texels, 32);
         assert!(all_finite(&lights), "{light:?}");
         lights
     };
-    let aim = Aim::light_source(eye, center, 0.6);
+    let camera = MapCamera::light_source(eye, center, 0.6);
     let point = |color: Vec3| FrameLight::point(eye, color, f32::INFINITY);
-    let usual = flux_of(&lights_of(&aim, &point(Vec3::ONE), &object, 32));
+    let usual = flux_of(&lights_of(&camera, &point(Vec3::ONE), &object, 32));
     assert!(usual.x > 0.0);
     // Lights with NaN, infinite or negative color emit nothing. A black object reflects nothing.
     for color in [Vec3::NAN, Vec3::INFINITY, -Vec3::ONE, Vec3::ZERO] {
         assert_eq!(
-            flux_of(&lights_of(&aim, &point(color), &object, 32)),
+            flux_of(&lights_of(&camera, &point(color), &object, 32)),
             Vec3::ZERO
         );
     }
     let black = mesh(ball(center, 0.5), Vec3::ZERO);
     assert_eq!(
-        flux_of(&lights_of(&aim, &point(Vec3::ONE), &black, 32)),
+        flux_of(&lights_of(&camera, &point(Vec3::ONE), &black, 32)),
         Vec3::ZERO
     );
     // One texel holds the whole map: it lies in the ball's middle.
     let one = lights_of(
-        &Aim::light_source(eye, center, 0.1),
+        &MapCamera::light_source(eye, center, 0.1),
         &point(Vec3::ONE),
         &object,
         1,
@@ -460,11 +464,15 @@ fn rsm_degenerate_input_stays_finite() {
     let near = Vec3::from_array(one[0].position).distance(center);
     assert!((near - 0.5).abs() < 0.01 && one[0].square > 0.0, "{near}");
     // The brightest possible light: the result is finite, and 16-bit floats stay below infinity.
-    let huge = lights_of(&aim, &point(Vec3::splat(1e30)), &object, 32);
+    let huge = lights_of(&camera, &point(Vec3::splat(1e30)), &object, 32);
     assert!(flux_of(&huge).x > 1e12);
     let view = VplViewParams {
-        space_from_clip: space_from_clip(&aim.world_from_view, &aim.clip_from_view, Vec3::ZERO)
-            .to_cols_array_2d(),
+        space_from_clip: space_from_clip(
+            &camera.world_from_view,
+            &camera.clip_from_view,
+            Vec3::ZERO,
+        )
+        .to_cols_array_2d(),
         viewport: [0.0, 0.0, 1.0, 1.0],
         size: [1; 2],
         scale: 1.0,
@@ -483,7 +491,7 @@ fn rsm_degenerate_input_stays_finite() {
         )
     };
     let largest = pixel(&huge, 0.05, [0.0; 4]);
-    assert_eq!(largest[0], LARGEST_HALF);
+    assert_eq!(largest[0], MAX_HALF);
     assert!(largest.iter().all(|v| v.is_finite()));
     // Sky pixels and pixels without light stay unchanged.
     assert_eq!(
@@ -500,9 +508,9 @@ fn rsm_degenerate_input_stays_finite() {
     for out in [0.501, 0.2] {
         let position = center + Vec3::new(0.0, out, 0.0);
         let light = FrameLight::point(position, Vec3::ONE, f32::INFINITY);
-        let close = Aim {
+        let close = MapCamera {
             clip_from_view: Mat4::perspective_infinite_reverse_rh(1.5, 1.0, 1e-4),
-            ..Aim::light_source(position, center - Vec3::Y, 1.5)
+            ..MapCamera::light_source(position, center - Vec3::Y, 1.5)
         };
         let flux = flux_of(&lights_of(&close, &light, &object, 32)).x;
         assert!(
@@ -520,8 +528,8 @@ fn rsm_far_from_origin_is_unchanged() {
     let far = Vec3::new(131_072.0, 0.0, -131_072.0);
     let (eye, center) = (Vec3::new(0.5, 2.5, 0.75), Vec3::new(2.25, 1.0, 2.0));
     let object = mesh(ball(center, 0.5), ORANGE);
-    let aim = Aim::light_source(eye, center, 0.6);
-    let drawn = aim.draw(&object, 64);
+    let camera = MapCamera::light_source(eye, center, 0.6);
+    let drawn = camera.draw(&object, 64);
     let light = FrameLight::point(eye, Vec3::ONE, 20.0);
     let of = |m: Mat4, light: &FrameLight| {
         let texels = rsm::texels(
@@ -529,12 +537,12 @@ fn rsm_far_from_origin_is_unchanged() {
             &drawn.depth,
             &drawn.gbuffer,
         );
-        choose(&texels, 64)
+        select_vpls(&texels, 64)
     };
-    let near_by = space_from_clip(&aim.world_from_view, &aim.clip_from_view, Vec3::ZERO);
-    let moved = Mat4::from_translation(far) * aim.world_from_view;
+    let near_by = space_from_clip(&camera.world_from_view, &camera.clip_from_view, Vec3::ZERO);
+    let moved = Mat4::from_translation(far) * camera.world_from_view;
     let light_source = FrameLight::point(eye + far, Vec3::ONE, 20.0);
-    let there = space_from_clip(&moved, &aim.clip_from_view, far);
+    let there = space_from_clip(&moved, &camera.clip_from_view, far);
     let (a, b) = (
         of(near_by, &light),
         of(there, &light_in_space(&light_source, far)),
@@ -547,7 +555,7 @@ fn rsm_far_from_origin_is_unchanged() {
     }
     // Without a space of its own the map's pixels would fall on a grid of that size.
     let lost = of(
-        space_from_clip(&moved, &aim.clip_from_view, Vec3::ZERO),
+        space_from_clip(&moved, &camera.clip_from_view, Vec3::ZERO),
         &light_source,
     );
     let worst = a

@@ -6,14 +6,14 @@ use meshless_gi_lab::fixtures::TestScene;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use glam::{Mat4, Vec3};
-use meshless_gi::internals::frame::pyramid::{breaks, pyramid};
+use meshless_gi::internals::frame::pyramid::{is_discontinuous, pyramid};
 use meshless_gi::internals::frame::refine::{divides, unpack_cell};
 use meshless_gi::internals::frame::{
     SubsplatNode, Subsplats, VectorIrradiance, gbuffer, splat, subsplats,
 };
 use meshless_gi::{
     DepthTest, Material, NormalTest, Preset, Progress, Quad, Recipe, SubsplatSettings,
-    TriangleMesh, bake_scene, mesh_of_quads,
+    TriangleMesh, bake_scene,
 };
 use meshless_gi_lab::accuracy::RaycastView;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -52,12 +52,12 @@ fn wall() -> Quad {
     )
 }
 
-fn ahead(mesh: TriangleMesh, light: fn(Vec3) -> VectorIrradiance) -> LitScene {
+fn synthetic_scene(mesh: TriangleMesh, light: fn(Vec3) -> VectorIrradiance) -> LitScene {
     LitScene::made("made", mesh, light)
 }
 
 fn floor() -> TriangleMesh {
-    mesh_of_quads(&[quad(
+    TriangleMesh::from_quads(&[quad(
         Vec3::new(-20.0, -1.0, 20.0),
         40.0 * Vec3::X,
         -40.0 * Vec3::Z,
@@ -73,7 +73,7 @@ fn finite(shown: &Subsplats) {
 }
 
 /// Returns the largest difference from full resolution, relative to white.
-fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
+fn largest_difference(view: &View<'_>, shown: &Subsplats) -> f32 {
     let pairs = shown.texels.iter().zip(&view.full);
     pairs
         .flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()))
@@ -116,7 +116,7 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
 
 /// Asserts that FLIP and share are at most these. Without refinement by depth, normal and light the
 /// picture is far worse.
-fn holds(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
+fn check_views(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
     for &i in views {
         let view = stage.view(i, SIZE);
         let settings = SubsplatSettings::default();
@@ -166,14 +166,14 @@ fn published(name: &str) -> LitScene {
 
 #[test]
 fn subsplats_in_cornell_box_match_full_resolution() {
-    holds(&published("cornell"), &[0, 1], 0.012, 0.15);
+    check_views(&published("cornell"), &[0, 1], 0.012, 0.15);
 }
 
 #[test]
 fn subsplats_in_open_rooms_match_full_resolution_in_motion() {
     let stage = published("rooms_open");
-    holds(&stage, &[0], 0.011, 0.1);
-    pops_at_most(&stage, 0, 0.15, 0.035, 0.004);
+    check_views(&stage, &[0], 0.011, 0.1);
+    check_temporal_stability(&stage, 0, 0.15, 0.035, 0.004);
 }
 
 #[test]
@@ -181,17 +181,17 @@ fn subsplats_in_clutter_match_full_resolution_in_motion() {
     let scene = clutter();
     let stage = LitScene {
         scene,
-        source: Source::Made(sloping),
+        source: Source::Synthetic(sloping),
     };
-    holds(&stage, &[0, 2], 0.004, 0.18);
-    pops_at_most(&stage, 2, 0.06, 0.015, 0.0012);
+    check_views(&stage, &[0, 2], 0.004, 0.18);
+    check_temporal_stability(&stage, 2, 0.06, 0.015, 0.0012);
 }
 
 /// Asserts bounds on the flicker of subsplats with a camera that moves 2 mm per frame. Flicker is
 /// the change of a visible position from frame to frame in excess of full resolution, relative to
 /// white. The bounds are the largest value, the largest value without one position in a thousand,
 /// and the root mean square.
-fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
+fn check_temporal_stability(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
     let (eye, target) = stage.scene.views[i];
@@ -257,13 +257,14 @@ fn pops_at_most(stage: &LitScene, i: usize, largest: f32, max: f32, rms: f64) {
 #[test]
 fn subsplats_do_not_leak_across_depth_edges() {
     let near = |x: f32, width: f32| quad(Vec3::new(x, -0.7, -1.0), width * Vec3::X, 1.4 * Vec3::Y);
-    let mesh = || mesh_of_quads(&[wall(), near(-0.5, 0.3), near(0.2, 0.004), near(0.4, 0.02)]);
+    let mesh =
+        || TriangleMesh::from_quads(&[wall(), near(-0.5, 0.3), near(0.2, 0.004), near(0.4, 0.02)]);
     let behind: fn(Vec3) -> VectorIrradiance =
         |x| from(Vec3::Z, Vec3::splat(if x.z < -2.0 { 1.0 } else { 0.001 }));
     let before: fn(Vec3) -> VectorIrradiance =
         |x| from(Vec3::Z, Vec3::splat(if x.z < -2.0 { 0.001 } else { 1.0 }));
     for light in [behind, before] {
-        let stage = ahead(mesh(), light);
+        let stage = synthetic_scene(mesh(), light);
         let mut view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
         view.expose(1.0);
         let bright = view.full.iter().filter(|t| t[0] > 0.5).count();
@@ -273,7 +274,7 @@ fn subsplats_do_not_leak_across_depth_edges() {
         );
         let shown = view.subsplats(&SubsplatSettings::default());
         finite(&shown);
-        let off = worst(&view, &shown);
+        let off = largest_difference(&view, &shown);
         println!(
             "across: {off}, 1/{:.1}",
             view.full.len() as f32 / shown.counts.total() as f32
@@ -288,7 +289,7 @@ fn subsplats_do_not_leak_across_depth_edges() {
 fn subsplats_do_not_leak_across_distant_edges() {
     let top = |at: Vec3, edge: f32| quad(at, edge * Vec3::X, -edge * Vec3::Z);
     let mesh = || {
-        mesh_of_quads(&[
+        TriangleMesh::from_quads(&[
             top(Vec3::new(-20.0, 0.0, 20.0), 40.0),
             top(Vec3::new(-1.0, 0.8, 1.0), 2.0),
             top(Vec3::new(1.5, 0.8, 1.0), 0.02),
@@ -315,7 +316,7 @@ fn subsplats_do_not_leak_across_distant_edges() {
         ),
     ];
     for (eye, clip_from_view) in views {
-        let stage = ahead(mesh(), light);
+        let stage = synthetic_scene(mesh(), light);
         let view_from_world = Mat4::look_at_rh(eye, Vec3::ZERO, Vec3::Y);
         let mut view = View::with_matrices(
             &stage,
@@ -328,7 +329,7 @@ fn subsplats_do_not_leak_across_distant_edges() {
         assert!(dark > 1_500 && view.full.len() - dark > 10_000, "{dark}");
         let shown = view.subsplats(&SubsplatSettings::default());
         finite(&shown);
-        let off = worst(&view, &shown);
+        let off = largest_difference(&view, &shown);
         println!(
             "from afar: {off}, 1/{:.1}",
             view.full.len() as f32 / shown.counts.total() as f32
@@ -349,9 +350,9 @@ fn subsplats_of_dark_bumps_stay_coarse() {
             quad(high, next - high, 40.0 * Vec3::Y),
         ]
     };
-    let mesh = mesh_of_quads(&(-80..80).flat_map(ridge).collect::<Vec<_>>());
+    let mesh = TriangleMesh::from_quads(&(-80..80).flat_map(ridge).collect::<Vec<_>>());
     let dark: fn(Vec3) -> VectorIrradiance = |_| VectorIrradiance::default();
-    let stage = ahead(mesh, dark);
+    let stage = synthetic_scene(mesh, dark);
     let view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
     let shown = view.subsplats(&SubsplatSettings::default());
     finite(&shown);
@@ -361,7 +362,7 @@ fn subsplats_of_dark_bumps_stay_coarse() {
 
 #[test]
 fn subsplats_of_flat_view_stay_coarse() {
-    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
     let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.3, 0.2, -1.0), SIZE);
     let settings = SubsplatSettings::default();
     let shown = view.subsplats(&settings);
@@ -378,14 +379,14 @@ fn subsplats_of_flat_view_stay_coarse() {
         "{:?}",
         shown.counts
     );
-    assert!(worst(&view, &shown) < 2.0 * HALF * view.splat.scale);
+    assert!(largest_difference(&view, &shown) < 2.0 * HALF * view.splat.scale);
 }
 
 /// An empty view evaluates no basis function. The list contains only the nodes of the two coarsest
 /// levels.
 #[test]
 fn subsplats_of_sky_are_zero_without_evaluation() {
-    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
     let view = View::new(&stage, Vec3::ZERO, Vec3::Z, SIZE);
     let settings = SubsplatSettings::default();
     let asked = AtomicU32::new(0);
@@ -410,7 +411,7 @@ fn subsplats_divide_cells_diagonal_to_edge() {
     let scene = clutter();
     let stage = LitScene {
         scene,
-        source: Source::Made(even),
+        source: Source::Synthetic(even),
     };
     let view = stage.view(0, SIZE);
     let of = |diagonal| SubsplatSettings {
@@ -430,7 +431,7 @@ fn subsplats_divide_cells_diagonal_to_edge() {
                 let (x, y) = (x as i32 + dx, y as i32 + dy);
                 (0..w as i32).contains(&x)
                     && (0..h as i32).contains(&y)
-                    && breaks(&with, &levels, &cells, k, x as u32, y as u32)
+                    && is_discontinuous(&with, &levels, &cells, k, x as u32, y as u32)
             };
             let own = broken(0, 0);
             let around = [(-1, -1), (1, -1), (-1, 1), (1, 1)]
@@ -463,7 +464,7 @@ fn broken(view: &View<'_>, depth: DepthTest, normal: NormalTest) -> usize {
     let [w, h] = levels.grid(3);
     (0..h)
         .flat_map(|y| (0..w).map(move |x| (x, y)))
-        .filter(|&(x, y)| breaks(&params, &levels, &cells, 3, x, y))
+        .filter(|&(x, y)| is_discontinuous(&params, &levels, &cells, 3, x, y))
         .count()
 }
 
@@ -479,11 +480,11 @@ fn depth_tests_detect_steps_and_accept_planes() {
     // None of its sides lies along cells, where neither of two cells would hold both depths ([N09]
     // Fig. 15).
     let step = quad(Vec3::new(-0.45, -0.37, -3.0), 0.8 * Vec3::X, 0.8 * Vec3::Y);
-    let stage = ahead(mesh_of_quads(&[wall(), step]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall(), step]), even);
     let stepped = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
-    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
     let straight = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
-    let stage = ahead(floor(), even);
+    let stage = synthetic_scene(floor(), even);
     // All of the picture is floor.
     let slanted = View::new(&stage, Vec3::ZERO, Vec3::new(0.0, -0.8, -1.0), SIZE);
     assert!(slanted.full.iter().all(|t| t[3] > 0.0));
@@ -516,9 +517,9 @@ fn normal_tests_detect_creases() {
     // Normal tests ignore steps of depth. Floor and wall meet without one.
     let back = quad(Vec3::new(-20.0, -1.0, -4.0), 40.0 * Vec3::X, 20.0 * Vec3::Y);
     let ground = quad(Vec3::new(-20.0, -1.0, 5.0), 40.0 * Vec3::X, -9.0 * Vec3::Z);
-    let stage = ahead(mesh_of_quads(&[back, ground]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[back, ground]), even);
     let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.0, -0.2, -1.0), SIZE);
-    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
     let flat = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
     for normal in [NormalTest::MinMax(0.3), NormalTest::Curvature(0.3)] {
         let deaf = DepthTest::Plane(f32::INFINITY);
@@ -536,7 +537,7 @@ fn normal_tests_detect_creases() {
 /// \[N09\] Eq. (3), pixel by pixel, from the camera's position.
 #[test]
 fn detail_test_matches_equation_3_at_grazing_angles() {
-    let stage = ahead(floor(), even);
+    let stage = synthetic_scene(floor(), even);
     let eye = Vec3::new(0.0, 0.5, 0.0);
     let view = View::new(&stage, eye, Vec3::new(0.0, -0.5, -1.0), SIZE);
     let of = |detail| {
@@ -570,7 +571,7 @@ fn detail_test_matches_equation_3_at_grazing_angles() {
 fn subsplats_of_any_settings_and_sizes_stay_finite() {
     let stage = LitScene {
         scene: clutter(),
-        source: Source::Made(sloping),
+        source: Source::Synthetic(sloping),
     };
     let (eye, target) = stage.scene.views[0];
     let plain = SubsplatSettings::default();
@@ -641,7 +642,7 @@ fn subsplats_of_any_settings_and_sizes_stay_finite() {
 fn subsplat_comparison_detects_one_wrong_node() {
     let stage = LitScene {
         scene: clutter(),
-        source: Source::Made(sloping),
+        source: Source::Synthetic(sloping),
     };
     let view = stage.view(0, SIZE);
     let settings = SubsplatSettings::default();
@@ -658,13 +659,16 @@ fn subsplat_comparison_detects_one_wrong_node() {
         }
     });
     assert!(at_nodes(&view, &settings, &perturbed) > 10.0 * HALF);
-    assert!(worst(&view, &perturbed) > worst(&view, &right) || perturbed.texels != right.texels);
+    assert!(
+        largest_difference(&view, &perturbed) > largest_difference(&view, &right)
+            || perturbed.texels != right.texels
+    );
 }
 
 /// Pixels that reflect nothing of the light or are unlit count as sky for subsplats.
 #[test]
 fn unlit_pixels_stay_dark() {
-    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
     let mut view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
     for (i, texel) in view.drawn.gbuffer.iter_mut().enumerate() {
         if i as u32 % SIZE[0] < 100 {

@@ -11,8 +11,8 @@ use meshless_gi::internals::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility, depths,
 };
 use meshless_gi::{
-    BakedScene, Geometry, Limits, Material, Preset, Progress, Recipe, RecipeError, TriangleMesh,
-    VisibilityRecipe, bake_scene, cornell_box, mesh_of_quads,
+    BakedScene, Geometry, Limits, Material, Preset, Progress, Quad, Recipe, RecipeError,
+    TriangleMesh, VisibilityRecipe, bake_scene,
 };
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -23,8 +23,8 @@ const SOFT: VisibilityRecipe = VisibilityRecipe {
     max_cluster_error: 0.03,
 };
 
-fn level() -> TriangleMesh {
-    mesh_of_quads(&cornell_box())
+fn cornell_mesh() -> TriangleMesh {
+    TriangleMesh::from_quads(&Quad::cornell_box())
 }
 
 fn baked(threads: usize) -> BakedScene {
@@ -37,7 +37,7 @@ fn baked(threads: usize) -> BakedScene {
         soft_shadows: Some(SOFT),
         ..Recipe::default()
     };
-    bake_scene(&level(), &recipe, threads, &Progress::default())
+    bake_scene(&cornell_mesh(), &recipe, threads, &Progress::default())
         .unwrap()
         .scene
 }
@@ -84,7 +84,7 @@ fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<
 
 #[test]
 fn pca_visibility_matches_rays_and_round_trips() {
-    let mesh = level();
+    let mesh = cornell_mesh();
     let scene = baked(2);
     assert_eq!(scene, baked(1), "threads change the bake");
     // Spherical lights too.
@@ -217,7 +217,12 @@ fn bake(geometry: &dyn Geometry, points: &[(Vec3, Vec3)]) -> Visibility {
         .0
 }
 
-fn seen(visibility: &Visibility, points: &[(Vec3, Vec3)], i: usize, light: &SoftLight) -> f32 {
+fn visible_fraction(
+    visibility: &Visibility,
+    points: &[(Vec3, Vec3)],
+    i: usize,
+    light: &SoftLight,
+) -> f32 {
     let params = SoftShadowParams::new(visibility, 4.0, 1);
     let (x, n) = points[i];
     let f = soft_shadow::visible_fraction(
@@ -246,7 +251,7 @@ fn light_source(at: Vec3) -> SoftLight {
 #[test]
 fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     // Points at one position have one row, and subtraction of the mean leaves nothing.
-    let mesh = level();
+    let mesh = cornell_mesh();
     let position = Vec3::new(-0.5, 0.0, 0.6);
     let by_rays = |light: &SoftLight| {
         let start = position + Vec3::Y * mesh.ray_offset(position);
@@ -268,8 +273,13 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
                 light_source(position + Vec3::Y),
                 light_source(position + Vec3::Y * 6.0),
             );
-            assert!(by_rays(&inside) == 1.0 && seen(&visibility, &points, i, &inside) > 0.99);
-            assert!(by_rays(&above) == 0.0 && seen(&visibility, &points, i, &above) < 0.01);
+            assert!(
+                by_rays(&inside) == 1.0
+                    && visible_fraction(&visibility, &points, i, &inside) > 0.99
+            );
+            assert!(
+                by_rays(&above) == 0.0 && visible_fraction(&visibility, &points, i, &above) < 0.01
+            );
         }
     }
     // Only the sky is visible.
@@ -283,7 +293,8 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     for (i, p) in points.iter().enumerate() {
         for distance in [1e-3, 1.0, 1e4] {
             assert!(
-                seen(&visibility, &points, i, &light_source(p.0 + p.1 * distance)) > 0.95,
+                visible_fraction(&visibility, &points, i, &light_source(p.0 + p.1 * distance))
+                    > 0.95,
                 "{i} {distance}"
             );
         }
@@ -293,7 +304,7 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
 
 #[test]
 fn cancelled_bake_returns_early() {
-    let mesh = level();
+    let mesh = cornell_mesh();
     let points: Vec<(Vec3, Vec3)> = (0..400)
         .map(|i| (Vec3::new(i as f32 / 200.0 - 1.0, 0.0, 0.7), Vec3::Y))
         .collect();
@@ -345,16 +356,22 @@ fn points_in_dome_receive_only_inner_lights() {
         ] {
             let d = direction.normalize();
             for inside in [0.1, 0.9, 1.6] {
-                assert!(seen(&visibility, &points, i, &light_source(p.0 + d * inside)) > 0.95);
+                assert!(
+                    visible_fraction(&visibility, &points, i, &light_source(p.0 + d * inside))
+                        > 0.95
+                );
             }
             for outside in [2.5, 4.0, 1e3] {
-                assert!(seen(&visibility, &points, i, &light_source(p.0 + d * outside)) < 0.05);
+                assert!(
+                    visible_fraction(&visibility, &points, i, &light_source(p.0 + d * outside))
+                        < 0.05
+                );
             }
         }
     }
     // Inside one of the blocks of the room, below the floor's horizon, and just above it without an
     // occluder.
-    let mesh = level();
+    let mesh = cornell_mesh();
     let points: Vec<(Vec3, Vec3)> = (0..100)
         .map(|i| {
             let (a, b) = ((i % 10) as f32, (i / 10) as f32);
@@ -367,7 +384,7 @@ fn points_in_dome_receive_only_inner_lights() {
         .0;
     let mean = |light: &SoftLight| {
         let sum: f32 = (0..points.len())
-            .map(|i| seen(&visibility, &points, i, light))
+            .map(|i| visible_fraction(&visibility, &points, i, light))
             .sum();
         sum / points.len() as f32
     };
@@ -385,7 +402,7 @@ fn points_in_dome_receive_only_inner_lights() {
 
 #[test]
 fn pca_components_are_prefix_of_larger_bake() {
-    let mesh = level();
+    let mesh = cornell_mesh();
     // The floor, so that clusters have rank: visibility next to and above the blocks changes from
     // point to point.
     let points: Vec<(Vec3, Vec3)> = (0..300)
@@ -451,7 +468,7 @@ fn pca_components_are_prefix_of_larger_bake() {
 
 #[test]
 fn soft_shadow_of_degenerate_lights_stays_finite() {
-    let mesh = level();
+    let mesh = cornell_mesh();
     let points = [
         (Vec3::new(0.0, 0.0, 0.0), Vec3::Y),
         (Vec3::new(0.5, 0.0, 0.8), Vec3::Y),
@@ -476,19 +493,19 @@ fn soft_shadow_of_degenerate_lights_stays_finite() {
         ] {
             for radius in [0.0, 0.1, 100.0] {
                 let ball = SoftLight::sphere(at, radius, Vec3::ONE, 10.0, 16);
-                let _ = seen(&visibility, &points, i, &ball);
+                let _ = visible_fraction(&visibility, &points, i, &ball);
             }
             for size in [1e-6, 0.3, 50.0] {
                 let panel =
                     SoftLight::rectangle(at, aside * size, n.cross(aside) * size, Vec3::ONE, 9);
-                let _ = seen(&visibility, &points, i, &panel);
+                let _ = visible_fraction(&visibility, &points, i, &panel);
                 let edge = SoftLight::rectangle(at, n * size, aside * size, Vec3::ONE, 9);
-                let _ = seen(&visibility, &points, i, &edge);
+                let _ = visible_fraction(&visibility, &points, i, &edge);
             }
         }
         // Nearer than the first occluder, unoccluded.
         assert!(
-            seen(
+            visible_fraction(
                 &visibility,
                 &points[..],
                 1,

@@ -96,7 +96,7 @@ fn imports_upwards(path: &str, text: &str, order: &[String]) -> Vec<String> {
 }
 
 /// Names of the graphics interface or the engine where they do not belong.
-fn strangers(path: &str, text: &str) -> Vec<String> {
+fn forbidden_imports(path: &str, text: &str) -> Vec<String> {
     let module = module_of(path).unwrap_or_default();
     let code = code_only(text);
     let mut found = Vec::new();
@@ -119,7 +119,7 @@ fn strangers(path: &str, text: &str) -> Vec<String> {
 
 /// Dependencies of a manifest that draw in an engine or a graphics interface. The optional
 /// reflection of the core's settings is allowed.
-fn heavy(manifest: &str) -> Vec<&str> {
+fn forbidden_dependencies(manifest: &str) -> Vec<&str> {
     manifest
         .lines()
         .filter(|line| !line.starts_with("bevy_reflect = "))
@@ -200,30 +200,36 @@ fn import_check_detects_violations() {
 fn only_plugin_uses_bevy_and_only_gpu_uses_wgpu() {
     let found = files("src", &["rs"])
         .iter()
-        .flat_map(|(path, text)| strangers(path, text))
+        .flat_map(|(path, text)| forbidden_imports(path, text))
         .collect();
     none(found);
 }
 
 #[test]
 fn forbidden_dependency_check_detects_violations() {
-    assert_eq!(strangers("src/frame/a.rs", "use wgpu::Device;").len(), 1);
-    assert_eq!(strangers("src/gpu/a.rs", "use bevy::prelude::*;").len(), 1);
-    assert_eq!(strangers("src/plan/a.rs", "bevy_ecs::x()").len(), 1);
     assert_eq!(
-        strangers("src/gpu/a.rs", "use wgpu::Device; // bevy").len(),
+        forbidden_imports("src/frame/a.rs", "use wgpu::Device;").len(),
+        1
+    );
+    assert_eq!(
+        forbidden_imports("src/gpu/a.rs", "use bevy::prelude::*;").len(),
+        1
+    );
+    assert_eq!(forbidden_imports("src/plan/a.rs", "bevy_ecs::x()").len(), 1);
+    assert_eq!(
+        forbidden_imports("src/gpu/a.rs", "use wgpu::Device; // bevy").len(),
         0
     );
     assert_eq!(
-        strangers("src/plugin/a.rs", "use bevy::x; use wgpu::y;").len(),
+        forbidden_imports("src/plugin/a.rs", "use bevy::x; use wgpu::y;").len(),
         0
     );
     assert_eq!(
-        strangers("src/lib.rs", "#[cfg(feature = \"bevy\")] fn f() {}").len(),
+        forbidden_imports("src/lib.rs", "#[cfg(feature = \"bevy\")] fn f() {}").len(),
         0
     );
     assert_eq!(
-        strangers("src/plan/a.rs", "use meshless_gi::internals::bake;").len(),
+        forbidden_imports("src/plan/a.rs", "use meshless_gi::internals::bake;").len(),
         0
     );
 }
@@ -232,10 +238,19 @@ fn forbidden_dependency_check_detects_violations() {
 fn core_lab_and_tool_manifests_have_no_engine_and_no_device() {
     for member in ["meshless_gi", "meshless_gi_lab", "meshless_gi_cli"] {
         let manifest = read(&format!("crates/{member}/Cargo.toml"));
-        assert_eq!(heavy(&manifest), [""; 0], "{member}");
+        assert_eq!(forbidden_dependencies(&manifest), [""; 0], "{member}");
     }
-    assert_eq!(heavy("[dependencies]\nwgpu = \"29\"\n").len(), 1);
-    assert_eq!(heavy("[dependencies.bevy]\n").len(), 1);
-    assert_eq!(heavy("bevy_reflect = { optional = true }\n").len(), 0);
-    assert_eq!(heavy("bevy_ecs = { optional = true }\n").len(), 1);
+    assert_eq!(
+        forbidden_dependencies("[dependencies]\nwgpu = \"29\"\n").len(),
+        1
+    );
+    assert_eq!(forbidden_dependencies("[dependencies.bevy]\n").len(), 1);
+    assert_eq!(
+        forbidden_dependencies("bevy_reflect = { optional = true }\n").len(),
+        0
+    );
+    assert_eq!(
+        forbidden_dependencies("bevy_ecs = { optional = true }\n").len(),
+        1
+    );
 }

@@ -54,7 +54,7 @@ impl Random {
 
 /// Content of a synthetic scene.
 #[derive(Clone, Copy)]
-pub struct Make {
+pub struct SceneOptions {
     pub seed: u64,
     pub levels: &'static [u32],
     pub sender_levels: u32,
@@ -72,12 +72,12 @@ pub struct Make {
     /// `true` if the scene has occluders.
     pub occluded: bool,
     /// `true` if points have visibility data.
-    pub remembers: bool,
+    pub has_visibility: bool,
 }
 
 /// Returns one scene of each sort.
-pub fn makes() -> Vec<Make> {
-    let plain = Make {
+pub fn makes() -> Vec<SceneOptions> {
+    let plain = SceneOptions {
         seed: 1,
         levels: &[3, 5, 9],
         sender_levels: 2,
@@ -89,31 +89,31 @@ pub fn makes() -> Vec<Make> {
         sky: false,
         live: false,
         occluded: false,
-        remembers: false,
+        has_visibility: false,
     };
     vec![
         plain,
-        Make {
+        SceneOptions {
             seed: 2,
             bounces: true,
             own_grid: true,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 3,
             levels: &[2, 4, 3, 6],
             sender_levels: 3,
             form: SenderForm::Differences,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 4,
             levels: &[1],
             sender_levels: 1,
             triangles: 0,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 5,
             levels: &[4, 7],
             sender_levels: 2,
@@ -121,41 +121,41 @@ pub fn makes() -> Vec<Make> {
             triangles: 8,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 6,
             form: SenderForm::Components,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 7,
             levels: &[2, 24, 40],
             octree: Some(false),
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 8,
             octree: Some(true),
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 9,
             sky: true,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 10,
             live: true,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 11,
             occluded: true,
             sky: true,
             ..plain
         },
-        Make {
+        SceneOptions {
             seed: 12,
-            remembers: true,
+            has_visibility: true,
             ..plain
         },
     ]
@@ -218,7 +218,7 @@ fn row(random: &mut Random, range: std::ops::Range<u32>, max: usize) -> Vec<Weig
         .collect()
 }
 
-pub fn build(make: &Make) -> BakedScene {
+pub fn build(make: &SceneOptions) -> BakedScene {
     let r = &mut Random(make.seed.wrapping_mul(0x1234_5678_9abc_def1));
     let mut starts = vec![0u32];
     for n in make.levels {
@@ -292,7 +292,7 @@ pub fn build(make: &Make) -> BakedScene {
         .map(|i| {
             let start = links.len() as u32;
             let active = i % 3 != 2;
-            let optional = make.form.rows_stand_alone() && !parents[i].is_empty();
+            let optional = make.form.has_independent_rows() && !parents[i].is_empty();
             if active {
                 let max = coefficients + if make.sky { 8 } else { 0 };
                 for s in (0..=max)
@@ -394,9 +394,9 @@ pub fn build(make: &Make) -> BakedScene {
         }
     }
     if make.occluded {
-        occlude(&mut scene);
+        add_occluders(&mut scene);
     }
-    if make.remembers {
+    if make.has_visibility {
         let known = scene.data().level_starts[make.sender_levels as usize] as usize;
         let mut points = scene.data().points[..known].iter();
         let mut triangle = || [0; 3].map(|_| points.next().map_or(Vec3::Y, |p| p.x() + 0.1));
@@ -405,14 +405,15 @@ pub fn build(make: &Make) -> BakedScene {
             vec![0; 2],
             vec![Material::default()],
         );
-        scene.data_mut().visibility = Some(remember(&scene.data().points[..known], &mesh));
+        scene.data_mut().visibility =
+            Some(compute_visibility(&scene.data().points[..known], &mesh));
     }
-    scene.data_mut().info.tiers = TierInfo::all_of(scene.data());
+    scene.data_mut().info.tiers = TierInfo::from_scene(scene.data());
     scene
 }
 
 /// Visibility of points in a mesh, in several clusters of several components.
-fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
+fn compute_visibility(points: &[Point], mesh: &TriangleMesh) -> Visibility {
     let points: Vec<_> = points.iter().map(|p| (p.x(), p.n())).collect();
     let settings = VisibilitySettings {
         grid: HemisphereGrid::with_directions(16),
@@ -427,7 +428,7 @@ fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
 
 /// Adds two occluders of one triangle each. Half of every third link passes the first occluder, and
 /// in one way or another the second.
-fn occlude(scene: &mut BakedScene) {
+fn add_occluders(scene: &mut BakedScene) {
     let count = scene.data().bvh.triangles.len();
     for (k, triangle) in scene.data_mut().bvh.triangles[count - 2..]
         .iter_mut()

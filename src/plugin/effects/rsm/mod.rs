@@ -14,6 +14,7 @@ use crate::gpu;
 use crate::plan::{
     BounceState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, ViewState, Work,
 };
+use crate::plugin::gpu_timings::map_spans;
 use crate::plugin::record::{FramePoint, Layer, MapDrawContext, ViewContext};
 use bevy::log::error;
 use bevy::render::diagnostic::RecordDiagnostics;
@@ -27,8 +28,12 @@ pub(super) const EFFECT: Effect = Effect {
         PassKind {
             stage: FrameStage::RSM,
             per_view: false,
-            timed_with: None,
-            work: |_, _| Work::Uncounted,
+            timed_with: Some(FrameStage::RSM),
+            work: |state, pass| {
+                let light = (state.bounces.iter()).find(|light| Some(light.id) == pass.light);
+                let texels = light.map(|l| u64::from(l.maps.unwrap_or(0)) * l.texels_per_map);
+                texels.map_or(Work::Uncounted, Work::Texels)
+            },
             record: Recording {
                 kernels: &[
                     gpu::Pass::RsmTexels,
@@ -59,7 +64,7 @@ pub(super) const EFFECT: Effect = Effect {
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for light in &state.bounces {
         match state.maps_of(light) {
-            Ok(_) if state.bounces_held => plan.resting.push(light.id),
+            Ok(_) if state.virtual_lights_valid => plan.resting.push(light.id),
             Ok(maps) => {
                 let (stage, reason) = (FrameStage::RSM, RunReason::Moving(maps));
                 plan.push(EFFECT.name, stage, SceneId::WORLD, reason).light = Some(light.id);
@@ -86,7 +91,7 @@ pub(super) fn schedule_in_view(state: &FrameState, view: &ViewState, plan: &mut 
 
 /// Draws the deferred meshes in the camera of a map. Bevy's deferred prepass is not public. This
 /// one has the same bindings (format of Bevy 0.19).
-fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, _: &Pass) {
+fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, planned: &Pass) {
     let recorder = ctx.ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let textures = ctx.textures;
@@ -103,7 +108,9 @@ fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, _: &Pass) {
         occlusion_query_set: None,
         multiview_mask: None,
     });
-    let span = recorder.pass_span(&mut pass, FramePoint::LightMaps.span());
+    let whole = recorder.pass_span(&mut pass, FramePoint::LightMaps.span());
+    let [name, _] = map_spans(planned, ctx.map.index);
+    let span = recorder.pass_span(&mut pass, name);
     if let Err(error) = ctx.opaque.render(&mut pass, ctx.world, ctx.camera) {
         error!("a reflective shadow map lacks its opaque meshes: {error:?}");
     }
@@ -111,10 +118,11 @@ fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, _: &Pass) {
         error!("a reflective shadow map lacks its masked meshes: {error:?}");
     }
     span.end(&mut pass);
+    whole.end(&mut pass);
 }
 
-fn add_layer(ctx: &mut ViewContext<'_>, _: &Pass) {
-    if ctx.reflections.is_some() {
-        ctx.layers.push(Layer::VirtualLights);
-    }
+fn add_layer(ctx: &mut ViewContext<'_>, _: &Pass) -> Option<()> {
+    ctx.world_states.get::<Reflections>()?;
+    ctx.layers.push(Layer::VirtualLights);
+    Some(())
 }

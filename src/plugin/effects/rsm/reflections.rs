@@ -5,10 +5,11 @@ use crate::gpu::{
     VplShadows,
 };
 use crate::plan::{LightId, MapChangeDetector, Plan, SceneId};
+use crate::plugin::effect_states::EffectState;
 use crate::plugin::extract::ExtractedGi;
 use crate::plugin::record::{Layer, MapOfLight, MapReadContext, ViewInput};
 use crate::plugin::render_state::SceneRuntime;
-use crate::plugin::rsm::AskingLight;
+use crate::plugin::rsm::RsmRequest;
 use crate::plugin::rsm_render::{LightMaps, light_id};
 use crate::plugin::splatting::ViewLights;
 use bevy::math::{DMat4, Mat4, Vec3};
@@ -32,7 +33,7 @@ pub(crate) struct Reflections {
 /// of its occluders).
 pub(crate) type Shadower = (SceneId, usize, DMat4, Vec<f32>);
 /// Values that the virtual lights were computed from.
-pub(crate) type MapChanges = MapChangeDetector<AskingLight, Shadower>;
+pub(crate) type MapChanges = MapChangeDetector<RsmRequest, Shadower>;
 
 /// Returns the baked scenes that shadow reflected light.
 pub(crate) fn shadowers(
@@ -51,7 +52,7 @@ pub(crate) fn shadowers(
 
 /// Threshold of shadow rays, where 1 is white: half a step of 12 bits. Virtual point lights that
 /// together give a pixel less than this need no shadows.
-const DIM: f32 = 1.0 / 8192.0;
+const MIN_SHADOWED_RADIANCE: f32 = 1.0 / 8192.0;
 
 impl Reflections {
     /// Reserves space for a frame. Does nothing if the plan draws no map.
@@ -69,7 +70,7 @@ impl Reflections {
         let Some(first) = drawn().next() else {
             return Ok(None);
         };
-        let texels = |light: &AskingLight| {
+        let texels = |light: &RsmRequest| {
             let side = light.settings.texels();
             light.maps.as_ref().map_or(0, |m| m.len() as u32) * side * side
         };
@@ -113,7 +114,9 @@ impl Reflections {
             count,
         } = ctx.map;
         let id = light_id(light.key);
-        let reflections = &mut *ctx.reflections;
+        let Some(reflections) = ctx.states.get_mut::<Self>() else {
+            return;
+        };
         if reflections.light != Some(id) {
             reflections.maps.next_light();
             reflections.light = Some(id);
@@ -140,7 +143,7 @@ impl Reflections {
             false => Vec::new(),
         };
         let vpls = light.settings.vpl_count.clamp(1, MAX_VPLS);
-        maps.choose(
+        maps.select_vpls(
             ctx.kernels,
             ctx.queue,
             ctx.encoder,
@@ -152,17 +155,7 @@ impl Reflections {
         ctx.changes.finish_light(id, ctx.complete, shadowers);
     }
 
-    /// Returns the work recorded so far.
-    pub fn counters(&self) -> GpuCounters {
-        self.maps.counters()
-    }
-
-    /// Buffers, and bytes of them.
-    pub fn size(&self) -> (u32, u64) {
-        (self.maps.buffers(), self.maps.bytes())
-    }
-
-    /// Adds the irradiance of the pixels of a view, see [`in_view`](Self::in_view).
+    /// Adds the irradiance of the pixels of a view, see [`view_params`](Self::view_params).
     pub fn light_view(
         &mut self,
         kernels: &KernelPipelines,
@@ -178,7 +171,7 @@ impl Reflections {
 
     /// Returns the parameters of the virtual lights in a view that shows `layers`, and their
     /// shadows there.
-    pub fn in_view<'a>(
+    pub fn view_params<'a>(
         &self,
         input: &'a ViewInput<'_>,
         scenes: &'a BTreeMap<SceneId, SceneRuntime>,
@@ -201,7 +194,7 @@ impl Reflections {
             pad: 0,
         };
         // An even share for each, as the irradiance of a white surface.
-        let share = DIM / self.maps.vpl_count().max(1) as f32;
+        let share = MIN_SHADOWED_RADIANCE / self.maps.vpl_count().max(1) as f32;
         let dim = share * std::f32::consts::PI / exposure.max(1e-30);
         let shadows = (bake.filter(|_| self.visibility)).map(|(local, scene)| VplShadows {
             local_from_space: local_from_space(local, self.origin),
@@ -218,13 +211,23 @@ impl Reflections {
         scenes: &'a BTreeMap<SceneId, SceneRuntime>,
         layers: &[Layer],
     ) -> ViewLights<'a> {
-        let (view, shadows) = self.in_view(input, scenes, layers);
+        let (view, shadows) = self.view_params(input, scenes, layers);
         ViewLights {
             maps: &self.maps,
             view,
             lit: self.maps.params(shadows.as_ref()),
             shadows,
         }
+    }
+}
+
+impl EffectState for Reflections {
+    fn size(&self) -> (u32, u64) {
+        (self.maps.buffers(), self.maps.bytes())
+    }
+
+    fn counters(&self) -> GpuCounters {
+        self.maps.counters()
     }
 }
 

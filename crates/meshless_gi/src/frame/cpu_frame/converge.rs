@@ -1,7 +1,7 @@
 //! Solve with bounces until convergence.
 
 use super::CpuFrame;
-use super::transport::{Whom, octree};
+use super::transport::{ReceiverSet, octree};
 use crate::asset::BakedScene;
 use crate::frame::anderson::Anderson;
 use crate::frame::{FrameSettings, SceneDimensions, SolveSchedule, pull};
@@ -69,8 +69,8 @@ impl CpuFrame {
                 pull::pull(&scene.pull, level.clone(), &mut self.senders);
             }
         }
-        self.transport(scene, &params, &steps, &mut octree, Whom::All);
-        self.light_space(scene, &params, &steps);
+        self.transport(scene, &params, &steps, &mut octree, ReceiverSet::All);
+        self.transport_to_probes(scene, &params, &steps);
         // The result differs from that of any plain solve.
         self.solved = None;
         self.counters.sweeps += u64::from(sweeps - 1);

@@ -21,7 +21,7 @@ impl CpuFrame {
         steps: &SolveSchedule,
         octree: &mut Option<Passes<'_, f32>>,
     ) {
-        self.transport(scene, params, steps, octree, Whom::Senders);
+        self.transport(scene, params, steps, octree, ReceiverSet::Senders);
         bounce::sweep(
             params,
             &sender_inputs(&self.surfaces, &self.occluded, scene),
@@ -42,12 +42,12 @@ impl CpuFrame {
         params: &SolveParams,
         steps: &SolveSchedule,
         octree: &mut Option<Passes<'_, f32>>,
-        whom: Whom,
+        receiver_set: ReceiverSet,
     ) {
         let operator = &scene.operator;
-        let (points, levels): (Range<usize>, _) = match whom {
-            Whom::All => (0..scene.points.len(), &steps.levels),
-            Whom::Senders => (0..scene.senders(), &steps.senders),
+        let (points, levels): (Range<usize>, _) = match receiver_set {
+            ReceiverSet::All => (0..scene.points.len(), &steps.levels),
+            ReceiverSet::Senders => (0..scene.senders(), &steps.senders),
         };
         if let (Some(passes), Some(operator)) = (octree, &scene.fmm) {
             fmm_up::fmm_up(passes, &self.senders);
@@ -120,7 +120,7 @@ impl CpuFrame {
     }
 
     /// Transports the senders' light to the probes.
-    pub(super) fn light_space(
+    pub(super) fn transport_to_probes(
         &mut self,
         scene: &SceneData,
         params: &SolveParams,
@@ -141,7 +141,7 @@ impl CpuFrame {
 
 /// Receivers of a transport.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Whom {
+pub(super) enum ReceiverSet {
     /// All points.
     All,
     /// The senders, for their next reflection.

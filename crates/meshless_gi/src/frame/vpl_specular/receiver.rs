@@ -24,7 +24,7 @@ pub struct VplSet<'a> {
 impl VplSet<'_> {
     /// Returns the number of lights that share a bit.
     #[must_use]
-    pub fn a_group(&self) -> u32 {
+    pub fn lights_per_group(&self) -> u32 {
         self.lit.vpls.div_ceil(LIGHT_GROUPS).max(1)
     }
 }

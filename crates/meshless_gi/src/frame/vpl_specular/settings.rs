@@ -2,8 +2,8 @@
 
 use super::ROUGHNESS_FADE;
 use crate::frame::brdf;
-use crate::frame::splat::LARGEST_HALF;
-use crate::frame::subsplat::{COARSEST, SubsplatParams, SubsplatSettings};
+use crate::frame::splat::MAX_HALF;
+use crate::frame::subsplat::{MAX_COARSEST_LEVEL, SubsplatParams, SubsplatSettings};
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
 use bytemuck::{Pod, Zeroable};
@@ -18,7 +18,7 @@ use half::f16;
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SpecularSettings {
-    /// Level at which every node evaluates every light, 2 to [`COARSEST`]. Its cells have
+    /// Level at which every node evaluates every light, 2 to [`MAX_COARSEST_LEVEL`]. Its cells have
     /// 2^coarsest_level pixels. Much narrower highlights may be missed (\[N09\] §3.3.1).
     pub coarsest_level: u32,
     /// Level below which only pixels without similar neighbors are evaluated, at least 1.
@@ -56,7 +56,7 @@ impl SpecularSettings {
     ) -> (SubsplatParams, SpecularParams) {
         let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
         let screen = SubsplatSettings {
-            coarsest_level: self.coarsest_level.clamp(2, COARSEST),
+            coarsest_level: self.coarsest_level.clamp(2, MAX_COARSEST_LEVEL),
             finest_level: self.finest_level,
             radiance_threshold: positive(self.radiance_threshold),
             ..SubsplatSettings::default()
@@ -99,7 +99,7 @@ impl SpecularNode {
     #[must_use]
     pub fn new(light: &SpecularRadiance) -> Self {
         let pack = |a: f32, b: f32| {
-            let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, LARGEST_HALF)).to_bits());
+            let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, MAX_HALF)).to_bits());
             bits(a) | bits(b) << 16
         };
         let [a, b] = [light.f0, light.f90];

@@ -62,7 +62,7 @@ pub(super) fn first_nodes(root: &Root) -> Result<Vec<usize>, String> {
 pub(super) fn used_textures(
     file: &str,
     buffers: &Buffers<'_>,
-    materials: &mut [Placed],
+    materials: &mut [PlacedMaterial],
     resolve: &mut Resolver<'_>,
 ) -> Result<Vec<Texture>, SceneError> {
     let mut renumbered = vec![None; buffers.root.textures.len()];

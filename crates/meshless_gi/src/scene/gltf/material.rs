@@ -11,7 +11,7 @@ use image::{DynamicImage, ImageDecoder};
 use std::io::Cursor;
 
 /// Largest width and height of an image, texels.
-const LARGEST_EDGE: u32 = 16_384;
+const MAX_IMAGE_EDGE: u32 = 16_384;
 /// Largest decoded image, bytes.
 const MAX_IMAGE: u64 = 1 << 30;
 /// Largest memory for the metadata of an image, such as color profiles, bytes.
@@ -61,15 +61,15 @@ impl TexturePlacement {
 }
 
 /// Material with the placements of its base color, metallic and emissive texture.
-pub(super) struct Placed {
+pub(super) struct PlacedMaterial {
     pub(super) material: Material,
     pub(super) placements: [TexturePlacement; 3],
 }
 
 /// Returns the material of a primitive without a material: white and not metallic, as viewers
 /// display it. The format's default is fully metallic, which has no diffuse reflection.
-pub(super) fn plain() -> Placed {
-    Placed {
+pub(super) fn plain() -> PlacedMaterial {
+    PlacedMaterial {
         material: Material {
             double_sided: false,
             ..Material::diffuse(Vec3::ONE)
@@ -78,7 +78,7 @@ pub(super) fn plain() -> Placed {
     }
 }
 
-pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, String> {
+pub(super) fn material(m: &json::Material, textures: usize) -> Result<PlacedMaterial, String> {
     let index = |info: &Option<Info>| match info.as_ref().map(|i| i.index.value()) {
         Some(i) if i >= textures => Err(format!("texture {i} is not there")),
         other => Ok(other.map(|i| i as u32)),
@@ -107,7 +107,7 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
     let Checked::Valid(mode) = m.alpha_mode else {
         return Err("its alpha mode is not known".into());
     };
-    Ok(Placed {
+    Ok(PlacedMaterial {
         material: Material {
             base_color: Vec4::from_array(base),
             base_color_texture: index(base_info)?,
@@ -189,8 +189,8 @@ fn decode(bytes: &[u8], left: u64) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
         .with_guessed_format()
         .map_err(|e| e.to_string())?;
     let mut limits = image::Limits::default();
-    limits.max_image_width = Some(LARGEST_EDGE);
-    limits.max_image_height = Some(LARGEST_EDGE);
+    limits.max_image_width = Some(MAX_IMAGE_EDGE);
+    limits.max_image_height = Some(MAX_IMAGE_EDGE);
     limits.max_alloc = Some(MAX_METADATA);
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|e| e.to_string())?;

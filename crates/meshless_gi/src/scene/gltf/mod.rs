@@ -28,7 +28,7 @@ mod external_files;
 mod material;
 
 use super::occluder::MeshNode;
-use super::{InputBudget, Light, Material, MeshProblems, SceneError, TriangleMesh, TriangleUvs};
+use super::{InputBudget, Light, LoadedScene, Material, SceneError, TriangleMesh, TriangleUvs};
 use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
@@ -37,7 +37,7 @@ use accessor::Buffers;
 use document::{assemble, first_nodes, load_buffers, local_transform, used_textures};
 pub use external_files::external_files;
 use glam::{DMat4, DQuat, DVec3, Vec2, Vec3};
-use material::Placed;
+use material::PlacedMaterial;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -48,10 +48,10 @@ const MAX_TEXELS: u64 = 1 << 29;
 /// Largest number of JSON objects. A parsed node takes up to a hundred times the bytes of its text.
 const MAX_OBJECTS: u64 = 1 << 22;
 /// Largest depth of nested nodes.
-const DEEPEST: usize = 256;
+const MAX_NODE_DEPTH: usize = 256;
 /// Extensions that a file may list as required. They are supported here or do not affect diffuse
 /// light.
-const READABLE: [&str; 4] = [
+const SUPPORTED_EXTENSIONS: [&str; 4] = [
     "KHR_lights_punctual",
     "KHR_texture_transform",
     "KHR_mesh_quantization",
@@ -61,21 +61,6 @@ const READABLE: [&str; 4] = [
 /// Callback that returns the bytes of a referenced file. Its argument is the name relative to the
 /// scene.
 pub type Resolver<'a> = dyn FnMut(&str) -> Result<Vec<u8>, SceneError> + 'a;
-
-/// Scene from a file.
-#[derive(Debug)]
-pub struct LoadedScene {
-    /// Triangles of the scene, meters.
-    pub mesh: TriangleMesh,
-    /// Lights of the scene.
-    pub lights: Vec<Light>,
-    /// Name of each light. Empty if the file has no name.
-    pub light_names: Vec<String>,
-    /// Numbers of parts of the mesh that were dropped or corrected.
-    pub problems: MeshProblems,
-    /// Notes on content that was ignored or converted.
-    pub notes: Vec<String>,
-}
 
 /// Reads a scene. Returns [`SceneError::Io`] if a file cannot be read. All other errors are about
 /// the content of the files.
@@ -134,8 +119,9 @@ pub fn load_gltf_bytes(
             root.asset.version
         )));
     }
-    let readable =
-        |name: &String| READABLE.contains(&name.as_str()) || name.starts_with("KHR_materials_");
+    let readable = |name: &String| {
+        SUPPORTED_EXTENSIONS.contains(&name.as_str()) || name.starts_with("KHR_materials_")
+    };
     if let Some(name) = root.extensions_required.iter().find(|name| !readable(name)) {
         return Err(format(format!(
             "it can't be read without {name}, which is not supported"
@@ -168,7 +154,7 @@ struct Builder<'a> {
     nodes: Vec<MeshNode>,
     /// Node of each triangle that the mesh keeps.
     node_of: Vec<u32>,
-    materials: Vec<Placed>,
+    materials: Vec<PlacedMaterial>,
     textures: Vec<super::Texture>,
     lights: Vec<Light>,
     light_names: Vec<String>,
@@ -237,8 +223,8 @@ impl<'a> Builder<'a> {
         let Some(node) = root.nodes.get(index) else {
             return Err(self.wrong(format!("node {index} is not there")));
         };
-        if depth > DEEPEST {
-            return Err(self.wrong(format!("nodes are nested more than {DEEPEST} deep")));
+        if depth > MAX_NODE_DEPTH {
+            return Err(self.wrong(format!("nodes are nested more than {MAX_NODE_DEPTH} deep")));
         }
         if std::mem::replace(&mut self.visited[index], true) {
             return Err(self.wrong(format!("node {index} has more than one parent")));
@@ -480,6 +466,7 @@ impl<'a> Builder<'a> {
         }
         Ok(LoadedScene {
             mesh,
+            points: 0,
             lights: self.lights,
             light_names: self.light_names,
             problems,

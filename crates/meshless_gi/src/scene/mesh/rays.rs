@@ -32,10 +32,10 @@ fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
 /// Converts a ray for obvhs. Vectors are converted to arrays. Inverses are exact where possible. An
 /// overestimate of a component near zero would let a ray along a wall miss the wall behind it.
 fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
-    const SMALLEST: f32 = 1e-18;
+    const MIN_COMPONENT: f32 = 1e-18;
     let guarded = |d: f32| {
-        if d.abs() < SMALLEST {
-            SMALLEST.copysign(d)
+        if d.abs() < MIN_COMPONENT {
+            MIN_COMPONENT.copysign(d)
         } else {
             d
         }
@@ -76,7 +76,7 @@ impl Geometry for TriangleMesh {
                 let face = &self.faces[k];
                 let [a, b, c] = face.corners;
                 let limit = best.map_or(ray.max_t, |h| h.t);
-                let Some(hit) = test.meet(a, b, c, limit) else {
+                let Some(hit) = test.intersect(a, b, c, limit) else {
                     return f32::INFINITY;
                 };
                 let closer = match &best {
@@ -106,7 +106,7 @@ impl Geometry for TriangleMesh {
         !self.tree.ray_traverse_miss(traversal_ray(&ray), |_, k| {
             let face = &self.faces[k];
             let [a, b, c] = face.corners;
-            match test.meet(a, b, c, 1.0) {
+            match test.intersect(a, b, c, 1.0) {
                 Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
                 _ => f32::INFINITY,
             }

@@ -13,7 +13,7 @@ fn node(name: &str, parent: Option<u32>) -> MeshNode {
 }
 
 /// Returns four tiles, of which two are below a node "door".
-fn level() -> TriangleMesh {
+fn mesh_with_nodes() -> TriangleMesh {
     let tiles = vec![tile(0.0), tile(1.0), tile(2.0), tile(3.0)];
     let mut mesh = TriangleMesh::new(tiles, vec![0; 4], vec![Material::default()]);
     let nodes = ["", "room", "door", "handle", "back"];
@@ -25,7 +25,7 @@ fn level() -> TriangleMesh {
 
 #[test]
 fn split_occluders_takes_node_with_descendants() {
-    let (rest, held) = level().split_occluders(&["lift", "door"]);
+    let (rest, held) = mesh_with_nodes().split_occluders(&["lift", "door"]);
     assert_eq!(rest.len(), 2);
     assert_eq!(
         [rest.triangle(0), rest.triangle(1)],
@@ -37,14 +37,14 @@ fn split_occluders_takes_node_with_descendants() {
     let (none, held) = rest.split_occluders(&["back"]);
     assert_eq!((none.len(), held[0].triangles.len()), (1, 1));
     let (rest, held) =
-        TriangleMesh::joined(vec![none, level()]).split_occluders(&["room", "handle"]);
+        TriangleMesh::joined(vec![none, mesh_with_nodes()]).split_occluders(&["room", "handle"]);
     assert_eq!(rest.len(), 2);
     assert_eq!([held[0].triangles.len(), held[1].triangles.len()], [2, 1]);
 }
 
 #[test]
 fn occluder_geometry_is_open_to_rays_and_closed_on_request() {
-    let (rest, held) = level().split_occluders(&["door"]);
+    let (rest, held) = mesh_with_nodes().split_occluders(&["door"]);
     let doorways = OccluderGeometry::new(&rest, &held);
     let ray = Ray::new(Vec3::new(0.0, 0.0, 2.5), Vec3::NEG_Z);
     let hit = doorways.cast(&ray).unwrap();
@@ -75,13 +75,13 @@ fn occluder_box_blocks_at_middle_and_free_sides() {
         max: Vec3::new(0.5, 2.0, 0.1),
     };
     let none = TriangleMesh::new(Vec::new(), Vec::new(), Vec::new());
-    let free = Shutter::new(bounds, &none);
+    let free = BoxPlanes::new(bounds, &none);
     assert_eq!((free.axis, free.sides), (2, [true; 4]));
     // Floor below the box.
     let at = |x, z| Vec3::new(x, 0.0, z);
     let floor = [at(-9.0, -9.0), at(9.0, -9.0), at(0.0, 20.0)];
     let floor = TriangleMesh::new(vec![floor], vec![0], vec![Material::default()]);
-    let stands = Shutter::new(bounds, &floor);
+    let stands = BoxPlanes::new(bounds, &floor);
     assert_eq!(stands.sides.iter().filter(|s| **s).count(), 3);
     for (shutter, triangles) in [(free, 10), (stands, 8)] {
         let occluder = Occluder {

@@ -7,7 +7,7 @@ use super::PlyError;
 /// damage.
 const MAX_PARTS: usize = 1024;
 /// Largest size of a header, bytes.
-const LONGEST: usize = 1 << 20;
+const MAX_HEADER_BYTES: usize = 1 << 20;
 
 /// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,7 +132,7 @@ impl Header {
                 line: lines + 1,
                 what,
             };
-            let (line, next) = line_at(&bytes[..bytes.len().min(LONGEST)], from)
+            let (line, next) = line_at(&bytes[..bytes.len().min(MAX_HEADER_BYTES)], from)
                 .ok_or_else(|| wrong("the header has no end_header".into()))?;
             from = next;
             // Comments may have any encoding. Only the keywords must be valid text.

@@ -34,23 +34,23 @@ const NEIGHBORS: usize = 24;
 const MORE_NEIGHBORS: usize = 96;
 /// Size limit of such a cell, relative to the distance of the farthest of these neighbors (5.5
 /// spacings). Cells at a border also close, but farther away.
-const FARTHER: f64 = 0.42;
+const MAX_WIDE_CELL_RADIUS: f64 = 0.42;
 /// Size limit of a cell, relative to the distance of the farthest neighbor. Beyond 0.5 a neighbor
 /// may be missing from the list. Random samples have holes of up to two spacings, and 24 neighbors
 /// lie within 2.8 spacings.
-const REACH: f64 = 0.7;
+const MAX_CELL_RADIUS: f64 = 0.7;
 /// Smallest cosine between normals of one surface: 40 degrees.
-const SAME: f64 = 0.766;
+const MIN_SURFACE_COSINE: f64 = 0.766;
 /// Cosine below which normals belong to opposite sides: 120 degrees.
-const OTHER_SIDE: f64 = -0.5;
+const OPPOSITE_COSINE: f64 = -0.5;
 /// Overlap of neighboring cells, spacings.
 const OVERLAP: f64 = 0.02;
 /// Distance that a cell extends over an open border, spacings.
-const BORDER: f64 = 0.75;
+const BORDER_EXTENT: f64 = 0.75;
 /// Largest number of corners of a cell.
 pub(super) const MAX_CORNERS: usize = 16;
 /// Tag of an edge without a neighbor.
-const OPEN: u8 = u8::MAX;
+const OPEN_EDGE: u8 = u8::MAX;
 
 /// Surface piece of a point.
 #[derive(Clone, Debug, Default)]
@@ -74,7 +74,7 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
         tree.nearest(points[i], count, Some(i as u32), near);
         Plane::new(i, near, reach, points, normals)
     };
-    let few = (NEIGHBORS, REACH);
+    let few = (NEIGHBORS, MAX_CELL_RADIUS);
     let mut cells: Vec<Cell> = (0..points.len())
         .into_par_iter()
         .map_init(Vec::new, |near, i| match around(i, few, near) {
@@ -97,7 +97,7 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
             } else {
                 plane.spacing * plane.spacing
             };
-            let mut wide = around(i, (MORE_NEIGHBORS, FARTHER), near)?.cell(None);
+            let mut wide = around(i, (MORE_NEIGHBORS, MAX_WIDE_CELL_RADIUS), near)?.cell(None);
             if wide.closed {
                 wide.area = wide.area.min(area as f32);
                 return Some((i, wide));
@@ -113,7 +113,7 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
 }
 
 /// Neighbor on the same surface.
-struct Own {
+struct SurfaceNeighbor {
     index: u32,
     /// Position in the tangent plane.
     at: DVec2,
@@ -137,15 +137,15 @@ struct Plane {
     v: DVec3,
     reach: f64,
     spacing: f64,
-    own: Vec<Own>,
+    own: Vec<SurfaceNeighbor>,
     creases: Vec<Bound>,
 }
 
 /// Corners in counter-clockwise order. Each has the tag of the edge that starts there: the index of
-/// a neighbor in `own`, [`CREASE`] or [`OPEN`].
+/// a neighbor in `own`, [`CREASE_EDGE`] or [`OPEN_EDGE`].
 type Polygon = Vec<(DVec2, u8)>;
 /// Tag of an edge on a crease.
-const CREASE: u8 = u8::MAX - 1;
+const CREASE_EDGE: u8 = u8::MAX - 1;
 
 impl Plane {
     /// Creates the plane of point `i`. `None` if the point has no neighbors at other positions.
@@ -177,16 +177,16 @@ impl Plane {
             let j = neighbor.index as usize;
             let (d, n_j) = (points[j].as_dvec3() - x, normals[j].as_dvec3().normalize());
             let (at, cosine, height) = (DVec2::new(d.dot(u), d.dot(v)), n.dot(n_j), d.dot(n));
-            if cosine > SAME {
+            if cosine > MIN_SURFACE_COSINE {
                 if height.abs() <= at.length() && at.length_squared() > 0.0 {
-                    plane.own.push(Own {
+                    plane.own.push(SurfaceNeighbor {
                         index: neighbor.index,
                         at,
                         step: 0.5 * (height + d.dot(n_j)).abs(),
                         sine: (1.0 - cosine * cosine).max(0.0).sqrt(),
                     });
                 }
-            } else if cosine > OTHER_SIDE {
+            } else if cosine > OPPOSITE_COSINE {
                 tilted.push((n_j, d.dot(n_j)));
             }
         }
@@ -200,7 +200,7 @@ impl Plane {
                 a: a / length,
                 b: b / length,
             };
-            let beyond = |o: &Own| o.at.dot(bound.a) > bound.b + 0.1 * plane.spacing;
+            let beyond = |o: &SurfaceNeighbor| o.at.dot(bound.a) > bound.b + 0.1 * plane.spacing;
             if bound.b > 1e-6 * plane.spacing
                 && bound.b < plane.reach
                 && !plane.own.iter().any(beyond)
@@ -227,7 +227,7 @@ impl Plane {
                     [-T, -1.0],
                     [T, -1.0],
                 ];
-                (DVec2::from_array(CORNERS[k]) * self.reach, OPEN)
+                (DVec2::from_array(CORNERS[k]) * self.reach, OPEN_EDGE)
             })
             .collect()
     }
@@ -250,7 +250,7 @@ impl Plane {
                     b: bound.b + over_creases,
                     ..*bound
                 },
-                CREASE,
+                CREASE_EDGE,
             );
         }
         polygon
@@ -260,7 +260,7 @@ impl Plane {
     /// cell is incomplete.
     fn cell(&self, border: Option<f64>) -> Cell {
         let bare = self.bounded(0.0, 0.0);
-        let closed = bare.iter().all(|(_, tag)| *tag != OPEN);
+        let closed = bare.iter().all(|(_, tag)| *tag != OPEN_EDGE);
         let mut cell = Cell {
             area: area(&bare) as f32,
             spacing: self.spacing as f32,
@@ -275,17 +275,21 @@ impl Plane {
                 .filter_map(|(_, tag)| self.own.get(usize::from(*tag)))
         };
         let step = beside().map(|o| o.step).fold(0.0, f64::max);
-        let overlap = (OVERLAP * self.spacing + 2.0 * step).min(BORDER * self.spacing);
+        let overlap = (OVERLAP * self.spacing + 2.0 * step).min(BORDER_EXTENT * self.spacing);
         let over_creases = OVERLAP * self.spacing;
         let mut outline = self.bounded(overlap, over_creases);
         if let Some(border) = border.filter(|_| !closed) {
             cell.area = cell.area.min(border as f32);
-            let limit = BORDER * border.sqrt();
+            let limit = BORDER_EXTENT * border.sqrt();
             for k in 0..bare.len() {
                 let ((from, tag), (to, _)) = (bare[k], bare[(k + 1) % bare.len()]);
-                if let Some(a) = (from - to).perp().try_normalize().filter(|_| tag == OPEN) {
+                if let Some(a) = (from - to)
+                    .perp()
+                    .try_normalize()
+                    .filter(|_| tag == OPEN_EDGE)
+                {
                     // The outward direction of a counter-clockwise polygon is to the right.
-                    clip(&mut outline, Bound { a, b: limit }, OPEN);
+                    clip(&mut outline, Bound { a, b: limit }, OPEN_EDGE);
                 }
             }
         }

@@ -30,7 +30,7 @@ use std::path::Path;
 
 /// Upper limit of coordinates, meters. Larger values are treated as damage: no scene is this large,
 /// and the resolution of single precision there is 64 m.
-const FARTHEST: f32 = 1e9;
+const MAX_COORDINATE: f32 = 1e9;
 /// Largest number of points in a cloud. The corners of the cells, at most [`cells::MAX_CORNERS`]
 /// per cell, have 32-bit indices.
 const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
@@ -38,7 +38,7 @@ const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
 const GRAY: Vec3 = Vec3::splat(0.5);
 /// Cosine threshold for normals at one position. Normals with a larger cosine belong to the same
 /// point.
-const SAME: f32 = 0.766;
+const MIN_SURFACE_COSINE: f32 = 0.766;
 
 /// Number of points around a cell corner that can contribute to its normal.
 const AROUND: usize = 8;
@@ -245,7 +245,7 @@ impl PointCloud {
                 let reach = near.last().map_or(0.0, |n| n.square).max(f32::MIN_POSITIVE);
                 let sum: Vec3 = (near.iter())
                     .map(|n| (self.normals[n.index as usize], 1.0 - n.square / reach))
-                    .filter(|(normal, _)| normal.dot(own) > SAME)
+                    .filter(|(normal, _)| normal.dot(own) > MIN_SURFACE_COSINE)
                     .map(|(normal, weight)| normal * weight * weight)
                     .sum();
                 sum.try_normalize().unwrap_or(own)
@@ -304,19 +304,19 @@ impl PointCloud {
             }
         }
         let mut mesh = TriangleMesh::new(triangles, material_of, materials);
-        mesh.set_lifts(self.lifts());
+        mesh.set_ray_offsets(self.lifts());
         (mesh, point_of)
     }
 
     /// Returns the ray offsets that exceed those of a mesh.
-    fn lifts(&self) -> Option<Lifts> {
+    fn lifts(&self) -> Option<RayOffsets> {
         let rough = |i: &usize| self.lifts[*i] > 1e-3 * self.spacings[*i];
         let rough: Vec<usize> = (0..self.len()).filter(rough).collect();
         let rough_positions: Vec<Vec3> = rough.iter().map(|&i| self.positions[i]).collect();
         let lifts = rough
             .iter()
             .map(|&i| [self.lifts[i], 2.0 * self.spacings[i]]);
-        (!rough_positions.is_empty()).then(|| Lifts {
+        (!rough_positions.is_empty()).then(|| RayOffsets {
             tree: PointTree::new(&rough_positions),
             farthest: lifts.clone().map(|[_, reach]| reach).fold(0.0, f32::max),
             lifts: lifts.collect(),
@@ -326,7 +326,7 @@ impl PointCloud {
 
 /// Ray offsets of cells that do not lie in the planes of their neighbors.
 #[derive(Clone, Debug)]
-pub(super) struct Lifts {
+pub(super) struct RayOffsets {
     tree: PointTree,
     /// Ray offset and radius of influence of each point of the tree, meters.
     lifts: Vec<[f32; 2]>,
@@ -334,7 +334,7 @@ pub(super) struct Lifts {
     farthest: f32,
 }
 
-impl Lifts {
+impl RayOffsets {
     /// Returns the ray offset at `p` in meters. 0 if no rough cell is near.
     pub(super) fn at(&self, p: Vec3) -> f32 {
         let near = self.tree.nearest_within(p, self.farthest * self.farthest);
@@ -354,7 +354,7 @@ fn fan(corners: &[Vec3]) -> impl Iterator<Item = [Vec3; 3]> + '_ {
 /// Returns the indices of finite points in order. Of points with the same position and similar
 /// normals only the first is kept.
 fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
-    let fine = |x: &Vec3| x.is_finite() && x.abs().max_element() < FARTHEST;
+    let fine = |x: &Vec3| x.is_finite() && x.abs().max_element() < MAX_COORDINATE;
     let mut order: Vec<u32> = (0..points.positions.len() as u32)
         .filter(|i| fine(&points.positions[*i as usize]))
         .collect();
@@ -380,7 +380,7 @@ fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
         for &i in cell {
             let known = |k: &u32| {
                 let (a, b) = (normal(*k), normal(i));
-                a == Vec3::ZERO || b == Vec3::ZERO || a.dot(b) > SAME
+                a == Vec3::ZERO || b == Vec3::ZERO || a.dot(b) > MIN_SURFACE_COSINE
             };
             if !kept[start..].iter().any(known) {
                 kept.push(i);

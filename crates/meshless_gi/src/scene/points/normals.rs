@@ -33,7 +33,7 @@ const CANDIDATES: usize = 48;
 const FLAT: f64 = 1e-4;
 /// Largest cost of a neighbor's plane that replaces the plane of a point, relative to the variance
 /// of the latter. On a curved surface all planes fit about equally well.
-const BETTER: f64 = 0.25;
+const MAX_COST_RATIO: f64 = 0.25;
 /// Number of neighbors with which a point compares its sign.
 const LINKS: usize = 8;
 /// Number of points of other parts that are tested for being inside a part.
@@ -52,7 +52,9 @@ pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -
         .collect();
     let mut normals: Vec<Vec3> = (0..points.len())
         .into_par_iter()
-        .map_init(Vec::new, |near, i| sharpened(i, &fits, points, tree, near))
+        .map_init(Vec::new, |near, i| {
+            sharpen_normal(i, &fits, points, tree, near)
+        })
         .collect();
     let squares: Vec<f32> = fits.iter().map(|f| f.square).collect();
     let parts = agree(points, &mut normals, tree);
@@ -110,7 +112,7 @@ impl Fit {
 /// Returns the normal of point `i`. It is the normal of its own plane, or of a neighbor's plane
 /// that has a much lower variance and contains the point. Across a crease the neighbors of a point
 /// lie on two surfaces and its own plane lies between them.
-fn sharpened(
+fn sharpen_normal(
     i: usize,
     fits: &[Fit],
     points: &[Vec3],
@@ -122,7 +124,7 @@ fn sharpened(
         return own.normal;
     }
     tree.nearest(points[i], CANDIDATES, Some(i as u32), near);
-    let (mut best, mut min) = (own, BETTER * own.variance);
+    let (mut best, mut min) = (own, MAX_COST_RATIO * own.variance);
     for neighbor in near.iter() {
         let fit = &fits[neighbor.index as usize];
         let height = (points[i].as_dvec3() - fit.mean).dot(fit.normal.as_dvec3());

@@ -8,7 +8,7 @@
 //! requires.
 
 use super::real::Real;
-use super::tensor::{Derivatives, Six};
+use super::tensor::{Derivatives, SymmetricMatrix};
 use super::terms::{Terms, count};
 
 /// Term of an expansion: components x, y, z, each in red, green and blue (and a lane that is zero).
@@ -28,7 +28,7 @@ pub struct Expansions {
 pub struct Scratch<T> {
     powers: Vec<T>,
     scalar: Vec<T>,
-    tensor: Vec<Six<T>>,
+    tensor: Vec<SymmetricMatrix<T>>,
     scaled: Vec<Term<T>>,
 }
 
@@ -45,7 +45,7 @@ impl<T> Default for Scratch<T> {
 
 /// Computes K n for the vector n in three colors.
 #[inline(always)]
-fn product<T: Real>(k: &Six<T>, m: &Term<T>, out: &mut Term<T>) {
+fn product<T: Real>(k: &SymmetricMatrix<T>, m: &Term<T>, out: &mut Term<T>) {
     for c in 0..4 {
         let (x, y, z) = (m[0][c], m[1][c], m[2][c]);
         out[0][c] += k[0] * x + k[1] * y + k[2] * z;

@@ -16,7 +16,7 @@ use glam::DVec3;
 
 /// Heights over a plane below this are rounding errors: points of one wall do not light each other.
 /// In units of the scene.
-const FLAT: f64 = 1e-6;
+const PLANE_TOLERANCE: f64 = 1e-6;
 
 /// Relative orientation of two nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,12 +32,12 @@ pub enum Facing {
 /// Returns `true` if the boxes prove that no light passes between the nodes. The test is cheap and
 /// conservative.
 #[must_use]
-pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
+pub fn boxes_face_away(a: &TreeNode, b: &TreeNode) -> bool {
     let reach = a.center.distance(b.center) + a.radius + b.radius;
     let away = |from: &TreeNode, to: &TreeNode| {
         let d = from.axis;
         let highest = (d * to.min).max(d * to.max).element_sum();
-        highest <= from.slab[0] + FLAT - from.spread * reach
+        highest <= from.slab[0] + PLANE_TOLERANCE - from.spread * reach
     };
     away(a, b) || away(b, a)
 }
@@ -52,11 +52,11 @@ pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
     let mut front = true;
     for (from, to) in [(na, b), (nb, a)] {
         let e = from.spread * reach;
-        let highest = from.slab[0] + FLAT - e;
+        let highest = from.slab[0] + PLANE_TOLERANCE - e;
         if tree.all_beyond(to, -from.axis, -highest) {
             return Facing::Away;
         }
-        let lowest = from.slab[1] + e - FLAT - slack * distance;
+        let lowest = from.slab[1] + e - PLANE_TOLERANCE - slack * distance;
         front = front && tree.all_beyond(to, from.axis, lowest);
     }
     if front { Facing::Front } else { Facing::Mixed }
@@ -132,7 +132,7 @@ mod tests {
             for (a, b) in [(floor, wall), (floor, behind), (floor, beside)] {
                 assert_eq!(any_light(&tree, a, b), of(a, b) == Facing::Front);
             }
-            assert!(!surely_away(&tree.nodes[floor], &tree.nodes[wall]));
+            assert!(!boxes_face_away(&tree.nodes[floor], &tree.nodes[wall]));
         }
     }
 

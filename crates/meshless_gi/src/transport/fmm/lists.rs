@@ -14,7 +14,7 @@
 //! allowed lists gets the pair. Each pair of a source and a receiver is in exactly one list or
 //! exchanges no light.
 
-use super::facing::{Facing, any_light, facing, surely_away};
+use super::facing::{Facing, any_light, boxes_face_away, facing};
 use super::settings::{FmmError, FmmSettings};
 use super::terms::count;
 use super::tree::{COINCIDENT, Tree, TreeNode};
@@ -132,7 +132,7 @@ struct InteractionLists {
 type Pair = (u32, u32);
 
 /// Number of pairs from which on they are distributed to threads.
-const TASKS: usize = 1024;
+const MIN_PARALLEL_PAIRS: usize = 1024;
 
 struct Search<'a> {
     tree: &'a Tree,
@@ -169,7 +169,7 @@ pub fn lists(
         true => Vec::new(),
         false => vec![(0, 0)],
     };
-    while !pairs.is_empty() && pairs.len() < TASKS {
+    while !pairs.is_empty() && pairs.len() < MIN_PARALLEL_PAIRS {
         let mut below = Vec::new();
         for &pair in &pairs {
             search.step(pair, &mut parts[0], &mut below);
@@ -223,7 +223,7 @@ impl Search<'_> {
         let distance = nt.center.distance(ns.center);
         // Coincident points exchange no light, and a node with one normal does not light its own
         // plane.
-        if distance + nt.radius + ns.radius <= COINCIDENT || surely_away(nt, ns) {
+        if distance + nt.radius + ns.radius <= COINCIDENT || boxes_face_away(nt, ns) {
             out.counts.away += 1;
             return;
         }

@@ -17,7 +17,7 @@ use super::real::Real;
 use super::terms::{Terms, term_index};
 
 /// The six different entries of K: xx, xy, xz, yy, yz, zz.
-pub type Six<T> = [T; 6];
+pub type SymmetricMatrix<T> = [T; 6];
 
 /// Indices of the two components of each of the six products.
 pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
@@ -81,7 +81,7 @@ impl Derivatives {
     /// Computes ∂^γ K(r) at the unit vector `r` for all γ. `scalar` is a buffer for the derivatives
     /// of |r|⁻⁴.
     #[inline(always)]
-    pub fn at<T: Real>(&self, r: [T; 3], scalar: &mut Vec<T>, out: &mut Vec<Six<T>>) {
+    pub fn at<T: Real>(&self, r: [T; 3], scalar: &mut Vec<T>, out: &mut Vec<SymmetricMatrix<T>>) {
         // One more entry, which is zero, for missing terms.
         let none = self.down.len();
         scalar.clear();

@@ -16,16 +16,16 @@ use std::ops::Range;
 
 /// Maximum depth of the division in space. Its cells are below the resolution of single precision
 /// over the scene.
-pub const DEEPEST: u32 = 21;
+pub const MAX_DEPTH: u32 = 21;
 /// Distance below which two points coincide and exchange no light: six cells of the deepest
 /// division. Consider two leaves of one such cell each, farther apart than that. Their radii are at
 /// most 0.41 of the distance of their centers. From that separation on, leaves with any number of
 /// (nearly) coincident points interact by expansions.
-pub const COINCIDENT: f64 = 6.0 / (1u64 << DEEPEST) as f64;
+pub const COINCIDENT: f64 = 6.0 / (1u64 << MAX_DEPTH) as f64;
 /// Cosine of the spread below which a node is not divided by normals: cos 30°.
-const NARROW: f64 = 0.866;
+const MIN_NORMAL_SPREAD_COSINE: f64 = 0.866;
 /// Minimum size of a node. It prevents a division by zero in scaled coordinates.
-const SMALLEST: f64 = 1.0 / (1u64 << 24) as f64;
+const MIN_NODE_SIZE: f64 = 1.0 / (1u64 << 24) as f64;
 
 /// Point in units of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -280,7 +280,7 @@ impl Tree {
         let node = self.nodes[at];
         // Division by direction comes first, afterwards only in space. Narrow nodes are divided
         // only in space.
-        let narrow = node.spread * node.spread <= 2.0 - 2.0 * NARROW;
+        let narrow = node.spread * node.spread <= 2.0 - 2.0 * MIN_NORMAL_SPREAD_COSINE;
         let mut stage = match stage {
             Division::Faces | Division::Parts if narrow => Division::Space(DVec3::ZERO, 1.0, 0),
             other => other,
@@ -291,7 +291,7 @@ impl Tree {
         let range = node.points();
         loop {
             if let Division::Space(_, _, depth) = stage
-                && (depth >= DEEPEST || node.radius == 0.0)
+                && (depth >= MAX_DEPTH || node.radius == 0.0)
             {
                 return;
             }
@@ -423,7 +423,7 @@ fn node_of(points: &[TreePoint], range: Range<usize>, parent: u32) -> TreeNode {
         max,
         center,
         radius: square.sqrt(),
-        size: square.sqrt().max(SMALLEST),
+        size: square.sqrt().max(MIN_NODE_SIZE),
         axis,
         slab,
         spread: spread.sqrt().min(2.0),

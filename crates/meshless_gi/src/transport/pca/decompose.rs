@@ -17,9 +17,9 @@ use crate::samples::Random;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Maximum of the smaller side of matrices that are decomposed directly.
-const WHOLE: usize = 128;
+const MAX_DIRECT_SIZE: usize = 128;
 /// Number of combinations of rows beyond the requested components ([HMT11] §4.2: five or ten).
-const MORE: usize = 10;
+const OVERSAMPLING: usize = 10;
 /// Number of power iterations ([HMT11] §4.5).
 const POWERS: usize = 2;
 /// Relative size below which singular values are rounding errors.
@@ -77,8 +77,8 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
     };
     let a = Rows { rows, length };
     let smaller = a.count().min(length);
-    let r = max + MORE;
-    let found = if length <= WHOLE || (length <= a.count() && 2 * r >= length) {
+    let r = max + OVERSAMPLING;
+    let found = if length <= MAX_DIRECT_SIZE || (length <= a.count() && 2 * r >= length) {
         // AᵀA = V Σ² Vᵀ.
         let mut gram = vec![0.0; length * length];
         for row in a.iter() {
@@ -92,7 +92,7 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
     } else {
         // B is A or has fewer rows, with BᵀB = AᵀA exactly or nearly. The eigenvectors W of
         // BBᵀ = W Σ² Wᵀ give V = BᵀW / Σ.
-        let b = match smaller <= WHOLE || 2 * r >= smaller {
+        let b = match smaller <= MAX_DIRECT_SIZE || 2 * r >= smaller {
             true => a.rows.iter().map(|&v| f64::from(v)).collect(),
             false => a.range(r, seed),
         };
@@ -112,7 +112,7 @@ pub fn decompose(rows: &[f32], length: usize, max: usize, seed: u64) -> Componen
     let mut out = empty;
     let mut vectors: Vec<Vec<f64>> = Vec::new();
     for (value, mut vector) in found.into_iter().take(max) {
-        if !straighten(&vectors, &mut vector) {
+        if !orthonormalize_to(&vectors, &mut vector) {
             continue;
         }
         let largest = vector
@@ -235,7 +235,7 @@ fn orthonormalize(x: &mut [f64], r: usize) {
     let mut columns: Vec<Vec<f64>> = Vec::with_capacity(r);
     for j in 0..r {
         let mut column: Vec<f64> = x.iter().skip(j).step_by(r).copied().collect();
-        if !straighten(&columns, &mut column) {
+        if !orthonormalize_to(&columns, &mut column) {
             column.fill(0.0);
         }
         columns.push(column);
@@ -249,7 +249,7 @@ fn orthonormalize(x: &mut [f64], r: usize) {
 
 /// Orthogonalizes `vector` to the orthonormal `others` and normalizes it. Runs twice, since the
 /// first pass leaves rounding errors. Returns `false` if the remainder is negligible.
-fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
+fn orthonormalize_to(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
     for _ in 0..2 {
         let before = dot(vector, vector).sqrt();
         for other in others {

@@ -30,7 +30,7 @@ impl Default for HemisphereGrid {
 
 /// Coefficients of atan(t) / t for |t| ≤ 1 as a polynomial in t², exact to 1e-5 (Abramowitz and
 /// Stegun 4.4.47). The polynomial gives the same numbers on every device, unlike `atan`.
-const ARC: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835_1];
+const ATAN_COEFFICIENTS: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835_1];
 
 impl HemisphereGrid {
     /// Creates a map of about `directions` texels with an aspect ratio of about 8 to 7.
@@ -85,7 +85,11 @@ impl HemisphereGrid {
         let (large, small) = (x.max(y), x.min(y));
         let t = if large > 0.0 { small / large } else { 0.0 };
         let q = t * t;
-        let arc = t * (ARC[0] + q * (ARC[1] + q * (ARC[2] + q * (ARC[3] + q * ARC[4]))));
+        let arc = t
+            * (ATAN_COEFFICIENTS[0]
+                + q * (ATAN_COEFFICIENTS[1]
+                    + q * (ATAN_COEFFICIENTS[2]
+                        + q * (ATAN_COEFFICIENTS[3] + q * ATAN_COEFFICIENTS[4]))));
         let other = (r * arc * (1.0 / FRAC_PI_4)).min(r);
         let (a, b) = if x > y { (r, other) } else { (other, r) };
         let texel = |v: f32, sign: f32, of: u32| {

@@ -69,7 +69,7 @@ pub struct CompressScratch {
     /// Even and odd sums of each column.
     sums: Vec<[Vec3A; 2]>,
     /// Clusters with hits.
-    met: Vec<u32>,
+    hit_clusters: Vec<u32>,
     marks: Vec<bool>,
     /// Squared effect of an entry, and its column.
     order: Vec<(f32, u32)>,
@@ -201,7 +201,7 @@ impl LightBasis {
     ) -> Vec<(u32, Vec3A)> {
         let CompressScratch {
             sums,
-            met,
+            hit_clusters,
             marks,
             order,
             kept,
@@ -209,11 +209,11 @@ impl LightBasis {
         sums.resize(self.columns(), [Vec3A::ZERO; 2]);
         kept.resize(self.columns(), false);
         marks.resize(self.clusters(), false);
-        met.clear();
+        hit_clusters.clear();
         let mut add = |j: usize, [even, odd]: [Vec3A; 2]| {
             let Some((at, s)) = self.slot[j] else { return };
             if !std::mem::replace(&mut marks[s as usize], true) {
-                met.push(s);
+                hit_clusters.push(s);
             }
             let (s, count) = (s as usize, self.count(s as usize));
             let local = at as usize - self.starts[s] as usize;
@@ -233,9 +233,9 @@ impl LightBasis {
                 add(w.index as usize, halves.map(|h| w.weight * h));
             }
         }
-        met.sort_unstable();
+        hit_clusters.sort_unstable();
         order.clear();
-        for &s in &*met {
+        for &s in &*hit_clusters {
             marks[s as usize] = false;
             let columns = self.columns[s as usize]..self.columns[s as usize + 1];
             kept[columns.start as usize] = true;
@@ -253,7 +253,7 @@ impl LightBasis {
             kept[c as usize] = epsilon <= 0.0 || (spent > budget && square > 0.0);
         }
         let mut links = Vec::new();
-        for &s in &*met {
+        for &s in &*hit_clusters {
             for c in self.columns[s as usize]..self.columns[s as usize + 1] {
                 let [even, odd] = std::mem::replace(&mut sums[c as usize], [Vec3A::ZERO; 2]);
                 let link = even + odd;

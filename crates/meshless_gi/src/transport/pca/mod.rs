@@ -17,4 +17,6 @@ pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
 pub use light_basis::{CompressScratch, LightBasis, TrainingSet};
 pub use visibility::{MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};
-pub use visibility_bake::{NEAR, VisibilityError, VisibilitySettings, bake_visibility, depths};
+pub use visibility_bake::{
+    NEAR_PER_MEDIAN, VisibilityError, VisibilitySettings, bake_visibility, depths,
+};

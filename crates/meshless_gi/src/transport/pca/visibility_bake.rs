@@ -11,7 +11,7 @@
 //! - **One frame per cluster.** The directions of a point are relative to its own normal and its
 //!   cluster's tangent. Neighbors then have corresponding directions. Without them, their depths
 //!   have little in common.
-//! - **s depends on the cluster** before any split: [`NEAR`] times the median of its depths. With
+//! - **s depends on the cluster** before any split: [`NEAR_PER_MEDIAN`] times the median of its depths. With
 //!   one s for a scene, depths in a side aisle of a hall would all be close to zero.
 //! - **Clusters with a large error are split** ([`VisibilitySettings::error`]). Points on the two
 //!   sides of a pillar differ, and fifty components cannot represent both. The split is at the mean
@@ -31,7 +31,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 /// Value s of a cluster relative to the median of its depths.
-pub const NEAR: f32 = 2.0;
+pub const NEAR_PER_MEDIAN: f32 = 2.0;
 
 /// Smallest s relative to the scene's size.
 const MIN_NEAR: f32 = 1e-4;
@@ -43,7 +43,7 @@ const DIRECTIONS: u32 = 4000;
 const MIN_COSINE: f32 = 0.05;
 
 /// Smallest part of a split, as a divisor of the number of points.
-const MIN_HALF: usize = 8;
+const MIN_PART_DIVISOR: usize = 8;
 
 /// Largest number of words of all bases: 2 GiB.
 const MAX_WORDS: usize = 1 << 29;
@@ -167,8 +167,8 @@ pub fn bake_visibility(
             }
             let root = points[clusters.roots[c] as usize].1;
             let members = clusters.members_of(c);
-            let seen = look(geometry, points, members, root, size, settings.grid);
-            let parts = divide(seen, settings, settings.seed ^ c as u64, &words)?;
+            let seen = trace_cluster_depths(geometry, points, members, root, size, settings.grid);
+            let parts = split_cluster(seen, settings, settings.seed ^ c as u64, &words)?;
             done.fetch_add(1, Ordering::Relaxed);
             Some(parts)
         })
@@ -209,7 +209,7 @@ pub fn bake_visibility(
 }
 
 /// Casts the rays of a cluster with the normal `root` of its root, in a scene of `size` meters.
-fn look(
+fn trace_cluster_depths(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],
     members: &[u32],
@@ -228,7 +228,7 @@ fn look(
     let middle = finite.len() / 2;
     let near = match finite.is_empty() {
         true => size,
-        false => NEAR * *finite.select_nth_unstable_by(middle, f32::total_cmp).1,
+        false => NEAR_PER_MEDIAN * *finite.select_nth_unstable_by(middle, f32::total_cmp).1,
     };
     let near = near.max(MIN_NEAR * size);
     rows.iter_mut().for_each(|d| *d = encode(*d, near));
@@ -242,7 +242,7 @@ fn look(
 
 /// Compresses a cluster and splits it until its error is small enough. Returns `None` if the data,
 /// together with `words`, exceeds its limit.
-fn divide(
+fn split_cluster(
     seen: ClusterDepths,
     settings: &VisibilitySettings,
     seed: u64,
@@ -265,7 +265,7 @@ fn divide(
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| first[a].total_cmp(&first[b]));
         let middle = order.partition_point(|&m| first[m] <= 0.0);
-        let min = (count / MIN_HALF).max(1);
+        let min = (count / MIN_PART_DIVISOR).max(1);
         let (low, high) = match middle < min || count - middle < min {
             true => order.split_at(count / 2),
             false => order.split_at(middle),

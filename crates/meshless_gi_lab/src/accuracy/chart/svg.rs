@@ -24,7 +24,7 @@ const FAINT: &str = "#666666";
 /// Series with positions in the image.
 struct Placed<'a> {
     series: &'a Series,
-    look: usize,
+    style_index: usize,
     /// Positions of its points. `None` for points that cannot be shown.
     at: Vec<Option<(f64, f64)>>,
 }
@@ -51,7 +51,7 @@ pub fn draw(chart: &Chart) -> String {
         .enumerate()
         .map(|(i, series)| Placed {
             series,
-            look: series.like.unwrap_or(i),
+            style_index: series.like.unwrap_or(i),
             at: series.points.iter().map(position_of).collect(),
         })
         .collect();
@@ -238,8 +238,8 @@ fn guides(out: &mut String, chart: &Chart, y: &Fitted, up: impl Fn(f64) -> f64) 
     }
 }
 
-fn color(look: usize) -> &'static str {
-    COLORS[look % COLORS.len()]
+fn color(style_index: usize) -> &'static str {
+    COLORS[style_index % COLORS.len()]
 }
 
 /// Draws the line of a series if it has one.
@@ -269,7 +269,7 @@ fn line(out: &mut String, placed: &Placed) {
     if path.is_empty() {
         return;
     }
-    let dash = match (front, DASHES[placed.look / 2 % DASHES.len()]) {
+    let dash = match (front, DASHES[placed.style_index / 2 % DASHES.len()]) {
         (false, dash) if !dash.is_empty() => format!(" stroke-dasharray=\"{dash}\""),
         _ => String::new(),
     };
@@ -277,7 +277,7 @@ fn line(out: &mut String, placed: &Placed) {
     let _ = writeln!(
         out,
         "<path d=\"{path}\" stroke=\"{}\" stroke-width=\"{width}\" stroke-opacity=\"{opacity}\" stroke-linejoin=\"round\" fill=\"none\"{dash}/>",
-        color(placed.look)
+        color(placed.style_index)
     );
 }
 
@@ -297,14 +297,14 @@ fn markers(out: &mut String, placed: &Placed) {
                 "" => &mark.label,
                 hint => hint,
             };
-            marker(out, placed.series.style, placed.look, at, hint);
+            marker(out, placed.series.style, placed.style_index, at, hint);
         }
     }
 }
 
 /// Draws a marker. Each style index has its own shape.
-fn marker(out: &mut String, style: Style, look: usize, (x, y): (f64, f64), hint: &str) {
-    let color = color(look);
+fn marker(out: &mut String, style: Style, style_index: usize, (x, y): (f64, f64), hint: &str) {
+    let color = color(style_index);
     let r = 5.0;
     let polygon = |corners: &[(f64, f64)]| {
         let at: Vec<String> = corners
@@ -313,7 +313,7 @@ fn marker(out: &mut String, style: Style, look: usize, (x, y): (f64, f64), hint:
             .collect();
         format!("polygon points=\"{}\"", at.join(" "))
     };
-    let shape = match (style, look % 7) {
+    let shape = match (style, style_index % 7) {
         (Style::Front, _) => format!("circle cx=\"{}\" cy=\"{}\" r=\"9\"", n(x), n(y)),
         (_, 0) => format!("circle cx=\"{}\" cy=\"{}\" r=\"{r}\"", n(x), n(y)),
         (_, 1) => polygon(&[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)]),
@@ -393,13 +393,13 @@ fn legend(out: &mut String, placed: &[Placed]) {
         if style != Style::Points {
             let sample = Placed {
                 series: p.series,
-                look: p.look,
+                style_index: p.style_index,
                 at: vec![Some((left, y)), Some((left + 28.0, y))],
             };
             line(out, &sample);
         }
         if style != Style::Line {
-            marker(out, style, p.look, (left + 14.0, y), "");
+            marker(out, style, p.style_index, (left + 14.0, y), "");
         }
         let empty = !p.at.iter().any(Option::is_some);
         let name = format!("{}{}", p.series.name, if empty { " (no data)" } else { "" });

@@ -250,7 +250,7 @@ fn tiny_and_empty_scenes_return_error_or_dark() {
             Ok(bake) => bake.scene,
             Err(error) => panic!("{error}"),
         };
-        super::support::sound(&scene);
+        super::support::check_scene(&scene);
         let mut frame = CpuFrame::new(&scene);
         let above = level.bounds().center() + Vec3::Y + 0.2 * Vec3::Z;
         frame.set_lights(

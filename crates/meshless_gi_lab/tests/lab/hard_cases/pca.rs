@@ -41,7 +41,7 @@ fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
 }
 
 /// Returns the root mean square of the difference, relative to that of `right`.
-fn off(values: &[Vec3], right: &[Vec3]) -> f32 {
+fn relative_error(values: &[Vec3], right: &[Vec3]) -> f32 {
     let square = |v: Vec3| v.length_squared();
     let differences = values.iter().zip(right).map(|(a, b)| square(a - b));
     let all: f32 = right.iter().map(|b| square(*b)).sum();
@@ -70,10 +70,10 @@ fn pca_error_falls_with_vectors() {
     assert_eq!(senders.data().points.len(), whole.data().points.len());
     for bounces in [1, 4] {
         let right = lit(&whole, bounces);
-        let other = off(&lit(&senders, bounces), &right);
+        let other = relative_error(&lit(&senders, bounces), &right);
         let errors = few.each_ref().map(|bake| {
             assert!(bake.stats.clusters > 5);
-            off(&lit(&bake.scene, bounces), &right)
+            relative_error(&lit(&bake.scene, bounces), &right)
         });
         eprintln!(
             "{bounces} reflections, 1, 4 and 12 coefficients: {errors:.4?}; by links to senders {other:.4}"

@@ -1,6 +1,6 @@
 //! Scenes of any size and position: 0.1 mm and 10 km, and 100 km from the origin.
 
-use super::support::{baked, cornell, cornell_places, quick};
+use super::support::{baked, cornell, cornell_surface_points, quick};
 use glam::Vec3;
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::{
@@ -18,7 +18,7 @@ fn light_source(scale: f32, by: Vec3) -> [Light; 1] {
     }]
 }
 
-/// The truth at [`cornell_places`] for the light in the box of 2 m at the origin, four bounces.
+/// The truth at [`cornell_surface_points`] for the light in the box of 2 m at the origin, four bounces.
 fn truth(positions: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
     let settings = ReferenceSettings {
         paths: 1024,
@@ -31,7 +31,7 @@ fn truth(positions: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
 
 /// Errors of a bake's direct and indirect light at the positions, scaled and moved with the scene.
 fn measured(bake: &Baked, scale: f32, by: Vec3) -> [Errors; 2] {
-    let positions = cornell_places();
+    let positions = cornell_surface_points();
     assert!(positions.len() > 150, "{}", positions.len());
     let truth = truth(&positions);
     let light_sources = light_source(scale, by);

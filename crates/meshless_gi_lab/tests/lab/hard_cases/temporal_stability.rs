@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 use meshless_gi::{
-    BakedScene, CpuFrame, FrameLight, FrameSettings, Preset, Progress, Recipe, bake_scene,
-    cornell_box, mesh_of_quads,
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Preset, Progress, Quad, Recipe, TriangleMesh,
+    bake_scene,
 };
 
 fn cornell(samples: u32) -> BakedScene {
@@ -12,7 +12,7 @@ fn cornell(samples: u32) -> BakedScene {
         samples_per_sender: Some(samples),
         ..Recipe::default()
     };
-    let mesh = mesh_of_quads(&cornell_box());
+    let mesh = TriangleMesh::from_quads(&Quad::cornell_box());
     bake_scene(&mesh, &recipe, 0, &Progress::default())
         .expect("a bake")
         .scene

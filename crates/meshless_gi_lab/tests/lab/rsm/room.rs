@@ -72,12 +72,12 @@ pub fn mesh(triangles: Triangles, albedo: Vec3) -> TriangleMesh {
 
 /// View of a light: a camera at the light, or a parallel projection.
 #[derive(Clone, Copy)]
-pub struct Aim {
+pub struct MapCamera {
     pub world_from_view: Mat4,
     pub clip_from_view: Mat4,
 }
 
-impl Aim {
+impl MapCamera {
     /// Creates the view of a light, `angle` wide.
     pub fn light_source(eye: Vec3, target: Vec3, angle: f32) -> Self {
         let up = (target - eye).normalize().any_orthonormal_vector();
@@ -115,14 +115,14 @@ pub struct Room {
     pub object: Triangles,
     pub color: Vec3,
     pub light: Light,
-    pub aim: Aim,
+    pub camera: MapCamera,
     /// Positions on the walls, meters, and their normals.
     pub positions: Vec<(Vec3, Vec3)>,
 }
 
 impl Room {
-    pub fn new(walls: Triangles, object: Triangles, light: Light, aim: Aim) -> Self {
-        let positions = places_on(&walls, 240);
+    pub fn new(walls: Triangles, object: Triangles, light: Light, camera: MapCamera) -> Self {
+        let positions = positions_on(&walls, 240);
         let walls = mesh(walls, Vec3::ZERO);
         Self {
             bvh: walls.bvh(),
@@ -130,7 +130,7 @@ impl Room {
             object,
             color: ORANGE,
             light,
-            aim,
+            camera,
             positions,
         }
     }
@@ -170,8 +170,10 @@ impl Room {
     /// Returns the lit texels of a map, with the walls' shadows on them.
     pub fn texels(&self, side: u32) -> Vec<RsmTexel> {
         let light = self.slot();
-        let drawn = self.aim.draw(&mesh(self.object.clone(), self.color), side);
-        let params = self.aim.params(&light, side);
+        let drawn = self
+            .camera
+            .draw(&mesh(self.object.clone(), self.color), side);
+        let params = self.camera.params(&light, side);
         let mut texels = rsm::texels(&params, &drawn.depth, &drawn.gbuffer);
         let nodes = self.bvh.nodes.len() as u32;
         let shade = RsmShadowParams::new(Mat4::IDENTITY, &light, side * side, nodes, self.extent());
@@ -181,7 +183,7 @@ impl Room {
 
     /// Returns virtual point lights from a map.
     pub fn lights(&self, side: u32, vpls: u32) -> Vec<Vpl> {
-        choose(&self.texels(side), vpls)
+        select_vpls(&self.texels(side), vpls)
     }
 
     /// Returns the light of `lights` at the positions.
@@ -204,7 +206,7 @@ impl Room {
     }
 }
 
-pub fn choose(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
+pub fn select_vpls(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
     let params = RsmSelectParams {
         texels: texels.len() as u32,
         vpls,
@@ -214,7 +216,7 @@ pub fn choose(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
 }
 
 /// Returns positions on triangles with equal density, slightly above the surface.
-fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
+fn positions_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
     let area = |t: &[Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
     let all: f32 = triangles.iter().map(area).sum();
     let mut random = Random::new(3, 1, 0);
@@ -252,7 +254,7 @@ impl Grid {
     /// Creates a grid of `count`² of the map's texels.
     pub fn new(room: &Room, side: u32, count: u32) -> Self {
         let light = room.slot();
-        let params = room.aim.params(&light, side);
+        let params = room.camera.params(&light, side);
         // Its map holds the walls too: they shadow it.
         let texels = room.texels(side);
         let angle = |x: u32, y: u32| {

@@ -50,7 +50,7 @@ fn check(tree: &Tree, input: &[FmmPoint], leaf: usize) {
         let lowest = own.fold(f64::INFINITY, |l, p| l.min(d.dot(p.position)));
         assert!(tree.all_beyond(at, d, lowest) && !tree.all_beyond(at, d, lowest + 1e-9));
     }
-    assert!(tree.levels() <= 3 + DEEPEST as usize);
+    assert!(tree.levels() <= 3 + MAX_DEPTH as usize);
 }
 
 #[test]
