@@ -92,12 +92,12 @@ fn main() -> ExitCode {
     app.world_mut()
         .spawn(Readback::texture(target))
         .observe(move |event: On<ReadbackComplete>| {
-            *sink.lock().expect("no panic holds it") = Some(event.data.clone())
+            *sink.lock().expect("the lock is not poisoned") = Some(event.data.clone())
         });
     for _ in 0..10 {
         frame(&mut app);
     }
-    let Some(bytes) = bytes.lock().expect("no panic holds it").take() else {
+    let Some(bytes) = bytes.lock().expect("the lock is not poisoned").take() else {
         eprintln!("the renderer gave no picture; see the log above");
         return ExitCode::from(3);
     };
@@ -128,7 +128,7 @@ fn walk(app: &mut App, ms: f32) {
         world.entity_mut(root).insert(budget);
     }
     let mut moving = world.query_filtered::<&mut Transform, Or<(With<PointLight>, With<Camera>)>>();
-    println!("| frame | frame ms | tier, and why |");
+    println!("| frame | frame ms | tier and reason |");
     println!("|---|---|---|");
     for k in 0..FRAMES {
         let (sine, cosine) = (0.05 * k as f32).sin_cos();

@@ -196,7 +196,7 @@ fn project_kernel_matches_twin() {
         &gpu,
         &cpu(&scene, &moved, &settings(0, false)),
     );
-    assert!(differing > flips, "a moved light is not noticed");
+    assert!(differing > flips, "a moved light is not detected");
     let mut bright = scene.clone();
     bright.data_mut().bvh.nodes.clear();
     let (differing, _) = projection_problems(
@@ -207,13 +207,13 @@ fn project_kernel_matches_twin() {
     );
     assert!(
         differing > 100,
-        "missing shadows are not noticed: {differing}"
+        "missing shadows are not detected: {differing}"
     );
     let mut elsewhere = scene.clone();
     elsewhere.data_mut().light_samples.list[5].position[1] += 0.01;
     let twin = cpu(&elsewhere, &lights, &settings(0, false));
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
-    assert!(differing > flips, "a moved place is not noticed");
+    assert!(differing > flips, "a moved sample is not detected");
 }
 
 /// Projects more slots than one dispatch holds, from rectangles with many patches and many lights.

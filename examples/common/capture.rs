@@ -129,7 +129,7 @@ impl Capture {
         };
         let number = |text: String| match text.parse::<f32>() {
             Ok(number) if number.is_finite() => Ok(number),
-            _ => Err(format!("--at: {text} is no time")),
+            _ => Err(format!("--at: {text} is not a time in seconds")),
         };
         let at = at.map(number).transpose()?;
         let key = |name: &str| match name {
@@ -151,7 +151,7 @@ impl Capture {
             "S" => Ok(KeyCode::KeyS),
             "V" => Ok(KeyCode::KeyV),
             "L" => Ok(KeyCode::KeyL),
-            other => Err(format!("--press: there is no key {other}")),
+            other => Err(format!("--press: unknown key {other}")),
         };
         let together = |names: &str| names.split('+').map(key).collect::<Result<Vec<_>, _>>();
         let keys = keys.map_or(Ok(Vec::new()), |k| k.split(',').map(together).collect())?;

@@ -117,7 +117,7 @@ pub fn overlay_text(
         .collect();
     spans.sort();
     match spans.is_empty() {
-        true => out.push_str("the device has no clock"),
+        true => out.push_str("the device has no timestamp queries"),
         false => {
             let _ = write!(out, "device, ms: {}", spans.join(", "));
         }

@@ -358,7 +358,7 @@ fn solve(
 /// Returns the source of a kernel without changes.
 fn kernel(name: &str) -> Result<String, Box<dyn Error>> {
     let kernel = KERNELS.iter().find(|k| k.name == name);
-    Ok(kernel.ok_or("no such kernel")?.source.into())
+    Ok(kernel.ok_or("unknown kernel")?.source.into())
 }
 
 /// Returns `apply` for arrays of one channel: one number per coefficient, three per value.
@@ -485,6 +485,6 @@ impl<'a> Applied<'a> {
             pass.set_bind_group(0, &self.bind, &[]);
             pass.dispatch_workgroups(self.groups.min(65_535), self.groups.div_ceil(65_535), 1);
         });
-        done.expect("the device answers");
+        done.expect("the device completes its work");
     }
 }

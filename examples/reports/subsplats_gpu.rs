@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
             _ => {
                 let scene = TestScene::read(arg.as_ref())?;
-                scenes.push(scene.ok_or_else(|| format!("no views of {arg} are known"))?);
+                scenes.push(scene.ok_or_else(|| format!("{arg}: the test scene has no views"))?);
             }
         }
     }
@@ -173,7 +173,7 @@ fn evaluated(harness: &HeadlessDevice, buffers: &SubsplatBuffers) -> Result<u32,
 
 fn row(harness: &HeadlessDevice, view: &View<'_>, i: usize) -> Result<(), Box<dyn Error>> {
     let Source::Baked(scene, values) = &view.stage.source else {
-        return Err("a bake is measured".into());
+        return Err("only baked scenes are measured".into());
     };
     let kernels = KernelPipelines::new(&harness.device)?;
     let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1)?;

@@ -25,7 +25,8 @@ fn pixel_normal(pixel: vec2u) -> vec3f {
 
 const MAX_REACH_PIXELS: f32 = 1600.0;
 
-// Reference length of depth tolerances: the distance z, but at most MAX_REACH_PIXELS widths of a pixel.
+// Reference length of depth tolerances: the distance z, but at most MAX_REACH_PIXELS widths of a
+// pixel.
 fn depth_reach(z: f32, depth: f32) -> f32 {
     let m = screen.view_from_clip;
     let w = m[2].w * depth + m[3].w;

@@ -74,7 +74,7 @@ impl OccluderBuffers {
             links: OccludedLinkBuffers::new(make, table, ordered, &occluders.links)?,
             probes: OccludedLinkBuffers::new(make, table, rows, &occluders.probes)?,
             set_transmittances: make
-                .empty::<f32>("what passes occluders", occluders.sets.len() as u64)?,
+                .empty::<f32>("occluder transmittances", occluders.sets.len() as u64)?,
         })
     }
 
@@ -82,7 +82,7 @@ impl OccluderBuffers {
     pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
         let passages = self.links.passages.iter().chain(&self.probes.passages);
         (passages.map(|b| ("passages", b))).chain(std::iter::once((
-            "what passes occluders",
+            "occluder transmittances",
             &self.set_transmittances,
         )))
     }

@@ -117,8 +117,8 @@ impl RsmBuffers {
         (self.texel_count, self.used_uniforms) = (0, 0);
     }
 
-    /// Records one map of a light. Call [`RsmBuffers::select_vpls`] after its last map. Maps that do not
-    /// fit are left out, see [`RsmBuffers::begin`].
+    /// Records one map of a light. Call [`RsmBuffers::select_vpls`] after its last map. Maps that
+    /// do not fit are left out, see [`RsmBuffers::begin`].
     pub fn map(
         &mut self,
         kernels: &KernelPipelines,

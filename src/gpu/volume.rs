@@ -38,7 +38,7 @@ impl VolumeBuffers {
     ) -> Result<Self, GpuError> {
         assert!(
             weights.is_whole(),
-            "a volume whose voxel weights are incomplete"
+            "the voxel weights of the volume are incomplete"
         );
         let make = BufferFactory::new(device, queue);
         let found = weights.wall_samples();
@@ -52,12 +52,12 @@ impl VolumeBuffers {
         Ok(Self {
             shape: *weights.shape(),
             params: uniform(device, "volume", size_of::<VolumeParams>() as u64),
-            starts: make.upload("starts of a volume's shares", weights.starts())?,
-            weights: make.upload("shares of a volume", weights.weights())?,
-            wall_starts: make.upload("starts of a volume's faces", &wall_starts)?,
-            wall_samples: make.upload("faces of a volume", &wall_samples)?,
-            wall_weights: make.upload("shares of a volume's faces", &found.weights)?,
-            wall_distances: make.upload("ways of a volume", weights.wall_distances())?,
+            starts: make.upload("volume weight starts", weights.starts())?,
+            weights: make.upload("volume weights", weights.weights())?,
+            wall_starts: make.upload("volume wall sample starts", &wall_starts)?,
+            wall_samples: make.upload("volume wall samples", &wall_samples)?,
+            wall_weights: make.upload("volume wall weights", &found.weights)?,
+            wall_distances: make.upload("volume wall distances", weights.wall_distances())?,
         })
     }
 

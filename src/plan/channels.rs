@@ -92,17 +92,17 @@ impl ColorModeSelector {
             GiColorMode::Auto => match (self.now, found.colors) {
                 (Some(Some(hue)), _) => (
                     Channels::One(hue),
-                    "surfaces are gray and all that shines has one color",
+                    "surfaces are gray and all light has one color",
                 ),
                 (_, ColorUniformity::Surfaces) => (Channels::Three, "surfaces are colored"),
-                (_, ColorUniformity::Lights) => (Channels::Three, "what shines differs in color"),
-                (None, _) => (Channels::Three, "nothing has shone yet"),
+                (_, ColorUniformity::Lights) => (Channels::Three, "lights differ in color"),
+                (None, _) => (Channels::Three, "no light was on yet"),
                 (Some(None), _) if waits => {
-                    (Channels::Three, "there were several colors until just now")
+                    (Channels::Three, "lights differed in color until recently")
                 }
                 (Some(None), _) => (
                     Channels::Three,
-                    "there were several colors before it went dark",
+                    "lights differed in color before all were off",
                 ),
             },
         };

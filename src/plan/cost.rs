@@ -159,8 +159,8 @@ impl fmt::Display for Work {
             Self::OneChannel(n) => write!(f, "{n} links in one channel"),
             Self::Rays(n) => write!(f, "{n} rays"),
             Self::Pixels(n) => write!(f, "{n} pixels"),
-            Self::Passages(n) => write!(f, "{n} parts of links"),
-            Self::Sights(n) => write!(f, "{n} sights of lights"),
+            Self::Passages(n) => write!(f, "{n} occluded link terms"),
+            Self::Sights(n) => write!(f, "{n} pairs of light and point"),
             Self::Voxels(n) => write!(f, "{n} voxels"),
             Self::Texels(n) => write!(f, "{n} texels of maps"),
         }

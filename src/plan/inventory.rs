@@ -143,7 +143,7 @@ impl fmt::Display for ChangeCounts {
 impl fmt::Display for ColorUniformity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Dark => "nothing shines",
+            Self::Dark => "no light is on",
             Self::One => "surfaces are gray and all light has one color",
             Self::Surfaces => "surfaces are colored",
             Self::Lights => "surfaces are gray, lights differ in color",
@@ -170,16 +170,16 @@ impl fmt::Display for Inventory {
         shine.extend(sky.map(|sky| format!("{sky}{}", changed(self.skies_changed, "changed"))));
         if self.emissive_scenes > 0 {
             let glow = changed(self.emissions_changed, "changed");
-            shine.push(format!("surfaces that glow{glow}"));
+            shine.push(format!("emissive surfaces{glow}"));
         }
         if shine.is_empty() {
-            shine.push("nothing that shines".into());
+            shine.push("no light sources".into());
         }
         writeln!(f, "have {}: {}", shine.join(", "), self.colors)?;
         let mut world = vec![format!(
             "{} × bake{}",
             self.bakes,
-            changed(self.bakes_moved, "elsewhere")
+            changed(self.bakes_moved, "moved")
         )];
         let counted = [
             (
@@ -230,7 +230,7 @@ mod tests {
         assert!(empty.at_rest());
         assert_eq!(
             empty.to_string(),
-            "have nothing that shines: nothing shines\nhave 0 × bake\n"
+            "have no light sources: no light is on\nhave 0 × bake\n"
         );
         let mut full = Inventory {
             bakes: 1,

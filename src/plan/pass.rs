@@ -44,11 +44,11 @@ impl fmt::Display for RunReason {
             Self::SettingsChanged => f.write_str("sky, emission, bounces or tier changed"),
             Self::MaterialsChanged => f.write_str("materials changed color or emission"),
             Self::OccludersMoved(n) => write!(f, "{n} occluder(s) opened or shut"),
-            Self::LightRemoved => f.write_str("a light went away"),
+            Self::LightRemoved => f.write_str("a light was removed"),
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients are inspected"),
             Self::SoftLightsChanged(n) => write!(f, "soft shadows changed, {n} light(s) cast them"),
-            Self::NewVolume => f.write_str("the volume does not hold this light yet"),
+            Self::NewVolume => f.write_str("the volume is new or was moved"),
             Self::FogInView(n) => write!(f, "{n} fog volume(s) of the view lie in the scene"),
             Self::Moving(maps) => {
                 write!(f, "dynamic objects are in range, {maps} map(s) show them")
@@ -119,8 +119,8 @@ impl fmt::Display for SkipReason {
             Self::ViewDisabled => f.write_str("indirect light is off in the view's settings"),
             Self::NoGbuffer => f.write_str("the view draws no G-buffer"),
             Self::AtRest => f.write_str("nothing changed"),
-            Self::NothingMoves => f.write_str("nothing moves"),
-            Self::OutOfReach => f.write_str("nothing that moves is in reach"),
+            Self::NothingMoves => f.write_str("no dynamic objects"),
+            Self::OutOfReach => f.write_str("no dynamic object is in range"),
             Self::LightDark => f.write_str("the light is off"),
             Self::NoVisibility => {
                 f.write_str("a light casts soft shadows, and the bake holds no visibility")

@@ -25,7 +25,7 @@ impl fmt::Display for SceneId {
 
 /// Identifier of a light that requests a bounce off dynamic objects: the caller's number, and an
 /// index for an entity with several lights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct LightId(pub u64, pub u8);
 
 impl fmt::Display for LightId {
@@ -130,7 +130,8 @@ pub struct SceneState {
     /// Number of shadow rays per projection of a light slot.
     pub rays: u64,
     /// Limit because of which its frames use links in place of its octree
-    /// ([`fmm_fallback_reason`](super::fmm_fallback_reason)). `None` if they do not, or if there is no octree.
+    /// ([`fmm_fallback_reason`](super::fmm_fallback_reason)). `None` if they do not, or if there is
+    /// no octree.
     pub no_octree: Option<FmmLimit>,
 }
 
@@ -216,7 +217,7 @@ impl DisplayUse {
         match self {
             Self::Subsplats => "light varies less than pixels do",
             Self::Full => "requested",
-            Self::BuffersTooLarge => "the device has no room for subsplats",
+            Self::BuffersTooLarge => "the subsplat buffers exceed a limit of the device",
         }
     }
 }

@@ -198,7 +198,7 @@ impl TierController {
         let why = match (self.request, self.cost.mean()) {
             (GiQuality::Full, _) => "full quality is requested".into(),
             (GiQuality::Tier(n), _) if n == self.tier => "requested".into(),
-            (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
+            (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which does not exist"),
             (GiQuality::MaxError(max), _) if error <= max => format!(
                 "the lowest with an error of at most {:.1} %: {:.1} %",
                 percent(max),
@@ -211,7 +211,7 @@ impl TierController {
             ),
             (GiQuality::GpuBudget(budget), None) => {
                 let budget = milliseconds(budget);
-                format!("within {budget} ms as far as is known; it is not measured yet")
+                format!("expected within {budget} ms; not measured yet")
             }
             (GiQuality::GpuBudget(budget), Some(cost)) => {
                 let budget = milliseconds(budget);

@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn background_panic_is_returned() {
-        let work = Background::spawn("test", || panic!("as the test wants it"), || 8);
+        let work = Background::spawn("test", || panic!("expected by the test"), || 8);
         assert_eq!(bevy::tasks::block_on(work.unwrap()), 8);
     }
 }

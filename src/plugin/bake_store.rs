@@ -53,7 +53,7 @@ impl BakeStore {
     /// previous one. A store that cannot be written is logged and costs the next run a bake.
     pub fn save(&self, recipe: &AssetPath<'_>, key: &[u8; HASH], container: &[u8]) {
         let Some(file) = self.entry(recipe) else {
-            debug!("the bake of `{recipe}` is not kept: its path leaves the folder of the assets");
+            debug!("the bake of `{recipe}` is not stored: its path is outside the asset folder");
             return;
         };
         let mut entry = Vec::with_capacity(HEADER + container.len());
@@ -65,7 +65,7 @@ impl BakeStore {
         let written = std::fs::create_dir_all(folder).and_then(|()| write_file(&file, &entry));
         if let Err(error) = written {
             warn!(
-                "{}: the bake cannot be kept for the next run: {error}",
+                "{}: the bake cannot be stored for the next run: {error}",
                 file.display()
             );
         }
@@ -94,7 +94,7 @@ mod tests {
         assert!(store.folder().ends_with("meshless_gi/Default"));
         let recipe = AssetPath::from("levels/room.gi.ron");
         let (key, other) = ([1; 32], [2; 32]);
-        assert_eq!(store.load(&recipe, &key), None, "nothing is kept");
+        assert_eq!(store.load(&recipe, &key), None, "the store is empty");
         store.save(&recipe, &key, b"container");
         assert_eq!(
             store.load(&recipe, &key).as_deref(),

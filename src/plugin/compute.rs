@@ -3,7 +3,7 @@
 
 use super::extract::ExtractedScene;
 use super::gpu_timings::DeviceCosts;
-use super::observe::ExtractedWorld;
+use super::observe::{ExtractedResources, ExtractedWorld};
 use super::readback::SharedCoefficients;
 use super::record::{FramePoint, Recorder, SceneContext, record_scene};
 use super::render_state::GiRender;
@@ -28,13 +28,14 @@ pub(super) fn largest_binding(device: &RenderDevice) -> u64 {
 /// Plans the frame and records the passes of all scenes. Runs in
 /// [`GiRenderSystems::Solve`](super::GiRenderSystems::Solve).
 pub(crate) fn compute(
-    world: ExtractedWorld,
+    extracted: ExtractedResources,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     (coefficients, costs): (Res<SharedCoefficients>, Res<DeviceCosts>),
     mut ctx: RenderContext,
 ) {
+    let world = ExtractedWorld::from(extracted);
     let render = &mut *render;
     if device.is_changed() {
         // Buffers of a lost device are of no use.

@@ -27,7 +27,6 @@ use bevy::core_pipeline::prepass::{
     OpaqueNoLightmap3dBinKey,
 };
 use bevy::ecs::prelude::*;
-use bevy::ecs::system::SystemParam;
 use bevy::material::labels::DrawFunctionId;
 use bevy::material::{MaterialProperties, OpaqueRendererMethod, RenderPhaseType};
 use bevy::mesh::Mesh3d;
@@ -73,15 +72,38 @@ pub(crate) fn add_systems(app: &mut SubApp) {
     );
 }
 
-/// Meshes of a view that changed since the last frame.
-#[derive(SystemParam)]
-pub(crate) struct Changed<'w> {
+/// Resources of [`ChangedMeshes`], as the parameter of a system.
+type ChangedResources<'w> = (
+    Res<'w, DirtySpecializations>,
+    Res<'w, RenderMeshInstances>,
+    Res<'w, RenderMaterialInstances>,
+    Res<'w, ErasedRenderAssets<PreparedMaterial>>,
+    Res<'w, MeshAllocator>,
+    Res<'w, GpuPreprocessingSupport>,
+);
+
+/// Meshes that changed since the last frame. No `SystemParam`, as
+/// [`ExtractedWorld`](super::observe::ExtractedWorld).
+struct ChangedMeshes<'w> {
     dirty: Res<'w, DirtySpecializations>,
     meshes: Res<'w, RenderMeshInstances>,
     used: Res<'w, RenderMaterialInstances>,
     materials: Res<'w, ErasedRenderAssets<PreparedMaterial>>,
     allocator: Res<'w, MeshAllocator>,
     support: Res<'w, GpuPreprocessingSupport>,
+}
+
+impl<'w> From<ChangedResources<'w>> for ChangedMeshes<'w> {
+    fn from((dirty, meshes, used, materials, allocator, support): ChangedResources<'w>) -> Self {
+        Self {
+            dirty,
+            meshes,
+            used,
+            materials,
+            allocator,
+            support,
+        }
+    }
 }
 
 /// Mesh of a deferred material, and the data of its phase keys.
@@ -93,7 +115,7 @@ struct DeferredMesh<'a> {
     phase_type: BinnedRenderPhaseType,
 }
 
-impl Changed<'_> {
+impl ChangedMeshes<'_> {
     /// Meshes of deferred materials among those that Bevy queues for this view in this frame.
     fn deferred<'a>(
         &'a self,
@@ -192,8 +214,9 @@ pub(crate) fn queue_prepasses(
     pipelines: Res<SpecializedPrepassMaterialPipelineCache>,
     pending: Res<PendingPrepassMeshMaterialQueues>,
     views: Query<(&ExtractedView, &RenderVisibleEntities)>,
-    changed: Changed,
+    changed: ChangedResources,
 ) {
+    let changed = ChangedMeshes::from(changed);
     for view in &borrowed.0 {
         opaque_deferred.remove(view);
         masked_deferred.remove(view);
@@ -235,8 +258,9 @@ pub(crate) fn queue_main_pass(
     pipelines: Res<SpecializedMaterialPipelineCache>,
     pending: Res<PendingMeshMaterialQueues>,
     views: Query<(&ExtractedView, &RenderVisibleEntities), Without<DeferredPrepass>>,
-    changed: Changed,
+    changed: ChangedResources,
 ) {
+    let changed = ChangedMeshes::from(changed);
     for (view, visible) in &views {
         let view = view.retained_view_entity;
         let (Some(phase), Some(pipelines)) = (phases.get_mut(&view), pipelines.get(&view)) else {
@@ -301,8 +325,9 @@ pub(crate) fn dequeue_masked(
     mut phases: ResMut<ViewBinnedRenderPhases<AlphaMask3d>>,
     pending: Res<PendingMeshMaterialQueues>,
     views: Query<(&ExtractedView, &RenderVisibleEntities), With<DeferredPrepass>>,
-    changed: Changed,
+    changed: ChangedResources,
 ) {
+    let changed = ChangedMeshes::from(changed);
     for (view, visible) in views.iter().filter(|(view, _)| displays(&world, view)) {
         let view = view.retained_view_entity;
         let Some(phase) = phases.get_mut(&view) else {

@@ -8,7 +8,8 @@
 use super::GiFrameStats;
 use super::effects::EFFECTS;
 use super::quality::{SolveCostSource, span_name};
-use crate::plan::{CostModel, FrameStage, Pass, Plan, RunReason, TimingScope, Work};
+use super::record::FramePoint;
+use crate::plan::{CostModel, FrameStage, LightId, Pass, Plan, RunReason, TimingScope, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -44,11 +45,11 @@ pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
     solve.into_iter().chain([scope.span()]).collect()
 }
 
-/// Names of the spans that time a map of a light, below the span of the point of the frame: of its
-/// drawing, and of its reading.
+/// Names of the spans that time a map of a light: of its drawing, and of its reading.
 pub(crate) fn map_spans(pass: &Pass, index: usize) -> [String; 2] {
-    let name = pass.timing.map_or_else(String::new, |scope| scope.span());
-    ["draw", "read"].map(|part| format!("{name}_{part}_{index}"))
+    let point = FramePoint::LightMaps.span();
+    let LightId(entity, kind) = pass.light.unwrap_or_default();
+    ["draw", "read"].map(|part| format!("{point}_{entity:x}_{kind}_{part}_{index}"))
 }
 
 /// Diagnostic paths of the milliseconds of a scope, whose sum is its time. Empty if no effect has
@@ -61,21 +62,22 @@ fn paths(scope: &TimingScope, plan: &Plan) -> Vec<DiagnosticPath> {
     let Some(kind) = kind else {
         return Vec::new();
     };
-    let point = kind.record.how.point().span();
-    let path = |names: &[String]| {
-        let names = names.iter().map(String::as_str);
-        let parts = ["render", point].into_iter().chain(names);
-        DiagnosticPath::from_components(parts.chain(["elapsed_gpu"]))
+    let path = |names: &[&str]| {
+        let names = names.iter().copied();
+        DiagnosticPath::from_components(["render"].into_iter().chain(names).chain(["elapsed_gpu"]))
     };
     if scope.light.is_none() {
-        return vec![path(&spans(scope))];
+        let names = spans(scope);
+        let names = names.iter().map(String::as_str);
+        let names = [kind.record.how.point().span()].into_iter().chain(names);
+        return vec![path(&names.collect::<Vec<_>>())];
     }
     let pass = plan.passes.iter().find(|p| p.timing == Some(*scope));
     let maps = match pass.map(|pass| (pass, &pass.reason)) {
         Some((pass, RunReason::Moving(maps))) => (0..*maps as usize).map(|i| map_spans(pass, i)),
         _ => return Vec::new(),
     };
-    maps.flatten().map(|name| path(&[name])).collect()
+    maps.flatten().map(|name| path(&[&name])).collect()
 }
 
 /// Returns the milliseconds of a scope, and the time of its last measurement. `None` without a

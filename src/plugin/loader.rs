@@ -43,7 +43,7 @@ pub enum GiLoadError {
     #[error("the file could not be read: {0}")]
     Io(#[from] std::io::Error),
     /// The bytes are not a complete bake.
-    #[error("this is no usable bake: {0}")]
+    #[error("this is not a usable bake: {0}")]
     Asset(#[from] AssetError),
     /// The file has no bytes: an asset processor leaves such a file after a failed bake.
     #[error("the file is empty: its bake failed; read the asset processor's log, or bake again")]

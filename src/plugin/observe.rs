@@ -15,17 +15,39 @@ use crate::plan::{
     DisplayUse, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState, fmm_fallback_reason,
 };
 use bevy::ecs::prelude::*;
-use bevy::ecs::system::SystemParam;
 use meshless_gi::FrameLight;
 
+/// Resources of [`ExtractedWorld`], as the parameter of a system.
+pub(crate) type ExtractedResources<'w> = (
+    Res<'w, ExtractedGi>,
+    Res<'w, ExtractedSoft>,
+    Res<'w, ExtractedVolumes>,
+    Res<'w, ExtractedFogs>,
+    Res<'w, LightMaps>,
+);
+
 /// The world as extracted for this frame.
-#[derive(SystemParam)]
+///
+/// No `SystemParam`: for each derive, the compiler would prove again that the types of wgpu inside
+/// are `Send` and `Sync`, a tenth of the time that the plugin takes to compile.
 pub(crate) struct ExtractedWorld<'w> {
     pub gi: Res<'w, ExtractedGi>,
     pub soft: Res<'w, ExtractedSoft>,
     pub volumes: Res<'w, ExtractedVolumes>,
     pub fogs: Res<'w, ExtractedFogs>,
     pub maps: Res<'w, LightMaps>,
+}
+
+impl<'w> From<ExtractedResources<'w>> for ExtractedWorld<'w> {
+    fn from((gi, soft, volumes, fogs, maps): ExtractedResources<'w>) -> Self {
+        Self {
+            gi,
+            soft,
+            volumes,
+            fogs,
+            maps,
+        }
+    }
 }
 
 /// Describes a view.

@@ -218,7 +218,7 @@ fn cell_mesh(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
 pub struct GiPointCloudPart;
 
 /// Inserts the meshes of point clouds, and removes them from entities without a cloud.
-#[allow(clippy::type_complexity, reason = "what a query reads")]
+#[allow(clippy::type_complexity, reason = "data of a query")]
 fn spawn_point_cloud_meshes(
     mut commands: Commands,
     assets: Res<Assets<GiPointCloudAsset>>,

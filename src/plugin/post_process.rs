@@ -1,6 +1,6 @@
 //! Recording of the passes of a camera in its post-processing.
 
-use super::record::{PostProcessView, PostProcessWorld, record_post_process};
+use super::record::{PostProcessResources, PostProcessView, PostProcessWorld, record_post_process};
 use super::render_state::GiRender;
 use crate::plan::ViewId;
 use bevy::ecs::prelude::*;
@@ -20,7 +20,7 @@ type View = (
 /// Runs in [`GiRenderSystems::CompositeFog`](super::GiRenderSystems::CompositeFog).
 pub(crate) fn post_process(
     view: ViewQuery<View>,
-    world: PostProcessWorld,
+    resources: PostProcessResources,
     mut render: ResMut<GiRender>,
     queue: Res<RenderQueue>,
     mut ctx: RenderContext,
@@ -35,5 +35,6 @@ pub(crate) fn post_process(
         sampled: *msaa != Msaa::Off,
         jitter,
     };
+    let world = PostProcessWorld::from(resources);
     record_post_process(&mut render, &view, &world, &queue, &mut ctx);
 }

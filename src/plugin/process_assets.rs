@@ -95,7 +95,7 @@ pub enum GiProcessAssetsError {
     /// The folder of the assets cannot be listed.
     #[error(
         "{}: {source}. Relative folders lie below BEVY_ASSET_ROOT, else below the package that \
-         `cargo run` runs, else beside the executable",
+         `cargo run` runs, else next to the executable",
         path.display()
     )]
     Folder {

@@ -70,7 +70,7 @@ pub enum GiRecipeLoadError {
     #[error("the recipe names no scene: add `scene: \"level.glb\"`")]
     NoScene,
     /// A path that is none.
-    #[error("`{path}` is no asset path: {source}")]
+    #[error("`{path}` is not an asset path: {source}")]
     Path {
         /// Path of the recipe or the scene.
         path: String,

@@ -17,7 +17,6 @@ use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
 use bevy::ecs::schedule::{Schedule, ScheduleBuildSettings, ScheduleLabel};
-use bevy::ecs::system::SystemParam;
 use bevy::pbr::early_gpu_preprocess;
 use bevy::render::Extract;
 use bevy::render::render_phase::ViewBinnedRenderPhases;
@@ -77,12 +76,11 @@ type View = (
     &'static ViewPrepassTextures,
 );
 
-/// Meshes that the cameras draw.
-#[derive(SystemParam)]
-struct DeferredPhases<'w> {
-    opaque: Res<'w, ViewBinnedRenderPhases<Opaque3dDeferred>>,
-    masked: Res<'w, ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
-}
+/// Meshes that the cameras draw: opaque, and with alpha masks.
+type DeferredPhases<'w> = (
+    Res<'w, ViewBinnedRenderPhases<Opaque3dDeferred>>,
+    Res<'w, ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
+);
 
 /// Returns the map of this camera.
 fn map_of(lights: &LightMaps, camera: Entity) -> Option<MapOfLight<'_>> {
@@ -103,7 +101,7 @@ fn draw(
     view: ViewQuery<View>,
     lights: Res<LightMaps>,
     render: Res<GiRender>,
-    phases: DeferredPhases,
+    (opaque, masked): DeferredPhases,
     mut ctx: RenderContext,
 ) {
     let camera = view.entity();
@@ -111,8 +109,8 @@ fn draw(
     let id = &view.retained_view_entity;
     let (Some(map), Some(opaque), Some(masked)) = (
         map_of(&lights, id.main_entity.id()),
-        phases.opaque.get(id),
-        phases.masked.get(id),
+        opaque.get(id),
+        masked.get(id),
     ) else {
         return;
     };
@@ -137,13 +135,13 @@ fn read(
     world: Res<ExtractedGi>,
     mut render: ResMut<GiRender>,
     (queue, pipelines): (Res<RenderQueue>, Res<PipelineCache>),
-    phases: DeferredPhases,
+    (opaque, masked): DeferredPhases,
     mut ctx: RenderContext,
 ) {
     let (view, depth, textures) = view.into_inner();
     let id = &view.retained_view_entity;
     // Without phases, nothing was drawn, and the texture holds another map.
-    if !phases.opaque.contains_key(id) || !phases.masked.contains_key(id) {
+    if !opaque.contains_key(id) || !masked.contains_key(id) {
         return;
     }
     let render = &mut *render;

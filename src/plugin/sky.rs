@@ -38,7 +38,7 @@ pub enum GiSky {
 #[non_exhaustive]
 pub enum GiSkyError {
     /// The image does not have six square layers.
-    #[error("{width} × {height} texels in {layers} layers are no cubemap")]
+    #[error("{width} × {height} texels in {layers} layers are not a cubemap")]
     NoCubemap {
         /// Texels across.
         width: u32,

@@ -134,7 +134,7 @@ mod tests {
         assert!(at.distorted);
         assert_eq!(at.scale, 2.0);
         let mirror = placement(Transform::from_scale(Vec3::new(-2.0, 2.0, 2.0)));
-        assert!(!mirror.distorted, "a reflection is no distortion");
+        assert!(!mirror.distorted, "a reflection is not a distortion");
         assert!(
             SimilarityTransform::new(&GlobalTransform::from(Transform::from_scale(Vec3::new(
                 1.0, 0.0, 1.0

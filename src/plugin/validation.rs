@@ -56,7 +56,7 @@ pub enum GiWarning {
     /// The number of rectangle lights exceeds the number that Bevy draws.
     SoftShadowCount,
     /// A root has [`GiIrradianceVolume`](super::GiIrradianceVolume), and its bake has no probes.
-    NoFreeSpace,
+    NoProbes,
     /// A camera's volumetric fog has ambient light, and [`GiVolumetricFog`](super::GiVolumetricFog)
     /// lights it too.
     FogAmbient,
@@ -140,7 +140,7 @@ impl GiWarning {
                 "there are more than eight `RectLight`s, and Bevy draws eight of them: none \
                  casts soft shadows; hide distant ones"
             }
-            Self::NoFreeSpace => {
+            Self::NoProbes => {
                 "a root has `GiIrradianceVolume`, and its bake has no probes: forward cameras \
                  and transparent surfaces show no indirect light; bake with `probes: ()` in the \
                  recipe, or with `--probes`"

@@ -341,6 +341,6 @@ pub(crate) fn check_volumes(
 ) {
     let empty = |gi: &GiScene| (assets.get(&gi.0)).is_some_and(|a| a.scene.data().probes.is_none());
     if settings.warn_double_counting && roots.iter().any(empty) {
-        add_warnings(vec![GiWarning::NoFreeSpace], &mut findings);
+        add_warnings(vec![GiWarning::NoProbes], &mut findings);
     }
 }

@@ -141,7 +141,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
             let error = nrmse(&found, &truth);
             let work = TierCandidate::all_of(&scene, REFLECTIONS - 1);
             println!(
-                "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, a frame as {} links, gain {:.3}, not reciprocal {:.3}",
+                "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, frame cost {} links, gain {:.3}, not reciprocal {:.3}",
                 scene.info().estimated_nrmse,
                 scene.info().estimated_nrmse_interval,
                 work.last().map_or(0, |tier| tier.work),
@@ -187,7 +187,7 @@ fn fmm_rooms_of_triangles_points_and_both_match_reference() {
                 (own.len(), sum.x / sum.y)
             };
             let (left, right) = (side(true), side(false));
-            println!("red over green on the ball's sides, places and tint: {left:?}, {right:?}");
+            println!("red over green on the ball's sides, samples and ratio: {left:?}, {right:?}");
             assert!(left.0 > 5 && right.0 > 5 && left.1 > 1.3 * right.1);
         }
     }
@@ -244,7 +244,7 @@ fn fmm_bake_has_links_as_lower_tiers() {
         power += b.length_squared();
     }
     let apart = (square / power).sqrt();
-    println!("octree and links are {apart:.3} apart");
+    println!("octree and links differ by {apart:.3}");
     assert!(apart > 1e-3 && apart < 0.2, "{apart}");
     // With a budget that the octree exceeds, the controller selects a tier of links.
     let choices = TierCandidate::all_of(&both, 3);
@@ -317,7 +317,7 @@ fn fmm_closed_room_conserves_energy() {
             worst = worst.max((e - 1.0).abs());
         }
         println!(
-            "albedo {albedo}: mean {mean:.4}, worst {worst:.3}, {sweeps} sweeps, gain {:.4}, rows off one {:.1e}",
+            "albedo {albedo}: mean {mean:.4}, worst {worst:.3}, {sweeps} sweeps, gain {:.4}, row sum deviation {:.1e}",
             scene.info().energy.spectral_radius_bound,
             scene.info().energy.row_deviation
         );

@@ -575,7 +575,7 @@ fn struct_problems(module: &naga::Module) -> Vec<String> {
         };
         let Some(layout) = known.iter().find(|l| l.name == name) else {
             if !SHADER_ONLY.contains(&name.as_str()) {
-                problems.push(format!("struct {name} has no Rust side"));
+                problems.push(format!("struct {name} has no Rust counterpart"));
             }
             continue;
         };
@@ -616,7 +616,7 @@ fn constant_problems(module: &naga::Module) -> Vec<String> {
             }
         };
         match known.get(name) {
-            None => problems.push(format!("const {name} has no Rust side")),
+            None => problems.push(format!("const {name} has no Rust counterpart")),
             Some(Some(rust)) if *rust != value => {
                 problems.push(format!("const {name} is {value}, in Rust {rust}"))
             }

@@ -76,7 +76,7 @@ fn scene_folder() -> tempfile::TempDir {
     let root = tempfile::tempdir().expect("a folder");
     let assets = root.path().join("assets");
     std::fs::create_dir(&assets).expect("a folder");
-    std::fs::write(assets.join("level.glb"), glb(&hall())).expect("the level is written");
+    std::fs::write(assets.join("level.glb"), glb(&hall())).expect("the scene is written");
     std::fs::write(assets.join("level.gi.ron"), readme::recipe()).expect("the recipe is written");
     root
 }
@@ -97,7 +97,7 @@ fn assert_lit(name: &str, program: &Path, asset_root: Option<&Path>) -> String {
     if let Some(keep) = std::env::var_os("MGI_TEST_PICTURES") {
         for picture in ["window.png", "pictures.png"] {
             let kept = Path::new(&keep).join(format!("first_game_{name}_{picture}"));
-            std::fs::copy(out.path().join(picture), kept).expect("the picture is kept");
+            std::fs::copy(out.path().join(picture), kept).expect("the picture is copied");
         }
     }
     let line = text

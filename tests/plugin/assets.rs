@@ -32,7 +32,7 @@ fn plugin_without_renderer_loads_assets_only() {
             .map(|a| a.scene.clone())
     };
     let first = until(&mut app, "loading", loaded);
-    assert_eq!(*first, *bake, "what is loaded is what was baked");
+    assert_eq!(*first, *bake, "the loaded scene equals the baked one");
     assert_eq!(
         app.world().resource::<GiFrameStats>().get().frame,
         0,
@@ -169,7 +169,7 @@ fn background_bake_finishes_fails_or_is_canceled() {
     let result_of = |app: &App, entity: Entity| {
         let ends = &app.world().resource::<BakeResults>().0;
         let of: Vec<_> = ends.iter().filter(|end| end.entity == entity).collect();
-        assert!(of.len() <= 1, "one end for each bake: {of:?}");
+        assert!(of.len() <= 1, "one result for each bake: {of:?}");
         of.first().map(|end| end.result.clone())
     };
     let room = Room::cornell();
@@ -202,7 +202,7 @@ fn background_bake_finishes_fails_or_is_canceled() {
         }
         app.world().get::<GiScene>(good).map(|gi| gi.0.clone())
     });
-    assert!(!stages.is_empty(), "progress was seen");
+    assert!(!stages.is_empty(), "progress was reported");
     let asset = app
         .world()
         .resource::<Assets<GiBakedScene>>()

@@ -262,7 +262,7 @@ fn hidden_or_removed_scene_frees_memory() {
         .unwrap()
         .enabled = false;
     run(&mut app, 6);
-    assert_eq!(gpu_resources(&app), (0, 0, 0), "no camera asks");
+    assert_eq!(gpu_resources(&app), (0, 0, 0), "no camera is enabled");
     app.world_mut()
         .get_mut::<GiCamera>(camera_entity)
         .unwrap()
@@ -271,7 +271,7 @@ fn hidden_or_removed_scene_frees_memory() {
     assert_eq!(counters(&app).projected_slots, 1);
     app.world_mut().despawn(camera_entity);
     run(&mut app, 6);
-    assert_eq!(gpu_resources(&app), (0, 0, 0), "the camera has gone");
+    assert_eq!(gpu_resources(&app), (0, 0, 0), "the camera was despawned");
 
     // Read-back coefficients for gizmos are removed with the scene.
     app.world_mut().spawn((camera(&image, view()), indirect()));
@@ -287,9 +287,9 @@ fn hidden_or_removed_scene_frees_memory() {
     run(&mut app, 1);
     app.world_mut().despawn(root);
     run(&mut app, 1);
-    assert_eq!(gpu_resources(&app), (0, 0, 0), "the scene has gone");
+    assert_eq!(gpu_resources(&app), (0, 0, 0), "the scene was despawned");
     run(&mut app, 2);
-    assert!(back(&app).is_none(), "and its coefficients");
+    assert!(back(&app).is_none(), "the coefficients were removed");
 }
 
 #[test]
@@ -310,7 +310,7 @@ fn resized_target_matches_cpu_without_solve() {
         app.world_mut()
             .resource_mut::<Assets<Image>>()
             .insert(&image, create_target_image(w, h))
-            .expect("the handle is known");
+            .expect("the handle is valid");
         run(&mut app, 3);
         let resized = cpu_indirect_sized(
             &room,
@@ -330,7 +330,7 @@ fn resized_target_matches_cpu_without_solve() {
         assert_eq!(
             work(&c),
             [0; 4],
-            "a size is no reason to compute: {}",
+            "a change of the size needs no solve: {}",
             c.plan
         );
         let pixels = i64::from(w * h) - i64::from(WIDTH * HEIGHT);

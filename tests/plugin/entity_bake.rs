@@ -303,7 +303,7 @@ fn later_bake_request_replaces_earlier_and_removal_cancels() {
     }
     assert!(
         app.world().resource::<BakeResults>().0.is_empty(),
-        "one end in all"
+        "no further result"
     );
     // Of two requests in one command queue the last one counts. A request for a despawned entity
     // has no effect.
@@ -537,7 +537,7 @@ fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     assert_eq!(
         scene.data().bvh.triangles.len(),
         18,
-        "the floor's two are left out"
+        "the two floor triangles are left out"
     );
 }
 

@@ -435,7 +435,7 @@ fn new_bake_replaces_old_in_next_frame() {
     app.world_mut()
         .resource_mut::<Assets<GiBakedScene>>()
         .insert(&handle, asset)
-        .expect("the handle is known");
+        .expect("the handle is valid");
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
@@ -541,7 +541,7 @@ fn white_wall_under_sky_matches_bevy_light() {
     run(&mut app, 3);
     let bevys = middle(&picture(&mut app, &image));
     let predicted = crate::support::scenes::exposure() * 0.8 * radiance;
-    println!("ours {ours:?}, Bevy's {bevys:?}, predicted {predicted}");
+    println!("plugin {ours:?}, Bevy's {bevys:?}, predicted {predicted}");
     for c in 0..3 {
         assert!(
             (bevys[c] / predicted - 1.0).abs() < 0.01,
@@ -549,7 +549,7 @@ fn white_wall_under_sky_matches_bevy_light() {
         );
         assert!(
             (ours[c] / bevys[c] - 1.0).abs() < 0.02,
-            "ours {ours:?}, Bevy's {bevys:?}"
+            "plugin {ours:?}, Bevy's {bevys:?}"
         );
     }
 }
@@ -635,10 +635,10 @@ fn bevy_light_units_match_for_every_light_type() {
         let ours = FrameLight::expand(light, 1)[0];
         let e = ours.color[0] * unshadowed(&ours, Vec3::ZERO, Vec3::Z);
         let predicted = crate::support::scenes::exposure() * 0.6 * e / PI;
-        println!("{light:?}: Bevy's {bevys:?}, ours {predicted}");
+        println!("{light:?}: Bevy's {bevys:?}, predicted {predicted}");
         assert!(
             e > 10.0 && (bevys[0] / predicted - 1.0).abs() < 0.01,
-            "{light:?}: Bevy's {bevys:?}, ours {predicted}"
+            "{light:?}: Bevy's {bevys:?}, predicted {predicted}"
         );
         app.world_mut().despawn(entity);
     }

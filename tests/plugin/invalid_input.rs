@@ -22,7 +22,8 @@ use meshless_gi::Light;
 
 const LIGHT_POSITION: Vec3 = Vec3::new(0.2, 1.5, 0.4);
 
-/// Spawns a room, a camera that shows indirect light only, its target, and a light at [`LIGHT_POSITION`].
+/// Spawns a room, a camera that shows indirect light only, its target, and a light at
+/// [`LIGHT_POSITION`].
 fn stage(app: &mut App) -> (Entity, Entity, Handle<Image>, Entity) {
     lit_room(app, LIGHT_POSITION)
 }
@@ -51,11 +52,11 @@ fn invalid_values_do_not_affect_later_frames() {
     let light_sources: [(&str, Set); 7] = [
         ("no range", |l, _| l.range = 0.0),
         ("a negative range", |l, _| l.range = -3.0),
-        ("an endless range", |l, _| l.range = f32::MAX),
-        ("a range that is no number", |l, _| l.range = f32::NAN),
-        ("an endless intensity", |l, _| l.intensity = f32::INFINITY),
-        ("no place", |_, t| t.translation.x = f32::NAN),
-        ("an endless place", |_, t| t.translation.y = f32::INFINITY),
+        ("the largest range", |l, _| l.range = f32::MAX),
+        ("a range of NaN", |l, _| l.range = f32::NAN),
+        ("infinite intensity", |l, _| l.intensity = f32::INFINITY),
+        ("a position of NaN", |_, t| t.translation.x = f32::NAN),
+        ("infinite position", |_, t| t.translation.y = f32::INFINITY),
     ];
     for (case, set) in light_sources {
         let (mut light, mut at) = (bevy_light(), Transform::from_translation(LIGHT_POSITION));
@@ -95,7 +96,7 @@ fn invalid_values_do_not_affect_later_frames() {
     };
     (app.world_mut().entity_mut(root)).insert((environment, solver));
     run(&mut app, 1);
-    finite(&picture(&mut app, &image), "strange lighting");
+    finite(&picture(&mut app, &image), "invalid lighting");
     app.world_mut()
         .entity_mut(root)
         .insert((GiEnvironment::default(), GiSolver::default()));

@@ -151,7 +151,7 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     run(&mut app, 1);
     assert_eq!(counters(&app).dispatches_of(FrameStage::OCCLUDE), 1);
     let shut = cpu_picture(&room, &bake, 0.0);
-    assert_pictures_match("two of them", &shut, &picture(&mut app, &image));
+    assert_pictures_match("two_occluders", &shut, &picture(&mut app, &image));
     app.world_mut().despawn(other);
     app.world_mut().despawn(door);
     run(&mut app, 1);

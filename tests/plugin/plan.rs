@@ -291,7 +291,7 @@ fn gpu_timings_reach_plan() {
                 "{stage:?}: {cost}"
             );
         } else {
-            println!("the device has no clock");
+            println!("the device has no timestamp queries");
             assert_eq!((cost.predicted, cost.measured), (None, None));
         }
     }
@@ -362,7 +362,7 @@ fn bounce_count_follows_surface_albedo() {
         &settings,
     );
     let (left, lost) = (whole.nrmse(&all), short.nrmse(&all));
-    println!("beside four times as many: NRMSE {left:.4}, with two {lost:.4}");
+    println!("NRMSE to four times as many bounces: {left:.4}, with two {lost:.4}");
     assert!(
         left < MAX_TRUNCATED_FRACTION && lost > 5.0 * MAX_TRUNCATED_FRACTION,
         "{left} {lost}"
@@ -466,7 +466,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     let colored = |p: &[f32; 3]| (p[0] - p[2]).abs() > 0.02 * p[1];
     assert!(
         !found.pixels.iter().any(colored),
-        "green decides, and light is white"
+        "the hue is the white of the light"
     );
     solve_with(&mut app, GiColorMode::Auto);
     assert!(!channels(&app).forced && work(&app) > 0);

@@ -89,7 +89,7 @@ fn draw_room(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity
 fn point_room_picture_matches_triangle_room() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = room_mesh();
-    let points = scatter(&mesh, 0.03, 3).expect("so many fit");
+    let points = scatter(&mesh, 0.03, 3).expect("the number of points is supported");
     assert!(points.positions.len() > 10_000);
     write(&folder.path().join("room.ply"), &points);
     let expected = draw_room(&mesh, folder.path(), |app, root| {
@@ -119,7 +119,7 @@ fn point_room_picture_matches_triangle_room() {
         let material = app
             .world()
             .get::<MeshMaterial3d<StandardMaterial>>(entity)
-            .expect("drawn with something");
+            .expect("the points have a material");
         assert_eq!(material.0, cloud.material);
     });
     save_picture("points", &expected.beside(&drawn));
@@ -224,7 +224,7 @@ fn broken_point_cloud_fails_only_its_asset() {
     let folder = tempfile::tempdir().unwrap();
     let files: [(&str, &[u8]); 3] = [
         ("none.ply", b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n"),
-        ("no.ply", b"what is this"),
+        ("no.ply", b"not a PLY file"),
         ("short.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\nproperty float z\nend_header\n123"),
     ];
     for (name, bytes) in files {

@@ -165,7 +165,7 @@ fn process_assets_in_child_process() {
     let Some(kind) = std::env::var_os(PROCESS) else {
         return;
     };
-    bevy::log::tracing::subscriber::set_global_default(Log).expect("the process is fresh");
+    bevy::log::tracing::subscriber::set_global_default(Log).expect("no other subscriber is set");
     match kind.to_str() {
         Some("step") => match process_assets(&GiProcessAssetsOptions::default()) {
             Ok(report) => println!("BAKED {:?} KEPT {:?}", report.baked, report.kept),
@@ -288,7 +288,7 @@ fn process_assets_game_without_processor_loads_all_and_is_lit() {
     let light_source = spawn_light_source(&mut app, Vec3::new(0.0, 1.6, 0.4));
     run(&mut app, 4);
     let lit = picture(&mut app, &image);
-    save_picture("processed_level", &lit);
+    save_picture("processed_scene", &lit);
     assert!(lit.mean() > 0.003, "{}", lit.mean());
     app.world_mut().despawn(light_source);
     run(&mut app, 4);
@@ -513,7 +513,7 @@ fn process_assets_changed_input_is_baked_again() {
     let last = load(&output);
 
     // Scenes that cannot be baked: each error contains file and cause, and no output remains.
-    std::fs::write(levels.join("broken.glb"), b"not a level").unwrap();
+    std::fs::write(levels.join("broken.glb"), b"not a scene").unwrap();
     std::fs::write(levels.join("broken.gi.ron"), r#"(scene: "broken.glb")"#).unwrap();
     std::fs::write(levels.join("missing.gi.ron"), r#"(scene: "nowhere.glb")"#).unwrap();
     std::fs::write(

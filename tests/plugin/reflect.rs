@@ -88,12 +88,12 @@ fn types_deriving(traits: &[&str]) -> BTreeSet<String> {
 }
 
 /// Counts the components and resources of this crate in the world, and returns the names missing
-/// from its registry. `of` is the prefix of the type paths of the crate. The compiler collects the
+/// from its registry. `prefix` starts the type paths of the crate. The compiler collects the
 /// types that derive `Reflect`. Types that do not derive it have no name without Bevy's feature
 /// `debug`.
 fn unregistered_types(
     world: &World,
-    of: &str,
+    prefix: &str,
     is_public: impl Fn(&str) -> bool,
 ) -> (usize, Vec<String>) {
     let mut reflected = TypeRegistry::new();
@@ -105,7 +105,7 @@ fn unregistered_types(
             continue;
         };
         let table = found.type_info().type_path_table();
-        if table.path().starts_with(of) && is_public(table.short_path()) {
+        if table.path().starts_with(prefix) && is_public(table.short_path()) {
             count += 1;
             if !registry.contains(found.type_id()) {
                 missing.push(table.short_path().to_string());
@@ -219,7 +219,7 @@ fn components_and_resources_of_the_world_are_registered() {
 /// Adds all values below `value` with their paths to `out`.
 fn collect_values(value: &dyn PartialReflect, path: &str, out: &mut BTreeMap<String, String>) {
     let mut below = |name: String, field: Option<&dyn PartialReflect>| {
-        let field = field.unwrap_or_else(|| panic!("{path}.{name} is counted, and not there"));
+        let field = field.unwrap_or_else(|| panic!("{path}.{name} has no value"));
         collect_values(field, &format!("{path}.{name}"), out);
     };
     match value.reflect_ref() {

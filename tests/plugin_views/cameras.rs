@@ -273,7 +273,7 @@ fn cameras_without_gi_match_picture_without_plugin() {
     // The second camera has the transform of the display camera and shows direct light alone.
     assert!(lit.mean() > 1.2 * plain[1].mean(), "{}", lit.mean());
     let findings = apps[0].app.world().resource::<GiWarnings>();
-    assert_eq!(findings.0, [], "nothing is wrong with such cameras");
+    assert_eq!(findings.0, [], "no warnings for these cameras");
     // The comparison can fail.
     assert!(difference(&lit, &plain[1]) > 100.0 * MAX_DIFFERENCE);
     apps[0].app.world_mut().despawn(eye);
@@ -287,7 +287,10 @@ fn runtime_changes_reach_cameras_without_gi() {
     let moved = step(&mut apps, "mesh_later", |s| {
         s.spawn_ball(Vec3::new(0.6, 0.3, 0.7), 0.2, RenderLayers::layer(0));
     });
-    assert!(difference(&first[1], &moved[1]) > 0.01, "the ball is seen");
+    assert!(
+        difference(&first[1], &moved[1]) > 0.01,
+        "the ball is visible"
+    );
     let change = |s: &mut Stage, change: &dyn Fn(&mut StandardMaterial)| {
         let floor = s.floor_material.clone();
         let mut materials = s.app.world_mut().resource_mut::<Assets<StandardMaterial>>();
@@ -298,7 +301,7 @@ fn runtime_changes_reach_cameras_without_gi() {
     });
     assert!(
         difference(&colored[0], &moved[0]) > 0.01,
-        "the color is seen"
+        "the color is visible"
     );
     step(&mut apps, "masked", |s| {
         change(s, &|m| m.alpha_mode = AlphaMode::Mask(0.5));
@@ -541,7 +544,7 @@ fn bake_without_gi_camera_warns_once() {
             .entity_mut(root)
             .insert(GiIrradianceVolume::default());
     };
-    assert_eq!(warnings_with((), volume), [GiWarning::NoFreeSpace]);
+    assert_eq!(warnings_with((), volume), [GiWarning::NoProbes]);
     let inactive = Camera {
         is_active: false,
         ..default()
@@ -627,7 +630,7 @@ fn volume_at_draft_is_smooth_with_default_camera() {
         largest_relative_difference(deferred),
     );
     println!("largest jump: volume {smooth:.4}, display {full:.4}");
-    println!("NRMSE beside the display {}", forward.nrmse(deferred));
+    println!("NRMSE to the display {}", forward.nrmse(deferred));
     assert!(smooth < full, "the volume is smoother than the display");
     assert!(forward.nrmse(deferred) < 0.08);
 }

@@ -159,7 +159,7 @@ fn subsplats_along_camera_path_are_stable() {
             .sum();
         let steady = sum / (3 * count) as f32 / mean;
         let between = flip(&frames[0], &frames[1]) - flip(&reference[0], &reference[1]);
-        println!("{steady:.5} of the mean, FLIP between frames {between:+.5} beside every pixel's");
+        println!("{steady:.5} of the mean, FLIP between frames {between:+.5} above the reference");
         assert!(steady < 0.01 && between < 0.005, "{steady}, {between}");
         max = max.max(steady);
     }
@@ -200,7 +200,7 @@ fn reflector_with_subsplats_matches_per_pixel_display() {
     assert_pictures_match("ball", &full, &by);
     let seen = by.nrmse(&before);
     println!("the bounce changes the picture by {seen}");
-    assert!(seen > 0.005, "the ball's bounce is not seen: {seen}");
+    assert!(seen > 0.005, "the ball's bounce is not visible: {seen}");
 }
 
 #[test]

@@ -213,7 +213,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let findings = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     let before = findings(&app);
     let mut more = named.to_vec();
-    more.insert(0, ("nobody".into(), left.clone()));
+    more.insert(0, ("unknown".into(), left.clone()));
     more.push((format!("quad {TOP}"), Handle::default()));
     app.world_mut()
         .entity_mut(root)

@@ -390,7 +390,7 @@ fn fog_in_two_scenes_is_lit_once() {
     while s.draws() < 4 || counters(&s.app).dispatches_of(FrameStage::VOLUME) > 0 {
         run(&mut s.app, 1);
         frames += 1;
-        assert!(frames < 1000, "the second level never lights fog");
+        assert!(frames < 1000, "the second scene never lights fog");
     }
     run(&mut s.app, 3);
     // Both are toggled: the second adds nothing.
@@ -402,7 +402,7 @@ fn fog_in_two_scenes_is_lit_once() {
     run(&mut s.app, 2);
     let both = subtract(&with, &s.picture());
     let off = both.nrmse(&one);
-    println!("two levels beside one: NRMSE {off:.4}");
+    println!("two scenes to one: NRMSE {off:.4}");
     assert!(off <= 0.01, "{off}");
 }
 
@@ -432,7 +432,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     // Each of these changes disables the fog's light, and its reversal enables it again.
     type Change = fn(&mut Shown, bool);
     let changes: [(&str, Change); 6] = [
-        ("fog is elsewhere", |s, back| {
+        ("fog is outside the scene", |s, back| {
             let position = match back {
                 true => fog_transform(),
                 false => fog_transform().with_translation(Vec3::splat(20.0)),
@@ -468,7 +468,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
                 false => GiDebugView::IndirectOnly,
             };
         }),
-        ("fog is no number", |s, back| {
+        ("scattering is NaN", |s, back| {
             let mut fog = s.app.world_mut().entity_mut(s.fog);
             fog.get_mut::<FogVolume>().unwrap().scattering = if back { 0.3 } else { f32::NAN };
         }),

@@ -95,7 +95,7 @@ fn press_save(app: &mut App) {
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    panic!("nothing is said of the file");
+    panic!("the notice for the file is missing");
 }
 
 #[test]

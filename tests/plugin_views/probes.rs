@@ -176,7 +176,7 @@ fn skinned_mesh_is_lit_at_joint_positions() {
         let Some(VertexAttributeValues::Float32x3(positions)) =
             mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION)
         else {
-            panic!("the panel has places");
+            panic!("the panel has no positions");
         };
         for position in positions.iter_mut() {
             *position = (Vec3::from(*position) + away).to_array();

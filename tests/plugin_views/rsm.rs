@@ -72,20 +72,24 @@ fn rsm_cameras_follow_reflectors() {
     let bare = counters(&app);
     let ball = spawn_ball(&mut app, RED);
     run(&mut app, 2);
-    assert_eq!(captures(&mut app), [0, 0], "nobody asks");
+    assert_eq!(captures(&mut app), [0, 0], "no light has the component");
 
     // A light with the component, and no reflector.
     app.world_mut()
         .entity_mut(light_source)
         .insert(GiReflectiveShadowMap::default());
     run(&mut app, 2);
-    assert_eq!(captures(&mut app), [0, 0], "nothing moves");
+    assert_eq!(captures(&mut app), [0, 0], "no reflector");
     let c = counters(&app);
-    assert!(c.plan.to_string().contains("nothing moves"), "{}", c.plan);
+    assert!(
+        c.plan.to_string().contains("no dynamic objects"),
+        "{}",
+        c.plan
+    );
     assert_eq!(
         (c.buffers, c.bytes, c.pipelines),
         (bare.buffers, bare.bytes, bare.pipelines),
-        "an asking light alone holds nothing"
+        "a light without reflectors has no resources"
     );
 
     // The ball becomes a reflector. Its mesh has other render layers.
@@ -105,7 +109,7 @@ fn rsm_cameras_follow_reflectors() {
     let c = counters(&app);
     let ran = |c: &FrameRecord| c.plan.to_string().matches("run  rsm").count();
     assert_eq!(ran(&c), 1, "{}", c.plan);
-    assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
+    assert_eq!(work(&c), [0; 4], "the bake has no work: {}", c.plan);
 
     // A game that adds its components to all cameras also adds them to map cameras. These get no
     // view of indirect light, and no further cameras are spawned.
@@ -141,7 +145,7 @@ fn rsm_cameras_follow_reflectors() {
     // light.
     type Change = fn(&mut App, Entity, Entity, bool);
     let changes: [(&str, Change); 4] = [
-        ("nothing that moves is in reach", |app, ball, _, away| {
+        ("no dynamic object is in range", |app, ball, _, away| {
             let mut at = app.world_mut().get_mut::<Transform>(ball).unwrap();
             at.translation.x = if away { 1e4 } else { -0.4 };
         }),
@@ -153,7 +157,7 @@ fn rsm_cameras_follow_reflectors() {
             };
             app.world_mut().entity_mut(light_source).insert(shown);
         }),
-        ("nothing moves", |app, ball, _, hidden| {
+        ("no dynamic objects", |app, ball, _, hidden| {
             let shown = if hidden {
                 Visibility::Hidden
             } else {
@@ -183,7 +187,7 @@ fn rsm_cameras_follow_reflectors() {
     // Removing the component restores the layers and releases everything.
     app.world_mut().entity_mut(parent).remove::<GiReflector>();
     run(&mut app, 2);
-    assert_eq!(layers(&app, ball), Some(own), "as they were");
+    assert_eq!(layers(&app, ball), Some(own), "the layers are restored");
     assert_eq!(captures(&mut app), [1, 0]);
     app.world_mut().entity_mut(ball).remove::<RenderLayers>();
     app.world_mut().entity_mut(ball).insert(GiReflector);
@@ -194,7 +198,7 @@ fn rsm_cameras_follow_reflectors() {
     );
     app.world_mut().entity_mut(ball).remove::<GiReflector>();
     run(&mut app, 2);
-    assert_eq!(layers(&app, ball), None, "it had none");
+    assert_eq!(layers(&app, ball), None, "the ball had no layers");
     app.world_mut()
         .entity_mut(light_source)
         .remove::<GiReflectiveShadowMap>();
@@ -204,7 +208,7 @@ fn rsm_cameras_follow_reflectors() {
     assert_eq!(
         (c.buffers, c.bytes),
         (bare.buffers, bare.bytes),
-        "everything was given back"
+        "all resources are released"
     );
 
     // Despawning the light removes its camera too.
@@ -623,7 +627,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let same = picture(&mut app, &image);
     assert!(
         baked.mean() > 0.01 && same.pixels == baked.pixels,
-        "nothing moves: not a bit differs"
+        "the picture without reflectors is unchanged"
     );
 
     app.world_mut().entity_mut(ball).insert(GiReflector);
@@ -647,7 +651,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let alone = picture(&mut app, &image);
     assert!(
         (alone.mean() / added(&both) - 1.0).abs() < 0.05,
-        "the sum is a sum"
+        "the contributions add up"
     );
     let balls = DynamicObjects {
         balls: vec![behind],
@@ -656,14 +660,14 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let vpls = cpu_vpls(&balls, &light, &requested, Some(&bake));
     let seen = room_and_ball(behind);
     let expected = cpu_bounce(&seen, &vpls, Some(&bake), view());
-    assert_bounce_alike("bounce_beside_bake", &expected, &alone);
+    assert_bounce_alike("bounce_with_bake", &expected, &alone);
     let sum = |p: &Picture| {
         p.pixels
             .iter()
             .fold([0.0; 3], |s, c| [s[0] + c[0], s[1] + c[1], s[2] + c[2]])
     };
     let [r, g, _] = sum(&alone);
-    assert!(r > 10.0 * g, "a red ball reddens: {r} to {g}");
+    assert!(r > 10.0 * g, "the light of a red ball is red: {r} to {g}");
     let open = cpu_bounce(&seen, &vpls, None, view());
     assert!(
         open.nrmse(&expected) > 0.06,
@@ -722,7 +726,7 @@ fn materials_without_indirect_light_warn_once() {
         found(&app)
     };
     let unlit = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Blend, true));
-    assert_eq!(unlit, [], "what is unlit asks for none");
+    assert_eq!(unlit, [], "unlit materials need none");
     let cut_out = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Mask(0.5), false));
     assert_eq!(cut_out, []);
     let forward = change(|m| m.opaque_render_method = OpaqueRendererMethod::Forward);

@@ -244,7 +244,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     let (twins, rays) = (shaded.nrmse(&by_twins), shaded.nrmse(&by_rays));
     let without = plain.nrmse(&by_rays);
     println!(
-        "{name}: least {min:.1e}; {in_light:.4} of full light, {in_shadow:.4} in the umbra; NRMSE to the twins {twins:.4}, to rays {rays:.4}, without shadows {without:.4}"
+        "{name}: minimum {min:.1e}; {in_light:.4} of full light, {in_shadow:.4} in the umbra; NRMSE to the twins {twins:.4}, to rays {rays:.4}, without shadows {without:.4}"
     );
     assert!(min >= 0.0, "{name}: darker than black, {min}");
     assert!(
@@ -252,7 +252,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
         "{name}: in full light {in_light}"
     );
     assert!(in_shadow < 0.05, "{name}: in full shadow {in_shadow}");
-    assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
+    assert!(twins < 0.002, "{name}: NRMSE to the twins {twins}");
     // The room is bright and the shadows are small. The limit is relative to the error of a picture
     // without shadows.
     let max = 0.3 * without;
@@ -260,7 +260,7 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
         without > 0.02,
         "{name}: shadows do not matter here, {without}"
     );
-    assert!(rays < max, "{name}: not what rays say, {rays}");
+    assert!(rays < max, "{name}: NRMSE to rays {rays}");
     // The comparison fails for shadows at another position.
     let mut moved = shaded.clone();
     moved.pixels.rotate_right(3);
@@ -319,10 +319,10 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     let here = at(panel_transform(PANEL_POSITION));
     assert_shadows("panel", &plain, &shaded, &here);
     let off = plain.nrmse(&here.bright);
-    println!("Bevy's light without shadows is off ours, without gloss, by {off:.4}");
+    println!("NRMSE of Bevy's light without shadows and gloss to the twin: {off:.4}");
     assert!(
         off < 0.03,
-        "what Bevy draws is not what is taken from it: {off}"
+        "Bevy's light differs from the light that is subtracted: {off}"
     );
 
     // The light moves: the shadowed irradiance is computed once, and the shadow moves.
@@ -339,7 +339,7 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     assert_shadows("moved_panel", &bare, &moved, &at(position));
     assert!(
         moved.nrmse(&here.by_twins(&plain)) > 0.1,
-        "it is where it was"
+        "the shadow did not move"
     );
     set_soft_shadow(&mut app, light_source, Some(soft));
     move_to(&mut app, panel_transform(PANEL_POSITION));
@@ -387,10 +387,10 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     set_soft_shadow(&mut app, light_source, Some(soft));
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
-    assert!(plain.nrmse(&here.bright) > 0.2, "it shines");
+    assert!(plain.nrmse(&here.bright) > 0.2, "gloss is visible");
     assert_shadows("shiny", &plain, &shaded, &here);
     let findings = &app.world().resource::<GiWarnings>().0;
-    assert_eq!(findings, &[], "nothing is wrong with any of that");
+    assert_eq!(findings, &[], "no warnings");
 }
 
 #[test]
@@ -431,10 +431,10 @@ fn soft_shadow_in_transformed_room_matches_rays() {
     let right = expected(&bake, root, look, core(16), core(225));
     assert_shadows("bulb", &plain, &shaded, &right);
     let off = plain.nrmse(&right.bright);
-    println!("Bevy's light without shadows is off ours by {off:.4}");
+    println!("NRMSE of Bevy's light without shadows to the twin: {off:.4}");
     assert!(
         off < 0.01,
-        "what Bevy draws is not what is taken from it: {off}"
+        "Bevy's light differs from the light that is subtracted: {off}"
     );
 }
 

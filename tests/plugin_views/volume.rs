@@ -123,7 +123,7 @@ impl Shown {
                 return;
             }
         }
-        panic!("the camera never sees the volume");
+        panic!("the volume is never in the view");
     }
 
     fn move_light_source(&mut self, position: Vec3) {
@@ -185,7 +185,7 @@ fn volume_light_matches_deferred_light() {
         let sampled = sampled.picture();
         save_picture(&format!("{name}_sampled"), &expected.beside(&sampled));
         let d = flip(&single, &sampled);
-        println!("{name}, four samples beside one: FLIP {d:.4}, without indirect light {edges:.4}");
+        println!("{name}, four samples to one: FLIP {d:.4}, without indirect light {edges:.4}");
         assert!(d <= 1.3 * edges && edges < MAX_FLIP, "{name}: {d}, {edges}");
     }
 }
@@ -471,7 +471,7 @@ fn volume_of_bake_without_probes_warns() {
     s.insert_volume(GiIrradianceVolume::default());
     assert_eq!(
         s.app.world().resource::<GiWarnings>().0,
-        [GiWarning::NoFreeSpace]
+        [GiWarning::NoProbes]
     );
     assert_eq!(counters(&s.app).bytes, 0);
 }

@@ -103,7 +103,7 @@ pub fn run(app: &mut App, frames: usize) {
             device
                 .wgpu_device()
                 .poll(PollType::wait_indefinitely())
-                .expect("the device answers");
+                .expect("the device completes its work");
         }
     }
 }
@@ -186,7 +186,7 @@ pub fn drawn(app: &App, target: &Handle<Image>) -> Picture {
     });
     device
         .poll(PollType::wait_indefinitely())
-        .expect("the device answers");
+        .expect("the device completes its work");
     let bytes = buffer.get_mapped_range(..).to_vec();
     let half = |at: usize| f16::from_le_bytes([bytes[at], bytes[at + 1]]).to_f32();
     Picture {

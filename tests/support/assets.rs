@@ -52,7 +52,7 @@ pub fn until<T>(app: &mut App, event: &str, mut done: impl FnMut(&mut App) -> Op
         }
         std::thread::sleep(Duration::from_millis(2));
     }
-    panic!("{event} does not happen");
+    panic!("{event}: no result after {MAX_UPDATES} updates");
 }
 
 /// Returns the identifiers of the threads of this process that bake at present. Returns `None` if

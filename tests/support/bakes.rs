@@ -107,7 +107,7 @@ pub fn bake(
 
 /// Returns the bake of `root`.
 pub fn scene_of(app: &App, root: Entity) -> Arc<BakedScene> {
-    let gi = app.world().get::<GiScene>(root).expect("it has light");
+    let gi = app.world().get::<GiScene>(root).expect("it has a bake");
     let bakes = app.world().resource::<Assets<GiBakedScene>>();
     bakes.get(&gi.0).expect("the bake is there").scene.clone()
 }

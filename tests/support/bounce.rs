@@ -122,7 +122,7 @@ pub fn cpu_vpls(
 ) -> Vec<Vpl> {
     let light = FrameLight::expand(light, 1)[0];
     let side = requested.texels();
-    let views = map_views(&light, &moving.boxes(), side).expect("it is in reach");
+    let views = map_views(&light, &moving.boxes(), side).expect("it is in range");
     let mut texels = Vec::new();
     for view in &views {
         let clip_from_view = match view.lens {

@@ -111,6 +111,6 @@ pub fn same<T: NoUninit>(
     }
     assert!(
         !differing(gpu, perturbed, width, SINGLE, scale).is_empty(),
-        "{name}: the comparison does not notice a wrong input"
+        "{name}: the comparison does not detect a wrong input"
     );
 }

@@ -169,7 +169,7 @@ fn fmm_passes_match_twin() {
                 &expected[k][off[0] * 12..][..12]
             );
             let off = differing(&found[k], &perturbed[k], 12, SUM_TOLERANCE, Scale::Rms);
-            assert!(!off.is_empty(), "{what}: a brighter point is not noticed");
+            assert!(!off.is_empty(), "{what}: a brighter point is not detected");
         }
         let off = differing(
             &found[2],
@@ -178,7 +178,7 @@ fn fmm_passes_match_twin() {
             SUM_TOLERANCE,
             Scale::Rms,
         );
-        assert!(!off.is_empty(), "a brighter sky is not noticed");
+        assert!(!off.is_empty(), "a brighter sky is not detected");
         let levels = operator.levels() as u64;
         let counts =
             [Pass::FmmUp, Pass::FmmReceive, Pass::FmmEvaluate].map(|p| counters.dispatches_of(p));

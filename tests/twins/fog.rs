@@ -240,17 +240,17 @@ fn fog_picture_matches_twin() {
         ("asymmetry", 0, |d| d.light.asymmetry += 0.05),
         ("eye", 0, |d| d.light.eye[0] += 40.0),
         ("radius", 0, |d| d.params[0].radius *= 1.05),
-        ("place of the view", 0, |d| {
+        ("view transform", 0, |d| {
             d.params[0].voxels_from_view[3][0] += 0.1
         }),
-        ("ways", 0, |d| d.light.steps[0] = [0, 1, 0, 0]),
+        ("directions", 0, |d| d.light.steps[0] = [0, 1, 0, 0]),
         ("viewport", 0, |d| d.params[0].viewport[0] += 1.0),
         ("bounds", 0, |d| d.params[0].high[0] -= 0.4),
         ("walls", 0, |d| {
             d.voxels.iter_mut().for_each(|v| v[3] = f16::ONE)
         }),
         ("offset", 1, |d| d.params[1].offset[0] += 0.05),
-        ("what comes first", 2, |d| d.params[2].earlier_count = 0),
+        ("earlier scenes", 2, |d| d.params[2].earlier_count = 0),
     ];
     for (name, which, perturb) in perturbations {
         let mut perturbed = Drawn::new();

@@ -220,13 +220,13 @@ fn splat_and_composite_match_twin() {
         let perturbed = splat_all(&wrong, twin.vector_irradiance(), &screen, &params(0.5));
         assert!(
             pixels_differing(&gpu, &perturbed).len() > 20,
-            "a wrong input is not noticed"
+            "a wrong input is not detected"
         );
     }
     let perturbed = splat_all(&scene, twin.vector_irradiance(), &screen, &params(0.503));
     assert!(
         pixels_differing(&gpu, &perturbed).len() > 20,
-        "a wrong scale is not noticed"
+        "a wrong scale is not detected"
     );
 
     // splat_over: covered pixels stay bit for bit, and the others equal the output of `splat`.

@@ -455,7 +455,7 @@ fn vpl_matches_twin() {
         if scale > 1e5 {
             assert!(
                 gpu.iter().any(|e| e[0] == 65_504.0),
-                "nothing is too bright"
+                "no value is clamped to the largest f16"
             );
             continue;
         }

@@ -92,18 +92,18 @@ fn soft_shadows_match_twin() {
     // kernel.
     let assert_detected = |what: &str, wrong: &[VectorIrradiance]| {
         let found = differing(&gpu, wrong, 12, tolerance, Scale::Rms);
-        assert!(!found.is_empty(), "{what} goes unnoticed");
+        assert!(!found.is_empty(), "{what} is not detected");
     };
     let mut others = lights;
     others[0].center[0] += 0.02;
     assert_detected(
-        "another place",
+        "another position",
         &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
     let mut others = lights;
     others[1] = SoftLight::default();
     assert_detected(
-        "a light less",
+        "a missing light",
         &soft_shadow::occluded_irradiances(scene.data(), &others),
     );
     let mut perturbed = scene.clone();
@@ -120,7 +120,7 @@ fn soft_shadows_match_twin() {
         point.mask[0] &= !1;
     }
     assert_detected(
-        "coefficients of others",
+        "a missing coefficient",
         &soft_shadow::occluded_irradiances(perturbed.data(), &lights),
     );
     let mut perturbed = scene.clone();

@@ -340,7 +340,7 @@ fn compare(settings: &SubsplatSettings) {
     };
     assert!(
         !wrong(&pyramid(&params, &picture)).is_empty(),
-        "a pixel's depth goes unnoticed"
+        "a changed depth is not detected"
     );
 
     // refine. A node within rounding of a threshold may be on either side of it.
@@ -450,7 +450,7 @@ fn probe_nodes_match_twin() {
         let mut wrong = of.scene.clone();
         perturb(wrong.data_mut().probes.as_mut().unwrap());
         let noticed = differing(&gpu.texels, &of.on_cpu(&settings, &wrong).texels);
-        assert!(noticed * 10 > ball, "{what} go unnoticed: {noticed}");
+        assert!(noticed * 10 > ball, "{what} are not detected: {noticed}");
     }
 }
 
@@ -492,7 +492,7 @@ fn probe_kernel_matches_twin() {
     assert_eq!(off(&values), 0);
     let mut moved = values.clone();
     moved.swap(3, 4);
-    assert!(off(&moved) > 0, "swapped rows go unnoticed");
+    assert!(off(&moved) > 0, "swapped rows are not detected");
 
     // probe_over, from the device's own values.
     let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
@@ -581,5 +581,5 @@ fn probe_kernel_matches_twin() {
     let tilted_planes = upright.planes.iter_mut().step_by(2);
     tilted_planes.for_each(|p| *p = p.map(|c| c / 1.1));
     let found = differing(&gpu, &picture_of_probes(&upright, &values, &probe_params));
-    assert!(found > 20, "the lean of planes goes unnoticed: {found}");
+    assert!(found > 20, "tilted planes are not detected: {found}");
 }

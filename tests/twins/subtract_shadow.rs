@@ -298,7 +298,7 @@ fn compare(gloss: bool) {
     type Perturb = fn(&mut Shaded);
     let perturbations: [(&str, Perturb); 8] = [
         ("color", |s| s.lights[0].color[1] *= 1.02),
-        ("place", |s| s.lights[0].center[0] += 0.05),
+        ("position", |s| s.lights[0].center[0] += 0.05),
         ("range", |s| s.lights[1] = s.lights[1].with_range(4.0)),
         ("roughness", |s| {
             for texel in &mut s.drawn.gbuffer {
@@ -328,13 +328,13 @@ fn compare(gloss: bool) {
         let noticed = count_differing(&alone, &shaded.run(false)[0]);
         assert!(
             noticed > count / 10,
-            "no mirror image goes unnoticed: {noticed}"
+            "missing mirror images are not detected: {noticed}"
         );
         for layer in 0..2 {
             shaded.tables.layers[layer][7][layer] *= 1.2;
             let noticed = count_differing(&alone, &shaded.run(true)[0]);
             println!("table {layer}: {noticed}");
-            assert!(noticed > found[0] + 20, "table {layer} goes unnoticed");
+            assert!(noticed > found[0] + 20, "table {layer} is not detected");
             shaded.tables = synthetic_tables();
         }
     }
@@ -349,7 +349,7 @@ fn compare(gloss: bool) {
         perturb(&mut shaded);
         let noticed = count_differing(&alone, &shaded.run(gloss)[0]);
         println!("{what}: {noticed}");
-        assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");
+        assert!(noticed > found[0] + 20, "{what} is not detected: {noticed}");
         (
             shaded.lights,
             shaded.drawn.gbuffer,

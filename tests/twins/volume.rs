@@ -125,7 +125,7 @@ fn volumes_match_twin() {
         let found = off(of);
         // The sides on walls are fewer.
         let min = if what == "values on walls" { 8 } else { 4 };
-        assert!(found * min > gpu.len(), "{what} goes unnoticed: {found}");
+        assert!(found * min > gpu.len(), "{what} is not detected: {found}");
     }
     // Sides without own light and without light ahead get the light of neighboring voxels. Without
     // those steps they are dark.
@@ -136,5 +136,5 @@ fn volumes_match_twin() {
     });
     let found = off((alone, &weights, values));
     eprintln!("{found} of {} sides in edges", gpu.len());
-    assert!(found > 20, "sides in edges go unnoticed: {found}");
+    assert!(found > 20, "sides in edges are not detected: {found}");
 }

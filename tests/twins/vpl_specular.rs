@@ -249,7 +249,7 @@ fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) 
     let noticed = again(&|s| (s.vpls[5..15].iter_mut()).for_each(|v| v.flux[1] *= 0.5));
     assert!(noticed[1] > 10 * found[1] + 50, "lights: {noticed:?}");
     let noticed = again(&|s| s.view.space_from_clip[3][1] += 0.05);
-    assert!(noticed[1] * 4 > glossy, "places: {noticed:?}");
+    assert!(noticed[1] * 4 > glossy, "positions: {noticed:?}");
     let noticed = again(&|s| {
         for texel in &mut s.drawn.gbuffer {
             texel[0] ^= 8 << 24;

@@ -1,6 +1,4 @@
-//! Thirteen scenes, from one light at rest to all effects together, and the stages that each runs
-//! in every frame.
-
+//! Thirteen scenes, from one light at rest to all effects together, and the stages of each.
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::{FogVolume, RectLight, VolumetricFog, VolumetricLight};
 use bevy::pbr::DefaultOpaqueRendererMethod;
@@ -15,7 +13,7 @@ use meshless_gi::{
 };
 use std::sync::Arc;
 
-/// Content of a scene and its changes per frame.
+/// Content of a scene.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Scene {
     /// Description.
@@ -468,8 +466,8 @@ fn room(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let mut root = commands.entity(root);
-    crate::common::spawn_quads(&quads(gray), &mut root, &mut meshes, &mut materials);
+    let root = &mut commands.entity(root);
+    crate::common::spawn_quads(&quads(gray), root, &mut meshes, &mut materials);
 }
 
 /// Applies the changes from frame `k - 1` to frame `k`.

@@ -260,7 +260,7 @@ fn decision_of_view_names_pixel_mode() {
     now.views[0].display = DisplayUse::BuffersTooLarge;
     assert_eq!(
         logged(&now),
-        by("every pixel (the device has no room for subsplats)")
+        by("every pixel (the subsplat buffers exceed a limit of the device)")
     );
     now.views[0].display = DisplayUse::Full;
     assert_eq!(

@@ -189,7 +189,7 @@ fn changed_soft_shadow_lights_are_detected() {
     let bulb = SoftLight::sphere(Vec3::Y, 0.1, Vec3::X, 5.0, 16);
     let both = [panel, bulb];
     assert!(same_soft_shadow(&both, &both, 1e-4));
-    assert!(!same_soft_shadow(&both, &both[..1], 1e-4), "one went");
+    assert!(!same_soft_shadow(&both, &both[..1], 1e-4), "one removed");
     type Change = fn(&mut SoftLight);
     let changes: [(Change, bool); 7] = [
         (|l| l.center[1] += 5e-5, true),

@@ -1,6 +1,8 @@
-//! Effect of the test `effect_row_is_planned_counted_and_recorded`: clears the irradiance of each scene.
+//! Effect of the test `effect_row_is_planned_counted_and_recorded`: clears the irradiance of each
+//! scene.
 //!
-//! Reads: the active scenes. Copies a buffer of zeros that it keeps for each scene, without a kernel.
+//! Reads: the active scenes. Copies a buffer of zeros that it keeps for each scene, without a
+//! kernel.
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;

@@ -539,7 +539,7 @@ fn effect_row_is_planned_counted_and_recorded() {
         costs.record_time(scope, 2.0);
     }
     costs.write_costs(&mut plan);
-    let cost = plan.cost_of(&pass).expect("it is priced");
+    let cost = plan.cost_of(&pass).expect("it has a cost");
     assert!(matches!(cost.work, Work::Rays(n) if n > 0));
     assert_eq!(cost.predicted, Some(2.0));
     assert!(super::stages(&table).contains(&blackout::BLACKOUT));

@@ -195,7 +195,7 @@ impl SceneVolume {
         match VolumeBuffers::new(kernels.device(), queue, &weights) {
             Ok(buffers) => self.buffers = Some(buffers),
             Err(why) => {
-                warn!("a volume for forward cameras and fog stays dark: {why}");
+                warn!("a volume for forward cameras and fog is disabled: {why}");
                 self.refused = Some(shape);
             }
         }

@@ -55,8 +55,8 @@ pub enum GiBakeWarning {
     },
     /// An occluder is open when the meshes are collected.
     #[error(
-        "{entity}: occluder `{name}` is {percent} % open, and the bake takes its meshes where they \
-         stand now; shut it before `bake_gi`, with `GiOccluder::transmittance` 0"
+        "{entity}: occluder `{name}` is {percent} % open, and the bake uses the current positions \
+         of its meshes; shut it before `bake_gi`, with `GiOccluder::transmittance` 0"
     )]
     OpenOccluder {
         /// Entity with the occluder.

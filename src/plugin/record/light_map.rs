@@ -1,6 +1,6 @@
 //! Passes of a light's reflective shadow maps, in the camera of each map.
 
-use super::{FramePoint, Recorder};
+use super::Recorder;
 use crate::gpu::KernelPipelines;
 use crate::plan::{LightId, Pass, Plan, SceneId, kind_of};
 use crate::plugin::effect_states::EffectStates;
@@ -85,12 +85,10 @@ pub(crate) fn read_light_map(
 ) {
     for pass in plan.of_light(light) {
         if let Some(Record::LightMap { read, .. }) = how(effects, pass) {
-            let whole = recorder.time_span(ctx.encoder, FramePoint::LightMaps.span());
             let [_, name] = map_spans(pass, ctx.map.index);
             let span = recorder.time_span(ctx.encoder, name);
             read(ctx, pass);
             span.end(ctx.encoder);
-            whole.end(ctx.encoder);
         }
     }
 }

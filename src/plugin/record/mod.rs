@@ -21,7 +21,8 @@ pub(crate) use light_map::{
     MapDrawContext, MapOfLight, MapReadContext, draw_light_map, read_light_map,
 };
 pub(crate) use post_process::{
-    PostProcessContext, PostProcessView, PostProcessWorld, record_post_process,
+    PostProcessContext, PostProcessResources, PostProcessView, PostProcessWorld,
+    record_post_process,
 };
 pub(crate) use scene::{SceneContext, record_scene};
 pub(crate) use view::{Layer, Picture, Surfaces, ViewContext, ViewInput, record_view};

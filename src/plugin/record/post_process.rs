@@ -10,7 +10,6 @@ use crate::plugin::fog::ExtractedFogs;
 use crate::plugin::render_state::{GiRender, SceneRuntime};
 use crate::plugin::volume::ExtractedVolumes;
 use bevy::ecs::prelude::*;
-use bevy::ecs::system::SystemParam;
 use bevy::math::Mat4;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::diagnostic::RecordDiagnostics;
@@ -20,14 +19,35 @@ use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ExtractedView, ViewDepthTexture, ViewTarget};
 use std::collections::BTreeMap;
 
-/// World and textures that the passes read.
-#[derive(SystemParam)]
+/// Resources of [`PostProcessWorld`], as the parameter of a system.
+pub(crate) type PostProcessResources<'w> = (
+    Res<'w, ExtractedFogs>,
+    Res<'w, ExtractedVolumes>,
+    Res<'w, ExtractedGi>,
+    Res<'w, RenderAssets<GpuImage>>,
+    Res<'w, FallbackImage>,
+);
+
+/// World and textures that the passes read. No `SystemParam`, as
+/// [`ExtractedWorld`](crate::plugin::observe::ExtractedWorld).
 pub(crate) struct PostProcessWorld<'w> {
     pub fogs: Res<'w, ExtractedFogs>,
     pub volumes: Res<'w, ExtractedVolumes>,
     pub gi: Res<'w, ExtractedGi>,
     pub images: Res<'w, RenderAssets<GpuImage>>,
     pub fallback: Res<'w, FallbackImage>,
+}
+
+impl<'w> From<PostProcessResources<'w>> for PostProcessWorld<'w> {
+    fn from((fogs, volumes, gi, images, fallback): PostProcessResources<'w>) -> Self {
+        Self {
+            fogs,
+            volumes,
+            gi,
+            images,
+            fallback,
+        }
+    }
 }
 
 /// A view whose surfaces are drawn.

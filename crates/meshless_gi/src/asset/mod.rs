@@ -23,6 +23,7 @@ mod sections;
 mod sky;
 mod stats;
 mod validate;
+mod validate_bvh;
 mod validate_columns;
 mod violation;
 mod visibility;

@@ -73,8 +73,8 @@ pub struct BakeSettings {
     pub occluders: Vec<OccluderDesc>,
 }
 
-/// Ratio of the area of a dense Poisson-disk set to its covering, so that points = `PACKING_DENSITY` · area /
-/// R². Measured for dart throwing.
+/// Ratio of the area of a dense Poisson-disk set to its covering, so that points =
+/// `PACKING_DENSITY` · area / R². Measured for dart throwing.
 const PACKING_DENSITY: f32 = 0.7;
 
 /// Approximate number of sender clusters of method `pca`, a little more than in \[P14\] §6.

@@ -34,7 +34,8 @@ use crate::scene::{Geometry, Light};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Fraction of the bake's rays that the estimate casts, between the limits of [`SampleBudget::paths`].
+/// Fraction of the bake's rays that the estimate casts, between the limits of
+/// [`SampleBudget::paths`].
 const RAY_FRACTION: f64 = 0.04;
 /// Number of lights that are evaluated together, one per color channel.
 const COLORS: usize = 3;

@@ -2,8 +2,8 @@
 //!
 //! A target error changes all parameters of the presets together: thresholds of links and of added
 //! points, density, rays and samples. Levels lie between and beyond the presets. The expected error
-//! falls by [`ERROR_RATIO`] from level to level. The sequence is the same for every target, so a smaller
-//! target never gives a coarser bake.
+//! falls by [`ERROR_RATIO`] from level to level. The sequence is the same for every target, so a
+//! smaller target never gives a coarser bake.
 
 use super::recipe::Preset;
 #[cfg(doc)]

@@ -85,9 +85,9 @@ pub(super) struct ClipSample {
 
 /// Chooses clip planes. The result starts with the planes `first` (n, d), followed by the
 /// candidates that cut off the most blocked weight of `samples`. A candidate is left out if it cuts
-/// off the center. It is also left out if the visible weight that it cuts off exceeds [`MAX_VISIBLE_LOSS`]
-/// times the blocked weight. Blocked samples that are cut off are removed from `samples`. `radius`
-/// is the support radius, meters.
+/// off the center. It is also left out if the visible weight that it cuts off exceeds
+/// [`MAX_VISIBLE_LOSS`] times the blocked weight. Blocked samples that are cut off are removed from
+/// `samples`. `radius` is the support radius, meters.
 pub(super) fn choose_planes(
     samples: &mut Vec<ClipSample>,
     first: &[Vec4],

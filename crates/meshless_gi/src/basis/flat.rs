@@ -3,10 +3,10 @@
 //!
 //! \[L08\] gives every function the radius of the finest level. Our finer levels exist only where
 //! the light needs detail. A function's radius therefore follows from the points around it. The
-//! function reaches every position that has it among its [`FUNCTIONS_PER_POSITION`] nearest visible points. At
-//! evenly spaced points all radii are equal. At the border of a denser region the radii are large
-//! enough to leave no position uncovered. The tested positions are the points themselves, surface
-//! positions around each of them, and hits of importance particles.
+//! function reaches every position that has it among its [`FUNCTIONS_PER_POSITION`] nearest visible
+//! points. At evenly spaced points all radii are equal. At the border of a denser region the radii
+//! are large enough to leave no position uncovered. The tested positions are the points themselves,
+//! surface positions around each of them, and hits of importance particles.
 
 use super::clip::with_planes;
 use super::kernel::{before, is_occluder_plane};

@@ -152,10 +152,10 @@ impl Hierarchy {
         })
     }
 
-    /// Adds a level around the points `refined_points` of the finest level, where light needs more detail.
-    /// Its disk radius is half that of the finest level. Candidates are surface points visible from
-    /// just above each of the points. `max` limits the number of added points. Returns the number
-    /// of added points.
+    /// Adds a level around the points `refined_points` of the finest level, where light needs more
+    /// detail. Its disk radius is half that of the finest level. Candidates are surface points
+    /// visible from just above each of the points. `max` limits the number of added points. Returns
+    /// the number of added points.
     pub fn add_level(
         &mut self,
         geometry: &dyn Geometry,

@@ -12,9 +12,9 @@ const CLEARANCE_RAYS: u32 = 96;
 /// Number of rays that [`sample_open_positions`] casts per candidate.
 pub const RAYS_PER_POSITION: u64 = CLEARANCE_RAYS as u64;
 
-/// Returns `count` light positions. Each is the one with the largest clearance of `candidates_per_light` random
-/// candidates. A light that almost touches a wall is not representative, and its reference is
-/// noisy. Returns no positions if there are no candidates.
+/// Returns `count` light positions. Each is the one with the largest clearance of
+/// `candidates_per_light` random candidates. A light that almost touches a wall is not
+/// representative, and its reference is noisy. Returns no positions if there are no candidates.
 #[must_use]
 pub fn sample_open_positions(
     geometry: &dyn Geometry,

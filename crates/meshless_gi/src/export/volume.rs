@@ -54,7 +54,7 @@ pub enum ExportError {
     #[error(
         "the bake has no probes: bake the scene with `--probes`, or with `probes: ()` in its recipe"
     )]
-    NoFreeSpace,
+    NoProbes,
     /// The sky is not uniform, but the bake supports only uniform skies.
     #[error(
         "the bake has a uniform sky: bake the scene with `--sky harmonics` for one that varies"
@@ -90,7 +90,7 @@ impl ExportedVolume {
         export: &VolumeExport,
     ) -> Result<Self, ExportError> {
         let shape = VoxelGrid::from_scene(scene.data(), export.voxel, export.max_voxels)
-            .ok_or(ExportError::NoFreeSpace)?;
+            .ok_or(ExportError::NoProbes)?;
         let sky: SkyRadiance = (lights.iter())
             .filter_map(|light| match light {
                 Light::Sky { radiance } => Some(*radiance),

@@ -77,8 +77,8 @@ impl FogInscatterParams {
 
 /// Returns one texel. RGB is in the unit that [`Fog::color`](super::Fog::color) multiplies, cd/m²
 /// if lights are in lumens. The fourth number is that of the voxel's own texels. It is below
-/// [`NO_WALL_THRESHOLD`](super::volume_sample::NO_WALL_THRESHOLD) if no wall is near. `texels` is the output of
-/// [`volume`](super::volume::volume).
+/// [`NO_WALL_THRESHOLD`](super::volume_sample::NO_WALL_THRESHOLD) if no wall is near. `texels` is
+/// the output of [`volume`](super::volume::volume).
 #[must_use]
 pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
     let size = UVec3::from(params.size);

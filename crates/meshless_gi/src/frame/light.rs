@@ -180,8 +180,8 @@ impl FrameLight {
         } == *other
     }
 
-    /// Returns the light with its color clamped to [`MAX_INTENSITY`]. Returns an empty slot if a number
-    /// of the light is not finite.
+    /// Returns the light with its color clamped to [`MAX_INTENSITY`]. Returns an empty slot if a
+    /// number of the light is not finite.
     fn or_none(self) -> Self {
         if self.is_finite() {
             let color = Vec3::from_array(self.color);

@@ -80,8 +80,8 @@ pub struct VisibleSurface {
 pub const MAX_REACH_PIXELS: f32 = 1600.0;
 
 /// Returns the reference length of depth tolerances, meters. It is a pixel's linear depth `z`, as
-/// in \[N09\], limited to [`MAX_REACH_PIXELS`] of its widths there. Through a long lens or with parallel rays,
-/// objects one pixel wide are a small part of their distance but have edges.
+/// in \[N09\], limited to [`MAX_REACH_PIXELS`] of its widths there. Through a long lens or with
+/// parallel rays, objects one pixel wide are a small part of their distance but have edges.
 #[must_use]
 pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     let m = &params.view_from_clip;

@@ -68,8 +68,8 @@ pub enum NormalTest {
     reflect(Default, Clone, Debug, PartialEq)
 )]
 pub struct SubsplatSettings {
-    /// Level at which every node is evaluated and every cell is refined once, 2 to [`MAX_COARSEST_LEVEL`].
-    /// Its cells have 2^coarsest_level pixels.
+    /// Level at which every node is evaluated and every cell is refined once, 2 to
+    /// [`MAX_COARSEST_LEVEL`]. Its cells have 2^coarsest_level pixels.
     pub coarsest_level: u32,
     /// Level below which no cell is refined: at least 1, and less than `coarsest_level`. Single
     /// pixels are evaluated if fewer neighbors than [`min_similarity`](Self::min_similarity) are

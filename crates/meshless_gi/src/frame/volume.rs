@@ -38,8 +38,8 @@ pub struct VolumeParams {
     pub scale: f32,
     /// World axes as unit vectors of the local space, the fourth floats not used.
     pub axes: [[f32; 4]; 3],
-    /// Steps of each side in voxels along each edge: to the voxel ahead, [`STRAIGHT_STEP`], and to its
-    /// eight neighbors. Sides: along each axis, and then against it. The fourth numbers are not
+    /// Steps of each side in voxels along each edge: to the voxel ahead, [`STRAIGHT_STEP`], and to
+    /// its eight neighbors. Sides: along each axis, and then against it. The fourth numbers are not
     /// used.
     pub steps: [[[i32; 4]; 9]; 6],
 }

@@ -102,17 +102,17 @@ impl WallSamples {
         &self.weights[self.wall_samples[sample].start as usize..end.unwrap_or(self.weights.len())]
     }
 
-    /// Adds the wall samples of the next voxel, with center `x`, from the wall points `beside`.
-    /// Returns the number of functions processed.
+    /// Adds the wall samples of the next voxel, with center `x`, from the
+    /// `wall_points`. Returns the number of functions processed.
     pub(super) fn find(
         &mut self,
-        beside: &[WallPoint],
+        wall_points: &[WallPoint],
         points: &[Point],
         display: &FlatBasis,
         x: Vec3,
     ) -> u64 {
         let mut visit_cost = 0;
-        for wall in beside.iter().filter(|b| !b.is_beyond(beside, x)) {
+        for wall in wall_points.iter().filter(|b| !b.is_beyond(wall_points, x)) {
             // If only functions end at the wall point, the center of the function found is used
             // instead.
             for at in [wall.at, points[wall.point as usize].x()] {
@@ -232,15 +232,15 @@ impl WallIndex {
         planes: &[[f32; 4]],
         x: Vec3,
     ) -> ([WallPoint; MAX_FACES], usize) {
-        let mut beside = [WallPoint::default(); MAX_FACES];
+        let mut wall_points = [WallPoint::default(); MAX_FACES];
         let mut count = 0;
         for &point in self.nearest[voxel as usize].iter().filter(|&&j| j != NONE) {
             let of = &points[point as usize];
             let (at, n) = (nearest_wall_point(of, planes, x), of.n());
-            beside[count] = WallPoint { point, at, n };
+            wall_points[count] = WallPoint { point, at, n };
             count += 1;
         }
-        (beside, count)
+        (wall_points, count)
     }
 
     fn enter(&mut self, shape: &VoxelGrid, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {

@@ -18,8 +18,8 @@ const RED: Vec3 = Vec3::new(0.61, 0.06, 0.05);
 const GREEN: Vec3 = Vec3::new(0.12, 0.42, 0.09);
 
 impl Quad {
-    /// Returns a room of 2 m, open toward +Z, red on the left and green on the right. Two blocks stand
-    /// on its floor. The floor is at y = 0 with its center at the origin.
+    /// Returns a room of 2 m, open toward +Z, red on the left and green on the right. Two blocks
+    /// stand on its floor. The floor is at y = 0 with its center at the origin.
     #[must_use]
     pub fn cornell_box() -> Vec<Self> {
         let v = Vec3::new;

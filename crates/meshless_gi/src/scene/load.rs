@@ -8,9 +8,9 @@ use glam::Vec3;
 use std::path::Path;
 
 /// Reads `.ply` files as points and other files as glTF. With the feature `json` a `.json` file is
-/// a scene description, and its geometry is joined without lights. A surface of points without normals faces those
-/// `viewpoints` (meters, between surfaces) that it encloses. See `PointCloud::new`. Without the
-/// feature `point_clouds` a `.ply` file is an error.
+/// a scene description, and its geometry is joined without lights. A surface of points without
+/// normals faces those `viewpoints` (meters, between surfaces) that it encloses. See
+/// `PointCloud::new`. Without the feature `point_clouds` a `.ply` file is an error.
 ///
 /// # Errors
 /// See [`SceneError`].

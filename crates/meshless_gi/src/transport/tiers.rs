@@ -68,7 +68,8 @@ pub fn assign_tiers(
 }
 
 /// Computes the number of links of each tier except the last. The numbers are a geometric series up
-/// to all links. It starts at [`FIRST_TIER_FRACTION`] of `all`, or at the required links if there are more.
+/// to all links. It starts at [`FIRST_TIER_FRACTION`] of `all`, or at the required links if there
+/// are more.
 fn targets(all: u64, needed: u64) -> [u64; TIERS as usize - 1] {
     let first = (needed as f64 / all.max(1) as f64).max(FIRST_TIER_FRACTION);
     let step = libm::cbrt(first);

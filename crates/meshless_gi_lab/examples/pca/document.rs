@@ -78,6 +78,20 @@ pub fn text(
             );
         }
     }
+    out += &panels_section(found);
+    out += &display_section(found);
+    out += &size_section(found);
+    out += &split_section(scene, split_results);
+    out += &rays_section(timings);
+    for f in found {
+        let _ = writeln!(out, "![{0}](pca/{0}.png)\n", f.name);
+    }
+    out.trim_end().to_string() + "\n"
+}
+
+/// Returns the section on panels that were not used to choose a constant.
+fn panels_section(found: &[Found]) -> String {
+    let mut out = String::new();
     out += "\nThe coefficients are the first ones of one bake. \"Rays\" is the error of points and display alone: the same samples, each with a shadow ray at the points.\n\n\
      ## Other panels\n\n\
      The constants of `soft_shadow` were chosen with the panel above. Other panels, NRMSE in the penumbra, %:\n\n\
@@ -97,6 +111,12 @@ pub fn text(
             );
         }
     }
+    out
+}
+
+/// Returns the section on the displays of shadows.
+fn display_section(found: &[Found]) -> String {
+    let mut out = String::new();
     out += "\n## Three ways to display shadows\n\n\
      With 50 coefficients. Each cell: NRMSE in the penumbra / over all points that the panel would light without shadows, %.\n\n\
      - (i) splats the received irradiance.\n\
@@ -124,6 +144,12 @@ pub fn text(
             100.0 * f.rays
         );
     }
+    out
+}
+
+/// Returns the section on size and time.
+fn size_section(found: &[Found]) -> String {
+    let mut out = String::new();
     out += "\nIn penumbrae the three are equal. In full shadow only (iii) leaves no light: (ii) subtracts an interpolated value from a local one and leaves speckles.\n\n\
      ## Size and time\n\n\
      [P14] has 45K points, 48 clusters, 50 of 2016 coefficients and 4.47 MB. Visibility and transfer together take 4 hours.\n\
@@ -152,7 +178,12 @@ pub fn text(
         }
     }
     out += "\nSeconds are those of one machine, on all its cores.\n";
-    out += &split_section(scene, split_results);
+    out
+}
+
+/// Returns the section on rays in place of stored visibility.
+fn rays_section(timings: &[VisibilityTiming]) -> String {
+    let mut out = String::new();
     out += "\n## Comparison with rays\n\n\
      The kernel `project` traces shadow rays. It could use the stored visibility.\n\
      The table compares the visible fraction of a panel at the points with stored visibility, with the same samples, on one CPU thread.\n\
@@ -189,10 +220,7 @@ pub fn text(
             _ => "Rays are exact and need no bake, so `project` uses rays.",
         }
     );
-    for f in found {
-        let _ = writeln!(out, "![{0}](pca/{0}.png)\n", f.name);
-    }
-    out.trim_end().to_string() + "\n"
+    out
 }
 
 /// Returns the section on split clusters.

@@ -12,8 +12,9 @@
 //! it does not exist. On the scene (a `.glb`, or a folder with `L0.json` that names one) both kinds
 //! of operator are compared. The default is the Cornell box.
 
-mod beside;
+mod comparison;
 mod document;
+mod picture;
 mod transfer;
 mod visibility;
 
@@ -89,12 +90,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         parts[0] = document::transfer(&transfers);
     }
     if wanted[2] {
-        let report = beside::measure(&name, &compared)?;
-        let figures = beside::charts(&name, &report);
+        let report = comparison::measure(&name, &compared)?;
+        let figures = comparison::charts(&name, &report);
         for figure in &figures {
             std::fs::write(pictures.join(&figure.file), figure.chart.svg())?;
         }
-        parts[1] = beside::section(&name, &report, &figures);
+        parts[1] = comparison::section(&name, &report, &figures);
     }
     if wanted[1] || wanted[2] {
         std::fs::write(transfer, parts.join("\n"))?;

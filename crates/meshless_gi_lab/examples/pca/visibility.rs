@@ -1,20 +1,19 @@
 //! Soft shadows: irradiance of a rectangle light in the penumbra by the number of coefficients,
 //! compared with the reference integrator.
 
+use super::picture;
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::soft_shadow::{
     self, RayVisibility, SoftLight, SoftShadowParams, unshadowed,
 };
-use meshless_gi::internals::frame::{VectorIrradiance, splat, subtract_shadow};
-use meshless_gi::internals::samples::Random;
+use meshless_gi::internals::frame::{VectorIrradiance, splat};
 use meshless_gi::internals::transport::pca::{
     HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
 };
-use meshless_gi::{BakedScene, Geometry, Light, Ray, Surface, TriangleMesh};
+use meshless_gi::{BakedScene, Geometry, Light, TriangleMesh};
 use meshless_gi_lab::accuracy::{
-    Camera, Errors, Image, PenumbraSample, errors, occluded_irradiances_by_rays, penumbra_samples,
-    render, shadow_errors, shadowed_irradiance,
+    Errors, PenumbraSample, errors, occluded_irradiances_by_rays, penumbra_samples, shadow_errors,
 };
 use rayon::prelude::*;
 use std::error::Error;
@@ -323,31 +322,21 @@ fn penumbra_of(positions: &[PenumbraSample]) -> Vec<PenumbraSample> {
         .collect()
 }
 
-/// Measures a scene and draws its picture into `folder`.
-pub fn measure(
-    name: &str,
+/// A bake of visibility and its seconds.
+type TimedBake = (Visibility, f64);
+
+/// Bakes visibility with the settings that [`BAKES`] names.
+fn bake_all(
     mesh: &TriangleMesh,
-    scene: &BakedScene,
-    folder: &Path,
-) -> Result<Found, Box<dyn Error>> {
-    let light = soft_light(name);
-    let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
-    let lit = penumbra_samples(scene, mesh, &light, PATHS);
-    let shade = penumbra_of(&lit);
-    eprintln!(
-        "{name}: {} places, {} in the penumbra",
-        lit.len(),
-        shade.len()
-    );
-    let points = points_with_visibility(scene);
-    let known = points.len();
+    points: &[(Vec3, Vec3)],
+) -> Result<[TimedBake; 3], Box<dyn Error>> {
     let usual = VisibilitySettings::default();
     let bake = |settings: &VisibilitySettings| {
         let began = Instant::now();
-        let baked = bake_visibility(mesh, &points, settings, &|_| true)?;
+        let baked = bake_visibility(mesh, points, settings, &|_| true)?;
         Ok::<_, Box<dyn Error>>((baked.0, began.elapsed().as_secs_f64()))
     };
-    let bakes = [
+    Ok([
         bake(&usual)?,
         bake(&VisibilitySettings {
             grid: HemisphereGrid::default(),
@@ -362,7 +351,54 @@ pub fn measure(
             cluster_points: 150,
             ..usual
         })?,
-    ];
+    ])
+}
+
+/// Measures the panels that were not used to choose a constant, with the defaults and with the
+/// finest bake.
+fn other_panels(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    bakes: [&Visibility; 2],
+) -> Result<Vec<OtherPanel>, Box<dyn Error>> {
+    let points = points_with_visibility(scene).len();
+    let mut others = Vec::new();
+    for (what, light) in other_lights(name) {
+        let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
+        let shade = penumbra_of(&penumbra_samples(scene, mesh, &light, PATHS));
+        let error = |visibility: &Visibility| memory(scene, visibility, &soft_light, &shade).nrmse;
+        let occluded_irradiances = occluded_irradiances_by_rays(scene, mesh, &soft_light, points);
+        others.push(OtherPanel {
+            what,
+            positions: shade.len(),
+            penumbra: bakes.map(error),
+            rays: shadow_errors(scene, &occluded_irradiances, &shade).nrmse,
+        });
+    }
+    Ok(others)
+}
+
+/// Measures a scene and draws its picture into `folder`.
+pub fn measure(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    folder: &Path,
+) -> Result<Found, Box<dyn Error>> {
+    let light = soft_light(name);
+    let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
+    let lit = penumbra_samples(scene, mesh, &light, PATHS);
+    let shade = penumbra_of(&lit);
+    eprintln!(
+        "{name}: {} points, {} in the penumbra",
+        lit.len(),
+        shade.len()
+    );
+    let points = points_with_visibility(scene);
+    let known = points.len();
+    let usual = VisibilitySettings::default();
+    let bakes = bake_all(mesh, &points)?;
     // The first components of a bake are those of a bake with fewer components.
     let by_count = [0, 1, 2].map(|k| {
         let max = [usual.components, 100, usual.components][k];
@@ -379,19 +415,7 @@ pub fn measure(
         (fine, fine_seconds),
     ] = bakes;
     let fifty = theirs.truncated(50);
-    let mut others = Vec::new();
-    for (what, light) in other_lights(name) {
-        let soft_light = SoftLight::from_light(&light, SAMPLES).ok_or("no rectangle")?;
-        let shade = penumbra_of(&penumbra_samples(scene, mesh, &light, PATHS));
-        let error = |visibility: &Visibility| memory(scene, visibility, &soft_light, &shade).nrmse;
-        let occluded_irradiances = occluded_irradiances_by_rays(scene, mesh, &soft_light, known);
-        others.push(OtherPanel {
-            what,
-            positions: shade.len(),
-            penumbra: [error(&own), error(&fine)],
-            rays: shadow_errors(scene, &occluded_irradiances, &shade).nrmse,
-        });
-    }
+    let others = other_panels(name, mesh, scene, [&own, &fine])?;
     let mut variants = Vec::new();
     let mut shown = None;
     for (what, visibility, seconds) in [
@@ -428,7 +452,7 @@ pub fn measure(
     let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
     let visibility = with.data().visibility.as_ref().ok_or("lost")?;
     let timings = race(name, mesh, scene, visibility, &light)?;
-    picture(name, mesh, &with, &light, folder)?;
+    picture::draw(name, mesh, &with, &light, folder)?;
     Ok(Found {
         name: name.into(),
         positions: (lit.len(), shade.len()),
@@ -445,77 +469,4 @@ pub fn measure(
         others,
         timings,
     })
-}
-
-/// Writes a picture: baked visibility, reference, and their difference, side by side.
-fn picture(
-    name: &str,
-    mesh: &TriangleMesh,
-    scene: &BakedScene,
-    light: &Light,
-    folder: &Path,
-) -> Result<(), Box<dyn Error>> {
-    let (width, height) = (360, 270);
-    let camera = match name {
-        "cornell" => Camera {
-            eye: Vec3::new(2.78, 2.73, -7.6),
-            target: Vec3::new(2.78, 2.5, 2.8),
-            up: Vec3::Y,
-            vertical_angle: 0.7,
-        },
-        _ => Camera {
-            eye: Vec3::new(7.8, 2.2, 3.9),
-            target: Vec3::new(4.2, 0.7, 1.6),
-            up: Vec3::Y,
-            vertical_angle: 1.1,
-        },
-    };
-    let soft_light = SoftLight::from_light(light, SAMPLES).ok_or("no rectangle")?;
-    let occluded_irradiances = soft_shadow::occluded_irradiances(scene.data(), &[soft_light]);
-    let extent = extent(scene.data());
-    let memory = |_: &Ray, s: &Surface, _: &mut Random| {
-        let e = unshadowed(&soft_light, s.position, s.normal, extent);
-        let missing = subtract_shadow::occluded_radiance(
-            scene.data(),
-            &occluded_irradiances,
-            s.position,
-            s.normal,
-        );
-        e * (Vec3::ONE - missing.unwrap_or_default())
-    };
-    let truth = |_: &Ray, s: &Surface, random: &mut Random| {
-        Vec3::splat(shadowed_irradiance(
-            mesh,
-            light,
-            s.position,
-            s.normal,
-            random.bits(),
-        ))
-    };
-    let black = |_: Vec3| Vec3::ZERO;
-    let ours = render(mesh, &camera, (width, height), 1, &memory, &black);
-    let right = render(mesh, &camera, (width, height), 1, &truth, &black);
-    let mean = right.pixels.iter().map(|p| p.x).sum::<f32>() / right.pixels.len() as f32;
-    let exposure = 0.35 / mean;
-    let mut pixels = Vec::new();
-    for y in 0..height as usize {
-        let row = y * width as usize..(y + 1) * width as usize;
-        pixels.extend_from_slice(&ours.pixels[row.clone()]);
-        pixels.extend_from_slice(&right.pixels[row.clone()]);
-        let differences = ours.pixels[row.clone()].iter().zip(&right.pixels[row]);
-        pixels.extend(differences.map(|(a, b)| Vec3::splat(0.2 / exposure) + 5.0 * (*a - *b)));
-    }
-    let image = Image {
-        width: 3 * width,
-        height,
-        pixels,
-    };
-    image::save_buffer(
-        folder.join(format!("{name}.png")),
-        &image.to_srgb8(exposure),
-        image.width,
-        image.height,
-        image::ExtendedColorType::Rgb8,
-    )?;
-    Ok(())
 }

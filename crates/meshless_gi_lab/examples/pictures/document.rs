@@ -12,8 +12,8 @@ pub fn text(scenes: &[Measured], presets: &[Preset]) -> String {
     let names: Vec<String> = presets.iter().map(|p| format!("{p:?}")).collect();
     let mut out = format!(
         "# Pictures\n\n\
-         Indirect light of scenes with details that are hard for a basis on points, beside the path\n\
-         tracer's. Printed by\n\n\
+         Indirect light of scenes with details that are hard for a basis on points, compared with the\n\
+         path tracer's. Printed by\n\n\
          ```text\n\
          cargo run -p meshless_gi_lab --example pictures -- -o docs/reports --presets {}\n\
          ```\n\n\

@@ -45,9 +45,9 @@ pub struct TestStatistics {
     pub at: usize,
 }
 
-/// Compares two estimates. `tolerance` is a relative difference that is tolerated in addition to noise,
-/// such as rounding or ray offsets above the surface. Each difference is first reduced by this
-/// fraction of the larger value.
+/// Compares two estimates. `tolerance` is a relative difference that is tolerated in addition to
+/// noise, such as rounding or ray offsets above the surface. Each difference is first reduced by
+/// this fraction of the larger value.
 ///
 /// # Panics
 /// Panics if lists differ in length.

@@ -432,7 +432,7 @@ pub fn pca_comparison(rows: &[Row]) -> String {
         out,
         "\nConclusion: in this scene `pca` {found}.\n\
          The minimum error is {} with `pca` and {} with `bounded`. {advice}\n\
-         Bases are trained on lights in the free space of the scene.\n\
+         Bases are trained on lights in the open space of the scene.\n\
          A light next to a wall, or unlike the training lights, is blurred over its cluster. Its energy is kept, but the error has no bound.",
         percent(theirs),
         percent(ours)

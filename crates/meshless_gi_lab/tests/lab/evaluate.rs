@@ -42,7 +42,7 @@ fn emission_counts_as_direct_light() {
         seed: 5,
     };
     let reference = irradiance_at_all(&mesh, &lights, &positions, &settings);
-    // The block's top is small and paths hit it by chance, so many paths are needed.
+    // The block's top is small and paths hit it by chance. Many paths are needed.
     let unreflected = ReferenceSettings {
         paths: 1 << 16,
         bounces: Some(0),

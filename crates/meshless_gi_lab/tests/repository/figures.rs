@@ -4,10 +4,12 @@
 use crate::{code_only, files, none};
 
 /// Folders of sources and of tests.
-const SOURCES: [&str; 6] = [
+const SOURCES: [&str; 8] = [
     "src",
     "crates/meshless_gi/src",
     "crates/meshless_gi_lab/src",
+    "crates/meshless_gi_lab/examples",
+    "crates/meshless_gi_lab/benches",
     "crates/meshless_gi_cli/src",
     "shaders",
     "examples",

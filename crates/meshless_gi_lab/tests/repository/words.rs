@@ -8,17 +8,45 @@ const OPENERS: [&str; 9] = [
 ];
 
 /// Verbs that describe people, not code.
-const VERBS_OF_PEOPLE: [&str; 10] = [
+const VERBS_OF_PEOPLE: [&str; 27] = [
     "know",
     "knows",
-    "remember",
-    "remembers",
     "tell",
     "tells",
     "told",
+    "remember",
+    "remembers",
     "mend",
     "mends",
     "hears",
+    "say",
+    "says",
+    "said",
+    "ask",
+    "asks",
+    "asked",
+    "asking",
+    "want",
+    "wants",
+    "notice",
+    "notices",
+    "noticed",
+    "speak",
+    "speaks",
+    "forgive",
+    "promise",
+    "promises",
+];
+
+/// Phrases that have a plain term. Refused in comments and documents.
+const PHRASES: [&str; 7] = [
+    "beside",
+    "so many",
+    "free space",
+    "but for",
+    "nobody",
+    "of ours",
+    "hair's",
 ];
 
 /// Words that have a standard term or are not American English.
@@ -107,6 +135,23 @@ fn people(path: &str, text: &str) -> Vec<String> {
         .enumerate()
         .filter(|(_, line)| line.trim_start().starts_with("//"))
         .filter(|(_, line)| words(line).any(|word| VERBS_OF_PEOPLE.contains(&word.as_str())))
+        .map(|(i, line)| format!("{path}:{}: {}", i + 1, line.trim_start()))
+        .collect()
+}
+
+/// Returns comments and lines of documents with one of `PHRASES`.
+fn phrases(path: &str, text: &str) -> Vec<String> {
+    let is_text = |line: &str| path.ends_with(".md") || line.trim_start().starts_with("//");
+    let has = |line: &str| {
+        let spaced: Vec<String> = words(line).filter(|word| !word.is_empty()).collect();
+        let spaced = format!(" {} ", spaced.join(" "));
+        PHRASES
+            .iter()
+            .any(|phrase| spaced.contains(&format!(" {} ", phrase.replace('\'', " "))))
+    };
+    text.lines()
+        .enumerate()
+        .filter(|(_, line)| is_text(line) && has(line))
         .map(|(i, line)| format!("{path}:{}: {}", i + 1, line.trim_start()))
         .collect()
 }
@@ -233,6 +278,21 @@ fn comments_have_no_verbs_of_people() {
         .collect();
     none(found);
     assert_eq!(people("a", "// It knows.\nlet knows = 1;\n").len(), 1);
+}
+
+#[test]
+fn comments_and_documents_have_no_literary_phrases() {
+    let found: Vec<String> = texts()
+        .iter()
+        .filter(|(path, _)| !path.ends_with(".ron") && !path.ends_with(".toml"))
+        .flat_map(|(path, text)| phrases(path, text))
+        .collect();
+    none(found);
+    assert_eq!(
+        phrases("a.rs", "// In free\n// A, beside B.\nbeside();\n").len(),
+        1
+    );
+    assert_eq!(phrases("a.md", "So many rays.\nSomebody\n").len(), 1);
 }
 
 #[test]

@@ -15,7 +15,7 @@ use crate::plan::{
     BounceState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, ViewState, Work,
 };
 use crate::plugin::gpu_timings::map_spans;
-use crate::plugin::record::{FramePoint, Layer, MapDrawContext, ViewContext};
+use crate::plugin::record::{Layer, MapDrawContext, ViewContext};
 use bevy::log::error;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
@@ -108,7 +108,7 @@ fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, planned: &Pass) {
         occlusion_query_set: None,
         multiview_mask: None,
     });
-    let whole = recorder.pass_span(&mut pass, FramePoint::LightMaps.span());
+    // Spans of render passes do not nest.
     let [name, _] = map_spans(planned, ctx.map.index);
     let span = recorder.pass_span(&mut pass, name);
     if let Err(error) = ctx.opaque.render(&mut pass, ctx.world, ctx.camera) {
@@ -118,7 +118,6 @@ fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, planned: &Pass) {
         error!("a reflective shadow map lacks its masked meshes: {error:?}");
     }
     span.end(&mut pass);
-    whole.end(&mut pass);
 }
 
 fn add_layer(ctx: &mut ViewContext<'_>, _: &Pass) -> Option<()> {

@@ -11,8 +11,8 @@
 //! - **One frame per cluster.** The directions of a point are relative to its own normal and its
 //!   cluster's tangent. Neighbors then have corresponding directions. Without them, their depths
 //!   have little in common.
-//! - **s depends on the cluster** before any split: [`NEAR_PER_MEDIAN`] times the median of its depths. With
-//!   one s for a scene, depths in a side aisle of a hall would all be close to zero.
+//! - **s depends on the cluster** before any split: [`NEAR_PER_MEDIAN`] times the median of its
+//!   depths. With one s for a scene, depths in a side aisle of a hall would all be close to zero.
 //! - **Clusters with a large error are split** ([`VisibilitySettings::error`]). Points on the two
 //!   sides of a pillar differ, and fifty components cannot represent both. The split is at the mean
 //!   of the coefficients of the first component ([B98]), so that each part has similar points. It

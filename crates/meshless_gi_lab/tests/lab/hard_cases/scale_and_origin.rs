@@ -18,7 +18,8 @@ fn light_source(scale: f32, by: Vec3) -> [Light; 1] {
     }]
 }
 
-/// The truth at [`cornell_surface_points`] for the light in the box of 2 m at the origin, four bounces.
+/// The truth at [`cornell_surface_points`] for the light in the box of 2 m at the origin, four
+/// bounces.
 fn truth(positions: &[(Vec3, Vec3)]) -> Vec<Irradiance> {
     let settings = ReferenceSettings {
         paths: 1024,
