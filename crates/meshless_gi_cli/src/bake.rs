@@ -28,7 +28,7 @@ pub struct Args {
     recipe: Option<PathBuf>,
     #[command(flatten)]
     options: Options,
-    /// Number of threads; 0 for one per processor. The result does not depend on it.
+    /// Number of threads. 0 selects one per processor. The result does not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     threads: u32,
     /// Write statistics to this JSON file.

@@ -118,11 +118,11 @@ pub struct Options {
     /// Bake probes, which light dynamic objects, fog and forward cameras.
     #[arg(long)]
     probes: bool,
-    /// Distance between probes, in meters; implies --probes. Default: about 2000 probes in the
+    /// Distance between probes, in meters. Implies --probes. Default: about 2000 probes in the
     /// bounding box of the scene.
     #[arg(long, value_name = "M", allow_hyphen_values = true)]
     probe_spacing: Option<f32>,
-    /// Number of gather rays per probe, 64 to 65536; implies --probes. Default: twice those of a
+    /// Number of gather rays per probe, 64 to 65536. Implies --probes. Default: twice those of a
     /// point.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     probe_rays_per_probe: Option<u32>,

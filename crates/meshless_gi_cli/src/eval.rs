@@ -31,7 +31,7 @@ pub struct Args {
     /// Number of diffuse bounces, or `all`. Default: the number in the recipe of the bake.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]
     bounces: Option<Bounces>,
-    /// Tier of the operator, from 1 (fewest links); `inspect` lists them. Default: all links.
+    /// Tier of the operator, from 1 (fewest links). `inspect` lists the tiers. Default: all links.
     #[arg(long, value_name = "N")]
     tier: Option<u32>,
 }

@@ -28,7 +28,7 @@ pub struct Args {
     /// Write the irradiance in W/m² as color instead, not scaled.
     #[arg(long)]
     irradiance: bool,
-    /// Also write the bake with the irradiance of its points.
+    /// Path of an additional bake to write, with the irradiance of its points.
     #[arg(
         long,
         alias = "store",

@@ -22,11 +22,11 @@ pub struct Args {
     /// Make a few quick bakes only.
     #[arg(long)]
     quick: bool,
-    /// Time limit in minutes. A bake that would probably exceed it is left out; the reference and
+    /// Time limit in minutes. Bakes that would probably exceed it are skipped. The reference and
     /// one bake always run. Default 25, with --quick 10.
     #[arg(long, alias = "minutes", value_name = "MINUTES", allow_hyphen_values = true, value_parser = minutes)]
     time_limit: Option<f64>,
-    /// Number of threads; 0 for one per processor. Times depend on it, errors do not.
+    /// Number of threads. 0 selects one per processor. Times depend on it, errors do not.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=bake::MAX_THREADS))]
     threads: u32,
 }

@@ -11,13 +11,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The bake.
+    /// Bake to check.
     bake: PathBuf,
     /// Scene (.glb, .gltf, .ply, .json) of the bake, or the recipe (.gi.ron) that names it. Reports
     /// a stale bake.
     #[arg(long, alias = "level", value_name = "SCENE")]
     scene: Option<PathBuf>,
-    /// Recipe of the bake, if SCENE is no recipe. Options that were given to `bake` count as
+    /// Recipe of the bake, if SCENE is not a recipe. Options that were given to `bake` count as
     /// differences.
     #[arg(long, value_name = "FILE", requires = "scene")]
     recipe: Option<PathBuf>,

@@ -504,13 +504,13 @@ fn dynamic_lighting_in_two_rooms_matches_reference() {
 }
 
 #[test]
-#[ignore = "takes minutes; .ci/run has it"]
+#[ignore = "takes minutes; .ci/run runs it"]
 fn dynamic_lighting_in_cornell_box_at_medium_matches_reference() {
     in_the_cornell_box(Preset::Medium);
 }
 
 #[test]
-#[ignore = "takes minutes; .ci/run has it"]
+#[ignore = "takes minutes; .ci/run runs it"]
 fn dynamic_lighting_in_two_rooms_at_medium_matches_reference() {
     in_two_rooms(Preset::Medium);
 }

@@ -77,7 +77,7 @@ fn check_reference(folder: &Path, nrmse: f64) {
     assert!(
         wrong.indirect.nrmse > 1.3 * m.indirect.nrmse
             && wrong.indirect.bias < m.indirect.bias - 0.05,
-        "{name}: darker walls go unnoticed: {:?}",
+        "{name}: darker walls are not detected: {:?}",
         wrong.indirect
     );
 }
@@ -123,12 +123,12 @@ fn flat_basis_covers_every_reachable_point() {
     };
     let (found, short) = (holes(1.0), holes(0.5));
     println!(
-        "{found} holes in {} places; {short} with half the reach",
+        "{found} holes in {} positions; {short} with half the reach",
         landed.len()
     );
     assert!(
         found * 10_000 <= landed.len(),
-        "{found} holes in {} places",
+        "{found} holes in {} positions",
         landed.len()
     );
     assert!(short * 1000 > landed.len(), "{short}");

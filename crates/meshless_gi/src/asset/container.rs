@@ -162,7 +162,7 @@ fn read_table<'a>(
         }
         if items > kind.max || items.checked_mul(kind.raw) != Some(raw) {
             return Err(section_error(format!(
-                "{items} items cannot be {raw} bytes"
+                "{items} items do not fit {raw} bytes, or are too many"
             )));
         }
         let possible = match compression {
@@ -194,7 +194,7 @@ fn read_table<'a>(
         });
     }
     if !rest.is_empty() {
-        return Err(header(format!("{} bytes belong to no section", rest.len())));
+        return Err(header(format!("{} bytes are in no section", rest.len())));
     }
     Ok(entries)
 }
@@ -232,7 +232,7 @@ impl<'a> Container<'a> {
             return Err(truncated(length.max(start as u64)));
         }
         if found > length {
-            return Err(header(format!("{} bytes behind the end", found - length)));
+            return Err(header(format!("{} bytes after the end", found - length)));
         }
         if header_crc(&bytes[..start]) != u32_at(bytes, 24) {
             return Err(AssetError::Checksum { section: "header" });

@@ -50,7 +50,7 @@ pub enum AssetError {
         expected: u32,
     },
     /// The bytes end too early.
-    #[error("the file is cut off: {needed} bytes announced, {found} there")]
+    #[error("the file is cut off: {needed} bytes expected, {found} found")]
     Truncated {
         /// Length in the header, bytes.
         needed: u64,

@@ -116,7 +116,7 @@ fn resolve_target(path: &Path) -> io::Result<Target> {
 fn create_temporary(target: &Path) -> io::Result<(PathBuf, File)> {
     let name = target
         .file_name()
-        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not the name of a file"))?;
+        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not a file name"))?;
     for attempt in 0..100u32 {
         let mut temporary = std::ffi::OsString::from(".");
         temporary.push(name);
@@ -130,6 +130,6 @@ fn create_temporary(target: &Path) -> io::Result<(PathBuf, File)> {
     }
     Err(io::Error::new(
         io::ErrorKind::AlreadyExists,
-        "a hundred temporary files are in the way",
+        "100 temporary files of this name exist; delete them",
     ))
 }

@@ -103,7 +103,7 @@ pub(super) fn read(
         return match kinds.iter().find(|k| file.has(k)) {
             Some(kind) => Err(section_error(
                 kind,
-                "is there, but the section `octree` is not",
+                "is present, but the section `octree` is missing",
             )),
             None => Ok(None),
         };
@@ -121,7 +121,7 @@ pub(super) fn read(
         other => {
             return Err(section_error(
                 &kinds[0],
-                format!("{other} is neither yes nor no"),
+                format!("`disks` is {other}, but must be 0 or 1"),
             ));
         }
     };
@@ -179,7 +179,7 @@ impl SceneData {
             format!("order {}, at most {MAX_ORDER}", octree.order)
         });
         check.whole(octree.disks, "octree", || {
-            "sources that are no disks may send more light than they have".into()
+            "`disks` must be true: sources without an area amplify light".into()
         });
         let starts = &octree.level_starts;
         let nodes = octree.nodes.len();
@@ -229,7 +229,7 @@ impl SceneData {
                 if i == 0 {
                     let whole = node.start == 0 && node.end as usize == octree.points.len();
                     check.item(whole && node.parent == 0, "octree nodes", i, || {
-                        "the root does not hold all points".into()
+                        "the root does not contain all points".into()
                     });
                 }
                 if node.is_leaf() {
@@ -237,7 +237,7 @@ impl SceneData {
                     let sound = range.contains(&node.sources) && range.contains(&node.receivers);
                     check.item(sound, "octree nodes", i, || {
                         format!(
-                            "gives light up to {}, receives from {}",
+                            "sources end at point {}, receivers start at point {}",
                             node.sources, node.receivers
                         )
                     });
@@ -257,25 +257,25 @@ impl SceneData {
                         let child = &nodes[c];
                         let own = child.parent as usize == i && child.start == point;
                         check.item(own, "octree nodes", c, || {
-                            format!("is a child of {i}, but says {}", child.parent)
+                            format!("parent {} instead of {i}, or wrong points", child.parent)
                         });
                         // Translations have lengths near one, so that none of their powers
                         // overflows.
                         let apart = Vec3::from_array(child.center).distance(center);
                         let near = apart <= 2.0 * size && child.size <= 2.0 * size;
                         check.item(near, "octree nodes", c, || {
-                            format!("{apart} from its parent of size {size}")
+                            format!("is {apart} away from its parent of size {size}")
                         });
                         point = child.end;
                     }
                     check.item(point == node.end, "octree nodes", i, || {
-                        "its children do not have its points".into()
+                        "the children do not contain all points".into()
                     });
                 }
                 for list in node.lists() {
                     let sound = list.start == at as usize && list.start <= list.end;
                     check.item(sound, "octree lists", i, || {
-                        format!("{list:?}, not from {at}")
+                        format!("{list:?} does not start at {at}")
                     });
                     at = list.end as u32;
                 }
@@ -305,7 +305,7 @@ impl SceneData {
                 let (x, n) = (Vec3::from_array(p.position), Vec3::from_array(p.normal));
                 let apart = x.distance(Vec3::from_array(node.center));
                 check.item(apart <= 2.0 * node.size, "octree points", i, || {
-                    format!("{apart} from the center of its leaf of size {}", node.size)
+                    format!("is {apart} from the center of a leaf of size {}", node.size)
                 });
                 let sound = (n.length_squared() - 1.0).abs() <= 1e-3;
                 check.item(sound, "octree points", i, || {
@@ -326,13 +326,13 @@ impl SceneData {
                     let fresh = fresh.is_some_and(|receiving| !std::mem::replace(receiving, true));
                     check.item(fresh, "octree points", i, || {
                         format!(
-                            "point {} of {senders} senders receives a second time",
+                            "point {} of {senders} senders is out of range or receives twice",
                             p.point
                         )
                     });
                 } else {
                     check.item(source, "octree points", i, || {
-                        "neither gives light nor receives".into()
+                        "is neither a source nor a receiver".into()
                     });
                 }
                 if check.is_full() {
@@ -342,7 +342,7 @@ impl SceneData {
         }
         let dark = receiving.iter().position(|receiving| !receiving);
         check.whole(dark.is_none(), "octree points", || {
-            format!("point {} receives nowhere", dark.unwrap_or(0))
+            format!("sender {} is not a receiver of any leaf", dark.unwrap_or(0))
         });
     }
 }
@@ -372,13 +372,13 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     (0.0..=1.0).contains(&entry.weight),
                     "octree entries",
                     e,
-                    || format!("a part of {} arrives", entry.weight),
+                    || format!("weight {} is not within 0 to 1", entry.weight),
                 );
                 // Sides that the list splits into points: 1 the source, 2 the receiver, 3 both.
                 let leaves =
                     (which & 1 == 0 || source.is_leaf()) && (which & 2 == 0 || node.is_leaf());
                 check.item(leaves, "octree entries", e, || {
-                    format!("of node {t} and {} is for leaves", entry.source)
+                    format!("node {t} or {} must be a leaf in this list", entry.source)
                 });
                 listed += match which {
                     1 => source.source_range().len() as u64,
@@ -412,7 +412,7 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     leaves && size <= 1.001 * nearest,
                     "octree entries",
                     e,
-                    || format!("sizes of {size} meet at a distance of {nearest}"),
+                    || format!("size {size} exceeds the distance {nearest}"),
                 );
                 if check.is_full() {
                     return;

@@ -149,7 +149,7 @@ pub(super) fn read(
         return match kinds.iter().find(|k| file.has(k)) {
             Some(kind) => Err(section_error(
                 kind,
-                "is there, but the section `material names` is not",
+                "is present, but the section `material names` is missing",
             )),
             None => Ok(None),
         };
@@ -186,7 +186,7 @@ impl SceneData {
             && self.bounces.is_none()
             && self.fmm.is_none();
         check.whole(live_form, "material shares", || {
-            "are there, but the bake holds reflectance elsewhere".into()
+            "are present, but require method `bounded` and bounce mode `runtime`".into()
         });
         for (i, f) in materials.factors.iter().enumerate() {
             let within = |v: [f32; 3], max: f32| v.iter().all(|c| (0.0..=max).contains(c));

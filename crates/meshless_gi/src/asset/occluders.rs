@@ -110,7 +110,7 @@ pub(super) fn read(
         return match kinds.iter().find(|k| file.has(k)) {
             Some(kind) => Err(section_error(
                 kind,
-                "is there, but the section `occluder names` is not",
+                "is present, but the section `occluder names` is missing",
             )),
             None => Ok(None),
         };
@@ -156,12 +156,12 @@ impl SceneData {
         check.whole(
             (1..=Bvh::MAX_OCCLUDERS).contains(&known),
             "occluder names",
-            || format!("{known}, but 1 to {}", Bvh::MAX_OCCLUDERS),
+            || format!("{known}, expected 1 to {}", Bvh::MAX_OCCLUDERS),
         );
         for (i, name) in names.iter().enumerate().take(Bvh::MAX_OCCLUDERS) {
             let sound = !name.is_empty() && !names[..i].contains(name);
             check.item(sound, "occluder names", i, || {
-                format!("`{name}` is empty, or comes twice")
+                format!("`{name}` is empty or occurs twice")
             });
         }
         let sets = &occluders.sets;
@@ -170,7 +170,7 @@ impl SceneData {
         check.whole(
             ascend && count <= PackedLinkTerm::MAX_SETS,
             "occluder sets",
-            || format!("{count} do not ascend from the empty one"),
+            || format!("{count} sets are too many, or do not ascend from the empty set"),
         );
         let all = u64::MAX.checked_shr(64 - known.min(64) as u32).unwrap_or(0);
         for (i, set) in sets.iter().enumerate() {
@@ -185,7 +185,7 @@ impl SceneData {
             && self.bounces.is_none()
             && self.fmm.is_none();
         check.whole(form, "passages", || {
-            "are there, but the bake holds light elsewhere".into()
+            "are present, but require method `bounded` and bounce mode `runtime`".into()
         });
         check_link_terms(
             check,
@@ -206,7 +206,7 @@ impl SceneData {
                 Vec3::splat(v.dot(n).abs())
             });
             check.item(sum.x <= MAX_ROW_SUM, "passages", i, || {
-                format!("of row {i} sum to {}: more light than there is", sum.x)
+                format!("of row {i} sum to {}, at most {MAX_ROW_SUM}", sum.x)
             });
         }
         let Some(probes) = &self.probes else { return };
@@ -217,7 +217,7 @@ impl SceneData {
                 sum.max_element() <= max,
                 "probe passages",
                 i / PROBE_ROWS,
-                || format!("sum to {sum}: more light than there is"),
+                || format!("sum to {sum}, at most {max}"),
             );
         }
     }

@@ -103,7 +103,7 @@ pub(super) fn read(
         return match kinds.iter().find(|k| file.has(k)) {
             Some(kind) => Err(section_error(
                 kind,
-                "is there, but the section `probes` is not",
+                "is present, but the section `probes` is missing",
             )),
             None => Ok(None),
         };
@@ -137,7 +137,7 @@ impl SceneData {
         let Some(probes) = &self.probes else { return };
         let count = probes.points.len();
         check.whole((1..=Probes::MAX).contains(&count), "probes", || {
-            format!("{count}, but 1 to {}", Probes::MAX)
+            format!("{count}, expected 1 to {}", Probes::MAX)
         });
         for (i, p) in probes.points.iter().enumerate() {
             let sound = p.x().is_finite() && p.radius.is_finite() && p.radius > 0.0;
@@ -145,7 +145,7 @@ impl SceneData {
                 format!("position {}, radius {} m", p.x(), p.radius)
             });
             check.item(p.n() == Vec3::ZERO, "probe points", i, || {
-                format!("a probe with the normal {}", p.n())
+                format!("normal {} is not zero", p.n())
             });
             let planes = p.plane_range();
             check.item(planes.end <= probes.planes.len(), "probe points", i, || {
@@ -213,13 +213,13 @@ impl SceneData {
                     sum.max_element() <= MAX_PROBE_COEFFICIENT + TOLERANCE,
                     "probe rows",
                     i,
-                    || format!("links sum to {sum}: more light than there is"),
+                    || format!("links sum to {sum}, at most {MAX_PROBE_COEFFICIENT}"),
                 );
             }
         }
         let again = rebuild_grid(&probes.points, probes.grid.cell_size, u64::MAX);
         check.whole(again.as_ref() == Some(&probes.grid), "probes", || {
-            "the grid is not that of the points".into()
+            "the grid differs from that of the points".into()
         });
     }
 }

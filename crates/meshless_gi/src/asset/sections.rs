@@ -391,7 +391,7 @@ fn display_grid(
         }),
         other => Err(section_error(
             SHAPE,
-            format!("{other} is neither yes nor no"),
+            format!("the grid flag is {other}, but must be 0 or 1"),
         )),
     }
 }
@@ -414,7 +414,7 @@ fn bounce_operator(
         })),
         other => Err(section_error(
             SHAPE,
-            format!("{other} is neither yes nor no"),
+            format!("bounce flag {other} with {bounces} bounces, expected 1, or 0 with 0 bounces"),
         )),
     }
 }
@@ -424,7 +424,7 @@ fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
         if file.has(kind) {
             return Err(section_error(
                 kind,
-                "is there, but the section `shape` says that it is not",
+                "is present, but the section `shape` does not declare it",
             ));
         }
     }

@@ -77,7 +77,7 @@ impl SceneData {
         });
         let averages = self.operator.form == SenderForm::Averages && self.fmm.is_none();
         check.whole(averages, "sky terms", || {
-            "are there, but the operator has no links to them".into()
+            "are present, but the operator has no links to them".into()
         });
         for (i, terms) in sky.senders.iter().enumerate() {
             let sound = terms.iter().all(|t| (-1.01..=1.01).contains(t));

@@ -55,7 +55,7 @@ impl SceneData {
     fn check_shape(&self, check: &mut Check) {
         let (points, starts) = (self.points.len(), &self.level_starts);
         check.whole(starts.len() >= 2, "levels", || {
-            "there must be one at least".into()
+            "at least one is required".into()
         });
         check.whole(starts.is_sorted(), "levels", || "do not ascend".into());
         check.whole(
@@ -76,7 +76,7 @@ impl SceneData {
         };
         let per_sender = self.light_samples.per_sender;
         check.whole(per_sender <= LightSamples::MAX, "light samples", || {
-            format!("{per_sender} a sender, at most {}", LightSamples::MAX)
+            format!("{per_sender} per sender, at most {}", LightSamples::MAX)
         });
         let max_senders = Link::MAX_SENDERS - self.sky_terms();
         check.whole(senders <= max_senders, "senders", || {
@@ -214,7 +214,7 @@ impl SceneData {
                         (level.end..senders).contains(&(w.index as usize)),
                         "pull",
                         i,
-                        || format!("child {} is no sender, or not on a finer level", w.index),
+                        || format!("child {} is not a sender on a finer level", w.index),
                     );
                 }
                 check_sums(check, "pull", i, self.pull.row(i), |_| None);
@@ -241,13 +241,13 @@ impl SceneData {
     fn check_tiers(&self, check: &mut Check) {
         let (sizes, stated) = (self.tier_sizes(), &self.info.tiers);
         check.whole(sizes.len() == stated.len(), "tiers", || {
-            format!("{} are stated, but there are {}", stated.len(), sizes.len())
+            format!("{} are listed, but there are {}", stated.len(), sizes.len())
         });
         for (t, (tier, (rows, links))) in stated.iter().zip(sizes).enumerate() {
             let (error, interval) = (tier.estimated_nrmse, tier.estimated_nrmse_interval);
             check.item((tier.rows, tier.links) == (rows, links), "tiers", t, || {
                 format!(
-                    "{} rows and {} links are stated, but there are {rows} and {links}",
+                    "{} rows and {} links are listed, but there are {rows} and {links}",
                     tier.rows, tier.links
                 )
             });
@@ -274,14 +274,10 @@ impl SceneData {
         for (i, row) in rows.iter().enumerate() {
             let fits = !sound || row.tier <= self.max_tier(i);
             check.item(fits, "rows", i, || {
-                format!(
-                    "is of tier {}, but may be of {}",
-                    row.tier,
-                    self.max_tier(i)
-                )
+                format!("has tier {}, at most {}", row.tier, self.max_tier(i))
             });
             check.item(row.tier > 0 || row.count == 0, "rows", i, || {
-                format!("is of no tier, but has {} links", row.count)
+                format!("has tier 0, but {} links", row.count)
             });
             check.item((0.0..=MAX_LINK).contains(&row.scale), "rows", i, || {
                 format!("scale {}", row.scale)
@@ -349,7 +345,7 @@ impl SceneData {
             let sum: f32 = light.map(|l| l.vector().dot(n).abs()).sum();
             let sum = sum * row.scale;
             check.item(sum <= MAX_ROW_SUM, "rows", i, || {
-                format!("links sum to {sum}: more light than there is")
+                format!("links sum to {sum}, at most {MAX_ROW_SUM}")
             });
         }
     }
@@ -382,7 +378,7 @@ impl SceneData {
                 list.iter().all(|&p| (p as usize) < self.points.len()),
                 "grid entries",
                 at,
-                || format!("names a point beyond the {}", self.points.len()),
+                || format!("refers to a point beyond the {}", self.points.len()),
             );
             at += 1 + count;
         }

@@ -21,7 +21,7 @@ impl SceneData {
             return;
         };
         check.whole(form == SenderForm::Components, "columns", || {
-            format!("are there, but the operator has the form {form:?}")
+            format!("are present, but the operator has the form {form:?}")
         });
         let coefficients = c.components();
         check.whole(coefficients <= Link::MAX_SENDERS, "columns", || {
@@ -55,7 +55,7 @@ impl SceneData {
             }
         }
         check.whole(!c.columns.is_empty(), "columns", || {
-            "there is none for the sky".into()
+            "the column of the sky is missing".into()
         });
         check.whole(
             member[1] == c.members.len() as u64,
@@ -99,7 +99,7 @@ impl SceneData {
                 (square - 1.0).abs() <= 4.0 * TOLERANCE,
                 "columns",
                 c,
-                || format!("a vector of length {}", square.sqrt()),
+                || format!("vector length {} is not 1", square.sqrt()),
             );
         }
         let ones = compression.of_ones();
@@ -112,9 +112,12 @@ impl SceneData {
                 square += f * f;
                 even += f64::from(f) * ones[link.sender() as usize];
             }
-            check.item(square <= MAX_ROW_SUM && even.abs() <= f64::from(MAX_ROW_SUM), "rows", i, || {
-                format!("of even light it receives {even}, of the least even {}: more than there is", square.sqrt())
-            });
+            check.item(
+                square <= MAX_ROW_SUM && even.abs() <= f64::from(MAX_ROW_SUM),
+                "rows",
+                i,
+                || format!("row sum {even}, squared norm {square}: at most {MAX_ROW_SUM} each"),
+            );
         }
     }
 }

@@ -93,7 +93,7 @@ pub(super) fn read(
         return match kinds.iter().find(|k| file.has(k)) {
             Some(kind) => Err(section_error(
                 kind,
-                "is there, but the section `visibility` is not",
+                "is present, but the section `visibility` is missing",
             )),
             None => Ok(None),
         };
@@ -141,7 +141,7 @@ impl SceneData {
             .any(|l| self.level_starts.get(l).map(|&s| s as usize) == Some(v.points.len()));
         check.whole(whole, "visibility points", || {
             format!(
-                "{}, which are no whole levels from {} senders on",
+                "{}, but must be all points of complete levels, at least the {} senders",
                 v.points.len(),
                 self.senders()
             )
@@ -204,11 +204,11 @@ impl SceneData {
         let ends = placed.layout();
         let starts = placed.clusters == v.clusters && placed.points == v.points;
         check.whole(starts, "visibility", || {
-            "clusters or points do not start where those before them end".into()
+            "the data of clusters or points is not contiguous".into()
         });
         let found = (v.basis.len(), v.scales.len(), v.coefficients.len());
         check.whole(ends == Some(found), "visibility", || {
-            format!("basis, scales and coefficients are {found:?} long instead of {ends:?}")
+            format!("basis, scales and coefficients have the lengths {found:?} instead of {ends:?}")
         });
     }
 }

@@ -31,7 +31,7 @@ pub enum BakeError {
     },
     /// Occluder without geometry in the scene.
     #[error(
-        "the scene has nothing called `{name}` for the occluder of that name: name a node with triangles, or add boxes"
+        "occluder `{name}`: the scene has no node of this name with triangles; use the name of another node, or add boxes"
     )]
     UnknownOccluder {
         /// Name of the occluder.

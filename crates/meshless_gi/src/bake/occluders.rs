@@ -80,28 +80,29 @@ impl OccluderBox {
 pub(super) fn check_occluders(shapes: &[OccluderDesc]) -> Result<(), RecipeError> {
     let wrong = |value: String, allowed| RecipeError::out_of_range("occluders", value, allowed);
     if shapes.len() > Bvh::MAX_OCCLUDERS {
-        return Err(wrong(format!("{} of them", shapes.len()), "64 at most"));
+        let value = format!("a list of {} entries", shapes.len());
+        return Err(wrong(value, "a list of at most 64 entries"));
     }
     for (i, shape) in shapes.iter().enumerate() {
         if !(1..=MAX_NAME_BYTES).contains(&shape.name.len()) {
-            let value = format!("one with a name of {} bytes", shape.name.len());
-            return Err(wrong(value, "called something, in 256 bytes at most"));
+            let value = format!("a list with a name of {} bytes", shape.name.len());
+            return Err(wrong(value, "a list with names of 1 to 256 bytes"));
         }
         if shapes[..i].iter().any(|other| other.name == shape.name) {
-            let value = format!("two called `{}`", shape.name);
-            return Err(wrong(value, "called something different each"));
+            let value = format!("a list with two occluders `{}`", shape.name);
+            return Err(wrong(value, "a list with unique names"));
         }
         if shape.boxes.len() > MAX_BOXES {
-            let value = format!("{} boxes of `{}`", shape.boxes.len(), shape.name);
-            return Err(wrong(value, "4096 boxes each at most"));
+            let value = format!("a list of {} boxes for `{}`", shape.boxes.len(), shape.name);
+            return Err(wrong(value, "a list with at most 4096 boxes per occluder"));
         }
         let sound = |b: &OccluderBox| {
             b.center.iter().all(|c| c.abs() < 1e9)
                 && b.half_edges.iter().all(|h| (1e-9..1e9).contains(h))
         };
         if let Some(b) = shape.boxes.iter().find(|b| !sound(b)) {
-            let value = format!("`{}` with {b:?}", shape.name);
-            let allowed = "boxes with a middle within 1e9 meters and half edges from 1e-9 to 1e9";
+            let value = format!("a list in which `{}` has {b:?}", shape.name);
+            let allowed = "a list of boxes with centers within 1e9 m and half edges 1e-9 to 1e9 m";
             return Err(wrong(value, allowed));
         }
     }

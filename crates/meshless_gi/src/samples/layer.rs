@@ -152,7 +152,7 @@ mod tests {
         assert!(own.is_shared_with(&layer(0.3, 0.0)));
         assert!(
             !own.is_shared_with(&layer(0.3, 0.2)),
-            "the upper side of what is above"
+            "the top of the surface above"
         );
         assert!(!own.is_shared_with(&layer(0.3, -0.1)), "under the floor");
     }

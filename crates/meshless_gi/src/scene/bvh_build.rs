@@ -283,7 +283,7 @@ mod tests {
             check(&triangles, &single, &order);
             assert!(single.nodes.iter().all(|node| node.count <= 1));
             assert!(depth(&balanced(&padded(&triangles), 1)) <= 2 + count.ilog2() as usize);
-            assert_eq!(Bvh::build(&triangles).0, bvh, "twice the same");
+            assert_eq!(Bvh::build(&triangles).0, bvh, "two builds differ");
         }
     }
 

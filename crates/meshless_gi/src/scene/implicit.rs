@@ -400,10 +400,10 @@ mod tests {
             let s = room.surface(&ray, &hit);
             assert!(room.distance(s.position).0.abs() < 1e-5);
             let start = s.position + s.normal * room.ray_offset(s.position);
-            assert!(room.distance(start).0 > 0.0, "lifted off on the free side");
+            assert!(room.distance(start).0 > 0.0, "the ray origin is inside");
             assert!(
                 room.occluded(start, start - s.normal * 0.01),
-                "and the surface blocks"
+                "the surface does not block"
             );
             let mut r = Random::new(2, 0, k);
             let d = uniform_sphere(Vec2::new(r.unit(), r.unit()));

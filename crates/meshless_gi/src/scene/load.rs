@@ -1,9 +1,11 @@
 //! Geometry of a scene from a file of any supported type: triangles, points, or a description that
 //! lists several files.
 
+#[cfg(feature = "json")]
+use super::TriangleMesh;
 #[cfg(feature = "point_clouds")]
 use super::load_ply_within;
-use super::{InputBudget, LoadedScene, SceneError, TriangleMesh, load_gltf_within};
+use super::{InputBudget, LoadedScene, SceneError, load_gltf_within};
 use glam::Vec3;
 use std::path::Path;
 
@@ -78,7 +80,7 @@ fn described(
             return Err(SceneError::Value {
                 file: path.display().to_string(),
                 location: format!("geometry[{i}]"),
-                reason: format!("{} is a description and no geometry", file.display()),
+                reason: format!("{} is a scene description, not geometry", file.display()),
             });
         }
         let part = load_geometry_within(file, viewpoints, budget)?;

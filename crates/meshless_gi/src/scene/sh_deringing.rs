@@ -270,7 +270,7 @@ mod tests {
                 let square = [d.x, d.y, d.z, q(0, 0), q(1, 1), q(0, 1), q(0, 2), q(1, 2)];
                 let other = square.map(|t| Vec3::splat(t / mean));
                 let side = inner(&away, &minus(&other, &found.terms));
-                assert!(side < 2e-3 * far.max(0.1), "{side} beside {far}");
+                assert!(side < 2e-3 * far.max(0.1), "{side} of {far}");
             }
         }
         assert!(moved > 10, "{moved}");

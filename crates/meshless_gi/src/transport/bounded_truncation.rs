@@ -373,7 +373,7 @@ mod tests {
                 // groups add coherently at worst, and there are ten groups.
                 #[expect(
                     clippy::needless_range_loop,
-                    reason = "t picks one light out of every sender's row"
+                    reason = "t is the index of a light in every sender's row"
                 )]
                 for t in 0..TRAINING_LIGHTS {
                     let full: f32 = finest.iter().map(|&(j, a)| a.z * f[j as usize][t]).sum();

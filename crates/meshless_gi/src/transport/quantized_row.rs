@@ -76,6 +76,6 @@ mod tests {
                 "{j}: {part} {right}"
             );
         }
-        QuantizedRow::new(&Gathered::new(3)).for_each(n, 1.0, |_, _| panic!("nothing was met"));
+        QuantizedRow::new(&Gathered::new(3)).for_each(n, 1.0, |_, _| panic!("the row has entries"));
     }
 }

@@ -1,7 +1,7 @@
 //! Door between two rooms, and shutters in front of an open box. Residual light behind closed
 //! occluders is compared with bakes of closed scenes. Half-open occluders and rejected recipes are
 //! also tested. Every comparison is repeated with a wrong input, for which it must fail.
-#![allow(clippy::float_cmp, reason = "what is shut is nothing, to the bit")]
+#![allow(clippy::float_cmp, reason = "closed occluders transmit exactly zero")]
 
 use glam::Vec3;
 use meshless_gi::internals::transport::PackedLinkTerm;
@@ -224,7 +224,7 @@ fn closed_door_blocks_all_light() {
     // Half of the scene has no light path through the door.
     let share = occluders.links.len() as f64 / with.data().operator.links.len() as f64;
     println!(
-        "{} of {} links' parts, {share:.3}",
+        "{} link terms of {} links, {share:.3}",
         occluders.links.len(),
         with.data().operator.links.len()
     );
@@ -235,7 +235,7 @@ fn closed_door_blocks_all_light() {
     let right = solve_frame(&without, &[]);
     let [a, b] = [(&open, with), (&right, &without)].map(|(f, s)| light(f, s, &beyond));
     println!(
-        "open, beyond: {:.4} of the bake without a door",
+        "open, other room: {:.4} of the bake without a door",
         error(&a, &b)
     );
     assert!(error(&a, &b) < 0.1, "{}", error(&a, &b));
@@ -246,24 +246,24 @@ fn closed_door_blocks_all_light() {
     let dark = light(&shut, with, &beyond);
     let off: Vec<f32> = dark.iter().zip(&black).map(|(a, b)| a - b).collect();
     let left = root_mean_square(&off) / bright;
-    println!("shut, beyond: {left:.2e} of the open light");
+    println!("closed, other room: {left:.2e} of the light when open");
     assert!(left <= 0.01, "{left}");
     let worst = off.iter().fold(0.0f32, |a, o| a.max(o.abs()));
     println!(
-        "the brightest of {} places: {worst:.2e}, {bright:.2e} when open",
+        "the brightest of {} positions: {worst:.2e}, {bright:.2e} when open",
         off.len()
     );
     assert!(f64::from(worst) <= 0.01 * bright, "{worst}");
     let space = probe_irradiances(&shut, with);
     let open_space = probe_irradiances(&open, with);
     let left = root_mean_square(&space) / root_mean_square(&open_space);
-    println!("shut, in free space beyond: {left:.2e} of the open light");
+    println!("closed, probes of the other room: {left:.2e} of the light when open");
     assert!(left <= 0.01, "{left}");
     // Room in front of the door, compared with a bake with a black panel.
     let before = light(&solve_frame(&closed, &[]), &closed, &near);
     let found = light(&shut, with, &near);
     println!(
-        "shut, before: {:.4} of the bake with a panel",
+        "closed, lit room: {:.4} of the bake with a panel",
         error(&found, &before)
     );
     assert!(error(&found, &before) < 0.1);
@@ -272,12 +272,12 @@ fn closed_door_blocks_all_light() {
     let half = solve_frame(with, &[0.5]);
     let ajar = light(&half, with, &beyond);
     let between = root_mean_square(&ajar) / root_mean_square(&a);
-    println!("half open, beyond: {between:.4} of the open light");
+    println!("half open, other room: {between:.4} of the light when open");
     assert!((0.3..0.55).contains(&between), "{between}");
     let nearly = light(&solve_frame(with, &[0.1]), with, &beyond);
     assert!(
         root_mean_square(&nearly) > 0.01 * bright,
-        "a gap is no shut door"
+        "a gap blocks all light"
     );
 }
 
@@ -308,7 +308,7 @@ fn two_doors_in_sequence_block_independently() {
     let frame = solve_frame(&without, &[]);
     for (k, room) in rooms.iter().enumerate() {
         let right = root_mean_square(&light(&frame, &without, room));
-        println!("open, room {k}: {:.3e} beside {right:.3e}", open[k]);
+        println!("open, room {k}: {:.3e}, expected {right:.3e}", open[k]);
         assert!((open[k] / right - 1.0).abs() < 0.1, "{k}");
     }
     for (gains, dark) in [
@@ -319,7 +319,7 @@ fn two_doors_in_sequence_block_independently() {
         let found = of(gains);
         for k in 0..3 {
             let part = found[k] / open[k];
-            println!("doors {gains:?}, room {k}: {part:.2e} of the open light");
+            println!("doors {gains:?}, room {k}: {part:.2e} of the light when open");
             assert!(if dark[k] { part <= 0.01 } else { part > 0.5 }, "{gains:?}");
         }
     }
@@ -354,7 +354,7 @@ fn frame_follows_door_transmittance_and_returns() {
     assert_ne!(frame.vector_irradiance(), open);
     assert!(frame.set_occluders(scene, &[1.0]));
     frame.solve(scene, &settings);
-    assert_eq!(frame.vector_irradiance(), open, "open again, to the bit");
+    assert_eq!(frame.vector_irradiance(), open, "open again, but not equal");
     assert_eq!(frame.links(scene)[0], scene.data().operator.links);
     let bytes = scene.to_bytes().unwrap();
     assert_eq!(
@@ -421,7 +421,7 @@ fn closed_door_blocks_sky() {
         // The second of a probe's three rows starts with the mean over all directions.
         let around = frame.probes().chunks_exact(3).map(|e| f64::from(e[1].x[0]));
         let space: f64 = around.sum();
-        println!("{gains:?}: {sum:.4} on surfaces, {space:.4} in free space");
+        println!("{gains:?}: {sum:.4} on surfaces, {space:.4} at probes");
         sum + space
     };
     let open = sum(&[]);
@@ -469,8 +469,8 @@ fn invalid_occluder_recipes_are_rejected() {
     };
     for (wrong, message) in [
         (named(&[""]), "0 bytes"),
-        (named(&["a", "b", "a"]), "two called `a`"),
-        (named(&many), "65 of them"),
+        (named(&["a", "b", "a"]), "two occluders `a`"),
+        (named(&many), "65 entries"),
         (with_box([f32::NAN, 0.0, 0.0], [1.0; 3]), "boxes"),
         (with_box([0.0; 3], [1.0, 0.0, 1.0]), "boxes"),
         (with_box([0.0; 3], [1.0, -1.0, 1.0]), "boxes"),

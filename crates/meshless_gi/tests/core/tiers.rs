@@ -114,7 +114,7 @@ fn assert_tiers_match_whole(name: &str) {
         }
     });
     let (bias, _) = compare(&sample_irradiance(&orphans, &test, 1), &whole);
-    assert!(bias < -0.05, "{name}: darkness goes unnoticed: {bias}");
+    assert!(bias < -0.05, "{name}: missing rows not detected: {bias}");
 }
 
 #[test]

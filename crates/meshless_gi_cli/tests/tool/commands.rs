@@ -31,10 +31,10 @@ fn expect(code: i32, arguments: &[&str]) -> (String, String) {
     assert!(!err.contains("panicked"), "{arguments:?}: {err}");
     assert!(
         !out.contains('\u{1b}') && !err.contains('\u{1b}'),
-        "bars are for terminals: {err}"
+        "progress bars without a terminal: {err}"
     );
     if code == INPUT || code == IO {
-        assert!(err.contains("error: "), "{arguments:?} says nothing");
+        assert!(err.contains("error: "), "{arguments:?}: no error message");
     }
     (out, err)
 }
@@ -141,7 +141,7 @@ fn bake_any_thread_count_writes_equal_bytes() {
     let first = fs::read(out).unwrap();
     assert!(
         bake(&["--threads", "1"]) == first,
-        "one thread, other bytes"
+        "the number of threads changes the bake"
     );
     assert!(bake(&["--seed", "7"]) != first, "the seed changes nothing");
 }

@@ -109,7 +109,7 @@ fn point_box_matches_triangle_box() {
             sum.x / sum.y
         };
         println!(
-            "red over green beside the red wall {:.2}, beside the green wall {:.2}",
+            "red over green next to the red wall {:.2}, next to the green wall {:.2}",
             tint(true),
             tint(false)
         );
@@ -154,7 +154,7 @@ fn the_tool_takes_points(rule: &str) {
     );
     assert!(
         fs::read(&ply).unwrap() == fs::read(&again).unwrap(),
-        "twice the same"
+        "two runs differ"
     );
     let own = if rule == "Bounded" {
         "epsilon: 0.03"
@@ -291,7 +291,7 @@ fn the_tool_takes_points(rule: &str) {
         let light = Vec3::new(v[6] + v[9], v[7] + v[10], v[8] + v[11]);
         assert!(
             light.abs_diff_eq(*expected, 1e-4 + 2e-3 * light.length()),
-            "{light} beside {expected}"
+            "{light}, expected {expected}"
         );
         count += 1;
         bright += u32::from(light.x > 0.3);
@@ -448,11 +448,11 @@ fn bake_of_points_and_triangles_exchanges_light() {
     let (with, without) = (light("m.json"), light("r.json"));
     assert!(
         with[0][6] == 0.0 && without[0][6] > 0.0,
-        "the ball shades the wall"
+        "the ball does not shade the wall"
     );
     assert!(
         with[1][6] > 0.0 && with[1][6] == without[1][6],
-        "and not all of it"
+        "the ball shades the whole wall"
     );
     let red = |row: &[f32]| row[9] / row[10];
     println!(
@@ -462,6 +462,6 @@ fn bake_of_points_and_triangles_exchanges_light() {
     );
     assert!(
         red(&with[2]) > 1.05 * red(&without[2]),
-        "the ball reddens the ceiling"
+        "the ball does not redden the ceiling"
     );
 }

@@ -129,7 +129,7 @@ fn report_invalid_input_fails_before_baking() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let scene_file = data("cornell/cornell.glb");
-    fs::write(at("no.glb"), "this is no level").unwrap();
+    fs::write(at("no.glb"), "this is not a scene").unwrap();
     fs::write(at("points.ply"), "ply\n").unwrap();
     fs::write(at("bad.gi.ron"), "(scene: \"no.glb\", rays: 3)").unwrap();
     let new = at("new");
@@ -302,7 +302,7 @@ fn report_errors_fall_with_quality_on_common_axes() {
     }
     let links = figures.iter().find(|f| f.file == "error_links.svg");
     let [bounded, _, l08, _, bases, _] = &links.unwrap().chart.series[..] else {
-        panic!("three rules and their fronts");
+        panic!("three methods and their fronts");
     };
     assert_eq!((bounded.points.len(), l08.points.len()), (3, 2));
     assert_eq!(bases.points.len(), 1);

@@ -375,11 +375,11 @@ mod tests {
         let wide = GaussianBasis::new(points.clone(), 1.0).expect("regular");
         assert!(
             narrow.pivots() > 1e3 * wide.pivots(),
-            "wider is worse to solve"
+            "wide functions must have smaller pivots"
         );
         assert_eq!(narrow.ridge(), 0.0);
         for basis in [&shepard as &dyn PointBasis, &narrow, &wide] {
-            let field = basis.fit(&samples).expect("one a point");
+            let field = basis.fit(&samples).expect("one per point");
             for (&(x, n), sample) in points.iter().zip(&samples) {
                 let found = field(x, n).expect("defined");
                 assert!((found - sample.value).length() < 1e-6);
@@ -389,13 +389,13 @@ mod tests {
         // holes.
         let between = Vec3::new(3.5, 0.0, 3.6);
         let at = |basis: &dyn PointBasis| {
-            let field = basis.fit(&samples).expect("one a point");
+            let field = basis.fit(&samples).expect("one per point");
             field(between, Vec3::Y).expect("defined")
         };
         assert!((at(&shepard).x - 1.0).abs() < 1e-12);
         assert!((at(&narrow).x - 1.0).abs() > 1e-3);
         assert!((at(&wide) - DVec3::new(1.0, 3.5, 0.0)).truncate().length() < 0.02);
-        let field = shepard.fit(&samples).expect("one a point");
+        let field = shepard.fit(&samples).expect("one per point");
         assert_eq!(field(between, Vec3::NEG_Y), None, "no point faces that way");
     }
 
@@ -406,7 +406,7 @@ mod tests {
         let basis = GaussianBasis::new(twice.clone(), 0.5).expect("with a ridge");
         assert!(basis.ridge() > 0.0);
         let samples = samples(&twice);
-        let field = basis.fit(&samples).expect("one a point");
+        let field = basis.fit(&samples).expect("one per point");
         let found = field(twice[11].0, Vec3::Y).expect("defined");
         assert!((found - samples[11].value).length() < 1e-3);
         let short = basis.fit(&samples[1..]).err();
@@ -439,7 +439,7 @@ mod tests {
         let levels = [level(&coarse, 4.0), level(&points, 2.5)];
         let all = [coarse.clone(), points.clone()].concat();
         let error = |basis: MultilevelBasis<'_>, at: &[(Vec3, Vec3)]| {
-            let field = basis.fit(&samples(at)).expect("one a point");
+            let field = basis.fit(&samples(at)).expect("one per point");
             let there = samples(&points);
             let off = points.iter().zip(&there).map(|(&(x, n), s)| {
                 let found = field(x, n).expect("covered");

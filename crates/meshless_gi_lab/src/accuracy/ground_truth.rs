@@ -107,7 +107,7 @@ impl GroundTruth {
         let mut lines = text.lines().enumerate();
         let header: Vec<&str> = lines
             .next()
-            .ok_or((1, "there is nothing in it".to_string()))?
+            .ok_or((1, "the file is empty".to_string()))?
             .1
             .split(',')
             .map(str::trim)
@@ -138,7 +138,7 @@ impl GroundTruth {
                     *v = number.ok_or_else(|| {
                         (
                             i + 1,
-                            format!("`{cell}` in column `{}` is no number", header[at]),
+                            format!("`{cell}` in column `{}` is not a finite number", header[at]),
                         )
                     })?;
                 }
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(truth.positions, [(Vec3::new(1.0, 2.0, 3.0), Vec3::Z)]);
         assert_eq!(truth.indirect[2].1, [Vec3::new(6.0, 6.5, 0.0)]);
         for (wrong, line, word) in [
-            (String::new(), 1, "nothing"),
+            (String::new(), 1, "empty"),
             (header.replace("ind4_se_g", "x"), 1, "ind4_se_g"),
             (
                 format!("{header}\n{}", row.replace("4.5", "dark")),

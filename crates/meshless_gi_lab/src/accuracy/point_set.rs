@@ -106,7 +106,7 @@ impl PointSet {
         };
         let build = |levels: usize| {
             let built = Hierarchy::build(&geometry, &viewpoints, &settings(levels), &|_| true);
-            built.expect("nobody stops it")
+            built.expect("never canceled")
         };
         let (single, levels) = (build(1), build(LEVELS));
         let clipped = HierarchySettings {

@@ -148,11 +148,11 @@ mod tests {
         let disk = std::f32::consts::PI * (40.0 * 0.25f32.asin().tan()).powi(2);
         assert!(
             (ball as f32 / disk - 1.0).abs() < 0.05,
-            "{ball} pixels, {disk} are right"
+            "{ball} pixels, expected {disk}"
         );
         let at = |x: usize, y: usize| picture.pixels[y * 160 + x];
-        assert!(at(80, 35).y > 0.6 && at(80, 45).y < 0.4, "up is up");
-        assert!(at(85, 40).x > 0.6 && at(75, 40).x < 0.4, "right is right");
+        assert!(at(80, 35).y > 0.6 && at(80, 45).y < 0.4, "vertical axis");
+        assert!(at(85, 40).x > 0.6 && at(75, 40).x < 0.4, "horizontal axis");
         assert_eq!(at(5, 5), Vec3::splat(-1.0));
         let bytes = picture.to_srgb8(1.0);
         assert_eq!((bytes.len(), bytes[0]), (3 * 160 * 80, 0));

@@ -76,11 +76,11 @@ impl Default for SphereOverDisk {
 pub enum SphereOverDiskError {
     /// Length, reflectance or light out of range.
     #[error(
-        "no such scene: 0 < radius < disk, radius < height, 0 ≤ albedo ≤ 1 and 0 ≤ light must hold, all finite, for {0:?}"
+        "invalid scene {0:?}: 0 < radius < disk, radius < height, 0 ≤ albedo ≤ 1 and 0 ≤ light must hold, all finite"
     )]
     Scene(SphereOverDisk),
     /// Number of cells out of range.
-    #[error("{0} cells: between 8 and {MAX_CELLS} are possible")]
+    #[error("{0} cells: must be 8 to {MAX_CELLS}")]
     Cells(usize),
 }
 

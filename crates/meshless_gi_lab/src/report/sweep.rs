@@ -87,7 +87,7 @@ pub struct ExternalReference {
 pub enum ReportError {
     /// Lights that reach no surface.
     #[error(
-        "no light reaches a surface: the scene is empty, or its free space was not found; check the geometry or set `viewpoints`"
+        "no light reaches a surface: the scene is empty, or its open space was not found; check the geometry or set `viewpoints`"
     )]
     NoLight,
     /// Failed bake.

@@ -269,7 +269,7 @@ fn rectangle_emitters_match_polygon_formula() {
         center - u + v,
     ];
     let facing = u.cross(v).normalize();
-    assert!(facing.y < 0.0, "it shines down");
+    assert!(facing.y < 0.0, "the light must face down");
     let glowing = TriangleMesh::from_quads(&[Quad {
         corners,
         material: Material::emissive(Vec3::ZERO, radiance),

@@ -53,7 +53,7 @@ fn check_estimates(test: &TestScene, scene: &BakedScene, estimates: &[ErrorEstim
         );
         assert!(
             (found - e).abs() <= interval,
-            "{}, {what}, tier {tier}: {e} ± {interval} does not hold {found}",
+            "{}, {what}, tier {tier}: {e} ± {interval} does not contain {found}",
             test.name
         );
     }
@@ -81,7 +81,7 @@ fn check_error_estimate(name: &'static str) {
     let whole = own.last().unwrap();
     assert!(
         whole.interval < 1.5 * whole.nrmse,
-        "{name}: {whole:?} says nothing"
+        "{name}: {whole:?} is too wide"
     );
     // Links a tenth too strong: the first reflection is 10 % too bright, the second 21 %, and so
     // on.
@@ -93,7 +93,7 @@ fn check_error_estimate(name: &'static str) {
     let wrong = wrong.last().unwrap();
     assert!(
         wrong.nrmse > 0.1 && wrong.nrmse < 0.35 && wrong.nrmse > 2.0 * whole.nrmse,
-        "{name}: links times 1.1 make {wrong:?} of {whole:?}"
+        "{name}: links times 1.1 change {whole:?} to {wrong:?}"
     );
 }
 

@@ -278,10 +278,10 @@ fn fmm_degenerate_input_stays_finite() {
     // All points at one position with all orientations: they exchange nothing, and a point that
     // faces them lights them evenly.
     let mut spot: Vec<_> = (0..20_000).map(|_| point(Vec3::ONE, any())).collect();
-    let dark = finite(&spot, "one place");
+    let dark = finite(&spot, "one position");
     assert!(dark.iter().all(|e| *e == Vec3::ZERO));
     spot.push(point(Vec3::new(1.0, 1.0, 2.0), Vec3::NEG_Z));
-    let seen = finite(&spot, "one place and another");
+    let seen = finite(&spot, "one position and another");
     assert!(seen.iter().filter(|e| e.x > 0.0).count() > 5000);
     // All in one plane.
     let plane: Vec<_> = (0..5000)

@@ -210,7 +210,7 @@ fn ball_in_sealed_room_stays_dark() {
         dark / through,
         max / lit
     );
-    assert!(lit > 0.0 && through > 0.01 * lit, "{through} beside {lit}");
+    assert!(lit > 0.0 && through > 0.01 * lit, "{through} and {lit}");
     assert!(max <= 1e-4 * lit, "{max} of {lit}");
 }
 
@@ -398,7 +398,7 @@ fn check_voxel_weights(weights: &VoxelWeights, scene: &BakedScene, values: &[Vec
     for at in 0..all {
         let said = weights.light(values, at);
         let asked = probe(probes, values, shape.voxel_center(at), Vec3::ZERO);
-        assert_eq!(said.is_some(), asked.is_some(), "place {at}");
+        assert_eq!(said.is_some(), asked.is_some(), "voxel {at}");
         if let (Some(said), Some(asked)) = (said, asked) {
             for n in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE.normalize()] {
                 found.push(said.irradiance(n));
@@ -410,12 +410,12 @@ fn check_voxel_weights(weights: &VoxelWeights, scene: &BakedScene, values: &[Vec
     }
     assert!(
         found.len() as u32 > all,
-        "{} of {all} places",
+        "{} of {all} voxels",
         found.len() / 4
     );
     let noise = vec![Vec3::ZERO; right.len()];
     let [off, other] = [&found, &aside].map(|e| errors(e, &right, &noise).nrmse);
-    println!("shares beside look-ups: NRMSE {off:.6}; of the next place {other:.3}");
+    println!("shares against lookups: NRMSE {off:.6}; of the next voxel {other:.3}");
     assert!(off < 1e-3 && other > 1e-2, "{off} {other}");
 }
 
@@ -497,7 +497,7 @@ fn probes_match_closed_forms() {
             let right = 4.0 * s * s.atan();
             assert!(
                 (down - right).abs() < 0.05 * right && up < 0.05 * right,
-                "{down} {up} beside {right}"
+                "{down} {up}, expected {right}"
             );
         }
     }
@@ -552,7 +552,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
     let perturb = |what: &str, perturb: &dyn Fn(&mut Probes)| {
         let mut wrong = scene.clone();
         perturb(wrong.data_mut().probes.as_mut().unwrap());
-        assert!(wrong.data().validate().is_err(), "{what} goes unnoticed");
+        assert!(wrong.data().validate().is_err(), "{what} is not detected");
     };
     perturb("no probe", &|p| {
         p.points.clear();
@@ -560,26 +560,26 @@ fn probe_data_round_trips_and_damage_is_detected() {
         p.links.clear();
     });
     perturb("one probe less", &|p| p.points.truncate(p.points.len() - 1));
-    perturb("a place that is none", &|p| {
+    perturb("a position that is NaN", &|p| {
         p.points[3].position[1] = f32::NAN
     });
-    perturb("a radius of nothing", &|p| p.points[3].radius = 0.0);
+    perturb("a radius of zero", &|p| p.points[3].radius = 0.0);
     perturb("a normal", &|p| p.points[3].normal = [0.0, 1.0, 0.0]);
     perturb("planes beyond the end", &|p| {
         p.points[3].planes = p.planes.len() as u32 | 1 << 24
     });
-    perturb("a plane that is none", &|p| p.planes[0][3] = f32::INFINITY);
+    perturb("an infinite plane", &|p| p.planes[0][3] = f32::INFINITY);
     perturb("another grid", &|p| p.grid.cell_size *= 2.0);
-    perturb("a grid that names none", &|p| {
+    perturb("an entry out of range", &|p| {
         *p.grid.entries.last_mut().unwrap() = u32::MAX
     });
     perturb("one row less", &|p| p.rows.truncate(p.rows.len() - 1));
     perturb("another start", &|p| p.rows[4].start += 1);
-    perturb("a row of no tier", &|p| p.rows[4].tier = 0);
-    perturb("a scale without a number", &|p| p.rows[4].scale = f32::NAN);
-    perturb("more light than there is", &|p| p.rows[4].scale *= 10.0);
+    perturb("a row of tier 0", &|p| p.rows[4].tier = 0);
+    perturb("a scale of NaN", &|p| p.rows[4].scale = f32::NAN);
+    perturb("a row sum above the limit", &|p| p.rows[4].scale *= 10.0);
     perturb("one link less", &|p| p.links.truncate(p.links.len() - 1));
-    perturb("a sender that is not there", &|p| {
+    perturb("a sender out of range", &|p| {
         p.links[7].z_sender |= 0xffff << 16
     });
     let mut random = Random::new(4, 0, 0);
@@ -657,7 +657,7 @@ fn surface_and_probe_light_join_continuously() {
     covers.sort_by(f32::total_cmp);
     let below = covers.partition_point(|&c| c < FULL_COVER);
     println!(
-        "{below} of {} places have cover below {FULL_COVER}; the thousandth part below {}, the median {}",
+        "{below} of {} positions have cover below {FULL_COVER}; the thousandth part below {}, the median {}",
         covers.len(),
         covers[covers.len() / 1000],
         covers[covers.len() / 2]

@@ -294,9 +294,9 @@ fn rsm_light_of_slowly_moving_object_is_stable() {
     };
     let [a, b, floor] = [&ours, &grid, &all].map(|light| flicker(light));
     eprintln!(
-        "second differences, RMS in the worst frame and at the worst place: 64 strata {a:.4?}, [N09] with {lit} lit texels {b:.4?}, all texels {floor:.4?}"
+        "second differences, RMS in the worst frame and at the worst position: 64 strata {a:.4?}, [N09] with {lit} lit texels {b:.4?}, all texels {floor:.4?}"
     );
-    assert!(lit > 40, "the rival has far fewer lights: {lit}");
+    assert!(lit > 40, "[N09] has far fewer lights: {lit}");
     assert!(
         a[0] < 2.0 * floor[0] && a[1] < 2.0 * floor[1],
         "{a:?}, {floor:?}"

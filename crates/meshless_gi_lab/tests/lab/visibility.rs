@@ -149,19 +149,19 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
     let perturb = |what: &str, perturb: &dyn Fn(&mut Visibility)| {
         let mut wrong = scene.clone();
         perturb(wrong.data_mut().visibility.as_mut().unwrap());
-        assert!(wrong.data().validate().is_err(), "{what} goes unnoticed");
+        assert!(wrong.data().validate().is_err(), "{what} is not detected");
     };
-    perturb("a grid of nothing", &|v| v.grid.columns = 0);
-    perturb("an endless grid", &|v| {
+    perturb("a grid of zero columns", &|v| v.grid.columns = 0);
+    perturb("a grid above the limit", &|v| {
         v.grid = HemisphereGrid {
             columns: u32::MAX,
             rows: u32::MAX,
         }
     });
     perturb("depths relative to NaN", &|v| v.clusters[2].near = f32::NAN);
-    perturb("depths relative to nothing", &|v| v.clusters[2].near = 0.0);
+    perturb("depths relative to zero", &|v| v.clusters[2].near = 0.0);
     perturb("one point less", &|v| v.points.truncate(v.points.len() - 1));
-    perturb("a cluster that is not there", &|v| {
+    perturb("a cluster out of range", &|v| {
         v.points[3].cluster = v.clusters.len() as u32
     });
     perturb("a mask beyond the components", &|v| {
@@ -177,7 +177,7 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
     perturb("a tangent without length", &|v| {
         v.clusters[0].tangent = [0.0; 3]
     });
-    perturb("a tangent that is none", &|v| {
+    perturb("a tangent that is NaN", &|v| {
         v.clusters[0].tangent[1] = f32::NAN
     });
     perturb("another basis", &|v| v.clusters[1].basis += 1);

@@ -93,7 +93,7 @@ impl Buffers<'_> {
             .filter(|&to| to <= all.len() as u64);
         let to = range.ok_or_else(|| {
             format!(
-                "buffer view {i} asks for {} bytes from byte {from} of {}",
+                "buffer view {i} needs {} bytes from byte {from} of {}",
                 view.byte_length.0,
                 all.len()
             )
@@ -154,7 +154,7 @@ impl Buffers<'_> {
             .ok_or_else(|| format!("accessor {i} is not there"))?;
         match (&accessor.component_type, &accessor.type_) {
             (Checked::Valid(c), Checked::Valid(t)) => Ok((accessor, c.0, components(*t))),
-            _ => Err(format!("accessor {i} is of no known type")),
+            _ => Err(format!("accessor {i} has an unknown type")),
         }
     }
 
@@ -190,7 +190,7 @@ impl Buffers<'_> {
         };
         if let Some(sparse) = &accessor.sparse {
             let Checked::Valid(index_kind) = &sparse.indices.component_type else {
-                return Err(name("its sparse indices are of no known type".into()));
+                return Err(name("its sparse indices have an unknown type".into()));
             };
             let size = component_size(index_kind.0);
             let indices = self

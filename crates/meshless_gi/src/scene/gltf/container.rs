@@ -92,7 +92,7 @@ fn base64(text: &str) -> Result<Vec<u8>, String> {
             b'+' | b'-' => 62,
             b'/' | b'_' => 63,
             b'=' | b'\n' | b'\r' | b' ' => continue,
-            _ => return Err(format!("byte {at} of a base64 data URI is no base64")),
+            _ => return Err(format!("byte {at} of a base64 data URI is not base64")),
         };
         bits = (bits << 6) | u32::from(six);
         held += 6;

@@ -25,7 +25,7 @@ pub(super) fn load_buffers<'a>(
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {
             return Err(wrong(format!(
-                "{} bytes, {} are announced",
+                "{} bytes, {} are declared",
                 bytes.len(),
                 buffer.byte_length.0
             )));

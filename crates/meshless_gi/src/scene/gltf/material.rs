@@ -201,7 +201,7 @@ fn decode(bytes: &[u8], left: u64) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
         let size = bytes.len();
         return Err(match pixels > held {
             true => format!("{width} x {height} pixels do not fit in {size} bytes"),
-            false => format!("{width} x {height} pixels are too many: {left} are left"),
+            false => format!("{width} x {height} pixels exceed the remaining limit of {left}"),
         });
     }
     let image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;

@@ -237,9 +237,7 @@ impl<'a> Builder<'a> {
         });
         if let Some(mesh) = node.mesh {
             if node.skin.is_some() {
-                self.note(
-                    "skinned meshes are taken in the pose that their vertices are stored in".into(),
-                );
+                self.note("skinned meshes use the pose of the stored vertices".into());
             }
             let first = self.triangles.len();
             self.mesh(mesh.value(), &transform)?;
@@ -294,9 +292,7 @@ impl<'a> Builder<'a> {
             return Ok(());
         }
         if primitive.targets.as_ref().is_some_and(|t| !t.is_empty()) {
-            self.note(
-                "morphed meshes are taken in the pose that their vertices are stored in".into(),
-            );
+            self.note("morphed meshes use the pose of the stored vertices".into());
         }
         let material = match primitive.material {
             None => self.materials.len() - 1,
@@ -372,7 +368,7 @@ impl<'a> Builder<'a> {
                         .collect();
                 }
                 None => self.note(format!(
-                    "a textured mesh has no texture coordinates {set}: taken as 0"
+                    "a textured mesh has no texture coordinates {set}: 0 is used"
                 )),
             }
         }
@@ -391,7 +387,7 @@ impl<'a> Builder<'a> {
             return Err(self.wrong(format!("light {index} is not there")));
         };
         let Checked::Valid(kind) = light.type_ else {
-            return Err(self.wrong(format!("light {index} is of no known type")));
+            return Err(self.wrong(format!("light {index} has an unknown type")));
         };
         let strength = Vec3::from_array(light.color) * light.intensity;
         let position = transform.w_axis.truncate().as_vec3();

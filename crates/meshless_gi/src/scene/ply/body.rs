@@ -101,7 +101,7 @@ impl Lines<'_> {
             let word = String::from_utf8_lossy(word);
             number(&word, scalar).ok_or_else(|| {
                 wrong(format!(
-                    "{} is {}, no {scalar:?}",
+                    "{} is {}, not {scalar:?}",
                     shown(&property.name),
                     shown(&word)
                 ))

@@ -165,7 +165,7 @@ impl Header {
                 ["element", name, count] => {
                     let count = count
                         .parse()
-                        .map_err(|_| wrong(format!("{} is no count", shown(count))))?;
+                        .map_err(|_| wrong(format!("{} is not a count", shown(count))))?;
                     if elements.iter().any(|e| e.name == *name) {
                         return Err(wrong(format!("a second element {}", shown(name))));
                     }
@@ -196,7 +196,7 @@ impl Header {
                     element.properties.push(property);
                 }
                 ["end_header"] => break,
-                _ => return Err(wrong(format!("{} means nothing here", shown(&text)))),
+                _ => return Err(wrong(format!("{} is not a header line", shown(&text)))),
             }
             lines += 1;
         }
@@ -254,7 +254,7 @@ fn property(words: &[&str]) -> Result<Property, String> {
         ["list", length, kind, name] => {
             let length = scalar(length)?;
             if length.is_float() {
-                return Err("the length of a list is no whole number".into());
+                return Err("the length of a list is not an integer type".into());
             }
             Ok(Property {
                 name: (*name).into(),
@@ -267,7 +267,7 @@ fn property(words: &[&str]) -> Result<Property, String> {
             scalar: scalar(kind)?,
             length: None,
         }),
-        _ => Err("a property has a type and a name".into()),
+        _ => Err("a property needs a type and a name".into()),
     }
 }
 

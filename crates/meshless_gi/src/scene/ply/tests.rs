@@ -88,7 +88,7 @@ fn ply_errors_name_location() {
         ),
         (
             ascii("elephant\n"),
-            "header line 3: `elephant` means nothing here",
+            "header line 3: `elephant` is not a header line",
         ),
         (
             ascii("property float x\n"),
@@ -96,7 +96,7 @@ fn ply_errors_name_location() {
         ),
         (
             ascii("element vertex -1\n"),
-            "header line 3: `-1` is no count",
+            "header line 3: `-1` is not a count",
         ),
         (
             ascii("element a 0\nelement a 0\n"),
@@ -108,7 +108,7 @@ fn ply_errors_name_location() {
         ),
         (
             ascii("element a 0\nproperty list float int x\n"),
-            "header line 4: the length of a list is no whole number",
+            "header line 4: the length of a list is not an integer type",
         ),
         (
             ascii("element a 0\nproperty half x\n"),
@@ -150,7 +150,7 @@ fn ply_errors_name_location() {
         ),
         (
             ascii(&format!("element vertex 1\n{xyz}end_header\n1 two 3\n")),
-            "line 8: `y` is `two`, no F32",
+            "line 8: `y` is `two`, not F32",
         ),
         (
             ascii(&format!(

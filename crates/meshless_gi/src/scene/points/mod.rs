@@ -49,7 +49,7 @@ const AROUND: usize = 8;
 pub enum PointsError {
     /// Fewer than three positions.
     #[error(
-        "{usable} usable points at different positions ({not_finite} not finite, {coincident} coincident): three at least make a surface"
+        "{usable} usable points at different positions ({not_finite} not finite, {coincident} coincident): a surface needs at least three"
     )]
     TooFew {
         /// Number of usable points.
@@ -472,20 +472,20 @@ fn cloud_of(
     })?;
     let p = &cloud.problems;
     let notes = [
-        (faces, "faces were passed over: a .ply is taken for points"),
-        (p.not_finite, "points without numbers were left out"),
+        (faces, "faces were ignored: a .ply file is read as points"),
+        (p.not_finite, "points that are not finite were left out"),
         (
             p.coincident,
-            "points at the position of others were left out",
+            "points with the position of another point were left out",
         ),
         (p.no_normal, "points without a normal were left out"),
         (
             p.normal_estimated,
-            "points without a normal got one from their neighbors",
+            "points without a normal use a normal from their neighbors",
         ),
         (
             p.albedo_clamped,
-            "points reflected what light can't be: clamped",
+            "points with an albedo outside of 0 to 1 were clamped",
         ),
     ];
     let mut notes: Vec<String> = notes

@@ -207,7 +207,7 @@ fn point_cloud_ray_origins_clear_neighbor_cells() {
         unlifted += u32::from(!leaves(1e-7));
     }
     println!("{blocked} of {met} blocked, {unlifted} without the lift");
-    assert!(unlifted > 10 * blocked, "the lift is of no use");
+    assert!(unlifted > 10 * blocked, "the lift removes too few hits");
     assert!(met > 10_000 && blocked * 1000 < met, "{blocked} of {met}");
 }
 

@@ -358,7 +358,7 @@ mod tests {
         // Eight arbitrary vectors do not suffice: those of eight rows have a larger loss.
         let any = decompose(&all[..8 * 300], 300, 8, 1);
         let (left, _) = left_out(&all, &any);
-        assert!(any.count() == 8 && left > 1.3 * min, "{left} beside {min}");
+        assert!(any.count() == 8 && left > 1.3 * min, "{left}, min {min}");
     }
 
     #[test]

@@ -32,7 +32,7 @@ fn texts(svg: &str) -> Vec<String> {
 fn example() -> Chart {
     Chart {
         title: "Error & <time> of a \"bake\"\u{1}".into(),
-        caption: "two series; what is less is better".into(),
+        caption: "two series; lower is better".into(),
         x: Axis::log("bake time, s", Format::Number),
         y: Axis::log("error", Format::Percent),
         series: vec![

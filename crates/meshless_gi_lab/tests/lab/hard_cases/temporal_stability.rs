@@ -50,10 +50,10 @@ fn roughness(scene: &BakedScene) -> f32 {
 #[test]
 fn smoothly_moving_light_gives_smooth_irradiance() {
     let [one, eight] = [1, 8].map(|samples| roughness(&cornell(samples)));
-    eprintln!("second differences: {one:.5} with one place, {eight:.5} with eight");
+    eprintln!("second differences: {one:.5} with one sample, {eight:.5} with eight");
     assert!(one > 1e-4, "there is nothing to smooth: {one}");
     assert!(
         eight < 0.5 * one,
-        "{one} with one place, {eight} with eight"
+        "{one} with one sample, {eight} with eight"
     );
 }
