@@ -6,7 +6,7 @@
 //! pass stores the values that it used. No other part of the plugin compares values of earlier
 //! frames to decide whether a pass runs.
 
-use super::{GiColorMode, LightId, SlotTable, lights};
+use super::{GiColorMode, LightId, SlotTable, light_slots};
 use meshless_gi::internals::frame::SoftLight;
 use meshless_gi::{BakedScene, Bounds, FrameSettings, MaterialFactors};
 use std::sync::{Arc, Weak};
@@ -97,8 +97,8 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
     /// bounds. `true` if the device holds no shadows.
     #[must_use]
     pub fn soft_lights_changed(&self, lights: &[SoftLight], bounds: Bounds) -> bool {
-        let tolerance = lights::tolerance(bounds);
-        let same = |held: &Vec<SoftLight>| lights::same_soft_shadow(held, lights, tolerance);
+        let tolerance = light_slots::tolerance(bounds);
+        let same = |held: &Vec<SoftLight>| light_slots::same_soft_shadow(held, lights, tolerance);
         !self.soft_lights.as_ref().is_some_and(same)
     }
 

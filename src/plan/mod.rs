@@ -36,15 +36,16 @@
 mod bounce_count;
 mod change_detector;
 mod channels;
-mod cost;
+mod cost_model;
 mod decision;
 mod effect;
 mod fmm;
+mod frame_plan;
 mod inventory;
 mod inventory_tracker;
-mod lights;
+mod light_kind;
+mod light_slots;
 mod pass;
-mod passes;
 mod rsm_views;
 mod settings;
 mod stage;
@@ -60,20 +61,21 @@ pub use change_detector::{ChangeDetector, MapChangeDetector};
 pub use channels::{
     ColorModeSelection, ColorModeSelector, MONOCHROME_HYSTERESIS_FRAMES, SceneChromaticity,
 };
-pub use cost::{Cost, CostModel, SolveCost, TimingScope, Work};
+pub use cost_model::{Cost, CostModel, SolveCost, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
 pub use effect::{Effect, PassKind, kind_of};
 pub use fmm::{FmmLimit, fmm_fallback_reason, octree_fits};
+pub use frame_plan::Plan;
 pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, SkyKind};
 pub use inventory_tracker::{InventoryTracker, SceneSnapshot, WorldSnapshot};
-pub use lights::{
+pub use light_kind::LightKind;
+pub use light_slots::{
     SlotTable, Slots, light_affects, same_color, same_projection, same_soft_shadow,
     soft_light_affects,
 };
 pub use pass::{Pass, RunReason, SkipReason};
-pub use passes::Plan;
 pub use rsm_views::{Lens, MAX_RSM_HALF_ANGLE, MapView, RSM_NEAR_PLANE, RSM_SIZE_STEP, map_views};
-pub use settings::{GiBounceCount, GiColorMode, GiQuality, LightKind};
+pub use settings::{GiBounceCount, GiColorMode, GiQuality};
 pub use stage::FrameStage;
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,

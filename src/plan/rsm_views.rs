@@ -15,7 +15,7 @@
 //! moves.
 
 use super::SkipReason;
-use super::lights::light_affects;
+use super::light_slots::light_affects;
 use glam::{Mat3, Quat, Vec3};
 use meshless_gi::{Bounds, FrameLight};
 use std::f32::consts::{FRAC_PI_2, PI};

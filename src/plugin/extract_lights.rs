@@ -5,7 +5,7 @@
 //! spot lights give lumens / (4π) in every direction, directional lights their lux, rectangles
 //! lumens / (π · area).
 
-use super::light::GiLight;
+use super::gi_light::GiLight;
 use crate::plan::LightKind;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::color::{Color, LinearRgba};

@@ -49,7 +49,7 @@ fn add_post_update_systems(app: &mut App) {
     )
     .add_systems(
         PostUpdate,
-        dynamic_changes::detect_dynamic_changes
+        rsm_changes::detect_dynamic_changes
             .after(rsm::update_rsm_cameras)
             .after(AssetEventSystems)
             // An app that draws nothing has none of these.

@@ -7,10 +7,8 @@
 //! `crates/meshless_gi/src/frame/k.rs`.
 //!
 //! A new effect is a file here and a row of [`EFFECTS`]. The test
-//! `effect_row_is_planned_counted_and_recorded` adds the file `blackout.rs` and a row.
+//! `effect_row_is_planned_counted_and_recorded` adds the file `test_effect.rs` and a row.
 
-#[cfg(test)]
-mod blackout;
 pub(crate) mod display;
 mod fog;
 mod inspection;
@@ -22,6 +20,8 @@ mod residency;
 pub(crate) mod rsm;
 pub(crate) mod soft_shadows;
 pub(crate) mod subtract_shadow;
+#[cfg(test)]
+mod test_effect;
 #[cfg(test)]
 mod tests;
 mod transport;

@@ -509,12 +509,12 @@ fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (
     (plan, values.iter().map(|v| v.abs()).sum(), buffers)
 }
 
-/// A table of effects with `blackout.rs` as one more row. The effect is planned with a reason,
+/// A table of effects with `test_effect.rs` as one more row. The effect is planned with a reason,
 /// priced by its work, counted, and recorded in order with the passes of the other effects. Its
 /// buffer is kept and counted.
 #[test]
 fn effect_row_is_planned_counted_and_recorded() {
-    let rows = EFFECTS.iter().copied().chain([blackout::EFFECT]);
+    let rows = EFFECTS.iter().copied().chain([test_effect::EFFECT]);
     let table: Vec<Effect> = rows.collect();
     let (scene, device) = (extracted(), HeadlessDevice::new().expect("a device"));
     let (_, lit, without) = run(EFFECTS, &scene, &device);
@@ -522,7 +522,7 @@ fn effect_row_is_planned_counted_and_recorded() {
     assert!(lit > 0.0, "{lit}");
     assert_eq!((dark, buffers), (0.0, without + 1));
 
-    let pass = pass_of(&plan, blackout::BLACKOUT, A).clone();
+    let pass = pass_of(&plan, test_effect::BLACKOUT, A).clone();
     assert_eq!(
         (pass.effect, &pass.reason),
         ("blackout", &RunReason::InView)
@@ -542,5 +542,5 @@ fn effect_row_is_planned_counted_and_recorded() {
     let cost = plan.cost_of(&pass).expect("it has a cost");
     assert!(matches!(cost.work, Work::Rays(n) if n > 0));
     assert_eq!(cost.predicted, Some(2.0));
-    assert!(super::stages(&table).contains(&blackout::BLACKOUT));
+    assert!(super::stages(&table).contains(&test_effect::BLACKOUT));
 }

@@ -15,7 +15,7 @@ pub(super) enum LinkMethod {
     Averages,
     /// Links to components of light bases, see [`crate::transport::pca`].
     Components(PcaRecipe),
-    /// Links to differences of senders, see [`crate::transport::l08_refinement`].
+    /// Links to differences of senders, see [`crate::transport::l08_truncation`].
     Differences,
     /// Octree without links.
     Octree,

@@ -18,7 +18,7 @@ pub enum TransportMethod {
     /// [`crate::transport::bounded_truncation`].
     #[default]
     Bounded,
-    /// Links by \[L08\] Figure 5 as published. See [`crate::transport::l08_refinement`].
+    /// Links by \[L08\] Figure 5 as published. See [`crate::transport::l08_truncation`].
     L08,
     /// Bases of direct light for clusters of senders, after \[P14\] §4.3. See
     /// [`crate::transport::pca`]. Receivers are those of `Bounded`.

@@ -13,7 +13,7 @@ use crate::basis::LevelBasis;
 use crate::transport::pca::{Compression, LightBasis};
 use crate::transport::{
     BoundedSettings, GatherSettings, Receivers, RefinedOperator, SenderTree, Training,
-    l08_refinement, refine_bounded,
+    l08_truncation, refine_bounded,
 };
 use std::time::Instant;
 
@@ -192,8 +192,8 @@ impl TransportStage<'_> {
     fn differences(&self, points: &PointSet) -> Result<Rows, BakeError> {
         let settings = &self.survey.settings;
         let neighbors =
-            l08_refinement::neighbors(&points.hierarchy, settings.sender_levels as usize);
-        let refined = l08_refinement::refine_l08(
+            l08_truncation::neighbors(&points.hierarchy, settings.sender_levels as usize);
+        let refined = l08_truncation::refine_l08(
             &self.gathering.scene(&points.hierarchy),
             &points.parents,
             &neighbors,

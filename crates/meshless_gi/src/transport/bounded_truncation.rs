@@ -14,7 +14,7 @@
 //! exposure ([`Training::exposure`]). This part covers lights that differ from the training lights.
 //!
 //! \[L08\] drops links below a fixed ε instead. That method is the baseline, see
-//! [`super::l08_refinement`].
+//! [`super::l08_truncation`].
 
 use super::gather::Gathered;
 use super::training::{TRAINING_LIGHTS, Training};

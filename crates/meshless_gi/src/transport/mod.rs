@@ -4,7 +4,8 @@ mod added_level;
 pub mod bounded_truncation;
 pub mod fmm;
 mod gather;
-pub mod l08_refinement;
+pub mod l08_truncation;
+mod moved_mass;
 mod neumann;
 mod occluded_links;
 mod operator;
@@ -18,13 +19,13 @@ mod refine;
 mod residual;
 mod tiers;
 mod training;
-mod truncation_mass;
 
 pub use bounded_truncation::SenderTree;
 pub use gather::{
     Deposit, GatherScene, GatherSettings, Gathered, gather, gather_sky_harmonics,
     gather_sky_visibility, trace_gather_rays,
 };
+pub use moved_mass::TruncationMass;
 pub use neumann::{BounceScene, bounce_operator};
 pub use occluded_links::{
     LinkTerm, PackedLinkTerm, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
@@ -40,4 +41,3 @@ pub use tiers::{TIERS, assign_tiers};
 pub use training::{
     NormalRow, TRAINING_LIGHTS, Training, TrainingRadiosity, coarse_rows, mean_squares,
 };
-pub use truncation_mass::TruncationMass;

@@ -2,12 +2,12 @@
 
 use super::bounded_truncation::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, gather};
+use super::moved_mass::TruncationMass;
 use super::occluded_links::{LinkTerm, cut_parts};
 use super::pca::{CompressScratch, LightBasis};
 use super::quantized_row::QuantizedRow;
 use super::refine::RawRow;
 use super::residual::{Predictors, Response, RowResidual, difference, interpolate, respond};
-use super::truncation_mass::TruncationMass;
 use crate::basis::Weights;
 use glam::Vec3A;
 use std::time::{Duration, Instant};

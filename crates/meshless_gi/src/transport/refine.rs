@@ -15,13 +15,13 @@
 use super::added_level::add_level;
 use super::bounded_truncation::{CutMeasure, SenderTree};
 use super::gather::{GatherScene, GatherSettings};
+use super::moved_mass::TruncationMass;
 use super::occluded_links::LinkTerm;
 use super::pca::LightBasis;
 use super::quantized_row::QuantizedRow;
 use super::receiver::{ReceiverLevel, ReceiverRow, ReceiverScratch};
 use super::residual::{Predictors, interpolate, interpolate_sky};
 use super::training::Training;
-use super::truncation_mass::TruncationMass;
 use crate::basis::{Hierarchy, HierarchySettings, Weights};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;

@@ -6,10 +6,10 @@ mod compression;
 mod decompose;
 mod hemisphere;
 mod light_basis;
-mod truncate;
 mod visibility;
 mod visibility_bake;
 mod visibility_compress;
+mod visibility_truncation;
 
 pub use cluster::{Clusters, cluster};
 pub use compression::{Column, Compression};

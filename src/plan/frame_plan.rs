@@ -1,7 +1,7 @@
 //! [`Plan`]: the passes of one frame, the reasons why they run or do not, their costs, and the
 //! inventory of the world. It is made from a table of [`Effect`]s.
 
-use super::cost::{self, Cost, TimingScope};
+use super::cost_model::{Cost, TimingScope, compute_work};
 use super::{
     BounceSelection, ColorModeSelection, DisplayUse, Effect, FmmLimit, FrameStage, FrameState,
     Inventory, LightId, Pass, RunReason, SceneId, SkipReason, SkyUse, TierSelection, ViewId,
@@ -52,7 +52,7 @@ impl Plan {
         for effect in effects {
             (effect.schedule)(state, &mut plan);
         }
-        plan.costs = cost::compute_work(effects, state, &mut plan.passes);
+        plan.costs = compute_work(effects, state, &mut plan.passes);
         plan
     }
 
