@@ -11,13 +11,10 @@ mod executable;
 mod readme;
 mod screen;
 
-use bevy::math::Vec3;
 use bevy_meshless_gi::loader::{GiProcessAssetsOptions, process_assets};
 use executable::Executable;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::glb::glb;
-use support::scenes::{Quad, Room};
 
 /// Largest mean FLIP between the plugin's indirect light and the CPU's.
 const MAX_FLIP: f32 = 0.02;
@@ -43,40 +40,13 @@ fn programs() -> &'static Executable {
     })
 }
 
-/// Returns a hall around README's light and camera, with a red wall, a green wall and a block.
-fn hall() -> Room {
-    let quad = |corner: [f32; 3], u: [f32; 3], v: [f32; 3], color: [f32; 3]| Quad {
-        corner: corner.into(),
-        u: u.into(),
-        v: v.into(),
-        color: color.into(),
-    };
-    let white = [0.7, 0.7, 0.7];
-    let (x, y, z) = ([6.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 9.0]);
-    let mut quads = vec![
-        quad([-3.0, 0.0, -4.0], z, x, white),
-        quad([-3.0, 3.0, -4.0], x, z, white),
-        quad([-3.0, 0.0, -4.0], x, y, white),
-        quad([-3.0, 0.0, 5.0], y, x, white),
-        quad([-3.0, 0.0, -4.0], y, z, [0.65, 0.05, 0.05]),
-        quad([3.0, 0.0, -4.0], z, y, [0.1, 0.5, 0.1]),
-    ];
-    // The block of the Cornell room stands next to the light.
-    quads.extend(Room::cornell().0.split_off(5).into_iter().map(|q| Quad {
-        corner: 1.5 * q.corner + Vec3::new(-0.6, 0.0, -1.2),
-        u: 1.5 * q.u,
-        v: 1.5 * q.v,
-        ..q
-    }));
-    Room(quads)
-}
-
 /// Creates a folder with the scene and the recipe of README.
 fn scene_folder() -> tempfile::TempDir {
     let root = tempfile::tempdir().expect("a folder");
     let assets = root.path().join("assets");
     std::fs::create_dir(&assets).expect("a folder");
-    std::fs::write(assets.join("level.glb"), glb(&hall())).expect("the scene is written");
+    let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join(readme::SCENE);
+    std::fs::copy(rooms, assets.join("level.glb")).expect("the scene is copied");
     std::fs::write(assets.join("level.gi.ron"), readme::recipe()).expect("the recipe is written");
     root
 }

@@ -23,7 +23,11 @@ pub fn program(part: &str) -> String {
         .to_string()
 }
 
+/// Scene that the README copies into `assets/`, relative to the repository.
+pub const SCENE: &str = "tests/data/rooms_open/rooms_open.glb";
+
 /// Returns the first recipe.
 pub fn recipe() -> &'static str {
+    assert!(README.contains(&format!("cp ../bevy_meshless_gi/{SCENE} assets/level.glb")));
     blocks("ron").next().expect("README.md has a recipe")
 }
