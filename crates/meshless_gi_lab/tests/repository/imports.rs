@@ -107,8 +107,9 @@ fn forbidden_imports(path: &str, text: &str) -> Vec<String> {
             let engine = (word == "bevy" || word.starts_with("bevy_"))
                 && word != "bevy_meshless_gi"
                 && module != "plugin"
-                // Settings are components and are reflected, behind the feature.
-                && path != "src/plan/settings.rs";
+                // Settings are components, and they and the kinds of lights are reflected, behind
+                // the feature.
+                && !matches!(path, "src/plan/settings.rs" | "src/plan/light_kind.rs");
             if device || engine {
                 found.push(format!("{path}:{}: names `{word}`", number + 1));
             }
