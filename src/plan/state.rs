@@ -25,7 +25,7 @@ impl fmt::Display for SceneId {
 
 /// Identifier of a light that requests a bounce off dynamic objects: the caller's number, and an
 /// index for an entity with several lights.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct LightId(pub u64, pub u8);
 
 impl fmt::Display for LightId {

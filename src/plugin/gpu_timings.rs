@@ -8,8 +8,7 @@
 use super::GiFrameStats;
 use super::effects::EFFECTS;
 use super::quality::{SolveCostSource, span_name};
-use super::record::FramePoint;
-use crate::plan::{CostModel, FrameStage, LightId, Pass, Plan, RunReason, TimingScope, Work};
+use crate::plan::{CostModel, FrameStage, Pass, Plan, RunReason, TimingScope, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -47,9 +46,8 @@ pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
 
 /// Names of the spans that time a map of a light: of its drawing, and of its reading.
 pub(crate) fn map_spans(pass: &Pass, index: usize) -> [String; 2] {
-    let point = FramePoint::LightMaps.span();
-    let LightId(entity, kind) = pass.light.unwrap_or_default();
-    ["draw", "read"].map(|part| format!("{point}_{entity:x}_{kind}_{part}_{index}"))
+    let name = TimingScope::new(pass.stage, pass).span();
+    ["draw", "read"].map(|part| format!("meshless_gi_{name}_{part}_{index}"))
 }
 
 /// Diagnostic paths of the milliseconds of a scope, whose sum is its time. Empty if no effect has

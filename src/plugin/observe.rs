@@ -29,7 +29,7 @@ pub(crate) type ExtractedResources<'w> = (
 /// The world as extracted for this frame.
 ///
 /// No `SystemParam`: for each derive, the compiler would prove again that the types of wgpu inside
-/// are `Send` and `Sync`, a tenth of the time that the plugin takes to compile.
+/// are `Send` and `Sync`, which takes long (docs/DECISIONS.md D28).
 pub(crate) struct ExtractedWorld<'w> {
     pub gi: Res<'w, ExtractedGi>,
     pub soft: Res<'w, ExtractedSoft>,
