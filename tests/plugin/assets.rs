@@ -1,13 +1,16 @@
 //! Baked assets in Bevy: loading, hot reload, background bakes, and a plugin that is inert without
 //! a renderer or on an unsupported device.
 
-use crate::support::app::{camera, finish_plugins, headless_plugins, picture, run, target};
+use crate::support::app::{
+    app_with, camera, finish_plugins, limited_plugins, picture, run, target,
+};
 use crate::support::assets::{bake_threads, bare_app, until, until_ended};
 use crate::support::log::warnings;
-use crate::support::scenes::{Room, cornell};
+use crate::support::scenes::{Room, cornell, rough_recipe};
+use crate::support::stage::{counters, indirect, spawn_baked, view};
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::{RenderCreation, WgpuLimits, WgpuSettings};
+use bevy::render::settings::WgpuLimits;
+use bevy_meshless_gi::internals::plan::SkipReason;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Material, TriangleMesh};
 
@@ -72,16 +75,9 @@ fn plugin_without_renderer_loads_assets_only() {
 #[test]
 fn unsupported_device_renders_without_indirect_light() {
     let mut app = App::new();
-    let plugins = headless_plugins().set(RenderPlugin {
-        synchronous_pipeline_compilation: true,
-        render_creation: RenderCreation::Automatic(Box::new(WgpuSettings {
-            constrained_limits: Some(WgpuLimits {
-                max_storage_textures_per_shader_stage: 0,
-                ..WgpuLimits::default()
-            }),
-            ..default()
-        })),
-        ..default()
+    let plugins = limited_plugins(WgpuLimits {
+        max_storage_textures_per_shader_stage: 0,
+        ..WgpuLimits::default()
     });
     app.add_plugins((plugins, MeshlessGiPlugin::default()));
     app.insert_resource(GlobalAmbientLight::NONE);
@@ -121,6 +117,38 @@ fn unsupported_device_renders_without_indirect_light() {
         0,
         "indirect light stays off"
     );
+}
+
+/// A scene whose buffers the device does not hold fails while its passes are recorded. The frame
+/// is then planned again without it.
+#[test]
+fn scene_above_device_limits_is_skipped_in_its_first_frame() {
+    const BINDING: u32 = 256 << 10;
+    let mut app = app_with(limited_plugins(WgpuLimits {
+        max_storage_buffer_binding_size: BINDING.into(),
+        ..WgpuLimits::default()
+    }));
+    let room = Room::cornell();
+    let recipe = Recipe {
+        coarse_radius: Some(0.25),
+        ..rough_recipe()
+    };
+    let bake = room.bake_as(&recipe);
+    spawn_baked(&mut app, &room, &bake, Transform::default());
+    let image = target(&mut app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    let mut reasons = Vec::new();
+    for _ in 0..3 {
+        run(&mut app, 1);
+        let plan = counters(&app).plan;
+        assert!(plan.is_empty(), "{plan}");
+        reasons.push(plan.skipped.first().map(|(_, _, reason)| *reason));
+    }
+    for reason in &reasons {
+        let skipped = matches!(reason, Some(SkipReason::TooLarge { needs, has })
+            if needs > has && *has == u64::from(BINDING));
+        assert!(skipped, "{reasons:?}");
+    }
 }
 
 fn scene_mesh(room: &Room) -> TriangleMesh {

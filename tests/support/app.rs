@@ -14,6 +14,7 @@ use bevy::render::render_resource::{
     TexelCopyBufferInfo, TexelCopyBufferLayout, TextureDimension, TextureFormat, TextureUsages,
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
+use bevy::render::settings::{RenderCreation, WgpuLimits, WgpuSettings};
 use bevy::render::texture::GpuImage;
 use bevy::render::{RenderApp, RenderPlugin};
 use bevy::window::ExitCondition;
@@ -60,16 +61,29 @@ pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
         .disable::<PipelinedRenderingPlugin>()
 }
 
+/// Returns [`headless_plugins`] on a device with at most these limits.
+pub fn limited_plugins(limits: WgpuLimits) -> bevy::app::PluginGroupBuilder {
+    headless_plugins().set(RenderPlugin {
+        synchronous_pipeline_compilation: true,
+        render_creation: RenderCreation::Automatic(Box::new(WgpuSettings {
+            constrained_limits: Some(limits),
+            ..default()
+        })),
+        ..default()
+    })
+}
+
 /// Creates an app with the plugin and finishes its plugins.
 pub fn app() -> App {
+    app_with(headless_plugins())
+}
+
+/// Creates an app with these plugins of Bevy and the plugin, and finishes its plugins.
+pub fn app_with(plugins: bevy::app::PluginGroupBuilder) -> App {
     let mut app = App::new();
-    app.add_plugins((
-        headless_plugins(),
-        MeshlessGiPlugin::default(),
-        MeshlessGiDebugPlugin,
-    ))
-    .insert_resource(GlobalAmbientLight::NONE)
-    .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
+    app.add_plugins((plugins, MeshlessGiPlugin::default(), MeshlessGiDebugPlugin))
+        .insert_resource(GlobalAmbientLight::NONE)
+        .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
     finish_plugins(&mut app);
     app
 }

@@ -1,185 +1,151 @@
 //! Options of `bake` that replace fields of a recipe. Each field has an option with its name and
 //! dashes. The shorter names are from earlier versions.
 
+use super::field_help::field_help;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use meshless_gi::{BounceMode, OccluderDesc, Preset, Recipe, SkyModel, TransportMethod};
 
-/// Options of `bake`. One that is not given leaves the recipe's field as it is.
+/// Headings of groups of options.
+const PCA: &str = "Options of method pca";
+const FMM: &str = "Options of method fmm";
+const PROBES: &str = "Options of probes. Each implies --probes";
+const SOFT_SHADOWS: &str = "Options of --soft-shadows";
+
+/// Options of `bake`. One that is not given leaves the recipe's field as it is. The help of an
+/// option is the doc comment of the field with its name (`field_help`).
 #[derive(clap::Args)]
+#[command(mut_args(field_help))]
 pub struct Options {
-    /// Quality level: draft, medium (default) or high. It sets every value that is left out.
     #[arg(long, hide_possible_values = true, value_parser = preset())]
     preset: Option<Preset>,
-    /// Positions in open space from which lit surfaces are visible, in meters ([L08] §2.3). Repeat
-    /// the option for several. Points without normals face them. Default: found automatically.
     #[arg(long = "viewpoint", visible_alias = "viewpoints", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
     viewpoints: Vec<[f32; 3]>,
-    /// Poisson-disk radius of the coarsest level, in meters, 1e-9 to 1e9. Default: from the lit
-    /// area and the preset.
     #[arg(long, value_name = "R", allow_hyphen_values = true)]
     coarse_radius: Option<f32>,
-    /// Number of hierarchy levels, 1 to 12. Default 5.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     levels: Option<u32>,
-    /// Number of levels, from the coarsest, whose points are senders, 1 to levels. Default: from
-    /// the preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     sender_levels: Option<u32>,
-    /// Number of levels that are added where the light varies strongly, 0 to 8. Default: from the
-    /// preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     refinement_levels: Option<u32>,
-    /// Largest number of points of all added levels together, 0 to 4194304. Default: from the
-    /// preset.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     max_refinement_points: Option<u32>,
-    /// Number of gather rays per point, 16 to 65536. Default: from the preset.
     #[arg(
-        long,
+        long = "rays",
         visible_alias = "rays-per-point",
         value_name = "N",
         allow_hyphen_values = true
     )]
-    rays: Option<u32>,
-    /// Number of light samples of each sender of the finest sender level, 1 to 64. Default: from
-    /// the preset.
+    rays_per_point: Option<u32>,
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     samples_per_sender: Option<u32>,
-    /// Number of diffuse bounces, 1 to 64. Default 4.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     bounces: Option<u32>,
-    /// Stage that computes later bounces: runtime (default) or baked. Baked requires method
-    /// bounded.
     #[arg(long, hide_possible_values = true, value_name = "STAGE", value_parser = bounce_mode())]
     bounce_mode: Option<BounceMode>,
-    /// Representation of the transport operator: bounded (default), l08, pca or fmm.
-    #[arg(long, visible_alias = "transport", hide_possible_values = true, value_parser = rule())]
-    rule: Option<TransportMethod>,
-    /// Method pca: vectors in a cluster's basis of direct light, 1 to 1000. Default 10.
+    #[arg(long = "rule", visible_alias = "transport", hide_possible_values = true, value_parser = rule())]
+    transport: Option<TransportMethod>,
     #[arg(
         long,
+        help_heading = PCA,
         alias = "coefficients",
         value_name = "N",
         allow_hyphen_values = true
     )]
     pca_coefficients: Option<u32>,
-    /// Method pca: approximate number of senders per cluster, 1 to 65536. Default: 1/64 of all.
     #[arg(
         long,
+        help_heading = PCA,
         alias = "cluster-points",
         value_name = "N",
         allow_hyphen_values = true
     )]
     pca_cluster_size: Option<u32>,
-    /// Method pca: lights that train the bases, 0 to 65536. Default 1000.
-    #[arg(long, alias = "lamps", value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, help_heading = PCA, alias = "lamps", value_name = "N", allow_hyphen_values = true)]
     pca_training_lights: Option<u32>,
-    /// Method fmm: order of the expansions, 0 to 16. Default 2. GPU kernels support up to 6.
-    #[arg(long, alias = "order", value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, help_heading = FMM, alias = "order", value_name = "N", allow_hyphen_values = true)]
     fmm_order: Option<u32>,
-    /// Method fmm: maximum number of points in a leaf of the octree, 1 to 4096. Default 24.
-    #[arg(long, alias = "leaf", value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, help_heading = FMM, alias = "leaf", value_name = "N", allow_hyphen_values = true)]
     fmm_leaf_size: Option<u32>,
-    /// Method fmm: emission samples per sender of the finest sender level, 1 to 64. Default 4.
-    #[arg(long, alias = "sources", value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, help_heading = FMM, alias = "sources", value_name = "N", allow_hyphen_values = true)]
     fmm_samples_per_sender: Option<u32>,
-    /// Method fmm: rays per pair of nodes that estimate their visibility, 1 to 4096. Default 16.
     #[arg(
         long,
+        help_heading = FMM,
         alias = "pair-rays",
         value_name = "N",
         allow_hyphen_values = true
     )]
     fmm_visibility_rays: Option<u32>,
-    /// Method fmm: also bake the links of method bounded, for devices that cannot hold the octree.
-    #[arg(long, alias = "fallback")]
+    #[arg(long, help_heading = FMM, alias = "fallback")]
     fmm_fallback_links: bool,
-    /// Relative truncation threshold of links, 0 to 1. Default: from the preset.
     #[arg(
-        long,
+        long = "epsilon",
         visible_alias = "truncation-error",
         value_name = "E",
         allow_hyphen_values = true
     )]
-    epsilon: Option<f32>,
-    /// Relative difference from the parents' value below which a receiver stores no row, 0 to 1.
-    /// Default: from the preset.
+    truncation_error: Option<f32>,
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     receiver_tolerance: Option<f32>,
-    /// Largest estimated NRMSE, 0.0001 to 1. The bake starts coarse and repeats with finer
-    /// parameters until it is met.
     #[arg(
-        long,
+        long = "max-error",
         visible_alias = "target-nrmse",
         value_name = "E",
         allow_hyphen_values = true
     )]
-    max_error: Option<f32>,
-    /// Bake probes, which light dynamic objects, fog and forward cameras.
+    target_nrmse: Option<f32>,
     #[arg(long)]
     probes: bool,
-    /// Distance between probes, in meters. Implies --probes. Default: about 2000 probes in the
-    /// bounding box of the scene.
-    #[arg(long, value_name = "M", allow_hyphen_values = true)]
+    #[arg(long, help_heading = PROBES, value_name = "M", allow_hyphen_values = true)]
     probe_spacing: Option<f32>,
-    /// Number of gather rays per probe, 64 to 65536. Implies --probes. Default: twice those of a
-    /// point.
-    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, help_heading = PROBES, value_name = "N", allow_hyphen_values = true)]
     probe_rays_per_probe: Option<u32>,
-    /// Sky model: uniform (default) or harmonics. Harmonics are for skies that vary with the
-    /// direction.
     #[arg(long, value_name = "KIND", value_parser = sky())]
     sky: Option<SkyModel>,
-    /// Support for base colors and emission that change at run time.
     #[arg(long, alias = "live-materials")]
     dynamic_materials: bool,
-    /// Parts of the scene that open and close at run time, such as doors. Name of a node of the
-    /// scene. Repeat the option for several, up to 64.
     #[arg(long = "occluder", visible_alias = "occluders", value_name = "NAME")]
     occluders: Vec<String>,
-    /// Bake the visibility of points, for lights with soft shadows.
     #[arg(long)]
     soft_shadows: bool,
-    /// Soft shadows: approximate number of directions per point, 16 to 16384. Default 4012.
     #[arg(
         long,
+        help_heading = SOFT_SHADOWS,
         value_name = "N",
         requires = "soft_shadows",
         allow_hyphen_values = true
     )]
     visibility_directions: Option<u32>,
-    /// Soft shadows: maximum number of coefficients per point, 1 to 128. Default 50.
     #[arg(
         long,
+        help_heading = SOFT_SHADOWS,
         value_name = "N",
         requires = "soft_shadows",
         allow_hyphen_values = true
     )]
     visibility_coefficients: Option<u32>,
-    /// Soft shadows: approximate number of points per cluster, 16 to 65536. Default 400.
     #[arg(
         long,
+        help_heading = SOFT_SHADOWS,
         alias = "visibility-cluster",
         value_name = "N",
         requires = "soft_shadows",
         allow_hyphen_values = true
     )]
     visibility_cluster_size: Option<u32>,
-    /// Soft shadows: depth error above which a cluster is split, 0.001 to 1 (1: never split).
-    /// Default 0.03.
     #[arg(
-        long,
+        help_heading = SOFT_SHADOWS,
+        long = "visibility-max-error",
         alias = "visibility-error",
         visible_alias = "visibility-max-cluster-error",
         value_name = "E",
         requires = "soft_shadows",
         allow_hyphen_values = true
     )]
-    visibility_max_error: Option<f32>,
-    /// Seed of all random numbers. Default 0.
+    visibility_max_cluster_error: Option<f32>,
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     seed: Option<u64>,
-    /// Clip planes that end basis functions at walls (design D7). Values: true (default) or false.
     #[arg(long, value_name = "BOOL", hide_possible_values = true)]
     clip_planes: Option<bool>,
 }
@@ -257,12 +223,12 @@ impl Options {
             &mut recipe.max_refinement_points,
             self.max_refinement_points,
         );
-        set(&mut recipe.rays_per_point, self.rays);
+        set(&mut recipe.rays_per_point, self.rays_per_point);
         set(&mut recipe.samples_per_sender, self.samples_per_sender);
         set(&mut recipe.bounces, self.bounces);
-        set(&mut recipe.truncation_error, self.epsilon);
+        set(&mut recipe.truncation_error, self.truncation_error);
         set(&mut recipe.receiver_tolerance, self.receiver_tolerance);
-        set(&mut recipe.target_nrmse, self.max_error);
+        set(&mut recipe.target_nrmse, self.target_nrmse);
         set(&mut recipe.clip_planes, self.clip_planes);
         let probes = self.probe_spacing.is_some() || self.probe_rays_per_probe.is_some();
         if self.probes || probes {
@@ -280,12 +246,17 @@ impl Options {
             soft.directions = self.visibility_directions.unwrap_or(soft.directions);
             soft.coefficients = self.visibility_coefficients.unwrap_or(soft.coefficients);
             soft.cluster_size = self.visibility_cluster_size.unwrap_or(soft.cluster_size);
-            soft.max_cluster_error = self.visibility_max_error.unwrap_or(soft.max_cluster_error);
+            soft.max_cluster_error = self
+                .visibility_max_cluster_error
+                .unwrap_or(soft.max_cluster_error);
         }
     }
 
     fn apply_transport(&self, transport: &mut TransportMethod) {
-        if let Some(method) = self.rule.filter(|method| !method.is_same_method(transport)) {
+        if let Some(method) = self
+            .transport
+            .filter(|method| !method.is_same_method(transport))
+        {
             *transport = method;
         }
         match transport {

@@ -13,6 +13,7 @@ mod demo_frame;
 mod error;
 mod eval;
 mod export;
+mod field_help;
 mod illuminate;
 mod input;
 mod inspect;

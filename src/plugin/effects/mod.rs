@@ -12,10 +12,10 @@
 pub(crate) mod display;
 mod fog;
 mod inspection;
-mod lights;
 mod materials;
 mod occluders;
 mod probes;
+mod project_lights;
 mod residency;
 pub(crate) mod rsm;
 pub(crate) mod soft_shadows;
@@ -84,7 +84,7 @@ pub(crate) const EFFECTS: &[Effect] = &[
     residency::EFFECT,
     materials::EFFECT,
     occluders::EFFECT,
-    lights::EFFECT,
+    project_lights::EFFECT,
     transport::EFFECT,
     probes::EFFECT,
     volume::EFFECT,

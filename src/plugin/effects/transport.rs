@@ -4,7 +4,7 @@
 //! selected tier, channels and number of reflections. Kernels: `radiosity`, `pull`, `push`,
 //! `compress`, `bounce`; `apply`, `apply_one`, `fmm_up`, `fmm_down`; `flatten`.
 
-use super::{Effect, PassKind, Record, Recording, lights};
+use super::{Effect, PassKind, Record, Recording, project_lights};
 use crate::gpu;
 use crate::gpu::GpuError;
 use crate::plan::{
@@ -144,7 +144,7 @@ pub(super) fn solve_reason(scene: &SceneState) -> Option<RunReason> {
 }
 
 fn record_bounces(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
-    lights::upload(ctx)?;
+    project_lights::upload(ctx)?;
     if let Some(frame) = &mut ctx.runtime.frame {
         let settings = ctx.scene.frame_settings();
         frame.pull_push(ctx.kernels, ctx.queue, ctx.encoder, &settings);

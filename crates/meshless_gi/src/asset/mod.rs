@@ -8,8 +8,8 @@
 mod baked;
 mod codec;
 mod container;
+mod disk;
 mod error;
-mod file;
 mod fingerprint;
 mod fmm;
 mod info;
@@ -30,8 +30,8 @@ mod visibility;
 
 pub use baked::BakedScene;
 pub use container::{VERSION as FORMAT_VERSION, is_container};
+pub use disk::{check_writable, write_file};
 pub use error::{AssetError, Limits};
-pub use file::{check_writable, write_file};
 pub use fingerprint::fingerprint;
 pub use info::{BakeInfo, EnergyInfo, TierInfo};
 pub use materials::{DynamicMaterials, MaterialCoverage};

@@ -5,7 +5,8 @@ use super::staleness::{fingerprint_of, hex};
 use super::survey::Survey;
 use super::transport_stage::Transport;
 use super::{
-    BAKE_VERSION, BakeError, BakeStats, SkyModel, canonical_recipe, materials, occluders, sky,
+    BAKE_VERSION, BakeError, BakeStage, BakeStats, SkyModel, canonical_recipe, materials,
+    occluders, sky,
 };
 use crate::asset::{
     BakeInfo, EnergyInfo, FlatBasis, PointSurface, SceneData, SkyVisibility, TierInfo,
@@ -33,6 +34,7 @@ pub(super) fn assemble(
     transport: Transport,
     stats: &mut BakeStats,
 ) -> Result<Assembled, BakeError> {
+    context.report(BakeStage::Packing, 0.0)?;
     let source = context.source;
     let settings = &survey.settings;
     count(&transport, settings.sender_levels as usize, stats);

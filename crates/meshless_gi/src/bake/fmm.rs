@@ -111,7 +111,7 @@ pub(super) fn add_octree(
         return Ok(scene);
     };
     let began = Instant::now();
-    context.report(BakeStage::Transport, 0.9)?;
+    context.report(BakeStage::Packing, 0.5)?;
     let geometry = context.source.geometry;
     let rays = (settings.rays_per_point / 4).max(16);
     let sky_rays: Vec<(Vec3, f32)> = (scene.points.par_iter().enumerate())

@@ -22,6 +22,7 @@ use std::time::Instant;
     derive(bevy_reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq)
 )]
+#[cfg_attr(feature = "documentation", derive(documented::DocumentedFields))]
 #[serde(default, deny_unknown_fields)]
 pub struct ProbeSettings {
     /// Distance between mutually visible probes, in meters, 1e-9 to 1e9. Default: about 2048 probes

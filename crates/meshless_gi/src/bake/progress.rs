@@ -25,6 +25,8 @@ pub enum BakeStage {
     Transport,
     /// Gathering probes.
     Probes,
+    /// Packing rows and bounding their energy.
+    Packing,
     /// Baking later bounces.
     Bounces,
     /// Baking visibility.
@@ -35,11 +37,12 @@ pub enum BakeStage {
 
 impl BakeStage {
     /// Stages of a bake after the scene has loaded, in their order.
-    const LOADED: [Self; 7] = [
+    const LOADED: [Self; 8] = [
         Self::Geometry,
         Self::Points,
         Self::Transport,
         Self::Probes,
+        Self::Packing,
         Self::Bounces,
         Self::Visibility,
         Self::ErrorEstimate,
@@ -54,6 +57,7 @@ impl BakeStage {
             Self::Points => "scattering points",
             Self::Transport => "gathering light",
             Self::Probes => "gathering light of probes",
+            Self::Packing => "packing links",
             Self::Bounces => "baking bounces",
             Self::Visibility => "baking visibility",
             Self::ErrorEstimate => "measuring the error",

@@ -58,6 +58,7 @@ pub enum BounceMode {
     derive(bevy_reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq)
 )]
+#[cfg_attr(feature = "documentation", derive(documented::DocumentedFields))]
 #[serde(from = "RecipeText")]
 pub struct Recipe {
     /// Path of the scene file, relative to the recipe's file. Required in a `.gi.ron` file. Ignored
@@ -65,8 +66,8 @@ pub struct Recipe {
     pub scene: Option<String>,
     /// Quality level: `Draft`, `Medium` (default) or `High`. It sets every value that is left out.
     pub preset: Preset,
-    /// Positions in open space from which lit surfaces are visible, in meters (\[L08\] §2.3). Empty
-    /// (default): found automatically. Set them if the bake finds no surface.
+    /// Positions in open space from which lit surfaces are visible, in meters (\[L08\] §2.3).
+    /// Default: found automatically. Set them if the bake finds no surface.
     pub viewpoints: Vec<[f32; 3]>,
     /// Poisson-disk radius of the coarsest level, in meters, 1e-9 to 1e9. Default: from the lit
     /// area and the preset. Each further level halves it.
@@ -104,14 +105,14 @@ pub struct Recipe {
     /// Relative difference from the parents' value below which a receiver stores no row, 0 to 1.
     /// Default: from the preset. Not used by `L08`.
     pub receiver_tolerance: Option<f32>,
-    /// Largest estimated NRMSE, 0.0001 to 1. `None` (default): no target. With a target the bake
-    /// starts coarse and repeats with finer parameters until it is met, and ignores the preset.
+    /// Largest estimated NRMSE, 0.0001 to 1. Default: no target. With a target the bake starts
+    /// coarse and repeats with finer parameters until it is met, and ignores the preset.
     pub target_nrmse: Option<f32>,
-    /// Visibility data of the senders and one finer level, for lights with soft shadows. `None`
-    /// (default): soft lights cast no soft shadows.
+    /// Visibility data of the senders and one finer level, for lights with soft shadows.
+    /// Default: none, and soft lights cast no soft shadows.
     pub soft_shadows: Option<VisibilityRecipe>,
-    /// Irradiance probes in open space, for dynamic objects. `None` (default): no probes. Requires
-    /// `Bounded`.
+    /// Irradiance probes in open space, for dynamic objects, fog and forward cameras. Default:
+    /// none. Requires `Bounded`.
     pub probes: Option<ProbeSettings>,
     /// Sky model: `Uniform` (default) or `Harmonics`. `Harmonics` requires `Bounded`.
     pub sky: SkyModel,

@@ -75,13 +75,13 @@ impl TransportMethod {
     derive(bevy_reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq, Hash)
 )]
+#[cfg_attr(feature = "documentation", derive(documented::DocumentedFields))]
 #[serde(default, deny_unknown_fields)]
 pub struct PcaRecipe {
     /// Vectors of the light basis of a cluster, 1 to 1000. Default 10. More reduce the error and
     /// add links.
     pub coefficients: u32,
-    /// Approximate number of senders of a cluster, 1 to 65536. `None` (default) gives about 64
-    /// clusters.
+    /// Approximate number of senders of a cluster, 1 to 65536. Default: about 64 clusters.
     #[serde(alias = "cluster_points")]
     pub cluster_size: Option<u32>,
     /// Number of lights that the bases are trained on, 0 to 65536. Default 1000.
@@ -116,6 +116,7 @@ impl PcaRecipe {
     derive(bevy_reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq, Hash)
 )]
+#[cfg_attr(feature = "documentation", derive(documented::DocumentedFields))]
 #[serde(default, deny_unknown_fields)]
 pub struct FmmRecipe {
     /// Order of the expansions, 0 to 16. Default 2. GPU kernels support up to 6. Areas, visibility

@@ -21,6 +21,7 @@ use std::time::Instant;
     derive(bevy_reflect::Reflect),
     reflect(Default, Clone, Debug, PartialEq)
 )]
+#[cfg_attr(feature = "documentation", derive(documented::DocumentedFields))]
 #[serde(default, deny_unknown_fields)]
 pub struct VisibilityRecipe {
     /// Approximate number of directions per point, 16 to 16384. Default 4012. \[P14\] uses 2016.

@@ -1,12 +1,12 @@
 //! Light transport: the gather, refinement and truncation of rows, and the sparse operator.
 
 mod added_level;
+mod baked_bounces;
 pub mod bounded_truncation;
 pub mod fmm;
 mod gather;
 pub mod l08_truncation;
 mod moved_mass;
-mod neumann;
 mod occluded_links;
 mod operator;
 mod pack;
@@ -20,13 +20,13 @@ mod residual;
 mod tiers;
 mod training;
 
+pub use baked_bounces::{BounceScene, bounce_operator};
 pub use bounded_truncation::SenderTree;
 pub use gather::{
     Deposit, GatherScene, GatherSettings, Gathered, gather, gather_sky_harmonics,
     gather_sky_visibility, trace_gather_rays,
 };
 pub use moved_mass::TruncationMass;
-pub use neumann::{BounceScene, bounce_operator};
 pub use occluded_links::{
     LinkTerm, PackedLinkTerm, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
 };

@@ -250,6 +250,38 @@ fn relative_links_of_documents_exist() {
     assert_eq!(dead_links(text, |t| t == "here.md"), ["gone.md#x"]);
 }
 
+/// Returns the relative links of a page of the book that leave its folder, and paths of the
+/// repository in code that do not exist. `depth` is the number of folders between the page and the
+/// book.
+fn links_out_of_the_book(text: &str, depth: usize, exists: impl Fn(&str) -> bool) -> Vec<String> {
+    let links = text.match_indices("](").filter_map(|(i, _)| {
+        let target = text[i + 2..].split(')').next()?;
+        let up = target.matches("../").count();
+        (up > depth).then(|| target.to_string())
+    });
+    let paths = text.split('`').skip(1).step_by(2).filter(|code| {
+        let is_path = ["docs/", "examples/"].iter().any(|f| code.starts_with(f));
+        is_path && !code.contains(' ') && !exists(code)
+    });
+    links.chain(paths.map(str::to_string)).collect()
+}
+
+#[test]
+fn links_of_the_book_stay_in_it() {
+    let book = "docs/book/src/";
+    let mut found = Vec::new();
+    for (path, text) in files("docs/book/src", &["md"]) {
+        let depth = path.trim_start_matches(book).matches('/').count();
+        for target in links_out_of_the_book(&text, depth, |path| root().join(path).exists()) {
+            found.push(format!("{path}: {target}"));
+        }
+    }
+    none(found);
+    let text = "[a](../b.md) [c](../../d.md) `docs/e.md` `docs/f.md`";
+    let found = links_out_of_the_book(text, 1, |path| path == "docs/e.md");
+    assert_eq!(found, ["../../d.md", "docs/f.md"]);
+}
+
 #[test]
 fn anchors_are_slugs_of_headings() {
     assert_eq!(
