@@ -86,6 +86,8 @@ pub struct Options {
         allow_hyphen_values = true
     )]
     truncation_error: Option<f32>,
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
+    link_step: Option<f32>,
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     receiver_tolerance: Option<f32>,
     #[arg(
@@ -227,6 +229,7 @@ impl Options {
         set(&mut recipe.samples_per_sender, self.samples_per_sender);
         set(&mut recipe.bounces, self.bounces);
         set(&mut recipe.truncation_error, self.truncation_error);
+        set(&mut recipe.link_step, self.link_step);
         set(&mut recipe.receiver_tolerance, self.receiver_tolerance);
         set(&mut recipe.target_nrmse, self.target_nrmse);
         set(&mut recipe.clip_planes, self.clip_planes);

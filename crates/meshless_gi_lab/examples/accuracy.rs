@@ -6,9 +6,9 @@
 //! tests/data/rooms_open
 //! ```
 //!
-//! `--seed N` before the folders changes the seed of the bakes. A folder holds, for each light,
-//! `L0.json` (geometry and lights) and `L0.csv` (irradiance at sample points, with standard
-//! errors).
+//! `--seed N` and `--link-step S` before the folders, in this order, set fields of the recipe. A
+//! folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at sample
+//! points, with standard errors).
 
 use meshless_gi::internals::bake::{BakeSettings, cast_gather_rays};
 use meshless_gi::internals::scene::SceneDescription;
@@ -26,15 +26,24 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some("draft") => Preset::Draft,
         Some("medium") => Preset::Medium,
         Some("high") => Preset::High,
-        _ => return Err("usage: accuracy draft|medium|high [--seed N] FOLDER...".into()),
+        _ => {
+            return Err(
+                "usage: accuracy draft|medium|high [--seed N] [--link-step S] FOLDER...".into(),
+            );
+        }
     };
     let mut seed = 0;
     if args.next_if_eq("--seed").is_some() {
         seed = args.next().ok_or("--seed needs a number")?.parse()?;
     }
+    let mut link_step = None;
+    if args.next_if_eq("--link-step").is_some() {
+        link_step = Some(args.next().ok_or("--link-step needs a number")?.parse()?);
+    }
     let recipe = Recipe {
         preset,
         seed,
+        link_step,
         ..Recipe::default()
     };
     println!(

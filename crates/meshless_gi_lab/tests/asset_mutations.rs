@@ -114,7 +114,7 @@ fn split_sections(file: &[u8]) -> Vec<FileSection> {
 /// Puts parts together with sound lengths and checksums.
 fn join_sections(parts: &[FileSection]) -> Vec<u8> {
     let mut file = b"\x89MGI\r\n\x1a\n".to_vec();
-    file.extend(2u32.to_le_bytes());
+    file.extend(3u32.to_le_bytes());
     file.extend((parts.len() as u32).to_le_bytes());
     let length = 32 + parts.iter().map(|p| 40 + p.body.len()).sum::<usize>();
     file.extend((length as u64).to_le_bytes());

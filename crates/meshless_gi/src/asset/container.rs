@@ -7,7 +7,7 @@ use std::borrow::Cow;
 /// First eight bytes. They are not text, and any conversion of text damages them.
 pub(super) const MAGIC: [u8; 8] = *b"\x89MGI\r\n\x1a\n";
 /// Version of the format. It changes with the layout only.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Bytes of the header before the table.
 const HEADER: usize = 32;
 /// Bytes of one row of the table.

@@ -14,6 +14,7 @@ mod fingerprint;
 mod fmm;
 mod info;
 mod layouts;
+mod link_section;
 mod materials;
 mod occluders;
 mod probes;

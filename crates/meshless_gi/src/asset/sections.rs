@@ -11,17 +11,17 @@ use super::error::{AssetError, Limits};
 use super::fmm;
 use super::info::BakeInfo;
 use super::layouts::{
-    BOUNCE, COLOR, COLUMN, COUNT, INDEX, LIGHT_SAMPLE, LINK, NODE, PLANE, POINT, ROW, SLOT,
-    SURFACE, TRIANGLE, VALUE, WEIGHT,
+    BOUNCE, COLOR, COLUMN, COUNT, INDEX, LIGHT_SAMPLE, NODE, PLANE, POINT, ROW, SLOT, SURFACE,
+    TRIANGLE, VALUE, WEIGHT,
 };
 use super::scene_data::{FlatBasis, LightSamples, PointSurface, SceneData};
 use super::section_io::{counts, items, limit_error, rebuild_grid, section, section_error, starts};
-use super::{materials, occluders, probes, sky, visibility};
+use super::{link_section, materials, occluders, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights};
 use crate::samples::{GridSlot, HashedGrid, LightSample, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
 use crate::transport::pca::{Column, Compression};
-use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links};
+use crate::transport::{BounceLink, BounceOperator, Operator, Row, SenderForm, place_links};
 
 /// Largest number of items of any array: the range of a 32-bit index.
 const MAX: u64 = u32::MAX as u64;
@@ -76,7 +76,15 @@ static KINDS: [Kind; 49] = [
         memory: size_of::<Row>() as u64 + 4,
         ..kind::<Row>(10, "rows", ROW)
     },
-    kind::<Link>(11, "links", LINK),
+    Kind {
+        code: 11,
+        name: "links",
+        version: 2,
+        // Bytes of streams. The reader of the section limits the memory of its links.
+        raw: 1,
+        memory: 1,
+        max: MAX,
+    },
     kind_of_counts(12, "bounce counts"),
     kind::<BounceLink>(13, "bounce links", BOUNCE),
     kind::<[f32; 4]>(14, "planes", PLANE),
@@ -205,6 +213,10 @@ impl SceneData {
             bounces.map_or(0, |b| b.bounces),
             self.light_samples.per_sender,
         ];
+        let positions = match self.operator.form {
+            SenderForm::Components => 0,
+            _ => self.senders(),
+        };
         let mut sections = vec![
             Section {
                 kind: INFO,
@@ -220,7 +232,7 @@ impl SceneData {
             section(PARENTS[0], COUNT, &counts(&self.parents.starts)),
             section(PARENTS[1], WEIGHT, &self.parents.entries),
             section(ROWS, ROW, &self.operator.rows),
-            section(LINKS, LINK, &self.operator.links),
+            link_section::section(LINKS, &self.operator, &self.points, positions)?,
         ];
         if let Some(b) = bounces {
             sections.push(section(BOUNCES[0], COUNT, &counts(&b.starts)));
@@ -313,6 +325,14 @@ impl SceneData {
         let surfaces: Vec<PointSurface> = items(&file, SURFACES, SURFACE)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
         place_links(&mut rows).ok_or_else(|| section_error(ROWS, "the counts overflow"))?;
+        let level_starts: Vec<u32> = items(&file, LEVELS, INDEX)?;
+        // An invalid number of senders is an error of `validate`.
+        let senders = level_starts.get(sender_levels as usize).copied();
+        let senders = match form {
+            SenderForm::Components => 0,
+            _ => senders.map_or(0, |end| (end as usize).min(points.len())),
+        };
+        let links = link_section::read(&file, LINKS, &rows, &points, senders, limits)?;
         let grid = display_grid(
             &file,
             &points,
@@ -328,7 +348,7 @@ impl SceneData {
         let scene = Self {
             points,
             surfaces,
-            level_starts: items(&file, LEVELS, INDEX)?,
+            level_starts,
             sender_levels,
             light_samples: LightSamples {
                 per_sender,
@@ -340,7 +360,9 @@ impl SceneData {
                 form,
                 compression: compression(&file, form)?,
                 rows,
-                links: items(&file, LINKS, LINK)?,
+                links: links.links,
+                steps: links.steps,
+                precision: links.precision,
             },
             bounces,
             visibility: visibility::read(&file, &KINDS[FIRST_VISIBILITY..FIRST_OCTREE])?,

@@ -283,6 +283,10 @@ impl SceneData {
                 format!("scale {}", row.scale)
             });
         }
+        let steps = self.operator.steps.len();
+        check.whole(steps == 0 || steps == rows.len(), "link steps", || {
+            format!("have {steps} items, but there are {} rows", rows.len())
+        });
         check.whole(end == links.len() as u64, "rows", || {
             format!("have {end} links, but there are {}", links.len())
         });

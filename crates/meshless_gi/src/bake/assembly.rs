@@ -12,7 +12,7 @@ use crate::asset::{
     BakeInfo, EnergyInfo, FlatBasis, PointSurface, SceneData, SkyVisibility, TierInfo,
 };
 use crate::transport::pca::Compression;
-use crate::transport::{RawRow, assign_tiers, pack};
+use crate::transport::{PackSettings, RawRow, assign_tiers, pack};
 use glam::Vec3;
 
 /// Result of the stage: a scene with one bounce of light, and data for the measurements of later
@@ -45,6 +45,7 @@ pub(super) fn assemble(
         compression,
         probes,
         flat,
+        precision,
         ..
     } = transport;
     let hierarchy = points.hierarchy;
@@ -67,14 +68,15 @@ pub(super) fn assemble(
         settings,
     );
     stats.rays += refined.rays + rays;
-    let mut packed = pack(
-        &refined.rows,
-        &tiers,
-        &refined.sky,
-        &sky_terms,
-        columns,
+    let pack_settings = PackSettings {
         form,
-    );
+        senders: columns,
+        points: &flat.points,
+        link_step: settings.link_step,
+        precision: &precision,
+    };
+    let (rows, sky) = (&refined.rows, &refined.sky);
+    let mut packed = pack(rows, &tiers, sky, &sky_terms, &pack_settings);
     packed.operator.compression = compression;
     let (materials, rays) = match settings.dynamic_materials {
         true => materials::cover(

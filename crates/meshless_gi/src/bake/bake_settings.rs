@@ -44,6 +44,9 @@ pub struct BakeSettings {
     /// See [`Recipe::truncation_error`].
     #[serde(alias = "epsilon")]
     pub truncation_error: f32,
+    /// See [`Recipe::link_step`].
+    #[serde(default)]
+    pub link_step: f32,
     /// See [`Recipe::receiver_tolerance`].
     #[serde(alias = "tolerance")]
     pub receiver_tolerance: f32,
@@ -152,6 +155,11 @@ impl Recipe {
             bounce_mode: self.bounce_mode,
             transport,
             truncation_error: self.truncation_error.unwrap_or(truncation_error),
+            link_step: match transport {
+                // Coefficients of light bases have no direction. [L08] has links as published.
+                TransportMethod::Pca(_) | TransportMethod::L08 => 0.0,
+                _ => self.link_step.unwrap_or(quality.link_step),
+            },
             receiver_tolerance: self
                 .receiver_tolerance
                 .unwrap_or(quality.receiver_tolerance),

@@ -7,7 +7,8 @@ use crate::basis::{Hierarchy, probe_basis};
 use crate::samples::{ProbePlacementSettings as PlaceSettings, place_probes};
 use crate::scene::Bounds;
 use crate::transport::{
-    GatherSettings, SenderForm, SenderTree, Training, UnindexedLinkTerm, pack, probe_rows,
+    GatherSettings, PackSettings, SenderForm, SenderTree, Training, UnindexedLinkTerm, pack,
+    probe_rows,
 };
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
@@ -139,14 +140,15 @@ pub(super) fn bake_probes(
     )
     .ok_or(BakeError::Canceled)?;
     let tiers = vec![1; gathered.rows.len()];
-    let packed = pack(
-        &gathered.rows,
-        &tiers,
-        &gathered.sky,
-        &gathered.terms,
-        input.tree.parent.len(),
-        SenderForm::Averages,
-    );
+    let settings = PackSettings {
+        form: SenderForm::Averages,
+        senders: input.tree.parent.len(),
+        points: &[],
+        link_step: 0.0,
+        precision: &[],
+    };
+    let (rows, sky, terms) = (&gathered.rows, &gathered.sky, &gathered.terms);
+    let packed = pack(rows, &tiers, sky, terms, &settings);
     stats.rays += placement.rays + rays + gathered.rays;
     stats.probes = basis.points.len() as u64;
     stats.probe_links = packed.operator.links.len() as u64;

@@ -26,6 +26,8 @@ pub struct QualityParameters {
     pub samples_per_sender: u32,
     /// See [`Recipe::truncation_error`].
     pub truncation_error: f32,
+    /// See [`Recipe::link_step`].
+    pub link_step: f32,
     /// See [`Recipe::receiver_tolerance`].
     pub receiver_tolerance: f32,
 }
@@ -43,6 +45,7 @@ impl Preset {
                 rays_per_point: 256,
                 samples_per_sender: 8,
                 truncation_error: 0.03,
+                link_step: 0.001,
                 receiver_tolerance: 0.04,
             },
             Self::Medium => QualityParameters {
@@ -53,6 +56,7 @@ impl Preset {
                 rays_per_point: 1024,
                 samples_per_sender: 16,
                 truncation_error: 0.01,
+                link_step: 0.0005,
                 receiver_tolerance: 0.03,
             },
             // The sender levels get no more points, since `Link::MAX_SENDERS` limits them.
@@ -64,6 +68,7 @@ impl Preset {
                 rays_per_point: 2048,
                 samples_per_sender: 32,
                 truncation_error: 0.005,
+                link_step: 0.00025,
                 receiver_tolerance: 0.02,
             },
         }
@@ -122,6 +127,7 @@ impl QualityParameters {
                 64.0,
             ),
             truncation_error: mix(coarse.truncation_error, fine.truncation_error).min(1.0),
+            link_step: mix(coarse.link_step, fine.link_step).min(0.1),
             receiver_tolerance: mix(coarse.receiver_tolerance, fine.receiver_tolerance).min(1.0),
         }
     }

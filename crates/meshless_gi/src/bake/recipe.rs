@@ -102,6 +102,10 @@ pub struct Recipe {
     /// omitted part (`Pca`), or is ε of \[L08\] Figure 5 (`L08`). Default: from the preset, 0.025
     /// with `L08`. Smaller values keep more links.
     pub truncation_error: Option<f32>,
+    /// Quantization step of links, as a fraction of the light that a point can receive, 0 to 0.1.
+    /// Links to bright senders have smaller steps. Default: from the preset. 0 stores halves (f16).
+    /// Smaller steps reduce the error and make the file larger. Not used by `L08` and `Pca`.
+    pub link_step: Option<f32>,
     /// Relative difference from the parents' value below which a receiver stores no row, 0 to 1.
     /// Default: from the preset. Not used by `L08`.
     pub receiver_tolerance: Option<f32>,
@@ -224,6 +228,7 @@ impl Recipe {
         in_range("samples_per_sender", samples, 1..=LightSamples::MAX)?;
         in_range("bounces", self.bounces, 1..=64)?;
         in_range("truncation_error", self.truncation_error, 0.0..=1.0)?;
+        in_range("link_step", self.link_step, 0.0..=0.1)?;
         in_range("receiver_tolerance", self.receiver_tolerance, 0.0..=1.0)?;
         in_range("target_nrmse", self.target_nrmse, 1e-4..=1.0)?;
         if let Some(v) = (self.viewpoints.iter()).find(|v| !v.iter().all(|c| c.is_finite())) {

@@ -41,6 +41,7 @@ pub(super) struct RecipeText {
     transport: TransportMethod,
     #[serde(alias = "epsilon")]
     truncation_error: Option<f32>,
+    link_step: Option<f32>,
     #[serde(alias = "tolerance")]
     receiver_tolerance: Option<f32>,
     #[serde(alias = "max_error")]
@@ -114,6 +115,7 @@ impl From<RecipeText> for Recipe {
             bounces: text.bounces,
             bounce_mode: text.bounce_mode,
             truncation_error: text.truncation_error,
+            link_step: text.link_step,
             receiver_tolerance: text.receiver_tolerance,
             target_nrmse: text.target_nrmse,
             soft_shadows: text.soft_shadows,

@@ -8,7 +8,7 @@ use std::fmt;
 
 /// Version of the bake. It increases only if equal input bakes to different data. It is independent
 /// of the crate's version.
-pub const BAKE_VERSION: u32 = 6;
+pub const BAKE_VERSION: u32 = 7;
 
 /// Current inputs of a new bake.
 #[derive(Clone, Copy, Debug, Default)]

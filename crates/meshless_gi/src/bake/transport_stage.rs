@@ -13,7 +13,7 @@ use crate::basis::LevelBasis;
 use crate::transport::pca::{Compression, LightBasis};
 use crate::transport::{
     BoundedSettings, GatherSettings, Receivers, RefinedOperator, SenderTree, Training,
-    l08_truncation, refine_bounded,
+    l08_truncation, precision_of, refine_bounded,
 };
 use std::time::Instant;
 
@@ -27,6 +27,8 @@ pub(super) struct Transport {
     pub compression: Option<Compression>,
     /// Probes, if the recipe has any.
     pub probes: Option<BakedProbes>,
+    /// Precision of links to each sender, the sky last.
+    pub precision: Vec<u8>,
     /// Flat basis of all points.
     pub flat: LevelBasis,
     /// Cells of the senders, for method `fmm`.
@@ -38,6 +40,7 @@ struct Rows {
     refined: RefinedOperator,
     compression: Option<Compression>,
     probes: Option<BakedProbes>,
+    precision: Vec<u8>,
 }
 
 /// Gathers and refines the rows of all points.
@@ -71,6 +74,7 @@ pub(super) fn build_transport(
             refined: RefinedOperator::without_rows(points.hierarchy.len()),
             compression: None,
             probes: None,
+            precision: Vec::new(),
         },
     };
     let (flat, rays) = points
@@ -86,6 +90,7 @@ pub(super) fn build_transport(
         refined: rows.refined,
         compression: rows.compression,
         probes: rows.probes,
+        precision: rows.precision,
         flat,
         cells,
     })
@@ -146,10 +151,12 @@ impl TransportStage<'_> {
         if let Some(mass) = &refined.truncation_mass {
             points.pull = mass.pull(&tree, &points.visible_areas);
         }
+        let exposures = training.exposure.iter().chain([&training.sky]);
         Ok(Rows {
             refined,
             compression,
             probes,
+            precision: exposures.map(|&e| precision_of(e)).collect(),
         })
     }
 
@@ -204,6 +211,7 @@ impl TransportStage<'_> {
             refined: refined.ok_or(BakeError::Canceled)?,
             compression: None,
             probes: None,
+            precision: Vec::new(),
         })
     }
 }

@@ -6,6 +6,7 @@ pub mod bounded_truncation;
 pub mod fmm;
 mod gather;
 pub mod l08_truncation;
+mod link_quantization;
 mod moved_mass;
 mod occluded_links;
 mod operator;
@@ -26,6 +27,7 @@ pub use gather::{
     Deposit, GatherScene, GatherSettings, Gathered, gather, gather_sky_harmonics,
     gather_sky_visibility, trace_gather_rays,
 };
+pub use link_quantization::{RowQuantizer, precision_of};
 pub use moved_mass::TruncationMass;
 pub use occluded_links::{
     LinkTerm, PackedLinkTerm, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
@@ -33,7 +35,7 @@ pub use occluded_links::{
 pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
 };
-pub use pack::{Packed, pack};
+pub use pack::{PackSettings, Packed, pack};
 pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
 pub use receiver_rays::{ReceiverRay, ReceiverRays};
 pub use refine::{BoundedSettings, RawRow, Receivers, RefinedOperator, refine_bounded};

@@ -115,6 +115,12 @@ pub struct Operator {
     /// the form of components) is the sky. Its coefficient is π times the sky's radiance. The eight
     /// terms of a sky that is not uniform follow it ([`SkyRadiance`](crate::scene::SkyRadiance)).
     pub links: Vec<Link>,
+    /// Code of the step of each row's quantized links (`link_quantization`), 0 for rows that are
+    /// not quantized. Empty if no row is.
+    pub steps: Vec<u8>,
+    /// Code by which links to each sender have a smaller step, the sky last
+    /// ([`precision_of`](super::precision_of)). Empty if no row is quantized.
+    pub precision: Vec<u8>,
     /// Map from senders to the columns that links of the form of components use. `None` in other
     /// forms.
     pub compression: Option<Compression>,

@@ -1,8 +1,10 @@
-//! Packing of rows into eight bytes per link, and the resulting error.
+//! Packing of rows into eight bytes per link, in half precision or quantized (`link_quantization`),
+//! and the resulting error.
 
 use super::occluded_links::{LinkTerm, UnindexedLinkTerm, link_of_parts, pack_parts};
 use super::refine::RawRow;
-use super::{Link, Operator, Row, SenderForm, row_order};
+use super::{Link, Operator, Row, RowQuantizer, SenderForm, row_order};
+use crate::samples::Point;
 use crate::scene::SkyRadiance;
 use glam::{Vec3, Vec3A};
 
@@ -16,81 +18,172 @@ pub struct Packed {
     pub error: f32,
 }
 
+/// Form and quantization of an operator.
+#[derive(Clone, Copy, Debug)]
+pub struct PackSettings<'a> {
+    /// Coefficients that links multiply.
+    pub form: SenderForm,
+    /// Number of coefficients without the sky: columns in the form of components, otherwise
+    /// senders. It is the index of the sky.
+    pub senders: usize,
+    /// Points of the operator, the senders first.
+    pub points: &'a [Point],
+    /// Largest step of links, in the unit of F. 0: links are not quantized. 0 for components, since
+    /// columns have no position.
+    pub link_step: f32,
+    /// Precision of each sender, the sky last ([`precision_of`](super::precision_of)).
+    pub precision: &'a [u8],
+}
+
 /// Packs the rows in the order of tiers. `tiers` has the first tier that uses each active row
 /// ([`assign_tiers`](super::assign_tiers)). `sky` becomes a link of each active row to the sender
-/// `senders` (see [`Operator::links`]). `terms` follow it. In the form of components, `senders` is
-/// the number of columns.
+/// `senders` (see [`Operator::links`]). `terms` follow it.
 #[must_use]
 pub fn pack(
     rows: &[RawRow],
     tiers: &[u32],
     sky: &[Vec3],
     terms: &[[Vec3; SkyRadiance::TERMS]],
-    senders: usize,
-    form: SenderForm,
+    settings: &PackSettings<'_>,
 ) -> Packed {
+    let (senders, form) = (settings.senders, settings.form);
     debug_assert!(senders + terms.first().map_or(0, |t| t.len()) <= Link::MAX_SENDERS);
-    let mut operator = Operator {
-        form,
-        rows: (rows.iter().zip(tiers))
-            .map(|(row, &tier)| Row {
-                tier: if row.active { tier } else { 0 },
-                ..Row::default()
-            })
-            .collect(),
-        links: Vec::new(),
-        compression: None,
+    let mut out = Packed {
+        operator: Operator {
+            form,
+            rows: (rows.iter().zip(tiers))
+                .map(|(row, &tier)| Row {
+                    tier: if row.active { tier } else { 0 },
+                    ..Row::default()
+                })
+                .collect(),
+            links: Vec::new(),
+            steps: vec![0; rows.len()],
+            precision: settings.precision.to_vec(),
+            compression: None,
+        },
+        link_terms: Vec::new(),
+        error: 0.0,
     };
-    let mut error = 0.0f32;
-    let mut link_terms = Vec::new();
-    for i in row_order(&operator.rows) {
+    let mut links = Vec::new();
+    for i in row_order(&out.operator.rows) {
         let i = i as usize;
         let sky = (form.has_independent_rows() && sky[i] != Vec3::ZERO)
             .then(|| (senders as u32, Vec3A::from(sky[i])));
         let terms = terms.get(i).into_iter().flatten();
         let terms = (senders as u32 + 1..).zip(terms.map(|&t| Vec3A::from(t)));
-        let all = || {
-            (rows[i].links.iter().copied())
-                .chain(sky)
-                .chain(terms.clone())
+        links.clear();
+        links.extend(rows[i].links.iter().copied().chain(sky).chain(terms));
+        let start = out.operator.links.len() as u32;
+        let scale = match settings.link_step > 0.0 && rows[i].parts.is_empty() {
+            true => out.push_quantized(i, &links, settings),
+            false => out.push_row(&links, &rows[i].parts),
         };
-        let parts = &rows[i].parts;
+        let row = &mut out.operator.rows[i];
+        row.start = start;
+        row.count = out.operator.links.len() as u32 - start;
+        row.scale = scale;
+    }
+    if out.operator.steps.iter().all(|&code| code == 0) {
+        out.operator.steps.clear();
+        out.operator.precision.clear();
+    }
+    out
+}
+
+impl Packed {
+    /// Appends the links of a row in half precision, and their terms. Returns the row's scale.
+    fn push_row(&mut self, links: &[(u32, Vec3A)], parts: &[LinkTerm]) -> f32 {
         // The remainder of a link beyond its terms can exceed the link, since terms of probes can
         // be negative.
-        let rests =
-            all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
-        let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));
+        let rests = (links.iter())
+            .map(|&(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
+        let sizes = (links.iter().map(|l| l.1)).chain(parts.iter().map(|p| p.value));
         let scale = sizes
             .chain(rests)
             .fold(0.0f32, |a, v| a.max(v.abs().max_element()));
-        let start = operator.links.len() as u32;
-        if scale > 0.0 {
-            for (j, v) in all() {
-                let mut link = Link::pack(v.into(), scale, j as u16);
-                let own = parts_of(parts, j);
-                let mut split = Vec::new();
-                if !own.is_empty() {
-                    split = pack_parts(operator.links.len() as u32, v.into(), own, scale);
-                    // With all occluders open a link equals the sum of its terms exactly.
-                    link = link_of_parts(split.iter().map(|p| p.packed.vector()), j);
-                }
-                error = error.max((link.vector() - Vec3::from(v) / scale).abs().max_element());
-                // Links that round to zero are dropped.
-                if link.vector() != Vec3::ZERO || !split.is_empty() {
-                    operator.links.push(link);
-                    link_terms.append(&mut split);
-                }
+        if scale <= 0.0 {
+            return scale;
+        }
+        for &(j, v) in links {
+            let mut link = Link::pack(v.into(), scale, j as u16);
+            let own = parts_of(parts, j);
+            let mut split = Vec::new();
+            if !own.is_empty() {
+                split = pack_parts(self.operator.links.len() as u32, v.into(), own, scale);
+                // With all occluders open a link equals the sum of its terms exactly.
+                link = link_of_parts(split.iter().map(|p| p.packed.vector()), j);
+            }
+            let error = (link.vector() - Vec3::from(v) / scale).abs();
+            self.error = self.error.max(error.max_element());
+            // Links that round to zero are dropped.
+            if link.vector() != Vec3::ZERO || !split.is_empty() {
+                self.operator.links.push(link);
+                self.link_terms.append(&mut split);
             }
         }
-        let row = &mut operator.rows[i];
-        row.start = start;
-        row.count = operator.links.len() as u32 - start;
-        row.scale = scale;
+        scale
     }
-    Packed {
-        operator,
-        link_terms,
-        error,
+
+    /// Appends the quantized links of row `i`. The rounding error of a link is added to the next
+    /// one. Returns the row's scale.
+    fn push_quantized(
+        &mut self,
+        i: usize,
+        links: &[(u32, Vec3A)],
+        settings: &PackSettings<'_>,
+    ) -> f32 {
+        let largest = links
+            .iter()
+            .fold(0.0f32, |a, (_, v)| a.max(v.abs().max_element()));
+        if largest <= 0.0 {
+            return 0.0;
+        }
+        let code = RowQuantizer::code_of(settings.link_step / largest);
+        let senders = &settings.points[..settings.senders];
+        let Some(row) = RowQuantizer::new(code, &settings.points[i], senders, settings.precision)
+        else {
+            return self.push_row(links, &[]);
+        };
+        // Rounding, with the error of the link before, adds less than four steps.
+        let scale = largest * (1.0 + 4.0 * row.largest_step());
+        let normal = settings.points[i].n();
+        let mut rest = Vec3::ZERO;
+        let (mut before, mut after) = (0.0, 0.0);
+        for &(j, v) in links {
+            if j as usize >= settings.senders {
+                // The sky takes no error of a sender.
+                rest = Vec3::ZERO;
+            }
+            let v = Vec3::from(v) / scale;
+            // No light arrives from below the surface. The row could otherwise exceed its sum.
+            let is_below = |v: Vec3| v.dot(normal) < 0.0;
+            let up = row.step(j) * normal;
+            // Links with a small step take no error of the others.
+            let rest_of_link = match row.is_coarse(j) {
+                true => rest,
+                false => Vec3::ZERO,
+            };
+            let link = [v + rest_of_link, v + rest_of_link + up, v, v + up]
+                .into_iter()
+                .map(|v| row.quantize(v, j))
+                .find(|link| is_below(v) || !is_below(link.vector()))
+                .unwrap_or_default();
+            rest += v - link.vector();
+            if j as usize <= settings.senders {
+                before += v.dot(normal);
+                after += link.vector().dot(normal);
+            }
+            self.error = self.error.max((link.vector() - v).abs().max_element());
+            if link.vector() != Vec3::ZERO {
+                self.operator.links.push(link);
+            }
+        }
+        self.operator.steps[i] = code;
+        match settings.form.has_independent_rows() && after > 0.0 {
+            true => scale * before / after,
+            false => scale,
+        }
     }
 }
 
@@ -104,6 +197,64 @@ fn parts_of(parts: &[LinkTerm], sender: u32) -> &[LinkTerm] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::samples::Random;
+
+    const HALVES: PackSettings<'_> = PackSettings {
+        form: SenderForm::Averages,
+        senders: 8,
+        points: &[],
+        link_step: 0.0,
+        precision: &[],
+    };
+
+    /// The sum of a quantized row differs from the row's by a few steps, however many links round
+    /// to zero.
+    #[test]
+    fn quantized_row_keeps_its_mass() {
+        const SENDERS: usize = 500;
+        let mut random = Random::new(7, 7, 7);
+        let mut v = || Vec3::new(random.unit(), random.unit(), random.unit()) - 0.5;
+        let points: Vec<Point> = (0..=SENDERS)
+            .map(|_| Point::new(9.0 * v(), v().normalize_or(Vec3::Y), 0.1))
+            .collect();
+        let links: Vec<(u32, Vec3A)> = (0..SENDERS as u32)
+            .map(|j| {
+                let toward = (points[j as usize].x() - points[SENDERS].x()).normalize();
+                (
+                    j,
+                    Vec3A::from(1e-3 * (toward + 0.2 * v()) / (1.0 + j as f32 % 100.0)),
+                )
+            })
+            .collect();
+        let mut rows = vec![RawRow::default(); SENDERS + 1];
+        rows[SENDERS] = RawRow {
+            links: links.clone(),
+            active: true,
+            ..RawRow::default()
+        };
+        let sky = vec![Vec3::ZERO; SENDERS + 1];
+        let tiers = vec![1; SENDERS + 1];
+        let settings = PackSettings {
+            senders: SENDERS,
+            points: &points,
+            link_step: 2e-4,
+            ..HALVES
+        };
+        let packed = pack(&rows, &tiers, &sky, &[], &settings);
+        let row = packed.operator.rows[SENDERS];
+        let code = packed.operator.steps[SENDERS];
+        let step = RowQuantizer::new(code, &points[SENDERS], &points, &[])
+            .unwrap()
+            .largest_step();
+        assert!(
+            packed.operator.links.len() < SENDERS * 3 / 4,
+            "some round to zero"
+        );
+        let sum: Vec3 = packed.operator.links.iter().map(|l| l.vector()).sum();
+        let right: Vec3 = links.iter().map(|l| Vec3::from(l.1)).sum::<Vec3>() / row.scale;
+        assert!((sum - right).length() < 2.0 * step, "{sum} {right} {step}");
+        assert!(packed.error < 4.0 * step, "{}", packed.error);
+    }
 
     #[test]
     fn packed_row_keeps_vectors_and_senders() {
@@ -118,14 +269,8 @@ mod tests {
             },
             RawRow::default(),
         ];
-        let packed = pack(
-            &rows,
-            &[1, 1],
-            &[Vec3::new(0.0, 1e-7, 0.0), Vec3::Y],
-            &[],
-            8,
-            SenderForm::Averages,
-        );
+        let sky = [Vec3::new(0.0, 1e-7, 0.0), Vec3::Y];
+        let packed = pack(&rows, &[1, 1], &sky, &[], &HALVES);
         let links = &packed.operator.links;
         assert_eq!(
             links.iter().map(|l| l.sender()).collect::<Vec<_>>(),
@@ -155,7 +300,7 @@ mod tests {
             parts: vec![part],
             active: true,
         };
-        let packed = pack(&[row], &[1], &[Vec3::ZERO], &[], 8, SenderForm::Averages);
+        let packed = pack(&[row], &[1], &[Vec3::ZERO], &[], &HALVES);
         assert_eq!(packed.link_terms.len(), 2);
         let largest = |p: &UnindexedLinkTerm| p.packed.vector().abs().max_element();
         let largest = packed.link_terms.iter().map(largest).fold(0.0, f32::max);
@@ -171,15 +316,7 @@ mod tests {
         };
         let rows = [row(0), row(1), RawRow::default(), row(2), row(3)];
         let tiers = [1, 3, 1, 2, 1];
-        let mut packed = pack(
-            &rows,
-            &tiers,
-            &[Vec3::ZERO; 5],
-            &[],
-            8,
-            SenderForm::Averages,
-        )
-        .operator;
+        let mut packed = pack(&rows, &tiers, &[Vec3::ZERO; 5], &[], &HALVES).operator;
         let senders: Vec<u32> = packed.links.iter().map(|l| l.sender()).collect();
         assert_eq!(senders, [0, 1, 3, 4, 2, 3, 1, 2]);
         assert_eq!(packed.tier_sizes(), [(2, 4), (3, 6), (4, 8)]);

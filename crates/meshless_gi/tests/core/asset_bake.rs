@@ -84,8 +84,8 @@ fn bake_of_one_version_has_recorded_hash() {
     assert_eq!(
         (BAKE_VERSION, digest.as_str()),
         (
-            6,
-            "57ee2a842cd6233135a47564d09603455e146fdfc59a3bd11f23f28990621c4a"
+            7,
+            "18bd3f3e6ffafdf0d54354e1af665d4776aba3c6cedbbe2c94876d042da6f9e6"
         )
     );
 }

@@ -5,7 +5,9 @@ use criterion::{BatchSize, Criterion, Throughput};
 use glam::{Vec2, Vec3, Vec3A};
 use meshless_gi::internals::samples::{gather_direction, tangents};
 use meshless_gi::internals::transport::bounded_truncation::{CutScratch, cut_row};
-use meshless_gi::internals::transport::{Gathered, SenderForm, assign_tiers, gather, pack};
+use meshless_gi::internals::transport::{
+    Gathered, PackSettings, SenderForm, assign_tiers, gather, pack,
+};
 use meshless_gi::{BakedScene, Geometry, Limits, Ray};
 use std::hint::black_box;
 
@@ -147,13 +149,22 @@ fn pack_and_read(criterion: &mut Criterion, fixture: &Fixture) {
     let (form, starts) = (SenderForm::Averages, &fixture.hierarchy.level_starts);
     let tiers = assign_tiers(rows, starts, &fixture.parents, form);
     let links: usize = rows.iter().map(|row| row.links.len()).sum();
+    let settings = PackSettings {
+        form,
+        senders: fixture.senders(),
+        points: &fixture.scene.data().points,
+        link_step: 0.0005,
+        precision: &fixture.scene.data().operator.precision,
+    };
     let mut group = criterion.benchmark_group("bake");
     group.throughput(Throughput::Elements(links as u64));
     group.bench_function("pack", |b| {
-        b.iter_with_large_drop(|| pack(rows, &tiers, sky, &[], fixture.senders(), form));
+        b.iter_with_large_drop(|| pack(rows, &tiers, sky, &[], &settings));
     });
     let bytes = fixture.scene.to_bytes().expect("a valid scene");
-    group.throughput(Throughput::Bytes(bytes.len() as u64));
+    // The bytes of the decoded links. Most of the time of a read decodes links.
+    let links = &fixture.scene.data().operator.links;
+    group.throughput(Throughput::Bytes(size_of_val(&links[..]) as u64));
     group.bench_function("read_bake", |b| {
         b.iter_with_large_drop(|| BakedScene::from_bytes(black_box(&bytes), &Limits::default()));
     });

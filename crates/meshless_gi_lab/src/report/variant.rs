@@ -153,6 +153,7 @@ impl Variant {
         some(&mut out, "rays_per_point", r.rays_per_point);
         some(&mut out, "samples_per_sender", r.samples_per_sender);
         some(&mut out, "truncation_error", r.truncation_error);
+        some(&mut out, "link_step", r.link_step);
         some(&mut out, "receiver_tolerance", r.receiver_tolerance);
         some(&mut out, "bounces", r.bounces);
         let mode = r.bounce_mode;

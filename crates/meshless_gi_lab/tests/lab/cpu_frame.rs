@@ -61,6 +61,8 @@ fn furnace(to_sky: bool) -> BakedScene {
                 })
                 .collect(),
             links: (0..POINTS).map(link).collect(),
+            steps: Vec::new(),
+            precision: Vec::new(),
             compression: None,
         },
         visibility: None,

@@ -17,7 +17,8 @@ use meshless_gi::internals::transport::pca::{
     Column, Compression, HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
 };
 use meshless_gi::internals::transport::{
-    BounceLink, BounceOperator, Link, Operator, PackedLinkTerm, Row, SenderForm, link_of_parts,
+    BounceLink, BounceOperator, Link, Operator, PackedLinkTerm, Row, RowQuantizer, SenderForm,
+    link_of_parts,
 };
 use meshless_gi::{BakeInfo, BakedScene, Bvh, Material, MaterialFactors, TierInfo, TriangleMesh};
 
@@ -73,6 +74,8 @@ pub struct SceneOptions {
     pub occluded: bool,
     /// `true` if points have visibility data.
     pub has_visibility: bool,
+    /// `true` if links are quantized.
+    pub quantized: bool,
 }
 
 /// Returns one scene of each sort.
@@ -90,9 +93,16 @@ pub fn makes() -> Vec<SceneOptions> {
         live: false,
         occluded: false,
         has_visibility: false,
+        quantized: false,
     };
     vec![
         plain,
+        SceneOptions {
+            seed: 20,
+            levels: &[3, 5, 40],
+            quantized: true,
+            ..plain
+        },
         SceneOptions {
             seed: 2,
             bounces: true,
@@ -104,6 +114,7 @@ pub fn makes() -> Vec<SceneOptions> {
             levels: &[2, 4, 3, 6],
             sender_levels: 3,
             form: SenderForm::Differences,
+            quantized: true,
             ..plain
         },
         SceneOptions {
@@ -393,6 +404,9 @@ pub fn build(make: &SceneOptions) -> BakedScene {
             scene.data_mut().operator.links.clear();
         }
     }
+    if make.quantized {
+        quantize(scene.data_mut());
+    }
     if make.occluded {
         add_occluders(&mut scene);
     }
@@ -466,6 +480,27 @@ fn add_occluders(scene: &mut BakedScene) {
 
 /// Returns an octree with entries in all four lists, over positions unrelated to the scene: two
 /// walls that face each other, and a floor.
+/// Quantizes the links of two of three rows.
+fn quantize(scene: &mut SceneData) {
+    let senders = scene.senders();
+    let operator = &mut scene.operator;
+    operator.steps = vec![0; operator.rows.len()];
+    operator.precision = (0..=senders).map(|j| (j % 4 * 12) as u8).collect();
+    for (i, row) in operator.rows.iter().enumerate() {
+        let code = if row.tier > 0 { [24, 0, 40][i % 3] } else { 0 };
+        let point = &scene.points[i];
+        let Some(quantizer) =
+            RowQuantizer::new(code, point, &scene.points[..senders], &operator.precision)
+        else {
+            continue;
+        };
+        operator.steps[i] = code;
+        for link in &mut operator.links[row.start as usize..][..row.count as usize] {
+            *link = quantizer.quantize(0.98 * link.vector(), link.sender());
+        }
+    }
+}
+
 fn octree(scene: &BakedScene) -> FmmOperator {
     let r = &mut Random(99);
     let (finest, senders) = (scene.data().finest_senders(), scene.data().senders());
