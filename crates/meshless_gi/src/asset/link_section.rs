@@ -10,13 +10,15 @@ use super::container::{Container, Kind, Section};
 use super::error::{AssetError, Limits};
 use super::section_io::{limit_error, section_error};
 use crate::samples::Point;
-use crate::transport::{Link, Operator, Row, RowQuantizer, row_order};
+use crate::transport::{Link, MAX_CODE, Operator, Row, RowQuantizer, row_order};
 use pco::data_types::Number;
 use pco::wrapped::{FileCompressor, FileDecompressor};
 use pco::{ChunkConfig, DeltaSpec, ModeSpec, PagingSpec};
 
 /// Links after which a chunk ends, with the row that has them.
 const CHUNK: usize = 1 << 18;
+/// Largest number of links of a row: one for each sender that an index can name.
+const MAX_ROW: u32 = 1 << 16;
 /// Largest memory of the decoder of a stream, bytes.
 const SCRATCH: u64 = 3 << 18;
 /// Pco's first byte of a stream of plain numbers: mode "classic" and no differences in its low and
@@ -97,7 +99,7 @@ pub(super) struct Links {
 }
 
 /// Rows and points of a reader.
-struct Places<'a> {
+struct RowGeometry<'a> {
     rows: &'a [Row],
     points: &'a [Point],
     senders: &'a [Point],
@@ -120,6 +122,10 @@ pub(super) fn read(
     let (_, raw) = file
         .section(kind)?
         .ok_or_else(|| section_error(kind, "is missing"))?;
+    if let Some(i) = rows.iter().position(|row| row.count > MAX_ROW) {
+        let count = rows[i].count;
+        return Err(section_error(kind, format!("row {i} has {count} links")));
+    }
     let chunks = Chunks::new(rows);
     let count: u64 = rows.iter().map(|row| u64::from(row.count)).sum();
     let links_of = |chunk: &[u32]| -> u64 {
@@ -142,7 +148,7 @@ pub(super) fn read(
     let precision: Vec<u8> = codes
         .collect::<Result<_, _>>()
         .map_err(|error| section_error(kind, error))?;
-    let places = Places {
+    let geometry = RowGeometry {
         rows,
         points,
         senders: points.get(..senders).unwrap_or_default(),
@@ -152,7 +158,7 @@ pub(super) fn read(
         let streams = Streams::read(&mut rest, chunk.len(), links_of(chunk) as usize)
             .map_err(|problem| section_error(kind, problem))?;
         streams
-            .rows(chunk, &places, &mut links, &mut steps)
+            .rows(chunk, &geometry, &mut links, &mut steps)
             .ok_or_else(|| section_error(kind, "the streams differ in length"))?;
     }
     if !rest.is_empty() {
@@ -216,7 +222,7 @@ impl Streams {
     fn rows(
         &self,
         chunk: &[u32],
-        places: &Places<'_>,
+        geometry: &RowGeometry<'_>,
         links: &mut Vec<Link>,
         steps: &mut [u8],
     ) -> Option<()> {
@@ -227,23 +233,22 @@ impl Streams {
         let mut halves = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
         for (&i, &code) in chunk.iter().zip(&self.steps) {
             let i = i as usize;
-            let code = u8::try_from(code).ok()?;
-            let receiver = places.points.get(i)?;
-            let quantizer = RowQuantizer::new(code, receiver, places.senders, places.precision);
+            let code = u8::try_from(code).ok().filter(|&code| code <= MAX_CODE)?;
+            let receiver = geometry.points.get(i)?;
+            let quantizer = RowQuantizer::new(code, receiver, geometry.senders, geometry.precision);
             steps[i] = code;
             let mut sender = 0u16;
-            for step in next.by_ref().take(places.rows[i].count as usize) {
+            for step in next.by_ref().take(geometry.rows[i].count as usize) {
                 sender = sender.wrapping_add(*step);
                 links.push(match &quantizer {
                     Some(row) => row.link(coordinates.next()?, sender.into()),
-                    None if code == 0 => {
+                    None => {
                         let [x, y, z] = halves.next()?.map(u32::from);
                         Link {
                             xy: x | y << 16,
                             z_sender: z | u32::from(sender) << 16,
                         }
                     }
-                    None => return None,
                 });
             }
         }
@@ -280,7 +285,12 @@ impl Streams {
         for stream in &mut out.halves {
             *stream = read_stream(rest, left)?;
         }
-        Ok(out)
+        let [x, y, z] = out.coordinates.each_ref().map(Vec::len);
+        let [h, k, l] = out.halves.each_ref().map(Vec::len);
+        match x == y && x == z && h == k && h == l {
+            true => Ok(out),
+            false => Err("the components of links differ in number".into()),
+        }
     }
 }
 

@@ -333,6 +333,10 @@ impl SceneData {
             _ => senders.map_or(0, |end| (end as usize).min(points.len())),
         };
         let links = link_section::read(&file, LINKS, &rows, &points, senders, limits)?;
+        // The size of the section does not bound the memory of its links.
+        let limits = &Limits {
+            max_bytes: limits.max_bytes - size_of_val(&links.links[..]) as u64,
+        };
         let grid = display_grid(
             &file,
             &points,

@@ -6,7 +6,7 @@ use super::stats::BakedStats;
 use super::violation::{Check, Violation};
 use crate::basis::Weights;
 use crate::samples::GridSlot;
-use crate::transport::{Link, Operator, SenderForm, row_order};
+use crate::transport::{Link, MAX_CODE, Operator, SenderForm, row_order};
 use glam::{Vec3, Vec4};
 
 /// Largest deviation from one of sums of weights and of lengths of normals.
@@ -283,10 +283,25 @@ impl SceneData {
                 format!("scale {}", row.scale)
             });
         }
-        let steps = self.operator.steps.len();
-        check.whole(steps == 0 || steps == rows.len(), "link steps", || {
-            format!("have {steps} items, but there are {} rows", rows.len())
-        });
+        let (steps, precision) = (&self.operator.steps, &self.operator.precision);
+        check.whole(
+            steps.is_empty() || steps.len() == rows.len(),
+            "link steps",
+            || format!("{} items, but {} rows", steps.len(), rows.len()),
+        );
+        for (i, (&code, row)) in steps.iter().zip(rows).enumerate() {
+            let sound = code <= MAX_CODE && (code == 0 || row.tier > 0);
+            check.item(sound, "link steps", i, || format!("code {code}"));
+        }
+        let senders = match self.operator.form {
+            SenderForm::Components => 0,
+            _ => self.senders(),
+        };
+        check.whole(
+            precision.is_empty() || precision.len() == senders + 1,
+            "sender precision",
+            || format!("{} items, but {senders} senders", precision.len()),
+        );
         check.whole(end == links.len() as u64, "rows", || {
             format!("have {end} links, but there are {}", links.len())
         });

@@ -45,7 +45,7 @@ impl Preset {
                 rays_per_point: 256,
                 samples_per_sender: 8,
                 truncation_error: 0.03,
-                link_step: 0.001,
+                link_step: 0.0005,
                 receiver_tolerance: 0.04,
             },
             Self::Medium => QualityParameters {

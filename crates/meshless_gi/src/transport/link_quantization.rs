@@ -17,7 +17,7 @@ use glam::Vec3;
 pub const MAX_CODE: u8 = 84;
 
 /// Largest number of roundings until a link is equal to that of its coordinates.
-const ROUNDS: u32 = 8;
+const ROUNDS: u32 = 100;
 
 /// Frame and step of the links of one row.
 #[derive(Clone, Copy, Debug)]

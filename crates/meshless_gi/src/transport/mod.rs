@@ -27,7 +27,7 @@ pub use gather::{
     Deposit, GatherScene, GatherSettings, Gathered, gather, gather_sky_harmonics,
     gather_sky_visibility, trace_gather_rays,
 };
-pub use link_quantization::{RowQuantizer, precision_of};
+pub use link_quantization::{MAX_CODE, RowQuantizer, precision_of};
 pub use moved_mass::TruncationMass;
 pub use occluded_links::{
     LinkTerm, PackedLinkTerm, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,

@@ -8,6 +8,9 @@ use crate::samples::Point;
 use crate::scene::SkyRadiance;
 use glam::{Vec3, Vec3A};
 
+/// Largest correction of the sum of a quantized row. A row that needs more is stored in halves.
+const MAX_CORRECTION: f32 = 0.02;
+
 /// Packed operator.
 pub struct Packed {
     /// Operator.
@@ -28,7 +31,8 @@ pub struct PackSettings<'a> {
     pub senders: usize,
     /// Points of the operator, the senders first.
     pub points: &'a [Point],
-    /// Largest step of links, in the unit of F. 0: links are not quantized. 0 for components, since
+    /// Step of links to dim senders, in the unit of F, rounded to quarters of a power of two of the
+    /// row's scale. 0: links are not quantized. 0 for components, since
     /// columns have no position.
     pub link_step: f32,
     /// Precision of each sender, the sky last ([`precision_of`](super::precision_of)).
@@ -145,8 +149,9 @@ impl Packed {
         else {
             return self.push_row(links, &[]);
         };
-        // Rounding, with the error of the link before, adds less than four steps.
+        // Rounding, with the error of the links before, adds less than four steps.
         let scale = largest * (1.0 + 4.0 * row.largest_step());
+        let start = self.operator.links.len();
         let normal = settings.points[i].n();
         let mut rest = Vec3::ZERO;
         let (mut before, mut after) = (0.0, 0.0);
@@ -170,6 +175,8 @@ impl Packed {
                 .find(|link| is_below(v) || !is_below(link.vector()))
                 .unwrap_or_default();
             rest += v - link.vector();
+            // Many flat links would otherwise lower it without end. The row's sum is kept below.
+            rest += (-2.0 * row.largest_step() - rest.dot(normal)).max(0.0) * normal;
             if j as usize <= settings.senders {
                 before += v.dot(normal);
                 after += link.vector().dot(normal);
@@ -179,11 +186,18 @@ impl Packed {
                 self.operator.links.push(link);
             }
         }
-        self.operator.steps[i] = code;
-        match settings.form.has_independent_rows() && after > 0.0 {
-            true => scale * before / after,
-            false => scale,
+        let factor = match settings.form.has_independent_rows() {
+            true => before / after,
+            false => 1.0,
+        };
+        // Rows of flat links alone have almost no sum that could be kept.
+        let is_small = (factor - 1.0).abs() <= MAX_CORRECTION;
+        if !is_small {
+            self.operator.links.truncate(start);
+            return self.push_row(links, &[]);
         }
+        self.operator.steps[i] = code;
+        scale * factor
     }
 }
 
@@ -254,6 +268,50 @@ mod tests {
         let right: Vec3 = links.iter().map(|l| Vec3::from(l.1)).sum::<Vec3>() / row.scale;
         assert!((sum - right).length() < 2.0 * step, "{sum} {right} {step}");
         assert!(packed.error < 4.0 * step, "{}", packed.error);
+    }
+
+    /// Links that hardly rise above the surface round to steps above it. Their row is stored in
+    /// halves, or keeps its links to a few steps.
+    #[test]
+    fn quantized_row_of_flat_links_keeps_its_links() {
+        const SENDERS: usize = 300;
+        let points: Vec<Point> = (0..=SENDERS)
+            .map(|j| {
+                let (sin, cos) = (j as f32).sin_cos();
+                let height = if j % 2 == 0 { 0.01 } else { 3.0 };
+                Point::new(Vec3::new(3.0 * cos, 3.0 * sin, height), Vec3::Z, 0.1)
+            })
+            .collect();
+        let receiver = Point::new(Vec3::ZERO, Vec3::Z, 0.1);
+        for flat_only in [false, true] {
+            let links: Vec<(u32, Vec3A)> = (0..SENDERS as u32)
+                .filter(|j| !flat_only || j % 2 == 0)
+                .map(|j| (j, Vec3A::from(2e-3 * points[j as usize].x().normalize())))
+                .collect();
+            let row = RawRow {
+                links: links.clone(),
+                active: true,
+                ..RawRow::default()
+            };
+            let mut all = points.clone();
+            all[SENDERS] = receiver;
+            let mut rows = vec![RawRow::default(); SENDERS + 1];
+            rows[SENDERS] = row;
+            let settings = PackSettings {
+                senders: SENDERS,
+                points: &all,
+                link_step: 5e-4,
+                ..HALVES
+            };
+            let (tiers, sky) = (vec![1; SENDERS + 1], vec![Vec3::ZERO; SENDERS + 1]);
+            let packed = pack(&rows, &tiers, &sky, &[], &settings);
+            let row = packed.operator.rows[SENDERS];
+            for link in &packed.operator.links {
+                let right = links.iter().find(|l| l.0 == link.sender()).unwrap().1;
+                let error = (row.scale * link.vector() - Vec3::from(right)).length();
+                assert!(error < 2e-3, "{flat_only} {}: {error}", link.sender());
+            }
+        }
     }
 
     #[test]

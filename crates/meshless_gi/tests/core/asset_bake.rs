@@ -85,7 +85,7 @@ fn bake_of_one_version_has_recorded_hash() {
         (BAKE_VERSION, digest.as_str()),
         (
             7,
-            "18bd3f3e6ffafdf0d54354e1af665d4776aba3c6cedbbe2c94876d042da6f9e6"
+            "c221bdd715ca202dba8cf60a2221ebb012d26b7f634096a281ae9bcb6970cb92"
         )
     );
 }

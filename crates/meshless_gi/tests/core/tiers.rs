@@ -140,11 +140,14 @@ fn tier_operator_is_prefix_of_links() {
     let scene = baked(&test, recipe.clone());
     for (tier, info) in (1..).zip(&scene.info().tiers) {
         let mut part = scene.clone();
-        part.data_mut().operator.links.truncate(info.links as usize);
-        let rows = &mut part.data_mut().operator.rows;
-        rows.iter_mut()
-            .filter(|row| row.tier > tier)
-            .for_each(|row| *row = Row::default());
+        let operator = &mut part.data_mut().operator;
+        operator.links.truncate(info.links as usize);
+        let rows = &mut operator.rows;
+        for (row, step) in rows.iter_mut().zip(&mut operator.steps) {
+            if row.tier > tier {
+                (*row, *step) = (Row::default(), 0);
+            }
+        }
         assert_eq!(
             rows.iter().filter(|row| row.tier > 0).count() as u64,
             info.rows

@@ -459,7 +459,7 @@ fn method(report: &Report) -> String {
          - Frame time is that of the CPU twins for one light that has moved: projection with shadow rays, bounces, operator. The display per point on one thread is listed separately.\n\
          - Times are for {} threads of one machine. They do not predict a GPU.\n\
          - The estimate of the bake agrees with the measured error, within both intervals, for {honest} of {} bakes.\n\
-         - Not varied: the precision of links, which are 16-bit floats (rounding changes a link by at most {:.3} % of the largest in its row), and the resolution of the display, which evaluates every point.\n",
+         - Not varied: the quantization of links (it changes a link by at most {:.3} % of the largest in its row), and the resolution of the display, which evaluates every point.\n",
         report.positions,
         report.light_sources,
         short(report.reference_seconds),

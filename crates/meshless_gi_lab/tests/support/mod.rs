@@ -98,12 +98,6 @@ pub fn makes() -> Vec<SceneOptions> {
     vec![
         plain,
         SceneOptions {
-            seed: 20,
-            levels: &[3, 5, 40],
-            quantized: true,
-            ..plain
-        },
-        SceneOptions {
             seed: 2,
             bounces: true,
             own_grid: true,
@@ -167,6 +161,12 @@ pub fn makes() -> Vec<SceneOptions> {
         SceneOptions {
             seed: 12,
             has_visibility: true,
+            ..plain
+        },
+        SceneOptions {
+            seed: 20,
+            levels: &[3, 5, 40],
+            quantized: true,
             ..plain
         },
     ]
@@ -478,8 +478,6 @@ fn add_occluders(scene: &mut BakedScene) {
     });
 }
 
-/// Returns an octree with entries in all four lists, over positions unrelated to the scene: two
-/// walls that face each other, and a floor.
 /// Quantizes the links of two of three rows.
 fn quantize(scene: &mut SceneData) {
     let senders = scene.senders();
@@ -501,6 +499,8 @@ fn quantize(scene: &mut SceneData) {
     }
 }
 
+/// Returns an octree with entries in all four lists, over positions unrelated to the scene: two
+/// walls that face each other, and a floor.
 fn octree(scene: &BakedScene) -> FmmOperator {
     let r = &mut Random(99);
     let (finest, senders) = (scene.data().finest_senders(), scene.data().senders());
