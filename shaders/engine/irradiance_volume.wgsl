@@ -1,5 +1,5 @@
 // Light of irradiance volumes at a surface. Replaces Bevy's module of this name if a scene has a
-// MeshlessGI volume (src/plugin/volume_shader.rs). Twin:
+// MeshlessGI volume (src/plugin/effects/volume/shader.rs). Twin:
 // crates/meshless_gi/src/frame/volume_sample.rs.
 //
 // A texel of such a volume has a negative fourth number: the distance from its voxel to a wall

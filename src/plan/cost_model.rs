@@ -14,7 +14,9 @@ mod solve_cost;
 
 pub use solve_cost::SolveCost;
 
-use super::{Effect, FrameStage, FrameState, LightId, Pass, Plan, SceneId, ViewId, kind_of};
+use super::{
+    Effect, FrameStage, FrameState, LightId, Pass, Plan, SceneId, Timing, ViewId, kind_of,
+};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -39,10 +41,12 @@ pub struct TimingScope {
     pub view: Option<ViewId>,
     /// Light of the passes. `None` except for reflective shadow maps.
     pub light: Option<LightId>,
+    /// `true` if the passes are part of their scene's solve.
+    pub is_solve: bool,
 }
 
 impl TimingScope {
-    /// Creates the scope of a pass that is timed with `stage`.
+    /// Creates the scope of a pass that is timed with `stage` and is part of no solve.
     #[must_use]
     pub fn new(stage: FrameStage, pass: &Pass) -> Self {
         Self {
@@ -53,6 +57,7 @@ impl TimingScope {
             },
             view: pass.view,
             light: pass.light,
+            is_solve: false,
         }
     }
 
@@ -209,11 +214,18 @@ pub(super) fn compute_work<R>(
 ) -> Vec<(TimingScope, Cost)> {
     let mut costs: Vec<(TimingScope, Cost)> = Vec::new();
     for pass in passes {
-        let kind = kind_of(effects, pass);
-        let Some((kind, stage)) = kind.and_then(|kind| Some((kind, kind.timed_with?))) else {
+        let Some(kind) = kind_of(effects, pass) else {
             continue;
         };
-        let scope = TimingScope::new(stage, pass);
+        let (stage, is_solve) = match kind.timing {
+            Timing::None => continue,
+            Timing::With(stage) => (stage, false),
+            Timing::Solve(stage) => (stage, true),
+        };
+        let scope = TimingScope {
+            is_solve,
+            ..TimingScope::new(stage, pass)
+        };
         pass.timing = Some(scope);
         let work = (kind.work)(state, pass);
         match costs.iter_mut().find(|(s, _)| *s == scope) {
@@ -230,24 +242,32 @@ pub(super) fn compute_work<R>(
     costs
 }
 
+/// Running mean. `None` before the first value.
+#[derive(Clone, Copy, Debug, Default)]
+struct RunningMean(Option<f64>);
+
+impl RunningMean {
+    /// Adds a value and returns the mean.
+    fn add(&mut self, value: f64) -> f64 {
+        let mean = |mean: f64| mean + SMOOTHING_FACTOR * (value - mean);
+        *self.0.insert(self.0.map_or(value, mean))
+    }
+}
+
 /// Running means of milliseconds and of work.
 #[derive(Clone, Copy, Debug, Default)]
 struct Means {
     unit: Unit,
     /// Number of pending measurements from before the unit changed.
     late: u32,
-    ms: Option<f64>,
-    work: Option<f64>,
+    ms: RunningMean,
+    work: RunningMean,
 }
 
 impl Means {
     fn rate(&self) -> Option<f64> {
-        Some(self.ms? / self.work.filter(|w| *w > 0.0)?)
+        Some(self.ms.0? / self.work.0.filter(|w| *w > 0.0)?)
     }
-}
-
-fn update_mean(mean: &mut Option<f64>, value: f64) {
-    *mean = Some(mean.map_or(value, |m| m + SMOOTHING_FACTOR * (value - m)));
 }
 
 /// Model of the costs on one device.
@@ -276,7 +296,7 @@ impl CostModel {
             if means.unit != unit {
                 *means = Means {
                     unit,
-                    late: if means.ms.is_some() {
+                    late: if means.ms.0.is_some() {
                         MAX_LATE_MEASUREMENTS
                     } else {
                         0
@@ -285,7 +305,7 @@ impl CostModel {
                 };
             }
             if let Some(work) = cost.work.amount() {
-                update_mean(&mut means.work, work);
+                means.work.add(work);
             }
         }
         let oldest = self.plans.saturating_sub(MAX_UNUSED_PLANS);
@@ -305,7 +325,7 @@ impl CostModel {
             means.late -= 1;
             return;
         }
-        update_mean(&mut means.ms, f64::from(ms));
+        means.ms.add(f64::from(ms));
         if means.rate().is_some() {
             let unit = means.unit;
             let alike = |t: &TimingScope, m: &Means| t.stage == timed.stage && m.unit == unit;
@@ -322,7 +342,7 @@ impl CostModel {
             let unit = cost.work.unit();
             let means = self.groups.get(timed).map(|(means, _)| *means);
             let means = means.filter(|m| m.unit == unit).unwrap_or_default();
-            cost.measured = means.ms.map(|ms| ms as f32);
+            cost.measured = means.ms.0.map(|ms| ms as f32);
             let rate = means
                 .rate()
                 .or_else(|| self.rates.get(&(timed.stage, unit)).copied());

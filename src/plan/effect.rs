@@ -2,7 +2,7 @@
 //!
 //! An effect is a part of the simulation that a scene may or may not need. It reads the
 //! [`FrameState`] and adds the passes that it needs to the [`Plan`], each with a reason. Passes run
-//! in the order of the table. No effect reads the passes of another one.
+//! in the order of their stages. No effect reads the passes of another one.
 //!
 //! The type parameter `R` describes the recording of a pass. The plan never uses it: the caller
 //! that owns the table also owns the recorder.
@@ -29,12 +29,23 @@ pub struct PassKind<R: 'static> {
     pub stage: FrameStage,
     /// `true` if such a pass belongs to one view, `false` if all views share it.
     pub per_view: bool,
-    /// Stage of the passes that are timed as one with it. `None` if no clock times it.
-    pub timed_with: Option<FrameStage>,
+    /// Scope in which the device's clock times such a pass.
+    pub timing: Timing,
     /// Amount of work of a pass, in the unit that its time is proportional to.
     pub work: fn(&FrameState, &Pass) -> Work,
     /// Recorder of such a pass.
     pub record: R,
+}
+
+/// Scope in which the device's clock times a kind of pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Timing {
+    /// No clock times it.
+    None,
+    /// It is timed as one with the passes of this stage.
+    With(FrameStage),
+    /// It is timed as one with the passes of this stage, and is part of its scene's solve.
+    Solve(FrameStage),
 }
 
 impl<R> Effect<R> {

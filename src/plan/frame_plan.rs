@@ -5,6 +5,7 @@ use super::cost_model::{Cost, TimingScope, compute_work};
 use super::{
     BounceSelection, ColorModeSelection, DisplayUse, Effect, FmmLimit, FrameStage, FrameState,
     Inventory, LightId, Pass, RunReason, SceneId, SkipReason, SkyUse, TierSelection, ViewId,
+    ViewState,
 };
 use std::fmt;
 
@@ -16,10 +17,9 @@ pub struct Plan {
     pub passes: Vec<Pass>,
     /// Scenes that do not run, with the reason. A view is named if it is the cause.
     pub skipped: Vec<(SceneId, Option<ViewId>, SkipReason)>,
-    /// Lights that request a bounce off dynamic objects and get none, with the reason.
-    pub dark: Vec<(LightId, SkipReason)>,
-    /// Lights whose virtual lights are valid from an earlier frame, because nothing moved.
-    pub resting: Vec<LightId>,
+    /// Lights that request a bounce off dynamic objects and draw no maps, with the reason. The
+    /// virtual lights of [`SkipReason::AtRest`] are those of an earlier frame.
+    pub without_maps: Vec<(LightId, SkipReason)>,
     /// Operator tier of each scene that runs, with the reason.
     pub tiers: Vec<(SceneId, TierSelection)>,
     /// Number of channels in which links are applied, with the reason.
@@ -30,7 +30,7 @@ pub struct Plan {
     pub linked: Vec<(SceneId, FmmLimit)>,
     /// Scenes with a varying sky, and its treatment.
     pub skies: Vec<(SceneId, SkyUse)>,
-    /// Pixels at which the views with indirect light evaluate it.
+    /// Views with layers, and the pixels at which they evaluate them.
     pub displays: Vec<(ViewId, DisplayUse)>,
     /// Scenes whose buffers are released, because no view contained them for long or their bake is
     /// gone.
@@ -52,6 +52,7 @@ impl Plan {
         for effect in effects {
             (effect.schedule)(state, &mut plan);
         }
+        plan.passes.sort_by_key(|pass| pass.stage);
         plan.costs = compute_work(effects, state, &mut plan.passes);
         plan
     }
@@ -75,12 +76,6 @@ impl Plan {
         self.passes.iter().filter(move |p| p.light == Some(light))
     }
 
-    /// Returns `true` if the bounce of this light off dynamic objects is drawn now or still valid.
-    #[must_use]
-    pub fn bounces(&self, light: LightId) -> bool {
-        self.of_light(light).next().is_some() || self.resting.contains(&light)
-    }
-
     /// Returns the passes of a scene that all views share, in order.
     pub fn of_scene(&self, scene: SceneId) -> impl Iterator<Item = &Pass> {
         let own = move |p: &&Pass| p.scene == scene && p.view.is_none();
@@ -90,13 +85,6 @@ impl Plan {
     /// Returns the passes of a view, in order.
     pub fn of_view(&self, view: ViewId) -> impl Iterator<Item = &Pass> {
         self.passes.iter().filter(move |p| p.view == Some(view))
-    }
-
-    /// Returns the pixels at which a view evaluates indirect light. `None` if it shows none.
-    #[must_use]
-    pub fn display_of(&self, view: ViewId) -> Option<DisplayUse> {
-        let found = self.displays.iter().find(|(id, _)| *id == view);
-        found.map(|(_, display)| *display)
     }
 
     /// Returns the number of passes of this stage.
@@ -137,9 +125,26 @@ impl Plan {
             view: None,
             slots: Vec::new(),
             reason,
+            display: None,
             timing: None,
         });
         self.passes.last_mut().expect("just pushed")
+    }
+
+    /// Adds a layer of a view: a pass whose irradiance is evaluated together with that of the
+    /// view's other layers.
+    pub fn push_layer(
+        &mut self,
+        effect: &'static str,
+        stage: FrameStage,
+        scene: SceneId,
+        view: &ViewState,
+    ) {
+        let pass = self.push(effect, stage, scene, RunReason::InView);
+        (pass.view, pass.display) = (Some(view.id), Some(view.display));
+        if self.displays.iter().all(|(id, _)| *id != view.id) {
+            self.displays.push((view.id, view.display));
+        }
     }
 }
 
@@ -166,11 +171,8 @@ impl fmt::Display for Plan {
             }
             writeln!(f, ": {why}")?;
         }
-        for (light, why) in &self.dark {
-            writeln!(f, "skip maps of light {light}: {why}")?;
-        }
-        for light in &self.resting {
-            writeln!(f, "skip maps of light {light}: {}", SkipReason::AtRest)?;
+        for (light, reason) in &self.without_maps {
+            writeln!(f, "skip maps of light {light}: {reason}")?;
         }
         for (scene, picked) in &self.tiers {
             writeln!(f, "use  {scene} with {picked}")?;

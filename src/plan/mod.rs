@@ -63,7 +63,7 @@ pub use channels::{
 };
 pub use cost_model::{Cost, CostModel, SolveCost, TimingScope, Work};
 pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
-pub use effect::{Effect, PassKind, kind_of};
+pub use effect::{Effect, PassKind, Timing, kind_of};
 pub use fmm::{FmmLimit, fmm_fallback_reason, octree_fits};
 pub use frame_plan::Plan;
 pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, SkyKind};

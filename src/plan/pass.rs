@@ -1,6 +1,6 @@
 //! Passes of a plan, and the reasons why they run or do not.
 
-use super::{FrameStage, LightId, SceneId, TimingScope, ViewId};
+use super::{DisplayUse, FrameStage, LightId, SceneId, TimingScope, ViewId};
 use std::fmt;
 
 /// Reason why a pass runs.
@@ -148,6 +148,8 @@ pub struct Pass {
     pub slots: Vec<u32>,
     /// Reason why it runs.
     pub reason: RunReason,
+    /// Pixels at which the view evaluates its layers. `None` for a pass that is no layer.
+    pub display: Option<DisplayUse>,
     /// Scope in which the device's clock times it. `None` if no clock does.
     pub timing: Option<TimingScope>,
 }

@@ -22,8 +22,7 @@ impl FrameStage {
     pub const APPLY: Self = Self::new(60, "apply");
     /// Values of all points. Inactive points take the mean of their parents.
     pub const FLATTEN: Self = Self::new(70, "flatten");
-    /// Probe irradiance: the operator's rows of the probes, and the probes over the pixels of a
-    /// view that lie off the baked surfaces.
+    /// Probe irradiance: the operator's rows of the probes.
     pub const PROBE: Self = Self::new(80, "probe");
     /// Probe irradiance as a volume, for cameras without a G-buffer and for fog.
     pub const VOLUME: Self = Self::new(90, "volume");
@@ -33,6 +32,8 @@ impl FrameStage {
     pub const RSM: Self = Self::new(110, "rsm");
     /// Irradiance at the pixels of a view, from the flat basis.
     pub const SPLAT: Self = Self::new(120, "splat");
+    /// Irradiance at the pixels of a view that lie off the baked surfaces, from the probes.
+    pub const PROBE_PIXELS: Self = Self::new(125, "probe_pixels");
     /// Irradiance at the pixels of a view, from the virtual point lights.
     pub const VPL: Self = Self::new(130, "vpl");
     /// Product of irradiance and base color, added to the picture of a view.

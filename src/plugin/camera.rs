@@ -1,6 +1,6 @@
 //! [`GiCamera`]: the component that shows indirect light in a deferred camera.
 
-use super::splatting::GiSplatting;
+use super::effects::display::splatting::GiSplatting;
 use bevy::camera::Hdr;
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
 use bevy::ecs::lifecycle::HookContext;

@@ -3,11 +3,11 @@
 
 use super::asset::GiBakedScene;
 use super::camera::GiCamera;
-use super::rsm::GiRsmCamera;
+use super::effects::rsm::map_cameras::GiRsmCamera;
+use super::effects::volume::irradiance_volume::GiIrradianceVolume;
 use super::scene::GiScene;
 use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, add_warnings};
-use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Camera, Camera3d};

@@ -1,13 +1,12 @@
 //! Recording of the passes of a deferred camera, over its picture.
 
+use super::effects::soft_shadows::soft_lights::ExtractedSoft;
 use super::extract::ExtractedGi;
-use super::record::{FramePoint, Picture, Surfaces, ViewInput, has_passes, record_view};
+use super::record::{Picture, Surfaces, ViewInput, record_view};
 use super::render_state::GiRender;
-use super::soft_shadow::ExtractedSoft;
 use crate::plan::ViewId;
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
-use bevy::log::warn_once;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewTarget};
@@ -34,36 +33,28 @@ pub(crate) fn composite(
     let Some(settings) = world.views.iter().find(|v| v.id == id && !v.forward) else {
         return;
     };
-    if !has_passes(render.effects, &render.plan, id, FramePoint::MainPass) {
-        return;
-    }
-    let (Some(depth), Some(gbuffer), Some(passes)) = (
-        prepass.depth_view(),
-        prepass.deferred_view(),
-        prepass.deferred_lighting_pass_id.as_ref(),
-    ) else {
-        warn_once!(
-            "a camera with indirect light has no G-buffer: it has no deferred materials in view, or not all prepasses"
-        );
-        return;
-    };
-    let surfaces = Surfaces {
-        view,
-        camera,
-        jitter,
-        depth,
-        gbuffer,
-        size: [prepass.size.width, prepass.size.height],
-    };
-    let input = ViewInput {
+    let gbuffer = prepass.depth_view().zip(prepass.deferred_view());
+    let gbuffer = gbuffer.zip(prepass.deferred_lighting_pass_id.as_ref());
+    let surfaces = gbuffer.map(|((depth, gbuffer), passes)| {
+        let surfaces = Surfaces {
+            view,
+            camera,
+            jitter,
+            depth,
+            gbuffer,
+            size: [prepass.size.width, prepass.size.height],
+        };
+        (surfaces, &passes.texture.default_view)
+    });
+    let input = (surfaces.as_ref()).map(|(surfaces, lighting_passes)| ViewInput {
         camera: settings,
-        surfaces: &surfaces,
+        surfaces,
         picture: Some(Picture {
             target,
-            lighting_passes: &passes.texture.default_view,
+            lighting_passes,
             soft: &soft,
         }),
         world: &world,
-    };
-    record_view(&mut render, &input, &queue, &mut ctx);
+    });
+    record_view(&mut render, id, input.as_ref(), &queue, &mut ctx);
 }

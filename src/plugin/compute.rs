@@ -1,10 +1,10 @@
 //! Plan of the frame, and the recording of the passes that all views share, before any camera
 //! draws.
 
+use super::effects::inspection::coefficients::SharedCoefficients;
 use super::extract::ExtractedScene;
 use super::gpu_timings::DeviceCosts;
 use super::observe::{ExtractedResources, ExtractedWorld};
-use super::readback::SharedCoefficients;
 use super::record::{FramePoint, Recorder, SceneContext, record_scene};
 use super::render_state::GiRender;
 use crate::gpu::{GpuError, KernelPipelines};

@@ -3,9 +3,9 @@
 use super::GiFrameStats;
 use super::effect_states::EffectStates;
 use super::effects::count_stages;
+use super::effects::display::splatting::ViewSubsplats;
 use super::frame_record::FrameRecord;
 use super::render_state::GiRender;
-use super::splatting::ViewSubsplats;
 use crate::gpu::{GpuCounters, KernelPipelines};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -22,6 +22,7 @@ impl GiRender {
                 .as_ref()
                 .map_or(0, KernelPipelines::pipeline_count),
             active_scenes: self.plan.active_scenes().len() as u32,
+            effects: self.effects,
             plan: self.plan.clone(),
             solved: self.solved_tiers(),
             ..FrameRecord::default()
@@ -94,5 +95,5 @@ pub(crate) fn publish(mut render: ResMut<GiRender>, status: Res<GiFrameStats>) {
     let of_scenes = scenes.values_mut().map(|scene| &mut scene.states);
     let of_views = views.values_mut().map(|view| &mut view.states);
     let all = of_scenes.chain(of_views).chain(post_process.values_mut());
-    all.chain([states]).for_each(EffectStates::fetch);
+    all.chain([states]).for_each(EffectStates::finish_frame);
 }

@@ -5,7 +5,7 @@
 //! Here the same pipeline is specialized without volumes. Forward surfaces of that view keep the
 //! volume. The bind groups of the view stay the same.
 
-use super::volume::ExtractedVolumes;
+use super::effects::volume::irradiance_volume::ExtractedVolumes;
 use bevy::ecs::prelude::*;
 use bevy::pbr::deferred::{DeferredLightingLayout, DeferredLightingPipeline, SkipDeferredLighting};
 use bevy::pbr::{MeshPipelineKey, ViewKeyCache};

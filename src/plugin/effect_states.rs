@@ -4,6 +4,7 @@
 //! line outside of its file.
 
 use crate::gpu::GpuCounters;
+use crate::plan::{Pass, Plan};
 use std::any::{Any, TypeId};
 use std::collections::BTreeMap;
 
@@ -24,8 +25,15 @@ pub(crate) trait EffectState: Any + Send + Sync {
         false
     }
 
-    /// Maps buffers that were copied for the CPU. Called after the submission of each frame.
-    fn fetch(&mut self) {}
+    /// Returns `true` if a pass uses the state. A state of the world is released in the first frame
+    /// without such a pass.
+    fn is_used_by(&self, _pass: &Pass) -> bool {
+        true
+    }
+
+    /// Maps buffers that were copied for the CPU, and frees those that one frame used. Called after
+    /// the submission of each frame.
+    fn finish_frame(&mut self) {}
 }
 
 /// States of the effects, at most one of each type.
@@ -71,6 +79,15 @@ impl EffectStates {
         Self(transient)
     }
 
+    /// Removes and returns the states that no pass of a plan uses.
+    pub fn take_unused(&mut self, plan: &Plan) -> Self {
+        let is_used = |state: &dyn EffectState| plan.passes.iter().any(|p| state.is_used_by(p));
+        let all = std::mem::take(&mut self.0);
+        let (used, unused) = (all.into_iter()).partition(|(_, state)| is_used(state.as_ref()));
+        self.0 = used;
+        Self(unused)
+    }
+
     /// Returns the number of buffers, and the bytes of buffers and textures.
     pub fn size(&self) -> (u32, u64) {
         let sizes = self.0.values().map(|state| state.size());
@@ -86,10 +103,10 @@ impl EffectStates {
         sum
     }
 
-    /// Maps the buffers that were copied for the CPU.
-    pub fn fetch(&mut self) {
+    /// Calls [`EffectState::finish_frame`] of all states.
+    pub fn finish_frame(&mut self) {
         for state in self.0.values_mut() {
-            state.fetch();
+            state.finish_frame();
         }
     }
 }
@@ -106,7 +123,7 @@ mod tests {
             (1, 8)
         }
 
-        fn fetch(&mut self) {
+        fn finish_frame(&mut self) {
             self.0 += 1;
         }
     }
@@ -137,7 +154,7 @@ mod tests {
         states.get_or_default::<Kept>().0 = 4;
         states.insert(Transient);
         assert_eq!((states.size(), states.counters().fogs), ((3, 108), 3));
-        states.fetch();
+        states.finish_frame();
         assert_eq!(states.get_mut::<Kept>().map(|kept| kept.0), Some(5));
         let mut earlier = states.take_transient();
         assert_eq!((states.size(), earlier.size()), ((1, 8), (2, 100)));

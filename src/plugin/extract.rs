@@ -5,24 +5,24 @@
 
 use super::asset::GiBakedScene;
 use super::camera::GiCamera;
+use super::effects::display::splatting::GiSplatting;
+use super::effects::materials::dynamic_materials::{GiDynamicMaterials, ResolvedMaterials};
+use super::effects::occluders::occluder::{GiOccluder, transmittances};
+use super::effects::rsm::map_cameras::GiRsmCamera;
+use super::effects::volume::irradiance_volume::GiIrradianceVolume;
+use super::effects::vpl_specular::specular::GiSpecular;
 use super::environment::GiEnvironment;
 pub(crate) use super::extract_lights::{
     ExtractedGiLight, LightKey, LightParts, LightPartsItem, LightSources,
 };
 use super::forward_camera::ForwardDisplays;
 use super::gizmos::{GiGizmos, requests_coefficients};
-use super::materials::{GiDynamicMaterials, ResolvedMaterials};
-use super::occluders::{GiOccluder, transmittances};
 use super::quality::GiActiveTier;
-use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
 use super::settings::GiSettings;
 use super::sky::GiSky;
 use super::solver::GiSolver;
-use super::splatting::GiSplatting;
 use super::transform::SimilarityTransform;
-use super::volume::GiIrradianceVolume;
-use super::vpl_specular::GiSpecular;
 use crate::plan::{BounceSelection, ColorModeSelection, Inventory, SceneId, TierSelection, ViewId};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};

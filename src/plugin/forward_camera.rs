@@ -1,9 +1,9 @@
 //! [`GiForwardCamera`]: the display of a camera that is not deferred.
 
 use super::camera::GiCamera;
+use super::effects::display::splatting::GiSplatting;
+use super::effects::rsm::map_cameras::GiRsmCamera;
 use super::extract::{ExtractedGiView, ExtractedScene, in_view};
-use super::rsm::GiRsmCamera;
-use super::splatting::GiSplatting;
 use crate::plan::ViewId;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Camera, primitives::Frustum};

@@ -302,7 +302,7 @@ pub(crate) fn draw(
         picture: None,
         world: &world,
     };
-    let irradiance = record_view(&mut render, &input, &queue, &mut ctx);
+    let irradiance = record_view(&mut render, id, Some(&input), &queue, &mut ctx);
     let params = ForwardParams {
         view_from_clip: surfaces.clip_from_view().inverse().to_cols_array_2d(),
         viewport: surfaces.viewport(),

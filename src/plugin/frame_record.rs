@@ -1,12 +1,13 @@
 //! [`FrameRecord`]: counters and plan of a rendered frame, from the render world.
 
+use super::effects::Effect;
 use crate::plan::{FrameStage, Plan};
 use meshless_gi::internals::frame::SubsplatCounts;
 use std::collections::BTreeMap;
 
 /// Counters and plan of one rendered frame, by the numbers of the plan.
 /// [`FrameStats`](super::FrameStats) is the public part.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct FrameRecord {
     /// Rendered frames since the start, this one included.
     pub frame: u64,
@@ -32,6 +33,8 @@ pub struct FrameRecord {
     /// Counts of subsplats of each view that uses them, by the bits of its camera. The counts are a
     /// few frames old.
     pub subsplats: BTreeMap<u64, SubsplatCounts>,
+    /// Table of effects that the plan was made with.
+    pub(crate) effects: &'static [Effect],
     /// Plan of the frame: passes and reasons, skipped passes, expected and measured costs,
     /// decisions ([`Plan::decisions`]) and inventory ([`Plan::inventory`]). Its `Display` writes it
     /// as text.

@@ -116,7 +116,7 @@ impl From<&FrameRecord> for FrameStats {
             }
             None => format!("scene {}: {reason}", entity(scene.0)),
         });
-        let dark = |(id, reason): &(LightId, SkipReason)| {
+        let without_maps = |(id, reason): &(LightId, SkipReason)| {
             format!("bounce of light {}: {reason}", entity(id.0))
         };
         Self {
@@ -132,7 +132,9 @@ impl From<&FrameRecord> for FrameStats {
             subsplat_pixels,
             dispatches: dispatches.map(|(stage, n)| (stage.name(), *n)).collect(),
             passes: plan.passes.iter().map(FramePass::from).collect(),
-            skipped: scenes.chain(plan.dark.iter().map(dark)).collect(),
+            skipped: scenes
+                .chain(plan.without_maps.iter().map(without_maps))
+                .collect(),
         }
     }
 }
@@ -210,7 +212,8 @@ mod tests {
         pass.light = Some(LightId(lit, 0));
         let hidden = (SceneId(scene), Some(ViewId(view)), SkipReason::Hidden);
         plan.skipped.push(hidden);
-        plan.dark.push((LightId(lit, 0), SkipReason::LightDark));
+        plan.without_maps
+            .push((LightId(lit, 0), SkipReason::LightDark));
         FrameRecord {
             frame: 7,
             scene_bytes: [(scene, 100)].into(),

@@ -5,7 +5,7 @@
 //! Figure 1, the non-zero coefficients, are those that the device computed for this frame's lights:
 //! while they are on, the vector irradiances are read back, some frames late.
 
-use super::readback::SharedCoefficients;
+use super::effects::inspection::coefficients::SharedCoefficients;
 use super::scene::GiScene;
 use super::transform::SimilarityTransform;
 use super::{asset::GiBakedScene, sets::GiSystems};

@@ -6,9 +6,9 @@
 //! The same holds without timestamps inside command encoders, which Bevy lacks on Metal and WebGPU.
 
 use super::GiFrameStats;
-use super::effects::EFFECTS;
+use super::frame_record::FrameRecord;
 use super::quality::{SolveCostSource, span_name};
-use crate::plan::{CostModel, FrameStage, Pass, Plan, RunReason, TimingScope, Work};
+use crate::plan::{CostModel, FrameStage, Pass, Plan, RunReason, TimingScope, Work, kind_of};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -36,11 +36,9 @@ impl DeviceCosts {
 }
 
 /// Names of the spans that time a scope, outermost first, below the span of its point of the frame.
-/// Projection and transport of a scene share the span of its solve.
+/// The passes of a solve share the span of the solve.
 pub(crate) fn spans(scope: &TimingScope) -> Vec<String> {
-    let solve =
-        scope.view.is_none() && matches!(scope.stage, FrameStage::PROJECT | FrameStage::APPLY);
-    let solve = solve.then(|| span_name(scope.scene.0));
+    let solve = (scope.is_solve).then(|| span_name(scope.scene.0));
     solve.into_iter().chain([scope.span()]).collect()
 }
 
@@ -50,14 +48,14 @@ pub(crate) fn map_spans(pass: &Pass, index: usize) -> [String; 2] {
     ["draw", "read"].map(|part| format!("meshless_gi_{name}_{part}_{index}"))
 }
 
-/// Diagnostic paths of the milliseconds of a scope, whose sum is its time. Empty if no effect has
-/// the scope.
-fn paths(scope: &TimingScope, plan: &Plan) -> Vec<DiagnosticPath> {
-    let kinds = EFFECTS.iter().flat_map(|effect| effect.passes);
-    let kind = kinds
-        .filter(|kind| kind.per_view == scope.view.is_some())
-        .find(|kind| kind.timed_with == Some(scope.stage));
-    let Some(kind) = kind else {
+/// Diagnostic paths of the milliseconds of a scope, whose sum is its time. Empty if no pass of the
+/// frame has the scope.
+fn paths(scope: &TimingScope, frame: &FrameRecord) -> Vec<DiagnosticPath> {
+    let mut passes = frame.plan.passes.iter();
+    let Some(pass) = passes.find(|pass| pass.timing == Some(*scope)) else {
+        return Vec::new();
+    };
+    let Some(kind) = kind_of(frame.effects, pass) else {
         return Vec::new();
     };
     let path = |names: &[&str]| {
@@ -70,11 +68,10 @@ fn paths(scope: &TimingScope, plan: &Plan) -> Vec<DiagnosticPath> {
         let names = [kind.record.how.point().span()].into_iter().chain(names);
         return vec![path(&names.collect::<Vec<_>>())];
     }
-    let pass = plan.passes.iter().find(|p| p.timing == Some(*scope));
-    let maps = match pass.map(|pass| (pass, &pass.reason)) {
-        Some((pass, RunReason::Moving(maps))) => (0..*maps as usize).map(|i| map_spans(pass, i)),
-        _ => return Vec::new(),
+    let RunReason::Moving(maps) = pass.reason else {
+        return Vec::new();
     };
+    let maps = (0..maps as usize).map(|i| map_spans(pass, i));
     maps.flatten().map(|name| path(&[&name])).collect()
 }
 
@@ -83,10 +80,10 @@ fn paths(scope: &TimingScope, plan: &Plan) -> Vec<DiagnosticPath> {
 fn measurement(
     store: &DiagnosticsStore,
     scope: &TimingScope,
-    plan: &Plan,
+    frame: &FrameRecord,
 ) -> Option<(Instant, f64)> {
     let mut sum = None;
-    for path in paths(scope, plan) {
+    for path in paths(scope, frame) {
         let found = store.get(&path)?.measurement()?;
         let (last, ms) = sum.unwrap_or((found.time, 0.0));
         sum = Some((found.time.max(last), ms + found.value));
@@ -121,7 +118,7 @@ pub(crate) fn record_timings(
             continue;
         }
         let measured = store.as_ref();
-        let measured = measured.and_then(|store| measurement(store, timed, &counters.plan));
+        let measured = measured.and_then(|store| measurement(store, timed, &counters));
         if let Some((time, ms)) = measured
             && seen.insert(*timed, (time, counters.frame)).map(|s| s.0) != Some(time)
         {

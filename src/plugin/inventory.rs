@@ -3,12 +3,12 @@
 //! scenes and lights.
 
 use super::camera::GiCamera;
+use super::effects::rsm::map_cameras::{GiRsmCamera, RsmRequests};
+use super::effects::rsm::reflector::GiReflector;
 use super::extract::{
     ExtractedGi, ExtractedGiLight, ExtractedScene, GbufferComponents, LightKey, draws_gbuffer,
 };
-use super::reflector::GiReflector;
 use super::render_state::bounds;
-use super::rsm::{GiRsmCamera, RsmRequests};
 use crate::plan::{
     BounceSelector, Cameras, ColorModeSelector, InventoryTracker, SceneId, SceneSnapshot,
     WorldSnapshot, light_affects,

@@ -1,5 +1,6 @@
 //! Systems of the main world and their order.
 
+use super::effects::{fog, materials, rsm, soft_shadows, volume};
 use super::*;
 use bevy::app::{App, Last, PostUpdate, PreUpdate};
 use bevy::asset::{AssetEventSystems, Assets};
@@ -38,7 +39,10 @@ fn add_update_systems(app: &mut App) {
 fn add_post_update_systems(app: &mut App) {
     app.add_systems(
         PostUpdate,
-        (rsm::update_rsm_layers, rsm::update_rsm_cameras)
+        (
+            rsm::map_cameras::update_rsm_layers,
+            rsm::map_cameras::update_rsm_cameras,
+        )
             .chain()
             .in_set(GiSystems::UpdateRsmCameras)
             .after(TransformSystems::Propagate)
@@ -49,8 +53,8 @@ fn add_post_update_systems(app: &mut App) {
     )
     .add_systems(
         PostUpdate,
-        rsm_changes::detect_dynamic_changes
-            .after(rsm::update_rsm_cameras)
+        rsm::object_changes::detect_dynamic_changes
+            .after(rsm::map_cameras::update_rsm_cameras)
             .after(AssetEventSystems)
             // An app that draws nothing has none of these.
             .run_if(resource_exists::<Assets<Mesh>>)
@@ -60,15 +64,15 @@ fn add_post_update_systems(app: &mut App) {
     .add_systems(
         PostUpdate,
         (
-            volume::update_irradiance_volumes
+            volume::irradiance_volume::update_irradiance_volumes
                 .in_set(GiSystems::UpdateVolumes)
                 .before(TransformSystems::Propagate)
                 .before(AssetEventSystems)
                 .run_if(resource_exists::<Assets<Image>>),
-            volume_shader::replace
+            volume::shader::replace
                 .in_set(GiSystems::UpdateVolumes)
                 .before(AssetEventSystems),
-            volume::hide_irradiance_volumes
+            volume::irradiance_volume::hide_irradiance_volumes
                 .in_set(GiSystems::FilterVolumes)
                 .after(VisibilitySystems::CheckVisibility),
         ),
@@ -87,10 +91,11 @@ fn add_last_systems(app: &mut App) {
         (
             validation::check,
             check_display::check_display,
-            soft_shadow::check_soft,
-            volume::check_volumes,
-            fog::check_fog,
-            materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
+            soft_shadows::soft_lights::check_soft,
+            volume::irradiance_volume::check_volumes,
+            fog::fog_volumes::check_fog,
+            materials::dynamic_materials::check_textures
+                .run_if(resource_exists::<Assets<StandardMaterial>>),
         )
             .chain()
             .in_set(GiSystems::Validate),

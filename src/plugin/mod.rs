@@ -56,8 +56,6 @@ mod entity_bake;
 mod environment;
 mod extract;
 mod extract_lights;
-mod fog;
-mod fog_order;
 mod forward_camera;
 mod forward_display;
 mod forward_views;
@@ -69,9 +67,7 @@ mod gpu_timings;
 mod inventory;
 mod loader;
 mod main_schedule;
-mod materials;
 mod observe;
-mod occluders;
 mod plan_log;
 #[cfg(feature = "point_clouds")]
 mod point_cloud;
@@ -79,20 +75,14 @@ mod post_process;
 #[cfg(feature = "gltf")]
 mod process_assets;
 mod quality;
-mod readback;
 #[cfg(feature = "gltf")]
 mod recipe_loader;
 #[cfg(feature = "gltf")]
 mod recipe_progress;
 mod record;
-mod reflective_shadow_map;
-mod reflector;
 mod registration;
 mod render_schedule;
 mod render_state;
-mod rsm;
-mod rsm_changes;
-mod rsm_render;
 mod scene;
 mod scene_check;
 #[cfg(feature = "gltf")]
@@ -101,16 +91,10 @@ mod scene_log;
 mod sets;
 mod settings;
 mod sky;
-mod soft_shadow;
 mod solver;
-mod splatting;
 mod transform;
 mod validation;
 mod view_state;
-mod volume;
-mod volume_shader;
-mod volumetric_fog;
-mod vpl_specular;
 
 pub use crate::plan::{GiBounceCount, GiColorMode, GiQuality};
 pub use asset::GiBakedScene;
@@ -124,6 +108,18 @@ pub use bake_task::GiBakeTask;
 pub use camera::{GiCamera, GiDebugView};
 pub use debug::MeshlessGiDebugPlugin;
 pub use diagnostics::dispatch_path;
+pub use effects::display::splatting::GiSplatting;
+pub use effects::fog::volumetric_fog::GiVolumetricFog;
+pub use effects::inspection::coefficients::SharedCoefficients;
+pub use effects::materials::dynamic_materials::GiDynamicMaterials;
+pub use effects::occluders::occluder::GiOccluder;
+pub use effects::rsm::map_cameras::{GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER};
+pub use effects::rsm::map_schedule::RsmSchedule;
+pub use effects::rsm::reflective_shadow_map::GiReflectiveShadowMap;
+pub use effects::rsm::reflector::GiReflector;
+pub use effects::soft_shadows::soft_lights::GiSoftShadow;
+pub use effects::volume::irradiance_volume::GiIrradianceVolume;
+pub use effects::vpl_specular::specular::GiSpecular;
 pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarning};
 pub use environment::GiEnvironment;
 pub use forward_camera::GiForwardCamera;
@@ -132,8 +128,6 @@ pub use frame_stats::{FramePass, FrameStats, GiFrameStats};
 pub use gi_light::GiLight;
 pub use gizmos::GiGizmos;
 pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
-pub use materials::GiDynamicMaterials;
-pub use occluders::GiOccluder;
 #[cfg(feature = "point_clouds")]
 pub use point_cloud::{
     GiPointCloud, GiPointCloudAsset, GiPointCloudLoadError, GiPointCloudLoader,
@@ -145,28 +139,18 @@ pub use process_assets::{
     process_assets,
 };
 pub use quality::{GiActiveTier, SolveCostFn, SolveCostSource};
-pub use readback::SharedCoefficients;
 #[cfg(feature = "gltf")]
 pub use recipe_loader::{GiBakeProcessorSettings, GiRecipeLoadError, GiRecipeLoader};
 #[cfg(feature = "gltf")]
 pub use recipe_progress::GiRecipeProgress;
-pub use reflective_shadow_map::GiReflectiveShadowMap;
-pub use reflector::GiReflector;
-pub use rsm::{GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER};
-pub use rsm_render::RsmSchedule;
 pub use scene::GiScene;
 pub use scene_check::{GiSceneCheck, GiStaleBakes};
 pub use sets::{GiRenderSystems, GiSystems};
 pub use settings::GiSettings;
 pub use sky::{GiSky, GiSkyError};
-pub use soft_shadow::GiSoftShadow;
 pub use solver::GiSolver;
-pub use splatting::GiSplatting;
 pub use transform::SimilarityTransform;
 pub use validation::{GiWarning, GiWarnings};
-pub use volume::GiIrradianceVolume;
-pub use volumetric_fog::GiVolumetricFog;
-pub use vpl_specular::GiSpecular;
 
 use bevy::app::{App, Plugin};
 use bevy::pbr::DefaultOpaqueRendererMethod;

@@ -1,16 +1,15 @@
 //! Description of a frame for the plan: the extracted world, compared with the device's state.
 
 use super::camera::GiDebugView;
-use super::effects::rsm::shadowers;
-use super::effects::{soft_shadows, volume};
+use super::effects::display::splatting::GiSplatting;
+use super::effects::fog::fog_volumes::ExtractedFogs;
+use super::effects::rsm::map_schedule::LightMaps;
+use super::effects::soft_shadows::soft_lights::ExtractedSoft;
+use super::effects::volume::irradiance_volume::ExtractedVolumes;
+use super::effects::{rsm, soft_shadows, volume};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedGiView, ExtractedScene, LightKey};
-use super::fog::ExtractedFogs;
 use super::render_state::{GiRender, SceneRuntime, bounds};
-use super::rsm_render::LightMaps;
-use super::soft_shadow::ExtractedSoft;
-use super::splatting::GiSplatting;
 use super::transform::SimilarityTransform;
-use super::volume::ExtractedVolumes;
 use crate::plan::{
     DisplayUse, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState, fmm_fallback_reason,
 };
@@ -124,12 +123,7 @@ impl GiRender {
             let described = self.observe_scene(scene, world, shown, largest_binding);
             state.scenes.push(described);
         }
-        let maps = &world.maps.0;
-        self.map_changes.observe(&maps.lights, maps.objects_changed);
-        let bouncing = (state.bounces.iter()).filter(|light| state.maps_of(light).is_ok());
-        let shadowers = || shadowers(&world.gi, &self.scenes);
-        let changed = (self.map_changes).changed(bouncing.map(|light| light.id), shadowers);
-        state.virtual_lights_valid = !changed;
+        rsm::observe(&mut self.states, world, &self.scenes, &mut state);
         state
     }
 

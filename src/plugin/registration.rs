@@ -1,5 +1,6 @@
 //! Types, resources and assets of the main world.
 
+use super::effects::rsm;
 use super::*;
 use bevy::app::App;
 
@@ -51,7 +52,7 @@ pub(super) fn add_resources(app: &mut App) {
         .init_resource::<SolveCostSource>()
         .init_resource::<deferred::ReadyDisplays>()
         .init_resource::<SharedCoefficients>()
-        .init_resource::<rsm::RsmRequests>()
+        .init_resource::<rsm::map_cameras::RsmRequests>()
         .init_resource::<inventory::NormalMaps>()
         .init_resource::<gpu_timings::DeviceCosts>()
         .add_plugins(asset::BakedAssetPlugin);

@@ -1,5 +1,6 @@
 //! Systems of the render world and their order.
 
+use super::effects::{fog, rsm, soft_shadows, volume};
 use super::*;
 use bevy::app::{App, SubApp};
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
@@ -46,19 +47,22 @@ pub(super) fn build(app: &mut App) {
 fn add_extraction(render_app: &mut SubApp) {
     render_app
         .init_resource::<extract::ExtractedGi>()
-        .init_resource::<soft_shadow::ExtractedSoft>()
-        .init_resource::<volume::ExtractedVolumes>()
-        .init_resource::<fog::ExtractedFogs>()
+        .init_resource::<soft_shadows::soft_lights::ExtractedSoft>()
+        .init_resource::<volume::irradiance_volume::ExtractedVolumes>()
+        .init_resource::<fog::fog_volumes::ExtractedFogs>()
         .init_resource::<render_state::GiRender>()
-        .init_resource::<rsm_render::LightMaps>()
-        .add_schedule(rsm_render::schedule())
+        .init_resource::<rsm::map_schedule::LightMaps>()
+        .add_schedule(rsm::map_schedule::schedule())
         .add_systems(
             ExtractSchedule,
             (
                 extract::extract,
-                rsm_render::extract_maps,
-                soft_shadow::extract_soft,
-                (fog::extract_fogs, volume::extract_volumes)
+                rsm::map_schedule::extract_maps,
+                soft_shadows::soft_lights::extract_soft,
+                (
+                    fog::fog_volumes::extract_fogs,
+                    volume::irradiance_volume::extract_volumes,
+                )
                     .chain()
                     .after(extract::extract),
                 inventory::take_inventory.after(extract::extract),
@@ -100,7 +104,7 @@ fn add_camera_passes(render_app: &mut SubApp) {
                 .before(main_transparent_pass_3d),
         )
         .edit_schedule(Core3d, |schedule| {
-            schedule.add_build_pass(fog_order::FogFirst::default());
+            schedule.add_build_pass(fog::order::FogFirst::default());
         })
         .add_systems(
             Core3d,

@@ -3,19 +3,17 @@
 //! Buffers exist because a pass of a plan needs them: pipelines are created when a pass first
 //! records, buffers when a scene comes into view. Pipelines go with the last scene's buffers.
 
-use super::effect_states::{EffectState, EffectStates};
-use super::effects::rsm::{MapChanges, Reflections};
+use super::effect_states::EffectStates;
+use super::effects::rsm::map_schedule::LightMaps;
 use super::effects::volume::VolumeTarget;
+use super::effects::volume::irradiance_volume::ExtractedVolume;
 use super::effects::{EFFECTS, Effect};
 use super::extract::{ExtractedScene, LightKey};
-use super::record::{FramePoint, has_passes};
-use super::rsm_render::LightMaps;
+use super::record::{MapsContext, prepare_light_maps, release_unused};
 use super::view_state::ViewRuntime;
-use super::volume::ExtractedVolume;
 use crate::gpu::{GpuCounters, GpuFrame, KernelPipelines};
 use crate::plan::{ChangeDetector, Plan, SceneId, ViewId};
 use bevy::ecs::prelude::*;
-use bevy::log::warn_once;
 use bevy::math::Vec3;
 use meshless_gi::{BakedScene, Bounds, Channels, FrameSettings};
 use std::collections::BTreeMap;
@@ -72,8 +70,6 @@ pub(crate) struct GiRender {
     pub post_process: BTreeMap<ViewId, EffectStates>,
     /// States of the effects that belong to no scene and no view.
     pub states: EffectStates,
-    /// Values that the virtual lights were computed from.
-    pub map_changes: MapChanges,
     pub plan: Plan,
     /// Number of frames so far.
     pub frame: u64,
@@ -94,7 +90,6 @@ impl Default for GiRender {
             views: BTreeMap::new(),
             post_process: BTreeMap::new(),
             states: EffectStates::default(),
-            map_changes: MapChanges::default(),
             plan: Plan::default(),
             frame: 0,
             counted: GpuCounters::default(),
@@ -138,26 +133,19 @@ impl GiRender {
         runtime.solved_tier = None;
     }
 
-    /// Releases the buffers that the plan does not use, and makes room for the maps that it draws.
+    /// Releases the buffers that the plan does not use, and reserves those of the maps that it
+    /// draws.
     pub fn prepare(&mut self, lights: &LightMaps, device: &wgpu::Device) {
         for id in self.plan.release.clone() {
             self.release(id);
         }
-        let (effects, plan) = (self.effects, &self.plan);
-        (self.views).retain(|view, _| has_passes(effects, plan, *view, FramePoint::MainPass));
-        let is_used = |view: &ViewId| has_passes(effects, plan, *view, FramePoint::PostProcess);
-        (self.post_process).retain(|view, _| is_used(view));
-        let before = self.states.take::<Reflections>();
-        let counted = before.as_ref().map(EffectState::counters);
-        match Reflections::begin(before, lights, plan, &mut self.map_changes, device) {
-            Ok(Some(reflections)) => {
-                self.states.insert(reflections);
-                return;
-            }
-            Ok(None) => {}
-            Err(error) => warn_once!("dynamic objects reflect no light: {error}"),
-        }
-        self.map_changes.reset();
-        self.retired.add(&counted.unwrap_or_default());
+        release_unused(self);
+        let mut ctx = MapsContext {
+            device,
+            lights: &lights.0.lights,
+            states: &mut self.states,
+            counters: &mut self.retired,
+        };
+        prepare_light_maps(self.effects, &self.plan, &mut ctx);
     }
 }

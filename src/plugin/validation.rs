@@ -4,12 +4,12 @@
 //! are added and pictures become too bright and flat. Each warning is logged once.
 
 use super::camera::GiCamera;
+use super::effects::rsm::map_cameras::GiRsmCamera;
+use super::effects::rsm::reflector::GiReflector;
+use super::effects::volume::irradiance_volume::Voxels;
 use super::extract::{GbufferComponents, draws_gbuffer};
-use super::reflector::GiReflector;
-use super::rsm::GiRsmCamera;
 use super::scene::GiScene;
 use super::settings::GiSettings;
-use super::volume::Voxels;
 use bevy::asset::Assets;
 use bevy::camera::Camera;
 use bevy::ecs::prelude::*;

@@ -114,7 +114,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         // Without a change no transport runs, but the display does.
         run(&mut app, 2);
         assert_eq!(work(&counters(&app)), [0; 4]);
-        assert!(counters(&app).dispatches_of(FrameStage::PROBE) > 0);
+        assert!(counters(&app).dispatches_of(FrameStage::PROBE_PIXELS) > 0);
         // The light moves. The next picture has its light on the panel.
         let moved = Vec3::new(-0.6, 1.2, 0.9);
         app.world_mut()
@@ -139,7 +139,7 @@ fn bake_without_probes_runs_no_probe_pass() {
         let shown = picture(&mut app, &image);
         (shown, counters(&app))
     });
-    assert_eq!(without.1.dispatches_of(FrameStage::PROBE), 0);
+    assert_eq!(without.1.dispatches_of(FrameStage::PROBE_PIXELS), 0);
     assert!(
         !without.1.plan.to_string().contains("(probes)"),
         "{}",

@@ -1,13 +1,13 @@
 //! [`SolveCost`]: the cost of a scene's solves as a function of the links that they read.
 
-use super::SMOOTHING_FACTOR;
+use super::RunningMean;
 
 /// Cost of the solves of a scene. Solves with two numbers of links separate the cost of the links
 /// from the rest.
 #[derive(Clone, Debug, Default)]
 pub struct SolveCost {
-    /// Running mean for the current number of links, milliseconds.
-    mean: Option<f32>,
+    /// Mean for the current number of links, milliseconds.
+    mean: RunningMean,
     /// Number of links before the last change, and the cost of solves with them, milliseconds.
     before: Option<(u64, f32)>,
 }
@@ -15,21 +15,20 @@ pub struct SolveCost {
 impl SolveCost {
     /// Adds a measurement, ms. Returns the running mean.
     pub fn measured(&mut self, ms: f32) -> f32 {
-        let mean = |mean: f32| mean + SMOOTHING_FACTOR as f32 * (ms - mean);
-        *self.mean.insert(self.mean.map_or(ms, mean))
+        self.mean.add(f64::from(ms)) as f32
     }
 
     /// Returns the running mean. `None` before the first measurement of the current links.
     #[must_use]
     pub fn mean(&self) -> Option<f32> {
-        self.mean
+        self.mean.0.map(|ms| ms as f32)
     }
 
     /// Starts solves with another number of links. `links` and `cost` are those of the solves so
     /// far.
     pub fn change_links(&mut self, links: u64, cost: f32) {
         self.before = Some((links.max(1), cost));
-        self.mean = None;
+        self.mean = RunningMean::default();
     }
 
     /// Predicts the cost of a solve with `other` links from the `cost` of one with `links`, ms.

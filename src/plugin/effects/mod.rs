@@ -1,19 +1,19 @@
 //! The effects, one file or folder each.
 //!
-//! A file holds everything about its effect: the part of the
-//! [`FrameState`](crate::plan::FrameState) that it reads, when it
-//! is active and why, its passes, their work (the unit of the cost model), their recording, and
-//! their kernels by name. The shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
+//! A file or folder holds everything about its effect: its components and their extraction, the part
+//! of the [`FrameState`](crate::plan::FrameState) that it reads, when it is active and why, its
+//! passes, their work (the unit of the cost model), their recording, and their kernels by name. The
+//! shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
 //! `crates/meshless_gi/src/frame/k.rs`.
 //!
 //! A new effect is a file here and a row of [`EFFECTS`]. The test
 //! `effect_row_is_planned_counted_and_recorded` adds the file `test_effect.rs` and a row.
 
 pub(crate) mod display;
-mod fog;
-mod inspection;
-mod materials;
-mod occluders;
+pub(crate) mod fog;
+pub(crate) mod inspection;
+pub(crate) mod materials;
+pub(crate) mod occluders;
 mod probes;
 mod project_lights;
 mod residency;
@@ -29,11 +29,11 @@ pub(crate) mod volume;
 pub(crate) mod vpl_specular;
 
 use super::record::{
-    MapDrawContext, MapReadContext, PostProcessContext, SceneContext, ViewContext,
+    LayerRecording, LightMapRecording, PostProcessContext, SceneContext, ViewContext,
 };
 use crate::gpu;
 use crate::gpu::{GpuCounters, GpuError};
-use crate::plan::{FrameStage, Pass, Plan};
+use crate::plan::{FrameStage, Pass, Plan, Timing};
 #[cfg(test)]
 use crate::plan::{FrameState, SceneId};
 use std::collections::BTreeMap;
@@ -60,26 +60,21 @@ pub(crate) struct Recording {
 pub(crate) enum Record {
     /// Records a pass that all views share.
     Scene(fn(&mut SceneContext<'_>, &Pass) -> Result<(), GpuError>),
-    /// Adds a layer of irradiance to a view. The layers of a view are evaluated together. Returns
-    /// `None` if the pass lacks an input, which the walk reports.
-    Layer(fn(&mut ViewContext<'_>, &Pass) -> Option<()>),
+    /// Adds a layer of irradiance to a view. The layers of a view are evaluated together, and are
+    /// timed with [`FrameStage::SPLAT`].
+    Layer(LayerRecording),
     /// Records passes of one stage in a view. Returns `None` if they lack an input, which the walk
     /// reports.
     View(fn(&mut ViewContext<'_>, &[&Pass]) -> Option<()>),
-    /// Draws a map of a light in the map's camera, and reads it afterwards. Two recordings, because
-    /// Bevy's draw functions borrow the whole render world.
-    LightMap {
-        /// Draws the map.
-        draw: fn(&mut MapDrawContext<'_, '_, '_>, &Pass),
-        /// Reads the map.
-        read: fn(&mut MapReadContext<'_>, &Pass),
-    },
+    /// Draws a map of a light in the map's camera, and reads it afterwards.
+    LightMap(LightMapRecording),
     /// Records passes of one stage in the post-processing of a view. Returns `None` if they lack an
     /// input, which the walk reports.
     PostProcess(fn(&mut PostProcessContext<'_>, &[&Pass]) -> Option<()>),
 }
 
-/// All effects, in the order in which they are scheduled.
+/// All effects, in the order in which they are scheduled. Effects that add layers to views come
+/// before `display`, which adds the draw of all layers to the picture.
 pub(crate) const EFFECTS: &[Effect] = &[
     residency::EFFECT,
     materials::EFFECT,
@@ -135,7 +130,7 @@ pub(crate) fn count_stages(
             .iter()
             .map(|k| recorded.dispatches_of(*k))
             .sum::<u64>();
-        let copies = kernels.is_empty() && draws.is_none() && kind.timed_with.is_none();
+        let copies = kernels.is_empty() && draws.is_none() && kind.timing == Timing::None;
         let count = dispatches
             + draws.map_or(0, |draws| draws(recorded))
             + if copies {

@@ -6,9 +6,9 @@
 use super::transport::{links_work, solve_reason};
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
-use crate::gpu::GpuError;
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneState, ViewId, Work};
-use crate::plugin::record::{Layer, SceneContext, ViewContext};
+use crate::gpu::{GpuError, SplatTargets};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, Timing, Work};
+use crate::plugin::record::{LayerRecording, SceneContext, ViewContext};
 
 pub(super) const EFFECT: Effect = Effect {
     name: "probes",
@@ -18,7 +18,7 @@ pub(super) const EFFECT: Effect = Effect {
         PassKind {
             stage: FrameStage::PROBE,
             per_view: false,
-            timed_with: Some(FrameStage::APPLY),
+            timing: Timing::Solve(FrameStage::APPLY),
             work: |state, pass| {
                 let scene = state.scene(pass.scene);
                 scene.map_or(Work::Uncounted, |s| links_work(s, s.probe_links))
@@ -31,14 +31,19 @@ pub(super) const EFFECT: Effect = Effect {
             },
         },
         PassKind {
-            stage: FrameStage::PROBE,
+            stage: FrameStage::PROBE_PIXELS,
             per_view: true,
-            timed_with: Some(FrameStage::SPLAT),
+            timing: Timing::With(FrameStage::SPLAT),
             work: |_, _| Work::Uncounted,
             record: Recording {
                 kernels: &[gpu::Pass::ProbeNodes, gpu::Pass::ProbeOver],
                 draws: None,
-                how: Record::Layer(add_layer),
+                how: Record::Layer(LayerRecording {
+                    prepare,
+                    splat,
+                    // The subsplats of the scene read its probes.
+                    add_to_subsplats: Some(|_, _, _| Some(())),
+                }),
             },
         },
     ],
@@ -49,14 +54,9 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
         if let Some(reason) = solve_reason(scene) {
             plan.push(EFFECT.name, FrameStage::PROBE, scene.id, reason);
         }
-    }
-}
-
-/// Adds the pass of a scene in a view to the passes of the effect `display`.
-pub(super) fn schedule_in_view(scene: &SceneState, view: ViewId, plan: &mut Plan) {
-    if scene.probes {
-        let (stage, reason) = (FrameStage::PROBE, RunReason::InView);
-        plan.push(EFFECT.name, stage, scene.id, reason).view = Some(view);
+        for view in state.views.iter().filter(|view| view.shows(scene.id)) {
+            plan.push_layer(EFFECT.name, FrameStage::PROBE_PIXELS, scene.id, view);
+        }
     }
 }
 
@@ -67,8 +67,15 @@ fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     Ok(())
 }
 
-fn add_layer(ctx: &mut ViewContext<'_>, pass: &Pass) -> Option<()> {
-    // The layer of the scene wrote the parameters.
-    let own = ctx.layers.contains(&Layer::Scene(pass.scene));
-    own.then(|| ctx.layers.push(Layer::Probes(pass.scene)))
+/// Checks that the view shows the scene, whose layer has written the parameters.
+fn prepare(ctx: &mut ViewContext<'_>, pass: &Pass) -> Option<()> {
+    ctx.shown.contains(&pass.scene).then_some(())
+}
+
+/// Adds the probe irradiance of a scene.
+fn splat(ctx: &mut ViewContext<'_>, pass: &Pass, targets: &SplatTargets<'_>) -> Option<()> {
+    let frame = ctx.scenes.get_mut(&pass.scene)?.frame.as_mut()?;
+    let buffers = ctx.runtime.buffers.get(&pass.scene)?;
+    frame.probe(ctx.kernels, ctx.encoder, buffers, targets);
+    Some(())
 }

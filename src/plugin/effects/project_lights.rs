@@ -6,7 +6,7 @@
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::GpuError;
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SlotChange, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SlotChange, Timing, Work};
 use crate::plugin::record::SceneContext;
 
 pub(super) const EFFECT: Effect = Effect {
@@ -16,7 +16,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::PROJECT,
         per_view: false,
-        timed_with: Some(FrameStage::PROJECT),
+        timing: Timing::Solve(FrameStage::PROJECT),
         work: |state, pass| {
             let rays = state.scene(pass.scene).map(|scene| scene.rays);
             rays.map_or(Work::Uncounted, |rays| {

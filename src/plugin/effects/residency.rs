@@ -5,7 +5,7 @@
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu::{GpuError, GpuFrame};
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Timing, Work};
 use crate::plugin::record::SceneContext;
 
 pub(super) const EFFECT: Effect = Effect {
@@ -15,7 +15,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::UPLOAD,
         per_view: false,
-        timed_with: None,
+        timing: Timing::None,
         work: |_, _| Work::Uncounted,
         record: Recording {
             kernels: &[],

@@ -11,7 +11,7 @@ use crate::gpu::{
     Draw, GpuCounters, GpuError, SceneBuffers, SoftShadowBuffers, SplatTargets,
     SubtractShadowBuffers, ViewBuffers,
 };
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Timing, Work};
 use crate::plugin::effect_states::EffectState;
 use crate::plugin::record::ViewContext;
 use crate::plugin::view_state::screen_texture;
@@ -26,7 +26,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::SUBTRACT_SHADOW,
         per_view: true,
-        timed_with: Some(FrameStage::SUBTRACT_SHADOW),
+        timing: Timing::With(FrameStage::SUBTRACT_SHADOW),
         work: |state, pass| Work::Pixels(state.pixels(pass.view)),
         record: Recording {
             kernels: &[gpu::Pass::SubtractShadow, gpu::Pass::SubtractShadowOver],

@@ -1,15 +1,16 @@
-//! Effect of the test `effect_row_is_planned_counted_and_recorded`: clears the irradiance of each
-//! scene.
+//! Effects of the tests `effect_row_is_planned_counted_and_recorded` and
+//! `layer_row_is_composited_without_a_scene`.
 //!
-//! Reads: the active scenes. Copies a buffer of zeros that it keeps for each scene, without a
-//! kernel.
+//! `blackout` clears the irradiance of each scene. Reads: the active scenes. Copies a buffer of
+//! zeros that it keeps for each scene, without a kernel. `ambient` adds a layer to each view.
+//! Reads: the views.
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::GpuError;
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Timing, Work};
 use crate::plugin::effect_states::EffectState;
-use crate::plugin::record::SceneContext;
+use crate::plugin::record::{LayerRecording, SceneContext};
 
 /// Stage of the effect, after transport.
 pub(super) const BLACKOUT: FrameStage = FrameStage::new(75, "blackout");
@@ -21,7 +22,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: BLACKOUT,
         per_view: false,
-        timed_with: Some(BLACKOUT),
+        timing: Timing::With(BLACKOUT),
         work: |state, pass| {
             let scene = state.scene(pass.scene);
             Work::Rays(scene.map_or(0, |scene| scene.rays))
@@ -30,6 +31,34 @@ pub(super) const EFFECT: Effect = Effect {
             kernels: &[],
             draws: None,
             how: Record::Scene(record),
+        },
+    }],
+};
+
+/// Stage of the layer, between the layers of other effects.
+pub(super) const AMBIENT: FrameStage = FrameStage::new(127, "ambient");
+
+pub(super) const LAYER: Effect = Effect {
+    name: "ambient",
+    summary: "adds a layer to each view",
+    schedule: |state, plan| {
+        for view in state.views.iter().filter(|view| view.displays()) {
+            plan.push_layer(LAYER.name, AMBIENT, SceneId::WORLD, view);
+        }
+    },
+    passes: &[PassKind {
+        stage: AMBIENT,
+        per_view: true,
+        timing: Timing::With(FrameStage::SPLAT),
+        work: |state, pass| Work::Pixels(state.pixels(pass.view)),
+        record: Recording {
+            kernels: &[],
+            draws: None,
+            how: Record::Layer(LayerRecording {
+                prepare: |_, _| Some(()),
+                splat: |_, _, _| Some(()),
+                add_to_subsplats: None,
+            }),
         },
     }],
 };

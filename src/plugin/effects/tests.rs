@@ -8,11 +8,11 @@ use crate::plan::{
     SkipReason, SlotChange, ViewId, ViewState, Work,
 };
 use crate::plugin::effect_states::EffectStates;
+use crate::plugin::effects::inspection::coefficients::SharedCoefficients;
+use crate::plugin::effects::volume::irradiance_volume::ExtractedVolumes;
 use crate::plugin::extract::ExtractedScene;
-use crate::plugin::readback::SharedCoefficients;
 use crate::plugin::record::{SceneContext, record_scene};
 use crate::plugin::render_state::{SceneRuntime, bounds};
-use crate::plugin::volume::ExtractedVolumes;
 use bevy::math::Vec3;
 use bevy::utils::default;
 use meshless_gi::{
@@ -281,7 +281,7 @@ fn static_reflectors_are_not_redrawn_and_stay_visible() {
     state.virtual_lights_valid = true;
     let plan = plan_frame(&state);
     assert_eq!(stages(&plan), [FrameStage::VPL, FrameStage::COMPOSITE]);
-    assert!(plan.bounces(LightId(5, 0)) && plan.of_light(LightId(5, 0)).next().is_none());
+    assert_eq!(plan.without_maps, [(LightId(5, 0), SkipReason::AtRest)]);
     let words = plan.to_string();
     assert!(
         words.contains("skip maps of light 5.0: nothing changed"),
@@ -361,7 +361,7 @@ fn plan_without_reflectors_skips_rsm_with_reason() {
         change(&mut state);
         let plan = plan_frame(&state);
         assert!(plan.is_empty(), "{why}: {plan}");
-        assert_eq!(plan.dark, [(LightId(5, 0), why)]);
+        assert_eq!(plan.without_maps, [(LightId(5, 0), why)]);
         assert!(plan.to_string().contains("skip maps of light 5.0"));
     }
     let mut nobody_asks = state_with_dynamic_objects();
@@ -543,4 +543,28 @@ fn effect_row_is_planned_counted_and_recorded() {
     assert!(matches!(cost.work, Work::Rays(n) if n > 0));
     assert_eq!(cost.predicted, Some(2.0));
     assert!(super::stages(&table).contains(&test_effect::BLACKOUT));
+}
+
+/// A table of effects with a layer as its first row. The layer is evaluated with those of other
+/// effects, in the order of the stages, and its view is composited without a scene.
+#[test]
+fn layer_row_is_composited_without_a_scene() {
+    let table: Vec<Effect> = [test_effect::LAYER]
+        .into_iter()
+        .chain(EFFECTS.iter().copied())
+        .collect();
+    let mut state = state_with_dynamic_objects();
+    state.bounces.clear();
+    assert!(Plan::new(EFFECTS, &state).is_empty());
+    let plan = Plan::new(&table, &state);
+    assert_eq!(stages(&plan), [test_effect::AMBIENT, FrameStage::COMPOSITE]);
+    assert_eq!(plan.displays, [(ViewId(7), DisplayUse::Subsplats)]);
+
+    let mut state = static_state();
+    state.bounces = state_with_dynamic_objects().bounces;
+    let plan = Plan::new(&table, &state);
+    let layers = [FrameStage::SPLAT, test_effect::AMBIENT, FrameStage::VPL];
+    assert_eq!(stages(&plan)[1..4], layers);
+    let scope = plan.passes[1].timing;
+    assert!(scope.is_some() && plan.passes[1..4].iter().all(|pass| pass.timing == scope));
 }

@@ -8,7 +8,8 @@ use super::{Effect, PassKind, Record, Recording, project_lights};
 use crate::gpu;
 use crate::gpu::GpuError;
 use crate::plan::{
-    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SkyUse, SlotChange, Work,
+    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SkyUse, SlotChange,
+    Timing, Work,
 };
 use crate::plugin::record::SceneContext;
 use meshless_gi::Channels;
@@ -21,7 +22,7 @@ pub(super) const EFFECT: Effect = Effect {
         PassKind {
             stage: FrameStage::PULL_PUSH,
             per_view: false,
-            timed_with: Some(FrameStage::APPLY),
+            timing: Timing::Solve(FrameStage::APPLY),
             work: |_, _| Work::Uncounted,
             record: Recording {
                 kernels: &[
@@ -41,7 +42,7 @@ pub(super) const EFFECT: Effect = Effect {
         PassKind {
             stage: FrameStage::APPLY,
             per_view: false,
-            timed_with: Some(FrameStage::APPLY),
+            timing: Timing::Solve(FrameStage::APPLY),
             work: |state, pass| {
                 state.scene(pass.scene).map_or(Work::Uncounted, |scene| {
                     let links = scene.tier.as_ref().map_or(0, |picked| picked.work);
@@ -64,7 +65,7 @@ pub(super) const EFFECT: Effect = Effect {
         PassKind {
             stage: FrameStage::FLATTEN,
             per_view: false,
-            timed_with: Some(FrameStage::APPLY),
+            timing: Timing::Solve(FrameStage::APPLY),
             work: |_, _| Work::Uncounted,
             record: Recording {
                 kernels: &[gpu::Pass::Averages, gpu::Pass::Differences],

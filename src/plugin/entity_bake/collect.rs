@@ -1,7 +1,6 @@
 //! Copies meshes, materials and images out of the world, for the bake's thread.
 
 use super::super::bake_task::NamedMaterials;
-use super::super::materials::GiDynamicMaterials;
 use super::label;
 use super::material::{
     SurfaceMaterial, SurfaceTexture, TEXTURES, channels_of, factors, images_of, is_double_sided,
@@ -13,6 +12,7 @@ use super::texture::unreadable;
 use super::wait::{State, asset_state, scene_state};
 use super::walk::{StaticMesh, Walk};
 use super::warning::GiBakeWarning as Warning;
+use crate::plugin::effects::materials::dynamic_materials::GiDynamicMaterials;
 use bevy::asset::{Asset, AssetId, AssetServer, Assets, Handle};
 use bevy::ecs::prelude::*;
 use bevy::image::Image;

@@ -3,12 +3,12 @@
 use super::super::bake_error::GiBakeError;
 use super::super::bake_progress::GiBakeProgress;
 use super::super::bake_task::{GiBakeTask, end};
-use super::super::occluders::GiOccluder;
 use super::collect::collect;
 use super::request::GiBakeRequest;
 use super::walk::walk;
 use super::warning::GiBakeWarning;
 use super::{job, label, wait};
+use crate::plugin::effects::occluders::occluder::GiOccluder;
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;

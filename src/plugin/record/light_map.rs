@@ -1,15 +1,14 @@
 //! Passes of a light's reflective shadow maps, in the camera of each map.
 
 use super::Recorder;
-use crate::gpu::KernelPipelines;
+use crate::gpu::{GpuCounters, KernelPipelines};
 use crate::plan::{LightId, Pass, Plan, SceneId, kind_of};
 use crate::plugin::effect_states::EffectStates;
-use crate::plugin::effects::rsm::MapChanges;
+use crate::plugin::effects::rsm::map_cameras::RsmRequest;
 use crate::plugin::effects::{Effect, Record};
 use crate::plugin::extract::ExtractedGi;
 use crate::plugin::gpu_timings::map_spans;
 use crate::plugin::render_state::SceneRuntime;
-use crate::plugin::rsm::RsmRequest;
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -18,6 +17,28 @@ use bevy::render::render_phase::BinnedRenderPhase;
 use bevy::render::renderer::RenderContext;
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
 use std::collections::BTreeMap;
+
+/// Recording of the maps of lights. Two functions draw and read a map, because Bevy's draw
+/// functions borrow the whole render world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightMapRecording {
+    /// Reserves buffers for all maps of the frame.
+    pub prepare: fn(&mut MapsContext<'_>, &[&Pass]),
+    /// Draws a map.
+    pub draw: fn(&mut MapDrawContext<'_, '_, '_>, &Pass),
+    /// Reads a map that was drawn.
+    pub read: fn(&mut MapReadContext<'_>, &Pass),
+}
+
+/// Lights with maps, and the means to reserve buffers for the maps.
+pub(crate) struct MapsContext<'a> {
+    pub device: &'a wgpu::Device,
+    pub lights: &'a [RsmRequest],
+    /// States of the effects that belong to no scene and no view.
+    pub states: &'a mut EffectStates,
+    /// Counters of released buffers.
+    pub counters: &'a mut GpuCounters,
+}
 
 /// Camera of a map, and the meshes that it draws.
 pub(crate) struct MapDrawContext<'a, 'w, 's> {
@@ -58,7 +79,22 @@ pub(crate) struct MapReadContext<'a> {
     pub scenes: &'a BTreeMap<SceneId, SceneRuntime>,
     /// States of the effects that belong to no scene and no view.
     pub states: &'a mut EffectStates,
-    pub changes: &'a mut MapChanges,
+}
+
+/// Reserves buffers for the maps of all lights, once for each stage.
+pub(crate) fn prepare_light_maps(effects: &[Effect], plan: &Plan, ctx: &mut MapsContext<'_>) {
+    let maps = plan
+        .passes
+        .iter()
+        .filter_map(|pass| match how(effects, pass)? {
+            Record::LightMap(recording) => Some((pass, recording)),
+            _ => None,
+        });
+    let maps: Vec<_> = maps.collect();
+    for group in maps.chunk_by(|(a, _), (b, _)| a.stage == b.stage) {
+        let passes: Vec<&Pass> = group.iter().map(|(pass, _)| *pass).collect();
+        (group[0].1.prepare)(ctx, &passes);
+    }
 }
 
 /// Draws a map of a light, once for each of the light's passes.
@@ -69,8 +105,8 @@ pub(crate) fn draw_light_map(
     ctx: &mut MapDrawContext<'_, '_, '_>,
 ) {
     for pass in plan.of_light(light) {
-        if let Some(Record::LightMap { draw, .. }) = how(effects, pass) {
-            draw(ctx, pass);
+        if let Some(Record::LightMap(recording)) = how(effects, pass) {
+            (recording.draw)(ctx, pass);
         }
     }
 }
@@ -84,10 +120,10 @@ pub(crate) fn read_light_map(
     recorder: Recorder<'_>,
 ) {
     for pass in plan.of_light(light) {
-        if let Some(Record::LightMap { read, .. }) = how(effects, pass) {
+        if let Some(Record::LightMap(recording)) = how(effects, pass) {
             let [_, name] = map_spans(pass, ctx.map.index);
             let span = recorder.time_span(ctx.encoder, name);
-            read(ctx, pass);
+            (recording.read)(ctx, pass);
             span.end(ctx.encoder);
         }
     }

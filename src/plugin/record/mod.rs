@@ -2,32 +2,37 @@
 //!
 //! Bevy records a frame schedule by schedule, and a pass belongs to one of these [`FramePoint`]s. A
 //! system of each schedule passes its part of the world to the walk of its point. The walk selects
-//! the passes of the plan by their kind, and decides nothing else.
+//! the passes of the plan by their kind, and decides nothing else. Before it, [`release_unused`]
+//! releases the states without a pass, and [`prepare_light_maps`] reserves the buffers of maps.
 //!
 //! | point | walk | called by | runs |
 //! |---|---|---|---|
 //! | [`Scenes`](FramePoint::Scenes) | [`record_scene`] | [`compute`](super::compute) | before any camera draws |
-//! | [`LightMaps`](FramePoint::LightMaps) | [`draw_light_map`], [`read_light_map`] | [`rsm_render`](super::rsm_render) | in the camera of each map, before other cameras |
+//! | [`LightMaps`](FramePoint::LightMaps) | [`draw_light_map`], [`read_light_map`] | [`map_schedule`](super::effects::rsm::map_schedule) | in the camera of each map, before other cameras |
 //! | [`MainPass`](FramePoint::MainPass) | [`record_view`] | [`composite`](super::composite) | before the view's transparent surfaces |
 //! | | | [`forward_display`](super::forward_display) | before the opaque surfaces of a view without a G-buffer |
 //! | [`PostProcess`](FramePoint::PostProcess) | [`record_post_process`] | [`post_process`](super::post_process) | behind Bevy's fog |
 
+mod layers;
 mod light_map;
 mod post_process;
 mod scene;
 mod view;
 
+pub(crate) use layers::{LayerInput, LayerRecording, SubsplatLayers};
 pub(crate) use light_map::{
-    MapDrawContext, MapOfLight, MapReadContext, draw_light_map, read_light_map,
+    LightMapRecording, MapDrawContext, MapOfLight, MapReadContext, MapsContext, draw_light_map,
+    prepare_light_maps, read_light_map,
 };
 pub(crate) use post_process::{
     PostProcessContext, PostProcessResources, PostProcessView, PostProcessWorld,
     record_post_process,
 };
 pub(crate) use scene::{SceneContext, record_scene};
-pub(crate) use view::{Layer, Picture, Surfaces, ViewContext, ViewInput, record_view};
+pub(crate) use view::{Picture, Surfaces, ViewContext, ViewInput, record_view};
 
 use super::effects::{Effect, Record};
+use super::render_state::GiRender;
 use crate::plan::{Pass, Plan, TimingScope, ViewId, kind_of};
 use bevy::log::warn_once;
 use bevy::math::Mat4;
@@ -65,7 +70,7 @@ impl Record {
     pub fn point(&self) -> FramePoint {
         match self {
             Self::Scene(_) => FramePoint::Scenes,
-            Self::LightMap { .. } => FramePoint::LightMaps,
+            Self::LightMap(_) => FramePoint::LightMaps,
             Self::Layer(_) | Self::View(_) => FramePoint::MainPass,
             Self::PostProcess(_) => FramePoint::PostProcess,
         }
@@ -91,14 +96,17 @@ fn report_missing(recorded: Option<()>, pass: &Pass) {
     }
 }
 
-/// Returns `true` if passes of a view are recorded at a point of the frame.
-pub(crate) fn has_passes(
-    effects: &'static [Effect],
-    plan: &Plan,
-    view: ViewId,
-    point: FramePoint,
-) -> bool {
-    passes_of_view(effects, plan, view, point).next().is_some()
+/// Releases the states that no pass of the plan uses: of views, and of effects.
+pub(crate) fn release_unused(render: &mut GiRender) {
+    let (effects, plan) = (render.effects, &render.plan);
+    let records = |view: &ViewId, point| {
+        let mut passes = passes_of_view(effects, plan, *view, point);
+        passes.next().is_some()
+    };
+    (render.views).retain(|view, _| records(view, FramePoint::MainPass));
+    (render.post_process).retain(|view, _| records(view, FramePoint::PostProcess));
+    let released = render.states.take_unused(plan);
+    render.retired.add(&released.counters());
 }
 
 /// Transform from a view to clip space, with the jitter of its depth.

@@ -4,11 +4,11 @@ use super::{Recorder, Spans};
 use crate::gpu::{GpuError, KernelPipelines};
 use crate::plan::{Plan, kind_of};
 use crate::plugin::effect_states::EffectStates;
+use crate::plugin::effects::inspection::coefficients::SharedCoefficients;
+use crate::plugin::effects::volume::irradiance_volume::ExtractedVolumes;
 use crate::plugin::effects::{Effect, Record};
 use crate::plugin::extract::ExtractedScene;
-use crate::plugin::readback::SharedCoefficients;
 use crate::plugin::render_state::SceneRuntime;
-use crate::plugin::volume::ExtractedVolumes;
 
 /// A baked scene, and the means to record its passes.
 pub(crate) struct SceneContext<'a> {

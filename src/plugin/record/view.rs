@@ -1,14 +1,16 @@
 //! Passes of a view's main pass.
 
+use super::layers::evaluate_layers;
 use super::{FramePoint, Recorder, Spans, passes_of_view, report_missing};
 use crate::gpu::{GpuCounters, KernelPipelines};
-use crate::plan::{DisplayUse, Pass, SceneId};
+use crate::plan::{Pass, SceneId, ViewId};
 use crate::plugin::effect_states::EffectStates;
-use crate::plugin::effects::{Record, display};
+use crate::plugin::effects::Record;
+use crate::plugin::effects::soft_shadows::soft_lights::ExtractedSoft;
 use crate::plugin::extract::{ExtractedGi, ExtractedGiView};
 use crate::plugin::render_state::{GiRender, SceneRuntime};
-use crate::plugin::soft_shadow::ExtractedSoft;
 use crate::plugin::view_state::ViewRuntime;
+use bevy::log::warn_once;
 use bevy::math::Mat4;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::diagnostic::RecordDiagnostics;
@@ -64,17 +66,6 @@ pub(crate) struct ViewInput<'a> {
     pub world: &'a ExtractedGi,
 }
 
-/// A source of irradiance in a view. All layers of a view are evaluated together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Layer {
-    /// Surface irradiance of a baked scene.
-    Scene(SceneId),
-    /// Probe irradiance of a baked scene.
-    Probes(SceneId),
-    /// Virtual point lights.
-    VirtualLights,
-}
-
 /// A view, and the means to record its passes.
 pub(crate) struct ViewContext<'a> {
     pub kernels: &'a KernelPipelines,
@@ -84,15 +75,13 @@ pub(crate) struct ViewContext<'a> {
     pub scenes: &'a mut BTreeMap<SceneId, SceneRuntime>,
     /// States of the effects that belong to no scene and no view.
     pub world_states: &'a mut EffectStates,
-    /// Pixels at which the plan evaluates irradiance. `None` if it evaluates none.
-    pub display: Option<DisplayUse>,
     pub runtime: &'a mut ViewRuntime,
     /// States of an earlier frame. Those that no pass takes are released.
     pub earlier: EffectStates,
     /// Counters of the buffers that belong to no scene.
     pub counters: &'a mut GpuCounters,
-    /// The layers whose passes were recorded, in order.
-    pub layers: Vec<Layer>,
+    /// Scenes that the view shows, in order. Their parameters are in the view's buffers.
+    pub shown: Vec<SceneId>,
     /// Exposed irradiance in rgb and coverage in a, after the layers were evaluated.
     pub irradiance: Option<wgpu::TextureView>,
 }
@@ -100,26 +89,28 @@ pub(crate) struct ViewContext<'a> {
 impl ViewContext<'_> {
     /// The scene whose parameters the view's draws use.
     pub fn primary_scene(&self) -> SceneId {
-        let scene = self.layers.iter().find_map(|layer| match layer {
-            Layer::Scene(id) => Some(*id),
-            _ => None,
-        });
-        scene.unwrap_or(SceneId::WORLD)
+        self.shown.first().copied().unwrap_or(SceneId::WORLD)
     }
 }
 
 /// Records the passes of a view in its main pass. Returns its irradiance. `None` if nothing lights
-/// the view.
+/// the view. `input` is `None` for a view without a G-buffer.
 pub(crate) fn record_view(
     render: &mut GiRender,
-    input: &ViewInput<'_>,
+    id: ViewId,
+    input: Option<&ViewInput<'_>>,
     queue: &wgpu::Queue,
     ctx: &mut RenderContext,
 ) -> Option<wgpu::TextureView> {
-    let id = input.camera.id;
     let point = FramePoint::MainPass;
     let passes: Vec<_> = passes_of_view(render.effects, &render.plan, id, point).collect();
     let kernels = render.kernels.as_ref().filter(|_| !passes.is_empty())?;
+    let Some(input) = input else {
+        warn_once!(
+            "a camera with indirect light has no G-buffer: it has no deferred materials in view, or not all prepasses"
+        );
+        return None;
+    };
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let encoder = ctx.command_encoder();
@@ -132,11 +123,10 @@ pub(crate) fn record_view(
         input,
         scenes: &mut render.scenes,
         world_states: &mut render.states,
-        display: render.plan.display_of(id),
         earlier: std::mem::take(&mut runtime.states),
         runtime,
         counters: &mut render.retired,
-        layers: Vec::new(),
+        shown: Vec::new(),
         irradiance: None,
     };
     record_passes(&passes, &mut ctx, recorder);
@@ -145,13 +135,17 @@ pub(crate) fn record_view(
     irradiance
 }
 
-/// Walks the passes of a view. Successive layers of one scope are recorded together, and so are
-/// successive passes of one stage.
-fn record_passes(passes: &[(&Pass, &Record)], ctx: &mut ViewContext<'_>, recorder: Recorder<'_>) {
+/// Walks the passes of a view. Successive layers are recorded together, and so are successive
+/// passes of one stage.
+fn record_passes(
+    passes: &[(&Pass, &'static Record)],
+    ctx: &mut ViewContext<'_>,
+    recorder: Recorder<'_>,
+) {
     let mut spans = Spans::new(recorder);
     let together = |(a, how): &(&Pass, &Record), (b, other): &(&Pass, &Record)| {
         let layers = matches!((how, other), (Record::Layer(_), Record::Layer(_)));
-        layers && a.timing == b.timing || a.stage == b.stage
+        layers || a.stage == b.stage
     };
     for group in passes.chunk_by(together) {
         let (first, how) = group[0];
@@ -161,12 +155,17 @@ fn record_passes(passes: &[(&Pass, &Record)], ctx: &mut ViewContext<'_>, recorde
             report_missing(record(ctx, &passes), first);
             continue;
         }
+        let mut layers = Vec::with_capacity(group.len());
         for (pass, how) in group {
-            if let Record::Layer(add) = how {
-                report_missing(add(ctx, pass), pass);
+            if let Record::Layer(layer) = how {
+                let prepared = (layer.prepare)(ctx, pass);
+                report_missing(prepared, pass);
+                layers.extend(prepared.map(|()| (*pass, layer)));
             }
         }
-        display::evaluate_layers(ctx);
+        if !layers.is_empty() {
+            evaluate_layers(ctx, &layers);
+        }
     }
     spans.enter(ctx.encoder, None);
 }

@@ -3,19 +3,27 @@
 //!
 //! Reads: the lights with reflective shadow maps, the views that they may light, and whether the
 //! device holds their virtual lights. Each map is drawn and read in its own camera
-//! ([`crate::plugin::rsm_render`]). Kernels: `rsm`, then `vpl` in each view.
+//! ([`map_schedule`]). Kernels: `rsm`, then `vpl` in each view.
 
+pub(crate) mod map_cameras;
+pub(crate) mod map_schedule;
+pub(crate) mod object_changes;
 mod reflections;
+pub(crate) mod reflective_shadow_map;
+pub(crate) mod reflector;
 
-pub(crate) use reflections::{MapChanges, Reflections, shadowers};
+pub(crate) use reflections::{Reflections, observe};
 
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::plan::{
-    BounceState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, ViewState, Work,
+    BounceState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, SkipReason, Timing,
+    ViewState, Work,
 };
 use crate::plugin::gpu_timings::map_spans;
-use crate::plugin::record::{Layer, MapDrawContext, ViewContext};
+use crate::plugin::record::{
+    LayerInput, LayerRecording, LightMapRecording, MapDrawContext, SubsplatLayers,
+};
 use bevy::log::error;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
@@ -28,7 +36,7 @@ pub(super) const EFFECT: Effect = Effect {
         PassKind {
             stage: FrameStage::RSM,
             per_view: false,
-            timed_with: Some(FrameStage::RSM),
+            timing: Timing::With(FrameStage::RSM),
             work: |state, pass| {
                 let light = (state.bounces.iter()).find(|light| Some(light.id) == pass.light);
                 let texels = light.map(|l| u64::from(l.maps.unwrap_or(0)) * l.texels_per_map);
@@ -41,21 +49,26 @@ pub(super) const EFFECT: Effect = Effect {
                     gpu::Pass::RsmSelect,
                 ],
                 draws: None,
-                how: Record::LightMap {
+                how: Record::LightMap(LightMapRecording {
+                    prepare: Reflections::prepare,
                     draw: draw_map,
                     read: |ctx, _| Reflections::read_map(ctx),
-                },
+                }),
             },
         },
         PassKind {
             stage: FrameStage::VPL,
             per_view: true,
-            timed_with: Some(FrameStage::SPLAT),
+            timing: Timing::With(FrameStage::SPLAT),
             work: |state, pass| Work::Pixels(state.pixels(pass.view)),
             record: Recording {
                 kernels: &[gpu::Pass::Vpl, gpu::Pass::VplOver, gpu::Pass::VplNodes],
                 draws: None,
-                how: Record::Layer(add_layer),
+                how: Record::Layer(LayerRecording {
+                    prepare: |ctx, _| ctx.world_states.get::<Reflections>().map(|_| ()),
+                    splat: |ctx, _, targets| Reflections::splat(ctx, targets),
+                    add_to_subsplats: Some(add_to_subsplats),
+                }),
             },
         },
     ],
@@ -63,14 +76,20 @@ pub(super) const EFFECT: Effect = Effect {
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for light in &state.bounces {
-        match state.maps_of(light) {
-            Ok(_) if state.virtual_lights_valid => plan.resting.push(light.id),
+        let maps = match state.maps_of(light) {
+            Ok(_) if state.virtual_lights_valid => Err(SkipReason::AtRest),
+            maps => maps,
+        };
+        match maps {
             Ok(maps) => {
                 let (stage, reason) = (FrameStage::RSM, RunReason::Moving(maps));
                 plan.push(EFFECT.name, stage, SceneId::WORLD, reason).light = Some(light.id);
             }
-            Err(reason) => plan.dark.push((light.id, reason)),
+            Err(reason) => plan.without_maps.push((light.id, reason)),
         }
+    }
+    for view in state.views.iter().filter(|view| lights_view(state, view)) {
+        plan.push_layer(EFFECT.name, FrameStage::VPL, SceneId::WORLD, view);
     }
 }
 
@@ -79,14 +98,6 @@ pub(super) fn lights_view(state: &FrameState, view: &ViewState) -> bool {
     let lights =
         |light: &BounceState| light.views.contains(&view.id) && state.maps_of(light).is_ok();
     view.displays() && state.bounces.iter().any(lights)
-}
-
-/// Adds one pass for all virtual lights of a view to the passes of the effect `display`.
-pub(super) fn schedule_in_view(state: &FrameState, view: &ViewState, plan: &mut Plan) {
-    if lights_view(state, view) {
-        let (stage, reason) = (FrameStage::VPL, RunReason::InView);
-        plan.push(EFFECT.name, stage, SceneId::WORLD, reason).view = Some(view.id);
-    }
 }
 
 /// Draws the deferred meshes in the camera of a map. Bevy's deferred prepass is not public. This
@@ -120,8 +131,13 @@ fn draw_map(ctx: &mut MapDrawContext<'_, '_, '_>, planned: &Pass) {
     span.end(&mut pass);
 }
 
-fn add_layer(ctx: &mut ViewContext<'_>, _: &Pass) -> Option<()> {
-    ctx.world_states.get::<Reflections>()?;
-    ctx.layers.push(Layer::VirtualLights);
+/// Adds the virtual lights to the subsplats of a view.
+fn add_to_subsplats<'a>(
+    input: &LayerInput<'a>,
+    _: &Pass,
+    layers: &mut SubsplatLayers<'a>,
+) -> Option<()> {
+    let reflections = input.world_states.get::<Reflections>()?;
+    layers.lights = Some(reflections.view_lights(input.view, input.scenes, input.shown));
     Some(())
 }

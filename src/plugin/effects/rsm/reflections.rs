@@ -1,17 +1,19 @@
 //! Device data of the bounce from dynamic objects.
 
+use super::EFFECT;
 use crate::gpu::{
-    GpuCounters, GpuError, KernelPipelines, RsmBuffers, RsmCapture, SceneBuffers, SplatTargets,
-    VplShadows,
+    GpuCounters, GpuError, RsmBuffers, RsmCapture, SceneBuffers, SplatTargets, VplShadows,
 };
-use crate::plan::{LightId, MapChangeDetector, Plan, SceneId};
-use crate::plugin::effect_states::EffectState;
+use crate::plan::{FrameState, LightId, MapChangeDetector, Pass, SceneId};
+use crate::plugin::effect_states::{EffectState, EffectStates};
+use crate::plugin::effects::display::splatting::ViewLights;
+use crate::plugin::effects::rsm::map_cameras::RsmRequest;
+use crate::plugin::effects::rsm::map_schedule::light_id;
 use crate::plugin::extract::ExtractedGi;
-use crate::plugin::record::{Layer, MapOfLight, MapReadContext, ViewInput};
+use crate::plugin::observe::ExtractedWorld;
+use crate::plugin::record::{MapOfLight, MapReadContext, MapsContext, ViewContext, ViewInput};
 use crate::plugin::render_state::SceneRuntime;
-use crate::plugin::rsm::RsmRequest;
-use crate::plugin::rsm_render::{LightMaps, light_id};
-use crate::plugin::splatting::ViewLights;
+use bevy::log::warn_once;
 use bevy::math::{DMat4, Mat4, Vec3};
 use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::internals::frame::{RsmParams, VplViewParams};
@@ -33,13 +35,39 @@ pub(crate) struct Reflections {
 /// of its occluders).
 pub(crate) type Shadower = (SceneId, usize, DMat4, Vec<f32>);
 /// Values that the virtual lights were computed from.
-pub(crate) type MapChanges = MapChangeDetector<RsmRequest, Shadower>;
+type MapChanges = MapChangeDetector<RsmRequest, Shadower>;
+
+/// Stores in `state` whether the device holds the virtual lights of its lights, in their current
+/// state.
+pub(crate) fn observe(
+    states: &mut EffectStates,
+    world: &ExtractedWorld,
+    scenes: &BTreeMap<SceneId, SceneRuntime>,
+    state: &mut FrameState,
+) {
+    if state.bounces.is_empty() {
+        return;
+    }
+    let changes = states.get_or_default::<MapChanges>();
+    let maps = &world.maps.0;
+    changes.observe(&maps.lights, maps.objects_changed);
+    let bouncing = (state.bounces.iter()).filter(|light| state.maps_of(light).is_ok());
+    let shadowers = || shadowers(&world.gi, scenes);
+    state.virtual_lights_valid = !changes.changed(bouncing.map(|light| light.id), shadowers);
+}
+
+impl EffectState for MapChanges {
+    fn size(&self) -> (u32, u64) {
+        (0, 0)
+    }
+
+    fn is_used_by(&self, pass: &Pass) -> bool {
+        pass.effect == EFFECT.name
+    }
+}
 
 /// Returns the baked scenes that shadow reflected light.
-pub(crate) fn shadowers(
-    world: &ExtractedGi,
-    scenes: &BTreeMap<SceneId, SceneRuntime>,
-) -> Vec<Shadower> {
+fn shadowers(world: &ExtractedGi, scenes: &BTreeMap<SceneId, SceneRuntime>) -> Vec<Shadower> {
     let address = |id: &SceneId| (scenes.get(id)).map_or(0, |s| Arc::as_ptr(&s.bake) as usize);
     let gains = |id: &SceneId| {
         let scene = world.scenes.iter().find(|s| s.id == *id);
@@ -55,37 +83,41 @@ pub(crate) fn shadowers(
 const MIN_SHADOWED_RADIANCE: f32 = 1.0 / 8192.0;
 
 impl Reflections {
-    /// Reserves space for a frame. Does nothing if the plan draws no map.
+    /// Reserves buffers for the maps of `passes`. Keeps none if they do not fit the device.
+    pub(super) fn prepare(ctx: &mut MapsContext<'_>, passes: &[&Pass]) {
+        let is_drawn = |l: &&RsmRequest| passes.iter().any(|p| p.light == Some(light_id(l.key)));
+        let lights: Vec<&RsmRequest> = ctx.lights.iter().filter(is_drawn).collect();
+        let changes = ctx.states.get_or_default::<MapChanges>();
+        changes.start_maps(lights.len());
+        let before = ctx.states.take::<Self>();
+        let counted = before.as_ref().map(EffectState::counters);
+        match Self::begin(before, &lights, ctx.device) {
+            Ok(reflections) => ctx.states.insert(reflections),
+            Err(error) => {
+                warn_once!("dynamic objects reflect no light: {error}");
+                ctx.states.take::<MapChanges>();
+                ctx.counters.add(&counted.unwrap_or_default());
+            }
+        }
+    }
+
+    /// Begins a frame that draws the maps of `lights`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], see [`RsmBuffers::begin`].
-    pub fn begin(
+    fn begin(
         before: Option<Self>,
-        lights: &LightMaps,
-        plan: &Plan,
-        changes: &mut MapChanges,
+        lights: &[&RsmRequest],
         device: &wgpu::Device,
-    ) -> Result<Option<Self>, GpuError> {
-        let drawn = || (lights.0.lights.iter()).filter(|l| plan.bounces(light_id(l.key)));
-        let Some(first) = drawn().next() else {
-            return Ok(None);
-        };
-        let texels = |light: &RsmRequest| {
+    ) -> Result<Self, GpuError> {
+        let texels = |light: &&RsmRequest| {
             let side = light.settings.texels();
             light.maps.as_ref().map_or(0, |m| m.len() as u32) * side * side
         };
-        let texels = drawn().map(texels).max().unwrap_or(0);
-        let vpls = drawn()
+        let texels = lights.iter().map(texels).max().unwrap_or(0);
+        let vpls = (lights.iter())
             .map(|l| l.settings.vpl_count.clamp(1, MAX_VPLS))
             .sum();
-        let before = match before {
-            Some(mut held) if !plan.resting.is_empty() => {
-                held.maps.reuse_frame();
-                return Ok(Some(held));
-            }
-            before => before,
-        };
-        changes.start_maps(drawn().count());
         let maps = match before {
             Some(Self { mut maps, .. }) => {
                 maps.begin(device, texels, vpls)?;
@@ -93,16 +125,14 @@ impl Reflections {
             }
             None => RsmBuffers::new(device, texels, vpls)?,
         };
-        Ok(Some(Self {
+        let first = lights.first().and_then(|light| light.views.first());
+        Ok(Self {
             maps,
             // Whole meters: rounding stays the same while a light moves a little.
-            origin: first
-                .views
-                .first()
-                .map_or(Vec3::ZERO, |v| v.position.round()),
+            origin: first.map_or(Vec3::ZERO, |v| v.position.round()),
             light: None,
-            visibility: drawn().any(|l| l.settings.trace_shadows),
-        }))
+            visibility: lights.iter().any(|l| l.settings.trace_shadows),
+        })
     }
 
     /// Records the texels of a map that was drawn, and after the last map of a light its virtual
@@ -152,30 +182,26 @@ impl Reflections {
             vpls,
         );
         let shadowers = shadowers(ctx.world, ctx.scenes);
-        ctx.changes.finish_light(id, ctx.complete, shadowers);
+        let changes = ctx.states.get_or_default::<MapChanges>();
+        changes.finish_light(id, ctx.complete, shadowers);
     }
 
-    /// Adds the irradiance of the pixels of a view, see [`view_params`](Self::view_params).
-    pub fn light_view(
-        &mut self,
-        kernels: &KernelPipelines,
-        queue: &wgpu::Queue,
-        encoder: &mut wgpu::CommandEncoder,
-        lights: &(VplViewParams, Option<VplShadows<'_>>),
-        targets: &SplatTargets<'_>,
-    ) {
-        let (view, shadows) = lights;
-        self.maps
-            .splat(kernels, queue, encoder, view, shadows.as_ref(), targets);
+    /// Adds the irradiance of the pixels of a view.
+    pub(super) fn splat(ctx: &mut ViewContext<'_>, targets: &SplatTargets<'_>) -> Option<()> {
+        let reflections = ctx.world_states.get_mut::<Self>()?;
+        let (view, shadows) = reflections.view_params(ctx.input, ctx.scenes, &ctx.shown);
+        let (maps, shadows) = (&mut reflections.maps, shadows.as_ref());
+        maps.splat(ctx.kernels, ctx.queue, ctx.encoder, &view, shadows, targets);
+        Some(())
     }
 
-    /// Returns the parameters of the virtual lights in a view that shows `layers`, and their
+    /// Returns the parameters of the virtual lights in a view of the scenes `shown`, and their
     /// shadows there.
-    pub fn view_params<'a>(
+    fn view_params<'a>(
         &self,
         input: &'a ViewInput<'_>,
         scenes: &'a BTreeMap<SceneId, SceneRuntime>,
-        layers: &[Layer],
+        shown: &[SceneId],
     ) -> (VplViewParams, Option<VplShadows<'a>>) {
         let surfaces = input.surfaces;
         let (world_from_view, clip_from_view) =
@@ -183,7 +209,7 @@ impl Reflections {
         let (viewport, size) = (surfaces.viewport(), surfaces.size);
         let exposure = surfaces.camera.exposure;
         let bake = bakes(input.world, scenes)
-            .find(|(id, ..)| layers.contains(&Layer::Scene(*id)))
+            .find(|(id, ..)| shown.contains(id))
             .map(|(_, local, buffers)| (local, buffers));
         let view = VplViewParams {
             space_from_clip: space_from_clip(&world_from_view, &clip_from_view, self.origin)
@@ -204,14 +230,14 @@ impl Reflections {
         (view, shadows)
     }
 
-    /// The virtual lights, as they light a view that shows `layers`.
+    /// Returns the virtual lights in a view of the scenes `shown`.
     pub fn view_lights<'a>(
         &'a self,
         input: &'a ViewInput<'_>,
         scenes: &'a BTreeMap<SceneId, SceneRuntime>,
-        layers: &[Layer],
+        shown: &[SceneId],
     ) -> ViewLights<'a> {
-        let (view, shadows) = self.view_params(input, scenes, layers);
+        let (view, shadows) = self.view_params(input, scenes, shown);
         ViewLights {
             maps: &self.maps,
             view,
@@ -228,6 +254,15 @@ impl EffectState for Reflections {
 
     fn counters(&self) -> GpuCounters {
         self.maps.counters()
+    }
+
+    fn is_used_by(&self, pass: &Pass) -> bool {
+        pass.effect == EFFECT.name
+    }
+
+    /// Frees the uniform buffers of the frame. The virtual lights stay.
+    fn finish_frame(&mut self) {
+        self.maps.reuse_frame();
     }
 }
 

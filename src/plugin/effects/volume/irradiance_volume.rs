@@ -1,20 +1,20 @@
 //! Indirect light for surfaces outside the G-buffer. The probe light of a baked scene is in one of
 //! Bevy's irradiance volumes. Kernel [`volume`](meshless_gi::internals::frame::volume) writes it
-//! whenever the light changes. [`super::fog`] reads it too.
+//! whenever the light changes. [`crate::plugin::fog`] reads it too.
 //!
 //! Bevy adds a volume to every pixel of every camera that shows it, including those of the
-//! G-buffer. For cameras with our display it is removed there ([`super::deferred`]), or hidden.
+//! G-buffer. For cameras with our display it is removed there ([`crate::plugin::deferred`]), or hidden.
 
-use super::asset::GiBakedScene;
-use super::camera::GiCamera;
-use super::deferred::ReadyDisplays;
-use super::extract::{ExtractedGi, GbufferComponents, draws_gbuffer, in_view};
-use super::fog::ExtractedFogs;
-use super::rsm::GiRsmCamera;
-use super::scene::GiScene;
-use super::settings::GiSettings;
-use super::validation::{GiWarning, GiWarnings, add_warnings};
 use crate::plan::SceneId;
+use crate::plugin::asset::GiBakedScene;
+use crate::plugin::camera::GiCamera;
+use crate::plugin::deferred::ReadyDisplays;
+use crate::plugin::effects::fog::fog_volumes::ExtractedFogs;
+use crate::plugin::effects::rsm::map_cameras::GiRsmCamera;
+use crate::plugin::extract::{ExtractedGi, GbufferComponents, draws_gbuffer, in_view};
+use crate::plugin::scene::GiScene;
+use crate::plugin::settings::GiSettings;
+use crate::plugin::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
 use bevy::camera::primitives::Frustum;
 use bevy::camera::visibility::{RenderLayers, VisibleEntities};
@@ -132,7 +132,7 @@ impl Voxels {
 }
 
 /// Makes, replaces and removes the volumes of roots. Runs in
-/// [`GiSystems::UpdateVolumes`](super::GiSystems::UpdateVolumes).
+/// [`GiSystems::UpdateVolumes`](crate::plugin::GiSystems::UpdateVolumes).
 pub(crate) fn update_irradiance_volumes(
     roots: Query<(Entity, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)>,
     made: Query<(Entity, &ChildOf, &Voxels, &RenderLayers)>,
@@ -189,28 +189,28 @@ pub(crate) fn update_irradiance_volumes(
 type WithDisplay = Or<(With<GiCamera>, With<GiRsmCamera>)>;
 
 /// Query data of a camera's display.
-pub(super) type DisplayQuery = (
+pub(crate) type DisplayQuery = (
     Option<&'static GiCamera>,
     Option<&'static Msaa>,
     GbufferComponents,
 );
 
 /// Query item of [`DisplayQuery`].
-pub(super) type DisplayItem<'a> = (
+pub(crate) type DisplayItem<'a> = (
     Option<&'a GiCamera>,
     Option<&'a Msaa>,
     (bool, bool, bool, bool),
 );
 
 /// Returns `true` if the camera shows indirect light over its G-buffer.
-pub(super) fn displays((display, msaa, gbuffer_components): DisplayItem<'_>) -> bool {
+pub(crate) fn displays((display, msaa, gbuffer_components): DisplayItem<'_>) -> bool {
     display.is_some_and(|d| d.enabled) && draws_gbuffer(gbuffer_components, msaa)
 }
 
-/// Hides our volumes from cameras with a display of their own, unless [`super::deferred`] takes
+/// Hides our volumes from cameras with a display of their own, unless [`crate::plugin::deferred`] takes
 /// them out of the G-buffer. Cameras of lights' maps do not show them. The same holds for cameras
 /// whose display is off or impossible. Runs in
-/// [`GiSystems::FilterVolumes`](super::GiSystems::FilterVolumes).
+/// [`GiSystems::FilterVolumes`](crate::plugin::GiSystems::FilterVolumes).
 pub(crate) fn hide_irradiance_volumes(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
@@ -283,7 +283,7 @@ type ForwardCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiCamera>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and the
+/// Runs in [`GiRenderSystems::Extract`](crate::plugin::GiRenderSystems::Extract), behind the scenes and the
 /// fog.
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
@@ -332,7 +332,7 @@ pub(crate) fn extract_volumes(
 }
 
 /// Warns once if there is a volume and the bake has no probes to fill it. Runs in
-/// [`GiSystems::Validate`](super::GiSystems::Validate).
+/// [`GiSystems::Validate`](crate::plugin::GiSystems::Validate).
 pub(crate) fn check_volumes(
     settings: Res<GiSettings>,
     roots: Query<&GiScene, With<GiIrradianceVolume>>,

@@ -1,11 +1,11 @@
 //! Evaluation of indirect light in a camera: by subsplats (\[N09\]), which evaluate the baked basis
 //! and virtual lights at a fraction of the pixels, or at every pixel.
 
-use super::effect_states::EffectState;
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, NodeLights, RsmBuffers, SceneBuffers, SubsplatBuffers,
     SubsplatTargets, ViewBuffers, VplShadows,
 };
+use crate::plugin::effect_states::EffectState;
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::SubsplatSettings;
@@ -16,7 +16,7 @@ use meshless_gi::internals::frame::{
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Pixels at which a camera evaluates indirect light. Goes next to [`GiCamera`](super::GiCamera),
+/// Pixels at which a camera evaluates indirect light. Goes next to [`GiCamera`](crate::plugin::GiCamera),
 /// which adds the default.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
@@ -141,7 +141,7 @@ impl EffectState for ViewSubsplats {
     }
 
     /// Maps the counts.
-    fn fetch(&mut self) {
+    fn finish_frame(&mut self) {
         self.counted.fetch();
     }
 }

@@ -1,6 +1,6 @@
 //! Detection of changes that the reflective shadow maps show.
 
-use super::rsm::{GiRsmCamera, RsmMesh, RsmRequests};
+use crate::plugin::effects::rsm::map_cameras::{GiRsmCamera, RsmMesh, RsmRequests};
 use bevy::asset::AssetEvent;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
 use bevy::ecs::prelude::*;
@@ -66,7 +66,7 @@ impl DynamicChanges<'_, '_> {
 
 /// Stores whether objects may look different in the maps, for the plan's
 /// [`MapChangeDetector`](crate::plan::MapChangeDetector). Runs after
-/// [`update_rsm_cameras`](super::rsm::update_rsm_cameras) and after the frame's asset events.
+/// [`update_rsm_cameras`](crate::plugin::effects::rsm::map_cameras::update_rsm_cameras) and after the frame's asset events.
 pub(crate) fn detect_dynamic_changes(
     mut requests: ResMut<RsmRequests>,
     mut motion: DynamicChanges,

@@ -6,8 +6,8 @@ use meshless_gi::SpecularSettings;
 
 /// Specular reflections of dynamic objects' light in a camera: smooth and metallic surfaces show
 /// highlights of the virtual lights of
-/// [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)s. Goes next to
-/// [`GiCamera`](super::GiCamera).
+/// [`GiReflectiveShadowMap`](crate::plugin::GiReflectiveShadowMap)s. Goes next to
+/// [`GiCamera`](crate::plugin::GiCamera).
 ///
 /// Each virtual light is evaluated where it changes on the screen, and interpolated elsewhere
 /// (\[N09\] §3.3.1). It costs nothing if no virtual light is in view.

@@ -1,17 +1,17 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that enables them, and the
 //! lights for the render world. The effects `soft_shadows` and `subtract_shadow` (in
-//! [`super::effects`]) compute and draw the shadows.
+//! [`crate::plugin::effects`]) compute and draw the shadows.
 //!
 //! Bevy draws such a light without shadows. The occluded part of its light is subtracted from the
 //! picture, pixel by pixel. This replaces the light's own contribution and leaves all other light
 //! unchanged.
 
-use super::asset::GiBakedScene;
-use super::extract::{LightKey, LightParts, LightPartsItem};
-use super::scene::GiScene;
-use super::settings::GiSettings;
-use super::validation::{GiWarning, GiWarnings, add_warnings};
 use crate::plan::LightKind;
+use crate::plugin::asset::GiBakedScene;
+use crate::plugin::extract::{LightKey, LightParts, LightPartsItem};
+use crate::plugin::scene::GiScene;
+use crate::plugin::settings::GiSettings;
+use crate::plugin::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::ecs::prelude::*;
@@ -74,7 +74,7 @@ fn tables_of(
     there.then(|| wgpu::TextureView::clone(&image.texture_view))
 }
 
-/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract).
+/// Runs in [`GiRenderSystems::Extract`](crate::plugin::GiRenderSystems::Extract).
 pub(crate) fn extract_soft(
     mut out: ResMut<ExtractedSoft>,
     points: Extract<Query<(LightParts, &PointLight, &GiSoftShadow)>>,
@@ -133,7 +133,7 @@ fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
 }
 
 /// Warns once about missing requirements of lights with [`GiSoftShadow`]. Runs in
-/// [`GiSystems::Validate`](super::GiSystems::Validate).
+/// [`GiSystems::Validate`](crate::plugin::GiSystems::Validate).
 #[allow(
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"

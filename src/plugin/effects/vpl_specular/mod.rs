@@ -3,12 +3,14 @@
 //! Reads: the views that show specular reflections, and whether virtual lights light them.
 //! Kernel: `vpl_specular`; the draw `composite`.
 
+pub(crate) mod specular;
+
 use super::display::draw_over_picture;
 use super::rsm::{self, Reflections};
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{Draw, GpuError, NodeLights, SpecularBuffers, SubsplatTargets};
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Timing, Work};
 use crate::plugin::effect_states::EffectState;
 use crate::plugin::record::ViewContext;
 use crate::plugin::view_state::screen_texture;
@@ -22,7 +24,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::VPL_SPECULAR,
         per_view: true,
-        timed_with: Some(FrameStage::VPL_SPECULAR),
+        timing: Timing::With(FrameStage::VPL_SPECULAR),
         work: |state, pass| Work::Pixels(state.pixels(pass.view)),
         record: Recording {
             kernels: &[gpu::Pass::VplSpecular, gpu::Pass::VplSpecularPixels],
@@ -59,7 +61,7 @@ fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) -> Option<()> {
             return Some(());
         }
     };
-    let lights = reflections.view_lights(ctx.input, ctx.scenes, &ctx.layers);
+    let lights = reflections.view_lights(ctx.input, ctx.scenes, &ctx.shown);
     (ctx.queue).write_buffer(&view.view, 0, bytemuck::bytes_of(&lights.view));
     (ctx.queue).write_buffer(&view.lit, 0, bytemuck::bytes_of(&lights.lit));
     view.buffers.write(ctx.queue, &screen, &params);

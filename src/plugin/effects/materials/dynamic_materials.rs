@@ -1,7 +1,7 @@
 //! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in
 //! the frame in which they change.
 
-use super::validation::{GiWarning, GiWarnings, add_warnings};
+use crate::plugin::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
@@ -14,7 +14,7 @@ use meshless_gi::{BakedScene, MaterialFactors};
 use std::sync::{Arc, Weak};
 
 /// Materials of a bake that can change, each by its name in the scene's file and the
-/// [`StandardMaterial`] that is drawn. Goes on the root, next to [`GiScene`](super::GiScene).
+/// [`StandardMaterial`] that is drawn. Goes on the root, next to [`GiScene`](crate::plugin::GiScene).
 ///
 /// Indirect light follows `base_color` and `emissive` of these assets in the frame of the change.
 /// Textures and metalness keep the baked values, and so do materials that are not listed. The bake
@@ -91,7 +91,7 @@ impl ResolvedMaterials {
 type Textures = [Option<AssetId<Image>>; 2];
 
 /// Warns if a dynamic material gets another texture, because indirect light keeps the bake's
-/// texture. Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
+/// texture. Runs in [`GiSystems::Validate`](crate::plugin::GiSystems::Validate).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,

@@ -9,12 +9,12 @@
 //! The cameras select dynamic objects by the [`RenderLayers`] layer [`RSM_RENDER_LAYER`], which is
 //! added to the meshes below a reflector.
 
-use super::camera::GiCamera;
-use super::extract::{LightKey, LightParts, LightPartsItem};
-use super::reflective_shadow_map::GiReflectiveShadowMap;
-use super::reflector::GiReflector;
 use crate::plan::LightKind;
 use crate::plan::{Lens, MapView, SkipReason, map_views};
+use crate::plugin::camera::GiCamera;
+use crate::plugin::effects::rsm::reflective_shadow_map::GiReflectiveShadowMap;
+use crate::plugin::effects::rsm::reflector::GiReflector;
+use crate::plugin::extract::{LightKey, LightParts, LightPartsItem};
 use bevy::asset::Assets;
 use bevy::camera::primitives::{Aabb, MeshAabb};
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
@@ -405,7 +405,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
         RenderTarget::None {
             size: UVec2::splat(texels),
         },
-        CameraRenderGraph::new(super::rsm_render::RsmSchedule),
+        CameraRenderGraph::new(crate::plugin::effects::rsm::map_schedule::RsmSchedule),
         projection(view.lens),
         (at, GlobalTransform::from(at)),
         RenderLayers::layer(RSM_RENDER_LAYER),

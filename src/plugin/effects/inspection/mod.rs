@@ -2,11 +2,13 @@
 //!
 //! Reads: whether the gizmos show coefficients. Copies a buffer, without a kernel.
 
+pub(crate) mod coefficients;
+
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::GpuError;
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
-use crate::plugin::readback::CoefficientReadback;
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Timing, Work};
+use crate::plugin::effects::inspection::coefficients::CoefficientReadback;
 use crate::plugin::record::SceneContext;
 
 pub(super) const EFFECT: Effect = Effect {
@@ -16,7 +18,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::READ_BACK,
         per_view: false,
-        timed_with: None,
+        timing: Timing::None,
         work: |_, _| Work::Uncounted,
         record: Recording {
             kernels: &[],

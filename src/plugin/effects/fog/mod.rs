@@ -5,14 +5,18 @@
 //! frame with such fog in view, in Bevy's post-processing behind Bevy's own fog. Kernel:
 //! `fog_inscatter`; the draw `fog`.
 
+pub(crate) mod fog_volumes;
+pub(crate) mod order;
+pub(crate) mod volumetric_fog;
+
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{FogBuffers, FogTextures, KernelPipelines, draw_fog};
-use crate::plan::{FogState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Work};
+use crate::plan::{FogState, FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Timing, Work};
 use crate::plugin::effect_states::EffectState;
-use crate::plugin::fog::{ExtractedFogView, FogScene, LitFog, cubes_overlap};
+use crate::plugin::effects::fog::fog_volumes::{ExtractedFogView, FogScene, LitFog, cubes_overlap};
+use crate::plugin::effects::volume::irradiance_volume::ExtractedVolume;
 use crate::plugin::record::{PostProcessContext, PostProcessView, PostProcessWorld};
-use crate::plugin::volume::ExtractedVolume;
 use bevy::math::{Affine3A, Mat4};
 use bevy::render::render_resource::RenderPassDescriptor;
 use bevy::render::texture::GpuImage;
@@ -25,7 +29,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::FOG,
         per_view: true,
-        timed_with: Some(FrameStage::FOG),
+        timing: Timing::With(FrameStage::FOG),
         work: |state, pass| {
             let own = |f: &&FogState| Some(f.view) == pass.view && f.scene == pass.scene;
             let fog = state.fogs.iter().find(own);
@@ -294,6 +298,7 @@ mod tests {
             scene: SceneId::WORLD,
             view: Some(ViewId(7)),
             light: None,
+            is_solve: false,
         };
         assert_eq!(plan.costs[0].0, timed);
         assert_eq!(plan.costs[0].1.work, Work::Pixels(2000));

@@ -3,10 +3,12 @@
 //! Reads: the number of occluders that differ from the device's, and the number of link terms that
 //! they affect. Kernel: `occlude`.
 
+pub(crate) mod occluder;
+
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::GpuError;
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Timing, Work};
 use crate::plugin::record::SceneContext;
 
 pub(super) const EFFECT: Effect = Effect {
@@ -16,7 +18,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::OCCLUDE,
         per_view: false,
-        timed_with: Some(FrameStage::OCCLUDE),
+        timing: Timing::With(FrameStage::OCCLUDE),
         work: |state, pass| {
             let scene = state.scene(pass.scene);
             scene.map_or(Work::Uncounted, |s| Work::Passages(s.passages))

@@ -5,19 +5,21 @@
 //! device holds the result for these lights. Runs when one of them changed and a view shows it.
 //! Kernel: `soft_shadow`. The effect `subtract_shadow` subtracts the result from the views.
 
+pub(crate) mod soft_lights;
+
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers};
 use crate::plan::{
-    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SoftShadowState,
+    FrameStage, FrameState, Pass, Plan, RunReason, SceneState, SkipReason, SoftShadowState, Timing,
     ViewState, Work, soft_light_affects,
 };
 use crate::plugin::effect_states::EffectState;
+use crate::plugin::effects::soft_shadows::soft_lights::ExtractedSoft;
 use crate::plugin::extract::ExtractedScene;
 use crate::plugin::observe::ExtractedWorld;
 use crate::plugin::record::SceneContext;
 use crate::plugin::render_state::{SceneRuntime, bounds};
-use crate::plugin::soft_shadow::ExtractedSoft;
 use crate::plugin::transform::SimilarityTransform;
 use bevy::camera::visibility::RenderLayers;
 use bevy::ecs::prelude::*;
@@ -33,7 +35,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::SOFT_SHADOW,
         per_view: false,
-        timed_with: Some(FrameStage::SOFT_SHADOW),
+        timing: Timing::With(FrameStage::SOFT_SHADOW),
         work: |state, pass| {
             let soft = state.scene(pass.scene).map(|scene| scene.soft);
             soft.map_or(Work::Uncounted, |soft| {

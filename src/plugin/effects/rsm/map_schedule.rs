@@ -2,17 +2,19 @@
 //! for the plan.
 //!
 //! Each map is a Bevy camera with its own schedule [`RsmSchedule`] instead of `Core3d`. The
-//! schedule has the meshes' transforms, and the [walk](super::record) of the plan's passes that
+//! schedule has the meshes' transforms, and the [walk](crate::plugin::record) of the plan's passes that
 //! draw and read the map. It has no shadow maps, lighting, tonemapping or picture.
 //!
 //! Cameras whose targets have the same size share their textures (Bevy keys them by target).
 //! Therefore a map is read before the next one is drawn, in the same schedule.
 
-use super::extract::{ExtractedGi, LightKey};
-use super::record::{MapDrawContext, MapOfLight, MapReadContext, draw_light_map, read_light_map};
-use super::render_state::GiRender;
-use super::rsm::{RsmRequest, RsmRequests};
 use crate::plan::{BounceState, LightId};
+use crate::plugin::effects::rsm::map_cameras::{RsmRequest, RsmRequests};
+use crate::plugin::extract::{ExtractedGi, LightKey};
+use crate::plugin::record::{
+    MapDrawContext, MapOfLight, MapReadContext, draw_light_map, read_light_map,
+};
+use crate::plugin::render_state::GiRender;
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -166,7 +168,6 @@ fn read(
         world: &world,
         scenes: &render.scenes,
         states: &mut render.states,
-        changes: &mut render.map_changes,
     };
     let light = light_id(map.light.key);
     read_light_map(render.effects, &render.plan, light, &mut ctx, recorder);

@@ -6,14 +6,16 @@
 //! Fog is lit only where Bevy draws it: it needs a [`VolumetricLight`] somewhere, and
 //! [`VolumetricFog`] on the camera.
 
-use super::camera::GiDebugView;
-use super::extract::{ExtractedGi, in_view};
-use super::rsm::GiRsmCamera;
-use super::settings::GiSettings;
-use super::validation::{GiWarning, GiWarnings, add_warnings};
-use super::volume::{DisplayItem, DisplayQuery, Voxels, displays};
-use super::volumetric_fog::GiVolumetricFog;
 use crate::plan::{FogState, SceneId, ViewId};
+use crate::plugin::camera::GiDebugView;
+use crate::plugin::effects::fog::volumetric_fog::GiVolumetricFog;
+use crate::plugin::effects::rsm::map_cameras::GiRsmCamera;
+use crate::plugin::effects::volume::irradiance_volume::{
+    DisplayItem, DisplayQuery, Voxels, displays,
+};
+use crate::plugin::extract::{ExtractedGi, in_view};
+use crate::plugin::settings::GiSettings;
+use crate::plugin::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::AssetId;
 use bevy::camera::primitives::{Aabb, Frustum};
 use bevy::camera::visibility::RenderLayers;
@@ -165,7 +167,7 @@ type FogCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and
+/// Runs in [`GiRenderSystems::Extract`](crate::plugin::GiRenderSystems::Extract), behind the scenes and
 /// before the volumes.
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,
@@ -256,7 +258,7 @@ pub(crate) fn extract_fogs(
 }
 
 /// Warns once if fog that a scene lights also has ambient light. Runs in
-/// [`GiSystems::Validate`](super::GiSystems::Validate).
+/// [`GiSystems::Validate`](crate::plugin::GiSystems::Validate).
 pub(crate) fn check_fog(
     settings: Res<GiSettings>,
     lit: Query<&GiVolumetricFog>,

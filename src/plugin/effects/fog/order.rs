@@ -3,7 +3,7 @@
 //! that set, such as temporal anti-aliasing. This crate cannot name that system, because an app may
 //! lack that part of Bevy.
 
-use super::sets::GiRenderSystems;
+use crate::plugin::sets::GiRenderSystems;
 use bevy::core_pipeline::schedule::Core3dSystems;
 use bevy::ecs::schedule::graph::{DiGraph, Direction};
 use bevy::ecs::schedule::{

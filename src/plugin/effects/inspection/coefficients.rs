@@ -4,8 +4,8 @@
 //! frames later their lengths are stored for the main world. Nothing is allocated while the gizmos
 //! are off.
 
-use super::effect_states::EffectState;
 use crate::plan::SceneId;
+use crate::plugin::effect_states::EffectState;
 use bevy::ecs::prelude::*;
 use meshless_gi::internals::frame::VectorIrradiance;
 use std::collections::BTreeMap;
@@ -102,7 +102,7 @@ impl EffectState for CoefficientReadback {
     }
 
     /// Maps the copy and stores its values when that is done.
-    fn fetch(&mut self) {
+    fn finish_frame(&mut self) {
         if !std::mem::take(&mut self.recorded) {
             return;
         }

@@ -3,9 +3,11 @@
 //! Reads: whether the factors of a scene's materials differ from the uploaded ones. Copies buffers,
 //! without a kernel.
 
+pub(crate) mod dynamic_materials;
+
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu::GpuError;
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Work};
+use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Timing, Work};
 use crate::plugin::record::SceneContext;
 
 pub(super) const EFFECT: Effect = Effect {
@@ -15,7 +17,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::MATERIALS,
         per_view: false,
-        timed_with: None,
+        timing: Timing::None,
         work: |_, _| Work::Uncounted,
         record: Recording {
             kernels: &[],

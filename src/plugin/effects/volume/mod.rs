@@ -3,20 +3,24 @@
 //! Reads: the volume of a scene and the cameras that show it, the state of its texture, and the
 //! solve of the scene in this frame. Kernel: `volume`.
 
+pub(crate) mod irradiance_volume;
+pub(crate) mod shader;
+
 use super::transport::solve_reason;
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{KernelPipelines, VolumeBuffers};
 use crate::plan::{
-    FrameStage, FrameState, Plan, RunReason, SceneId, SceneState, SkipReason, VolumeState, Work,
+    FrameStage, FrameState, Plan, RunReason, SceneId, SceneState, SkipReason, Timing, VolumeState,
+    Work,
 };
 use crate::plugin::effect_states::EffectState;
+use crate::plugin::effects::volume::irradiance_volume::{ExtractedVolume, ExtractedVolumes};
 use crate::plugin::extract::ExtractedScene;
 use crate::plugin::observe::ExtractedWorld;
 use crate::plugin::record::SceneContext;
 use crate::plugin::render_state::SceneRuntime;
 use crate::plugin::transform::SimilarityTransform;
-use crate::plugin::volume::{ExtractedVolume, ExtractedVolumes};
 use bevy::log::warn;
 use bevy::math::Mat4;
 use meshless_gi::BakedScene;
@@ -29,7 +33,7 @@ pub(super) const EFFECT: Effect = Effect {
     passes: &[PassKind {
         stage: FrameStage::VOLUME,
         per_view: false,
-        timed_with: Some(FrameStage::VOLUME),
+        timing: Timing::With(FrameStage::VOLUME),
         work: |state, pass| {
             let volume = state.scene(pass.scene).map(|scene| scene.volume);
             volume.map_or(Work::Uncounted, |volume| Work::Voxels(volume.voxels))
@@ -259,7 +263,11 @@ mod tests {
         state.scenes[0].probes = true;
         assert_eq!(
             stages(&state),
-            [FrameStage::SPLAT, FrameStage::PROBE, FrameStage::COMPOSITE]
+            [
+                FrameStage::SPLAT,
+                FrameStage::PROBE_PIXELS,
+                FrameStage::COMPOSITE
+            ]
         );
         state.scenes[0].slots[1] = SlotChange::Geometry;
         assert_eq!(
@@ -271,7 +279,7 @@ mod tests {
                 FrameStage::FLATTEN,
                 FrameStage::PROBE,
                 FrameStage::SPLAT,
-                FrameStage::PROBE,
+                FrameStage::PROBE_PIXELS,
                 FrameStage::COMPOSITE
             ]
         );
@@ -322,7 +330,11 @@ mod tests {
         state.scenes[0].slots[1] = SlotChange::None;
         assert_eq!(
             stages(&state),
-            [FrameStage::SPLAT, FrameStage::PROBE, FrameStage::COMPOSITE]
+            [
+                FrameStage::SPLAT,
+                FrameStage::PROBE_PIXELS,
+                FrameStage::COMPOSITE
+            ]
         );
         // A bake without probes skips the effect with a reason.
         state.scenes[0].probes = false;

@@ -1,11 +1,11 @@
 //! [`GiVolumetricFog`]: indirect light in Bevy's volumetric fog.
 
-use super::volume::GiIrradianceVolume;
+use crate::plugin::effects::volume::irradiance_volume::GiIrradianceVolume;
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 
 /// Indirect light in Bevy's volumetric fog ([`VolumetricFog`](bevy::light::VolumetricFog)). Goes on
-/// the root of a scene, next to [`GiScene`](super::GiScene). The fog reads the scene's
+/// the root of a scene, next to [`GiScene`](crate::plugin::GiScene). The fog reads the scene's
 /// [`GiIrradianceVolume`], which this component adds.
 ///
 /// Every camera with a fog volume of the scene in view shows it, at every pixel and without noise.

@@ -8,15 +8,15 @@
 //! A module that differs from the supported release is kept, with a warning. Light then leaks
 //! through walls.
 
-use super::forward_camera::GiForwardCamera;
-use super::validation::{GiWarning, GiWarnings, add_warnings};
-use super::volume::GiIrradianceVolume;
+use crate::plugin::effects::volume::irradiance_volume::GiIrradianceVolume;
+use crate::plugin::forward_camera::GiForwardCamera;
+use crate::plugin::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
 use bevy::shader::{Shader, ShaderImport, Source};
 
 /// Source of the plugin's module.
-const PLUGIN_SHADER: &str = include_str!("../../shaders/engine/irradiance_volume.wgsl");
+const PLUGIN_SHADER: &str = include_str!("../../../../shaders/engine/irradiance_volume.wgsl");
 /// Import name of the module in Bevy's shaders.
 const MODULE: &str = "bevy_pbr::irradiance_volume";
 /// Call in Bevy's module, without spaces.
@@ -24,7 +24,7 @@ const BEVY_SIGNATURE: &str = "fnirradiance_volume_light(world_position:vec3<f32>
 /// Lookup in Bevy's module, without spaces.
 const BEVY_LOOKUP: &str = "light_probe_iterator_next(&iterator)";
 
-/// Definition of the module for cameras with a display ([`super::forward_display`]).
+/// Definition of the module for cameras with a display ([`crate::plugin::forward_display`]).
 const DISPLAY: &str = "MESHLESS_GI_DISPLAY";
 
 /// State of the module.
@@ -41,7 +41,7 @@ pub(crate) enum Module {
 
 /// Replaces the module when Bevy has loaded it and a scene has a volume, and once more for the
 /// first display of a forward camera. Runs in
-/// [`GiSystems::UpdateVolumes`](super::GiSystems::UpdateVolumes).
+/// [`GiSystems::UpdateVolumes`](crate::plugin::GiSystems::UpdateVolumes).
 pub(crate) fn replace(
     volumes: Query<(), With<GiIrradianceVolume>>,
     displays: Query<(), With<GiForwardCamera>>,

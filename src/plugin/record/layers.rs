@@ -1,0 +1,169 @@
+//! Layers of a view: sources of irradiance that are evaluated together, at the subsplats of the
+//! view or at every pixel.
+
+use super::view::{ViewContext, ViewInput};
+use crate::gpu::{SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
+use crate::plan::{DisplayUse, Pass, SceneId};
+use crate::plugin::effect_states::EffectStates;
+use crate::plugin::effects::display::splatting::{
+    GiSplatting, SubsplatView, ViewLights, ViewSubsplats,
+};
+use crate::plugin::render_state::SceneRuntime;
+use bevy::log::warn_once;
+use meshless_gi::internals::frame::SubsplatParams;
+use std::collections::BTreeMap;
+
+/// Recording of a layer.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LayerRecording {
+    /// Writes the parameters of a layer. Returns `None` if the pass lacks an input, which the walk
+    /// reports.
+    pub prepare: fn(&mut ViewContext<'_>, &Pass) -> Option<()>,
+    /// Adds the irradiance of every pixel to that of earlier layers. Returns `None` if the pass
+    /// lacks an input.
+    pub splat: fn(&mut ViewContext<'_>, &Pass, &SplatTargets<'_>) -> Option<()>,
+    /// Adds the layer to those that subsplats evaluate. `None` for a layer that is evaluated at
+    /// every pixel of any view.
+    pub add_to_subsplats: Option<AddToSubsplats>,
+}
+
+type AddToSubsplats = for<'a> fn(&LayerInput<'a>, &Pass, &mut SubsplatLayers<'a>) -> Option<()>;
+
+/// Layer of a view, as planned and as recorded.
+pub(super) type PlannedLayer<'a> = (&'a Pass, &'static LayerRecording);
+
+/// Input of the layers of a view.
+pub(crate) struct LayerInput<'a> {
+    pub view: &'a ViewInput<'a>,
+    pub scenes: &'a BTreeMap<SceneId, SceneRuntime>,
+    /// Parameters of the scenes that the view shows.
+    pub buffers: &'a BTreeMap<SceneId, ViewBuffers>,
+    /// States of the effects that belong to no scene and no view.
+    pub world_states: &'a EffectStates,
+    /// Scenes that the view shows.
+    pub shown: &'a [SceneId],
+}
+
+/// Layers that the subsplats of a view evaluate.
+#[derive(Default)]
+pub(crate) struct SubsplatLayers<'a> {
+    pub scenes: Vec<(&'a SceneBuffers, &'a ViewBuffers)>,
+    pub lights: Option<ViewLights<'a>>,
+}
+
+/// Evaluates the layers of a view: its irradiance. Each layer adds to the output of the one before.
+pub(super) fn evaluate_layers(ctx: &mut ViewContext<'_>, layers: &[PlannedLayer<'_>]) {
+    let display = layers.first().and_then(|(pass, _)| pass.display);
+    let (together, alone): (Vec<_>, Vec<_>) = match display {
+        Some(DisplayUse::Subsplats) => {
+            (layers.iter()).partition(|(_, layer)| layer.add_to_subsplats.is_some())
+        }
+        _ => (Vec::new(), layers.iter().collect()),
+    };
+    let mut outputs = Outputs::default();
+    if !together.is_empty() && !evaluate_subsplats(ctx, &together, &mut outputs) {
+        splat_layers(ctx, &together, &mut outputs);
+    }
+    splat_layers(ctx, &alone, &mut outputs);
+    if outputs.count < 2 {
+        ctx.runtime.irradiance[1] = None;
+    }
+    ctx.irradiance = outputs.last;
+}
+
+/// Outputs of the layers of a view, in two textures by turns.
+#[derive(Default)]
+struct Outputs {
+    count: usize,
+    last: Option<wgpu::TextureView>,
+}
+
+impl Outputs {
+    /// Returns the next output, and the one before it.
+    fn next(
+        &mut self,
+        ctx: &mut ViewContext<'_>,
+    ) -> (wgpu::TextureView, Option<wgpu::TextureView>) {
+        let output = (ctx.runtime).irradiance(self.count % 2, ctx.kernels.device());
+        self.count += 1;
+        let before = self.last.replace(output.clone());
+        (output, before)
+    }
+}
+
+fn splat_layers(ctx: &mut ViewContext<'_>, layers: &[&PlannedLayer<'_>], outputs: &mut Outputs) {
+    for (pass, layer) in layers {
+        let (output, earlier) = outputs.next(ctx);
+        let targets = SplatTargets {
+            depth: ctx.input.surfaces.depth,
+            gbuffer: ctx.input.surfaces.gbuffer,
+            earlier: earlier.as_ref(),
+            output: &output,
+        };
+        super::report_missing((layer.splat)(ctx, pass, &targets), pass);
+    }
+}
+
+/// Evaluates layers by subsplats. Returns `false` if the device cannot hold the subsplats.
+fn evaluate_subsplats(
+    ctx: &mut ViewContext<'_>,
+    layers: &[&PlannedLayer<'_>],
+    outputs: &mut Outputs,
+) -> bool {
+    let Some((mut subsplats, params)) = subsplats(ctx) else {
+        return false;
+    };
+    let (output, _) = outputs.next(ctx);
+    let input = LayerInput {
+        view: ctx.input,
+        scenes: ctx.scenes,
+        buffers: &ctx.runtime.buffers,
+        world_states: ctx.world_states,
+        shown: &ctx.shown,
+    };
+    let mut all = SubsplatLayers::default();
+    for (pass, layer) in layers {
+        if let Some(add) = layer.add_to_subsplats {
+            super::report_missing(add(&input, pass, &mut all), pass);
+        }
+    }
+    let targets = SubsplatTargets {
+        depth: ctx.input.surfaces.depth,
+        gbuffer: ctx.input.surfaces.gbuffer,
+        output: &output,
+    };
+    let view = SubsplatView {
+        params: &params,
+        targets: &targets,
+        scenes: &all.scenes,
+        lights: all.lights.as_ref(),
+    };
+    let recorded = subsplats.record(ctx.kernels, ctx.queue, ctx.encoder, &view);
+    ctx.counters.add(&recorded);
+    ctx.runtime.states.insert(subsplats);
+    true
+}
+
+/// Returns the view's subsplats and their parameters. `None` if the device cannot hold them.
+fn subsplats(ctx: &mut ViewContext<'_>) -> Option<(ViewSubsplats, SubsplatParams)> {
+    let before = ctx.earlier.take::<ViewSubsplats>();
+    let surfaces = ctx.input.surfaces;
+    let GiSplatting::Multiresolution(settings) = &ctx.input.camera.display else {
+        return None;
+    };
+    let params = SubsplatParams::new(
+        settings,
+        surfaces.clip_from_view().inverse(),
+        surfaces.world_from_view().inverse(),
+        surfaces.viewport(),
+        surfaces.size,
+    );
+    match ViewSubsplats::fit(before, ctx.kernels.device(), ctx.queue, params.levels()) {
+        Ok(fits) => Some((fits, params)),
+        Err(error) => {
+            warn_once!("a view evaluates indirect light at every pixel: {error}");
+            ctx.runtime.too_large = true;
+            None
+        }
+    }
+}
