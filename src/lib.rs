@@ -75,11 +75,11 @@ pub use meshless_gi::{DepthTest, NormalTest, SpecularSettings, SubsplatSettings}
 #[cfg(feature = "bevy")]
 pub use plugin::{
     GiCamera, GiDebugView, GiForwardCamera, GiLight, GiReflectiveShadowMap, GiRsmCamera,
-    GiSoftShadow, GiSpecular, GiSplatting, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
+    GiSoftShadow, GiSpecular, GiSplatting,
 };
 
 // Bakes.
-pub use meshless_gi::{BakeStage, Preset, Recipe};
+pub use meshless_gi::{BakeStage, OccluderDesc, Preset, ProbeSettings, Recipe};
 #[cfg(feature = "bevy")]
 pub use plugin::{
     GiBakeCommands, GiBakeError, GiBakeExclude, GiBakeFinished, GiBakeProgress, GiBakeRequest,

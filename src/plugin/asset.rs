@@ -8,13 +8,15 @@ use super::{GiBakedSceneLoader, GiSystems};
 use bevy::app::{App, Last, Plugin};
 use bevy::asset::{Asset, AssetApp};
 use bevy::ecs::prelude::*;
-use bevy::reflect::TypePath;
+use bevy::reflect::prelude::*;
 use meshless_gi::BakedScene;
 use std::sync::Arc;
 
 /// A baked scene. Shared, never changed: replacing the asset (not editing it) is how a bake
 /// changes.
-#[derive(Asset, TypePath, Clone, Debug)]
+#[derive(Asset, Reflect, Clone, Debug)]
+#[reflect(opaque)]
+#[reflect(Clone, Debug)]
 pub struct GiBakedScene {
     /// Everything that a frame reads.
     pub scene: Arc<BakedScene>,
@@ -40,6 +42,7 @@ impl Plugin for BakedAssetPlugin {
             folders: super::asset_folders::AssetFolders::from_app(app),
         };
         app.init_asset::<GiBakedScene>()
+            .register_asset_reflect::<GiBakedScene>()
             .insert_resource(reports)
             .init_resource::<GiStaleBakes>()
             .add_systems(Last, warn_stale.in_set(GiSystems::Validate));

@@ -9,16 +9,12 @@
 //! | `validation` | main, `Last` | warns of light that counts twice |
 //! | `scene_check` | main, `Last` | warns of bakes whose scene has changed since |
 //! | `check_display` | main, `Last` | warns of a bake that no camera displays |
-//! | `rsm` | main, `PostUpdate` | positions the cameras of reflective shadow maps |
+//! | `effects` | both | one file or folder for each effect: components, extraction, passes |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `inventory` | both | counts entities and their changes |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
-//! | `volume` | both | probe light as one of Bevy's irradiance volumes, for cameras without a G-buffer |
-//! | `volume_shader` | main, `PostUpdate` | replaces Bevy's shader of irradiance volumes by one that respects walls |
-//! | `soft_shadow` | both | lights with soft shadows, and the light that they subtract from the picture |
-//! | `rsm_render` | render, before the other cameras | runs the cameras of those maps |
 //! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
-//! | `record` | render, in `compute`, `rsm_render` and the three below | iterates over the plan's passes, which `effects` records |
+//! | `record` | render, in `compute`, `effects::rsm` and the three below | iterates over the plan's passes, which `effects` records |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds irradiance to the pictures of deferred cameras |
 //! | `forward_display` | render, `Core3d` of each camera, before opaque | provides irradiance to the surfaces of forward cameras |
 //! | `post_process` | render, `Core3d` of each camera, after Bevy's volumetric fog | adds indirect light that fog scatters to the eye |
@@ -113,7 +109,7 @@ pub use effects::fog::volumetric_fog::GiVolumetricFog;
 pub use effects::inspection::coefficients::SharedCoefficients;
 pub use effects::materials::dynamic_materials::GiDynamicMaterials;
 pub use effects::occluders::occluder::GiOccluder;
-pub use effects::rsm::map_cameras::{GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER};
+pub use effects::rsm::map_cameras::GiRsmCamera;
 pub use effects::rsm::map_schedule::RsmSchedule;
 pub use effects::rsm::reflective_shadow_map::GiReflectiveShadowMap;
 pub use effects::rsm::reflector::GiReflector;
@@ -131,7 +127,7 @@ pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
 #[cfg(feature = "point_clouds")]
 pub use point_cloud::{
     GiPointCloud, GiPointCloudAsset, GiPointCloudLoadError, GiPointCloudLoader,
-    GiPointCloudLoaderSettings, GiPointCloudPart,
+    GiPointCloudLoaderSettings, PointCloudPart,
 };
 #[cfg(feature = "gltf")]
 pub use process_assets::{

@@ -32,7 +32,9 @@ use std::sync::Arc;
 
 /// Point cloud, and its meshes and material. Load it with
 /// `asset_server.load::<GiPointCloudAsset>("statue.ply")`.
-#[derive(Asset, TypePath, Clone, Debug)]
+#[derive(Asset, Reflect, Clone, Debug)]
+#[reflect(opaque)]
+#[reflect(Clone, Debug)]
 pub struct GiPointCloudAsset {
     /// The points, in the cloud's own space: meters, linear albedo.
     pub cloud: Arc<PointCloud>,
@@ -137,9 +139,10 @@ impl GiPointCloudAsset {
 /// Registers the types, the asset, its loader and the systems of point clouds.
 pub(super) fn build(app: &mut App) {
     app.register_type::<GiPointCloud>()
-        .register_type::<GiPointCloudPart>()
+        .register_type::<PointCloudPart>()
         .register_type::<GiPointCloudLoaderSettings>()
         .init_asset::<GiPointCloudAsset>()
+        .register_asset_reflect::<GiPointCloudAsset>()
         .register_asset_loader(GiPointCloudLoader)
         // After assets have come, and before transforms and bounds of new meshes are made.
         .add_systems(
@@ -215,7 +218,7 @@ fn cell_mesh(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
 /// its `RenderLayers`, `NotShadowCaster` and `NotShadowReceiver`.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct GiPointCloudPart;
+pub struct PointCloudPart;
 
 /// Inserts the meshes of point clouds, and removes them from entities without a cloud.
 #[allow(clippy::type_complexity, reason = "data of a query")]
@@ -230,7 +233,7 @@ fn spawn_point_cloud_meshes(
         Option<&Mesh3d>,
         Has<MeshMaterial3d<StandardMaterial>>,
     )>,
-    parts: Query<(Entity, &ChildOf), With<GiPointCloudPart>>,
+    parts: Query<(Entity, &ChildOf), With<PointCloudPart>>,
 ) {
     let clear = |commands: &mut Commands, cloud: Entity| {
         for (part, _) in parts.iter().filter(|(_, of)| of.parent() == cloud) {
@@ -260,7 +263,7 @@ fn spawn_point_cloud_meshes(
         };
         clear(&mut commands, id);
         for mesh in others {
-            commands.spawn((GiPointCloudPart, Mesh3d(mesh.clone()), ChildOf(id)));
+            commands.spawn((PointCloudPart, Mesh3d(mesh.clone()), ChildOf(id)));
         }
         let mut entity = commands.entity(id);
         if mesh.is_none_or(|mesh| mesh.0 != *first) {
@@ -283,8 +286,8 @@ type CopiedComponents = (
 /// Copies the render components of clouds to their parts. Runs after [`spawn_point_cloud_meshes`].
 fn sync_point_cloud_parts(
     mut commands: Commands,
-    parts: Query<(Entity, &ChildOf, CopiedComponents), With<GiPointCloudPart>>,
-    clouds: Query<CopiedComponents, Without<GiPointCloudPart>>,
+    parts: Query<(Entity, &ChildOf, CopiedComponents), With<PointCloudPart>>,
+    clouds: Query<CopiedComponents, Without<PointCloudPart>>,
 ) {
     for (part, of, own) in &parts {
         let Ok(cloud) = clouds.get(of.parent()) else {

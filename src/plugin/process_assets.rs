@@ -32,7 +32,7 @@ use bevy::asset::meta::{
     AssetAction, AssetMeta, AssetMetaDyn, ProcessDependencyInfo, ProcessedInfo,
 };
 use bevy::log::{debug, error};
-use bevy::reflect::TypePath;
+use bevy::reflect::prelude::*;
 use bevy::tasks::block_on;
 use meshless_gi::internals::asset::write_file;
 use std::collections::BTreeSet;
@@ -43,7 +43,8 @@ use std::time::{Duration, Instant};
 
 /// Folders to process, and a time limit. Relative folders are those of Bevy: below
 /// `BEVY_ASSET_ROOT`, else below the package that `cargo run` runs, else next to the executable.
-#[derive(Clone, Debug)]
+#[derive(Reflect, Clone, Debug)]
+#[reflect(Default, Clone, Debug)]
 pub struct GiProcessAssetsOptions {
     /// Folder of the source assets, absolute or relative to the project's root.
     pub source: PathBuf,

@@ -41,6 +41,7 @@ pub(super) fn register_types(app: &mut App) {
         .register_type::<GiVolumetricFog>();
     #[cfg(feature = "gltf")]
     app.register_type::<GiBakeProcessorSettings>()
+        .register_type::<GiProcessAssetsOptions>()
         .register_type::<GiRecipeProgress>();
 }
 

@@ -8,7 +8,7 @@ use crate::support::stage::{save_picture, spawn_light_source, view};
 use bevy::camera::visibility::RenderLayers;
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
-use bevy_meshless_gi::internals::plugin::GiPointCloudPart;
+use bevy_meshless_gi::internals::plugin::PointCloudPart;
 use bevy_meshless_gi::point_cloud::{GiPointCloud, GiPointCloudAsset};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::internals::samples::scatter;
@@ -200,7 +200,7 @@ fn large_point_cloud_is_split_into_parts() {
     run(&mut app, 2);
     let mut parts = app
         .world_mut()
-        .query_filtered::<(&RenderLayers, Has<NotShadowCaster>), With<GiPointCloudPart>>();
+        .query_filtered::<(&RenderLayers, Has<NotShadowCaster>), With<PointCloudPart>>();
     let parts: Vec<_> = parts.iter(app.world()).collect();
     assert_eq!(parts, [(&layers, true); 3]);
     let draw = |app: &mut App, cloud: Handle<GiPointCloudAsset>| {

@@ -13,7 +13,7 @@ use bevy::reflect::std_traits::ReflectDefault;
 use bevy::reflect::{
     PartialReflect, ReflectMut, ReflectRef, TypePath, TypeRegistration, TypeRegistry,
 };
-use bevy_meshless_gi::internals::plugin::GiPointCloudPart;
+use bevy_meshless_gi::internals::plugin::PointCloudPart;
 use bevy_meshless_gi::point_cloud::GiPointCloud;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Preset, Quad, Recipe, TriangleMesh};
@@ -287,7 +287,7 @@ fn full_world() -> App {
     world.spawn(GiOccluder::default());
     world.spawn(GiPointCloud::default());
     // The point cloud draws its only part itself. This part has no cloud.
-    world.spawn(GiPointCloudPart);
+    world.spawn(PointCloudPart);
     world.spawn(GiBakeExclude);
     world.spawn(forward);
     // These bakes last longer than the test.

@@ -14,7 +14,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::internals::plan::FrameStage;
 use bevy_meshless_gi::internals::plugin::FrameRecord;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::{GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER, SpecularSettings};
+use bevy_meshless_gi::{GiRsmCamera, GiWarning, GiWarnings, SpecularSettings};
 use meshless_gi::Light;
 use std::f32::consts::PI;
 
@@ -104,7 +104,10 @@ fn rsm_cameras_follow_reflectors() {
     app.world_mut().entity_mut(parent).insert(GiReflector);
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [1, 1]);
-    assert_eq!(layers(&app, ball), Some(own.clone().with(RSM_RENDER_LAYER)));
+    assert_eq!(
+        layers(&app, ball),
+        Some(own.clone().with(GiRsmCamera::RENDER_LAYER))
+    );
     assert_eq!(layers(&app, parent), None, "it has no mesh");
     let c = counters(&app);
     let ran = |c: &FrameRecord| c.plan.to_string().matches("run  rsm").count();
@@ -194,7 +197,7 @@ fn rsm_cameras_follow_reflectors() {
     run(&mut app, 2);
     assert_eq!(
         layers(&app, ball),
-        Some(RenderLayers::from_layers(&[0, RSM_RENDER_LAYER]))
+        Some(RenderLayers::from_layers(&[0, GiRsmCamera::RENDER_LAYER]))
     );
     app.world_mut().entity_mut(ball).remove::<GiReflector>();
     run(&mut app, 2);

@@ -60,7 +60,11 @@ pub const SCENES: [Scene; 13] = [
         name: "the same, in a bake with more features",
         light: Some(false),
         probes_and_visibility: true,
-        runs: &[FrameStage::PROBE_PIXELS, FrameStage::SPLAT, FrameStage::COMPOSITE],
+        runs: &[
+            FrameStage::PROBE_PIXELS,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {

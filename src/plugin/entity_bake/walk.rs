@@ -2,9 +2,10 @@
 
 use super::exclude::GiBakeExclude;
 use super::request::GiBakeRequest;
-use crate::plugin::{GiOccluder, GiReflector, GiScene};
 #[cfg(feature = "point_clouds")]
-use crate::plugin::{GiPointCloud, GiPointCloudPart};
+use crate::plugin::GiPointCloud;
+use crate::plugin::point_cloud::PointCloudPart;
+use crate::plugin::{GiOccluder, GiReflector, GiScene};
 use bevy::asset::Handle;
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::prelude::*;
@@ -104,7 +105,7 @@ impl Walk {
 /// Returns `true` for point clouds and their parts, which are drawn as meshes.
 #[cfg(feature = "point_clouds")]
 fn is_point_cloud(entity: EntityRef) -> bool {
-    entity.contains::<GiPointCloud>() || entity.contains::<GiPointCloudPart>()
+    entity.contains::<GiPointCloud>() || entity.contains::<PointCloudPart>()
 }
 
 #[cfg(not(feature = "point_clouds"))]

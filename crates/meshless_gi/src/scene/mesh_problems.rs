@@ -2,6 +2,7 @@
 
 /// Numbers of parts that were dropped or corrected when a mesh was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct MeshProblems {
     /// Triangles dropped because a coordinate was not finite or was beyond 10⁹ m.
     pub not_finite: u64,

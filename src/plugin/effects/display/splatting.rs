@@ -16,7 +16,7 @@ use meshless_gi::internals::frame::{
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Pixels at which a camera evaluates indirect light. Goes next to [`GiCamera`](crate::plugin::GiCamera),
+/// Pixels at which a camera evaluates indirect light. Goes next to [`GiCamera`](crate::GiCamera),
 /// which adds the default.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]

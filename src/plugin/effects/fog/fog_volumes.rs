@@ -167,7 +167,7 @@ type FogCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiRenderSystems::Extract`](crate::plugin::GiRenderSystems::Extract), behind the scenes and
+/// Runs in [`GiRenderSystems::Extract`](crate::GiRenderSystems::Extract), behind the scenes and
 /// before the volumes.
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,

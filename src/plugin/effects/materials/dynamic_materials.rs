@@ -14,7 +14,7 @@ use meshless_gi::{BakedScene, MaterialFactors};
 use std::sync::{Arc, Weak};
 
 /// Materials of a bake that can change, each by its name in the scene's file and the
-/// [`StandardMaterial`] that is drawn. Goes on the root, next to [`GiScene`](crate::plugin::GiScene).
+/// [`StandardMaterial`] that is drawn. Goes on the root, next to [`GiScene`](crate::GiScene).
 ///
 /// Indirect light follows `base_color` and `emissive` of these assets in the frame of the change.
 /// Textures and metalness keep the baked values, and so do materials that are not listed. The bake

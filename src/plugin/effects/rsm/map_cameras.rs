@@ -6,7 +6,7 @@
 //! shadow maps, \[N09\] §3). Each map has its own camera ([`GiRsmCamera`]). This file spawns,
 //! positions ([`map_views`]) and deactivates the cameras. `rsm_render` runs them.
 //!
-//! The cameras select dynamic objects by the [`RenderLayers`] layer [`RSM_RENDER_LAYER`], which is
+//! The cameras select dynamic objects by the [`RenderLayers`] layer [`GiRsmCamera::RENDER_LAYER`], which is
 //! added to the meshes below a reflector.
 
 use crate::plan::LightKind;
@@ -38,14 +38,6 @@ use bevy::render::view::{Msaa, NoIndirectDrawing};
 use bevy::transform::components::{GlobalTransform, Transform};
 use meshless_gi::{Bounds, FrameLight};
 
-/// Render layer of dynamic objects, reserved for the plugin. Only the cameras of reflective shadow
-/// maps use it.
-pub const RSM_RENDER_LAYER: usize = 61;
-
-/// Order of the first camera of a reflective shadow map. Orders count up from it, so that maps are
-/// drawn before the cameras of the game.
-pub const RSM_CAMERA_ORDER: isize = -1_000_000;
-
 /// Camera that draws one reflective shadow map. The plugin spawns, positions and despawns it. It is
 /// inactive if there is nothing to draw. Queries of a game for cameras may need
 /// `Without<GiRsmCamera>`.
@@ -61,7 +53,16 @@ pub struct GiRsmCamera {
     pub map: u32,
 }
 
-/// A mesh to which the plugin added [`RSM_RENDER_LAYER`].
+impl GiRsmCamera {
+    /// Render layer of dynamic objects, reserved for the plugin. Only these cameras use it.
+    pub const RENDER_LAYER: usize = 61;
+
+    /// Order of the first of these cameras. Orders count up from it, so that maps are drawn before
+    /// the cameras of the game.
+    pub const FIRST_ORDER: isize = -1_000_000;
+}
+
+/// A mesh to which the plugin added [`GiRsmCamera::RENDER_LAYER`].
 #[derive(Component)]
 pub(crate) struct RsmMesh {
     /// The mesh had no `RenderLayers` before.
@@ -97,7 +98,7 @@ pub(crate) fn update_rsm_layers(
     if reflectors.is_empty() && marked.is_empty() {
         return;
     }
-    let capture = RenderLayers::layer(RSM_RENDER_LAYER);
+    let capture = RenderLayers::layer(GiRsmCamera::RENDER_LAYER);
     below.clear();
     for reflector in &reflectors {
         let family = std::iter::once(reflector).chain(children.iter_descendants(reflector));
@@ -109,7 +110,10 @@ pub(crate) fn update_rsm_layers(
         };
         if !had || !layers.is_some_and(|l| l.intersects(&capture)) {
             let had_no_layers = layers.is_none();
-            let layers = layers.cloned().unwrap_or_default().with(RSM_RENDER_LAYER);
+            let layers = layers
+                .cloned()
+                .unwrap_or_default()
+                .with(GiRsmCamera::RENDER_LAYER);
             commands
                 .entity(entity)
                 .insert((layers, RsmMesh { had_no_layers }));
@@ -128,7 +132,7 @@ pub(crate) fn update_rsm_layers(
         let mut entity = commands.entity(entity);
         entity.remove::<RsmMesh>();
         if let Some(layers) = layers {
-            let own = layers.clone().without(RSM_RENDER_LAYER);
+            let own = layers.clone().without(GiRsmCamera::RENDER_LAYER);
             if mark.had_no_layers && own == RenderLayers::default() {
                 entity.remove::<RenderLayers>();
             } else {
@@ -304,7 +308,7 @@ pub(crate) fn update_rsm_cameras(
         false => Vec::new(),
     };
 
-    let mut order = RSM_CAMERA_ORDER;
+    let mut order = GiRsmCamera::FIRST_ORDER;
     let requests = &mut *requests;
     for light in requests.lights.iter_mut().filter(|_| shown) {
         let texels = light.settings.texels();
@@ -408,7 +412,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
         CameraRenderGraph::new(crate::plugin::effects::rsm::map_schedule::RsmSchedule),
         projection(view.lens),
         (at, GlobalTransform::from(at)),
-        RenderLayers::layer(RSM_RENDER_LAYER),
+        RenderLayers::layer(GiRsmCamera::RENDER_LAYER),
         DeferredPrepass,
         Msaa::Off,
         NoIndirectDrawing,

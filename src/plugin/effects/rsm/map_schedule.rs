@@ -2,8 +2,8 @@
 //! for the plan.
 //!
 //! Each map is a Bevy camera with its own schedule [`RsmSchedule`] instead of `Core3d`. The
-//! schedule has the meshes' transforms, and the [walk](crate::plugin::record) of the plan's passes that
-//! draw and read the map. It has no shadow maps, lighting, tonemapping or picture.
+//! schedule has the meshes' transforms, and the [walk](crate::plugin::record) of the plan's passes
+//! that draw and read the map. It has no shadow maps, lighting, tonemapping or picture.
 //!
 //! Cameras whose targets have the same size share their textures (Bevy keys them by target).
 //! Therefore a map is read before the next one is drawn, in the same schedule.

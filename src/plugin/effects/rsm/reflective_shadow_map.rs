@@ -4,10 +4,10 @@ use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::internals::frame::rsm_layout::side;
 
-/// One bounce of this light from [`GiReflector`](crate::plugin::GiReflector)s, by a reflective shadow map.
+/// One bounce of this light from [`GiReflector`](crate::GiReflector)s, by a reflective shadow map.
 /// Goes on a point, spot or directional light. It costs nothing if no dynamic object is in range.
 ///
-/// A [`GiLight`](crate::plugin::GiLight) on the same entity that is disabled disables this bounce too.
+/// A [`GiLight`](crate::GiLight) on the same entity that is disabled disables this bounce too.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiReflectiveShadowMap {

@@ -4,7 +4,7 @@ use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 
 /// Dynamic object: this entity and its descendants reflect light that no bake contains. Lights with
-/// [`GiReflectiveShadowMap`](crate::plugin::GiReflectiveShadowMap) add one diffuse bounce from its meshes
+/// [`GiReflectiveShadowMap`](crate::GiReflectiveShadowMap) add one diffuse bounce from its meshes
 /// onto everything that cameras with [`GiCamera`](crate::plugin::GiCamera) show.
 ///
 /// Meshes must be deferred, and opaque or masked. Others reflect nothing. Do not add it to baked

@@ -3,7 +3,8 @@
 //! whenever the light changes. [`crate::plugin::fog`] reads it too.
 //!
 //! Bevy adds a volume to every pixel of every camera that shows it, including those of the
-//! G-buffer. For cameras with our display it is removed there ([`crate::plugin::deferred`]), or hidden.
+//! G-buffer. For cameras with our display it is removed there ([`crate::plugin::deferred`]), or
+//! hidden.
 
 use crate::plan::SceneId;
 use crate::plugin::asset::GiBakedScene;
@@ -207,9 +208,9 @@ pub(crate) fn displays((display, msaa, gbuffer_components): DisplayItem<'_>) -> 
     display.is_some_and(|d| d.enabled) && draws_gbuffer(gbuffer_components, msaa)
 }
 
-/// Hides our volumes from cameras with a display of their own, unless [`crate::plugin::deferred`] takes
-/// them out of the G-buffer. Cameras of lights' maps do not show them. The same holds for cameras
-/// whose display is off or impossible. Runs in
+/// Hides our volumes from cameras with a display of their own, unless [`crate::plugin::deferred`]
+/// takes them out of the G-buffer. Cameras of lights' maps do not show them. The same holds for
+/// cameras whose display is off or impossible. Runs in
 /// [`GiSystems::FilterVolumes`](crate::plugin::GiSystems::FilterVolumes).
 pub(crate) fn hide_irradiance_volumes(
     volumes: Query<(), With<Voxels>>,
@@ -283,7 +284,7 @@ type ForwardCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiCamera>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiRenderSystems::Extract`](crate::plugin::GiRenderSystems::Extract), behind the scenes and the
+/// Runs in [`GiRenderSystems::Extract`](crate::GiRenderSystems::Extract), behind the scenes and the
 /// fog.
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
