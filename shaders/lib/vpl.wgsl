@@ -127,7 +127,7 @@ fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     if max_t <= 0.0 {
         return 1.0;
     }
-    return passes(start, ray / distance, max_t);
+    return transmittance_along(start, ray / distance, max_t);
 }
 
 // Vector irradiance at (x, n) of the lights above the surface's horizon.

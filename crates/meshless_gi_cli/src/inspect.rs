@@ -230,7 +230,7 @@ fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) 
                 Some(o) => format!(
                     "{}, {} link terms pass them, {}",
                     o.names.join(", "),
-                    output::count(stats.passages),
+                    output::count(stats.occluded_link_terms),
                     output::bytes(o.bytes())
                 ),
             },

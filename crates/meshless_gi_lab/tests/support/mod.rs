@@ -448,9 +448,9 @@ fn add_occluders(scene: &mut BakedScene) {
         .iter_mut()
         .enumerate()
     {
-        (triangle.occluder, triangle.gain) = (k as u32 + 1, 1.0);
+        (triangle.occluder, triangle.transmittance) = (k as u32 + 1, 1.0);
     }
-    let mut passages = Vec::new();
+    let mut terms = Vec::new();
     for (at, link) in scene
         .data_mut()
         .operator
@@ -461,19 +461,19 @@ fn add_occluders(scene: &mut BakedScene) {
     {
         for set in [at as u16 % 2, 2] {
             let half = Link::pack(0.5 * link.vector(), 1.0, set);
-            passages.push(PackedLinkTerm {
+            terms.push(PackedLinkTerm {
                 link: at as u32,
                 xy: half.xy,
                 z_set: half.z_sender,
             });
         }
-        let parts = passages[passages.len() - 2..].iter();
+        let parts = terms[terms.len() - 2..].iter();
         *link = link_of_parts(parts.map(|p| p.vector()), link.sender());
     }
     scene.data_mut().occluders = Some(Occluders {
         names: vec!["door".into(), "lift \"1\"".into()],
         sets: vec![0, 1, 3],
-        links: passages,
+        links: terms,
         probes: Vec::new(),
     });
 }
