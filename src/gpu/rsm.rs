@@ -2,7 +2,7 @@
 //! lights (`rsm`). These light a view (`vpl`). All lights with maps share one set of buffers. It
 //! does not exist without such a light.
 
-use super::Pass;
+use super::EntryPoint;
 use super::dispatch::{MAX_GROUPS, compute};
 use super::frame::SplatTargets;
 use super::pipelines::KernelPipelines;
@@ -137,7 +137,7 @@ impl RsmBuffers {
         };
         let at = self.uniform(kernels, queue, &params);
         let bind = kernels.bind(
-            Pass::RsmTexels,
+            EntryPoint::RsmTexels,
             &[
                 (0, self.uniforms[at].as_entire_binding()),
                 (1, wgpu::BindingResource::TextureView(map.depth)),
@@ -146,7 +146,13 @@ impl RsmBuffers {
             ],
         );
         let groups = side.div_ceil(8);
-        self.dispatch(kernels, encoder, Pass::RsmTexels, &bind, [groups, groups]);
+        self.dispatch(
+            kernels,
+            encoder,
+            EntryPoint::RsmTexels,
+            &bind,
+            [groups, groups],
+        );
         self.texel_count += count;
     }
 
@@ -185,7 +191,7 @@ impl RsmBuffers {
             );
             let at = self.uniform(kernels, queue, &params);
             let bind = kernels.bind(
-                Pass::RsmShadow,
+                EntryPoint::RsmShadow,
                 &[
                     (3, self.texels.as_entire_binding()),
                     (4, self.uniforms[at].as_entire_binding()),
@@ -195,7 +201,7 @@ impl RsmBuffers {
             );
             let groups = texels.div_ceil(64);
             let groups = [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)];
-            self.dispatch(kernels, encoder, Pass::RsmShadow, &bind, groups);
+            self.dispatch(kernels, encoder, EntryPoint::RsmShadow, &bind, groups);
         }
         let params = RsmSelectParams {
             texels,
@@ -205,14 +211,14 @@ impl RsmBuffers {
         };
         let at = self.uniform(kernels, queue, &params);
         let bind = kernels.bind(
-            Pass::RsmSelect,
+            EntryPoint::RsmSelect,
             &[
                 (3, self.texels.as_entire_binding()),
                 (7, self.uniforms[at].as_entire_binding()),
                 (8, self.vpls.as_entire_binding()),
             ],
         );
-        self.dispatch(kernels, encoder, Pass::RsmSelect, &bind, [1, 1]);
+        self.dispatch(kernels, encoder, EntryPoint::RsmSelect, &bind, [1, 1]);
         self.used += vpls;
     }
 
@@ -231,9 +237,9 @@ impl RsmBuffers {
         if width == 0 || height == 0 {
             return;
         }
-        let which = match targets.earlier {
-            Some(_) => Pass::VplOver,
-            None => Pass::Vpl,
+        let entry_point = match targets.earlier {
+            Some(_) => EntryPoint::VplOver,
+            None => EntryPoint::Vpl,
         };
         let view = self.uniform(kernels, queue, view);
         let lit = self.uniform(kernels, queue, &self.params(shadows));
@@ -252,9 +258,9 @@ impl RsmBuffers {
         if let Some(earlier) = targets.earlier {
             resources.push((9, texture(earlier)));
         }
-        let bind = kernels.bind(which, &resources);
+        let bind = kernels.bind(entry_point, &resources);
         let groups = [width.div_ceil(8), height.div_ceil(8)];
-        self.dispatch(kernels, encoder, which, &bind, groups);
+        self.dispatch(kernels, encoder, entry_point, &bind, groups);
     }
 
     /// Returns the parameters that a kernel with `vpl_at` binds as its `lit`.
@@ -357,15 +363,15 @@ impl RsmBuffers {
         &mut self,
         kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
-        which: Pass,
+        entry_point: EntryPoint,
         bind: &wgpu::BindGroup,
         [x, y]: [u32; 2],
     ) {
-        let mut pass = compute(encoder, which.entry().1.name);
-        pass.set_pipeline(&kernels.pass(which).pipeline);
+        let mut pass = compute(encoder, entry_point.entry().1.name);
+        pass.set_pipeline(&kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, bind, &[]);
         pass.dispatch_workgroups(x, y, 1);
-        self.counters.dispatches[which as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 }
 
