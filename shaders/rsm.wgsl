@@ -172,7 +172,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
     var weight = 0.0;
     var anchored = false;
     var anchor = vec3f(0.0);
-    var place = vec3f(0.0);
+    var moment = vec3f(0.0);
     var normal = vec3f(0.0);
     var square = 0.0;
     for (; chunk < CHUNKS; chunk++) {
@@ -202,7 +202,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
             let v = portion * w;
             out.flux += portion * t.flux;
             weight += v;
-            place += v * d;
+            moment += v * d;
             normal += v * t.normal;
             square += v * (dot(d, d) + t.spread);
         }
@@ -210,7 +210,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
     if weight <= 0.0 {
         return Vpl(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0);
     }
-    let mean = place / weight;
+    let mean = moment / weight;
     out.position = anchor + mean;
     out.square = DISK * max(square / weight - dot(mean, mean), 0.0);
     out.normal = normal / weight;

@@ -138,7 +138,7 @@ fn scaled(scale: f32, e: VectorIrradiance) -> VectorIrradiance {
 
 // Mean of the voxels around the voxel ahead, for a side without light in its own voxel and in the
 // voxel ahead.
-fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
+fn mean_of_neighbors(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     var sum = vec3f(0.0);
     var count = 0.0;
     for (var k = 0u; k < 9u; k++) {
@@ -208,7 +208,7 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
             continue;
         }
         if !own.reached {
-            light = around(voxel, side, n);
+            light = mean_of_neighbors(voxel, side, n);
         }
         store(voxel, side, light);
     }

@@ -83,7 +83,7 @@ pub fn show(world: &mut World, loaded: Loaded) {
     if loaded.lights.is_empty() {
         spawn_lights(world, &bounds, size);
     }
-    Eye::place(world, &bounds, size);
+    Eye::move_to_middle(world, &bounds, size);
     world.insert_resource(CurrentScene {
         path: loaded.path,
         root,

@@ -172,7 +172,7 @@ fn gather<T>(
     add: impl Fn(&mut T, f32, usize),
 ) -> Option<(T, f32)> {
     let (mut cover, mut denominator) = (0.0, 0.0);
-    for &j in scene.data().display.grid.near(x) {
+    for &j in scene.data().display.grid.indices_near(x) {
         let point = &scene.data().points[j as usize];
         let w = weight(point, &scene.data().display.planes, x, n);
         if w > 0.0 {
@@ -228,7 +228,7 @@ fn display(
 ) {
     let (mut looked, mut count, mut planes) = (0usize, 0usize, 0usize);
     for &(x, n) in positions {
-        for &j in scene.data().display.grid.near(x) {
+        for &j in scene.data().display.grid.indices_near(x) {
             let point = &scene.data().points[j as usize];
             looked += 1;
             if weight(point, &scene.data().display.planes, x, n) > 0.0 {

@@ -5,7 +5,7 @@ use super::dispatch::compute;
 use super::draw::draw_over;
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::{SceneBuffers, ViewBuffers};
-use super::solve_recorder::Recorder;
+use super::solve_recorder::SolveRecorder;
 use super::{EntryPoint, GpuCounters, GpuError};
 use glam::Mat4;
 use meshless_gi::internals::frame::materials::current_surfaces;
@@ -287,8 +287,8 @@ impl GpuFrame {
         self.recorder(kernels).apply_probes(&mut pass, &steps);
     }
 
-    fn recorder<'a>(&'a mut self, kernels: &'a KernelPipelines) -> Recorder<'a> {
-        Recorder {
+    fn recorder<'a>(&'a mut self, kernels: &'a KernelPipelines) -> SolveRecorder<'a> {
+        SolveRecorder {
             kernels,
             b: &self.buffers,
             counters: &mut self.counters,

@@ -18,13 +18,13 @@ fn operands(b: &SceneBuffers) -> [&wgpu::Buffer; 2] {
 
 /// Records the steps of a solve. Each dispatch reads the output of earlier dispatches in the same
 /// pass.
-pub(super) struct Recorder<'a> {
+pub(super) struct SolveRecorder<'a> {
     pub kernels: &'a KernelPipelines,
     pub b: &'a SceneBuffers,
     pub counters: &'a mut GpuCounters,
 }
 
-impl Recorder<'_> {
+impl SolveRecorder<'_> {
     pub fn radiosity(&mut self, pass: &mut wgpu::ComputePass<'_>) {
         let b = self.b;
         let bind = self.kernels.bind(

@@ -221,7 +221,7 @@ impl SubsplatBuffers {
             start,
             Some(u64::from(self.levels.cells(coarsest)) * node),
         );
-        let mut recorder = Recorder {
+        let mut recorder = SubsplatRecorder {
             kernels,
             b: self,
             targets,
@@ -251,7 +251,7 @@ impl SubsplatBuffers {
 }
 
 /// Records dispatches into one pass. Each dispatch reads the output of earlier ones.
-struct Recorder<'a> {
+struct SubsplatRecorder<'a> {
     kernels: &'a KernelPipelines,
     b: &'a SubsplatBuffers,
     targets: &'a SubsplatTargets<'a>,
@@ -265,7 +265,7 @@ enum Groups<'a> {
     From(&'a wgpu::Buffer),
 }
 
-impl Recorder<'_> {
+impl SubsplatRecorder<'_> {
     /// Binds and dispatches an entry point. `level` is its span, if it has one.
     fn run(
         &mut self,

@@ -164,7 +164,7 @@ impl<'a> Evaluator<'a> {
             Some((e, cover)) => {
                 let (e, share) = (
                     e.dot(n).max(Vec3::ZERO),
-                    splat::share(cover, splat::FULL_COVER),
+                    splat::surface_fraction(cover, splat::FULL_COVER),
                 );
                 let rest = (share < 1.0).then(|| self.probe_irradiance(x, n)).flatten();
                 Some(rest.map_or(e, |space| space.lerp(e, share)))

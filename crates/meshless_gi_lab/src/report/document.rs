@@ -1,7 +1,7 @@
 //! Reports on several scenes as one document. It starts with results that hold for all of them.
 
 use super::charts::Figure;
-use super::format::{cell, error, megabytes, recipe_label, short, whole};
+use super::format::{cell, error, megabytes, recipe_label, short, whole_percent};
 use super::markdown::{ERROR_LIMITS, cheapest, section};
 use super::measure::Row;
 use super::rules::{Ratio, comparable, compare};
@@ -97,7 +97,7 @@ fn advice(parts: &[SceneSection]) -> String {
                 "**For at most {} error: {}.**\n\
                  Of all recipes below this error in all scenes here ({}) it has the fastest frame:\n\n\
                  {}",
-                whole(max),
+                whole_percent(max),
                 recipe_label(rows[0]),
                 names.join(", "),
                 rows.iter()
@@ -115,7 +115,7 @@ fn advice(parts: &[SceneSection]) -> String {
             None => writeln!(
                 out,
                 "**No measured recipe has an error below {} in all scenes here** ({}).",
-                whole(max),
+                whole_percent(max),
                 names.join(", ")
             ),
         };
@@ -134,7 +134,7 @@ fn advice(parts: &[SceneSection]) -> String {
         "---|".repeat(parts.len())
     );
     for max in ERROR_LIMITS {
-        let _ = write!(out, "| {} |", whole(max));
+        let _ = write!(out, "| {} |", whole_percent(max));
         for part in parts {
             let _ = match cheapest(&part.report.rows, max, |r| r.frame_ms) {
                 Some(r) => write!(

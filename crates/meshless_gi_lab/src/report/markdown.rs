@@ -2,7 +2,7 @@
 //! methods, and all rows.
 
 use super::charts::Figure;
-use super::format::{cell, count, error, megabytes, percent, recipe_label, short, whole};
+use super::format::{cell, count, error, megabytes, percent, recipe_label, short, whole_percent};
 use super::measure::Row;
 use super::octree::fmm_comparison;
 use super::rules::{MethodComparison, Ratio, comparable, compare, compare_with};
@@ -184,7 +184,7 @@ pub fn choice(rows: &[Row]) -> String {
         let _ = writeln!(
             out,
             "| {} | {} | {} | {} |",
-            whole(max),
+            whole_percent(max),
             cost(
                 |r| r.bake_seconds,
                 |r| format!("{} s", short(r.bake_seconds))
