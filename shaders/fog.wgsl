@@ -179,7 +179,7 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     let surface = unprojected(uv, seen);
     var length = MAX_RAY_LENGTH;
     if surface.w > 0.0 {
-        length = dot(surface.xyz / shown.w - near, direction);
+        length = dot(surface.xyz / surface.w - near, direction);
     }
     return Ray(near, direction, length);
 }

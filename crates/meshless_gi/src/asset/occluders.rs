@@ -231,9 +231,9 @@ impl SceneData {
         }
     }
 
-    /// Returns the largest sum of a row's links for any transmittances. `size` returns the magnitude of
-    /// a link. Links with terms count by the magnitudes of their terms. The sky's terms have signs
-    /// and are parts of its light, so they do not count.
+    /// Returns the largest sum of a row's links for any transmittances. `size` returns the
+    /// magnitude of a link. Links with terms count by the magnitudes of their terms. The sky's
+    /// terms have signs and are parts of its light, so they do not count.
     fn max_row_sum(
         &self,
         row: &Row,

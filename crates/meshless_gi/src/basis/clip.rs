@@ -12,10 +12,10 @@
 //! Further rays therefore search walls along the tangent plane of each center. Behind each wall,
 //! rays search surface positions, also under covers.
 //!
-//! A function ends with its layer ([`SurfaceLayer`]): its first planes are those of the layer. A position
-//! of another layer counts as blocked, even if it is visible from the center. A plane at the edge
-//! of a cover cuts off the surface below it. A plane half-way in height cuts off the surface above
-//! or below a step.
+//! A function ends with its layer ([`SurfaceLayer`]): its first planes are those of the layer. A
+//! position of another layer counts as blocked, even if it is visible from the center. A plane at
+//! the edge of a cover cuts off the surface below it. A plane half-way in height cuts off the
+//! surface above or below a step.
 
 use super::kernel::{before, is_occluder_plane, kernel, plane_at};
 use super::layer_edge::edge_plane;

@@ -1,5 +1,5 @@
-//! Kernel `bounce`: radiosity of the senders after further reflections. Runtime bounces: one
-//! Jacobi step of f = f⁰ + ρ G f on the finest sender level (design D2 (b)). Baked bounces: f = f⁰ + P D
+//! Kernel `bounce`: radiosity of the senders after further reflections. Runtime bounces: one Jacobi
+//! step of f = f⁰ + ρ G f on the finest sender level (design D2 (b)). Baked bounces: f = f⁰ + P D
 //! f⁰, with D on the coarsest points only (\[L08\] §3.2, design D2 (a)).
 
 use super::layout::{SolveParams, VectorIrradiance};

@@ -5,8 +5,8 @@
 //! every accepted point of its level is at least R under [L08] Eq. (11). Optionally, its openness
 //! must also be large enough. A level is full after 2000 consecutive failures ([L08]).
 //!
-//! A point covers only its own layer ([`SurfaceLayer`]). A candidate on a shelf, or on a wall behind a
-//! picture, is accepted at any distance to a point of another layer (our addition).
+//! A point covers only its own layer ([`SurfaceLayer`]). A candidate on a shelf, or on a wall
+//! behind a picture, is accepted at any distance to a point of another layer (our addition).
 //!
 //! About one position in 2000 is then uncovered, mostly on strips too thin to be hit: the visible
 //! edges of ledges and steps. A level that has to cover everything then casts rays from each of its

@@ -109,8 +109,8 @@ impl SkyRadiance {
         }
     }
 
-    /// Returns the same sky in rotated axes. `rotation` transforms directions from the old to the new
-    /// axes, without scale.
+    /// Returns the same sky in rotated axes. `rotation` transforms directions from the old to the
+    /// new axes, without scale.
     #[must_use]
     pub fn rotate(&self, rotation: Mat3) -> Self {
         let mut out = Self::from(self.mean);

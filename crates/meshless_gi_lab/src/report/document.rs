@@ -5,6 +5,7 @@ use super::format::{cell, error, megabytes, recipe_label, short, whole_percent};
 use super::markdown::{ERROR_LIMITS, cheapest, section};
 use super::measure::Row;
 use super::rules::{Ratio, comparable, compare};
+use super::sentences::split_sentences;
 use super::sweep::Report;
 use super::variant::Factor;
 use meshless_gi::TransportMethod;
@@ -49,7 +50,7 @@ pub fn document(parts: &[SceneSection], command: &str) -> String {
             section(&part.report, &part.figures, &part.charts, 3)
         );
     }
-    out
+    split_sentences(&out)
 }
 
 /// Returns the rows of a variant that all scenes have. It can be recommended for scenes outside of

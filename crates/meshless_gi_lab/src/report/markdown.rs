@@ -6,6 +6,7 @@ use super::format::{cell, count, error, megabytes, percent, recipe_label, short,
 use super::measure::Row;
 use super::octree::fmm_comparison;
 use super::rules::{MethodComparison, Ratio, comparable, compare, compare_with};
+use super::sentences::split_sentences;
 use super::sweep::Report;
 use super::tables::{known, table};
 use super::variant::{BOUNCES, Factor};
@@ -43,7 +44,7 @@ fn cheapest_of(
 pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!("# Cost of accuracy: {}\n\n", cell(name));
     out += &section(report, figures, "", 2);
-    out
+    split_sentences(&out)
 }
 
 /// Returns the text without a title, as a section of a document on several scenes. The charts are
