@@ -744,15 +744,15 @@ fn octree_above_limit_falls_back_to_links() {
     let levels = scene.data().fmm.as_ref().unwrap().levels() as u64;
     assert_eq!(run(&scene), [0, 0, 3 * levels, 3]);
     assert_eq!(fmm_fallback_reason(&scene, 128 << 20), None);
-    let why = fmm_fallback_reason(&scene, 1 << 16);
+    let reason = fmm_fallback_reason(&scene, 1 << 16);
     assert!(
-        matches!(why, Some(FmmLimit::TooLarge { has: 65536, .. })),
-        "{why:?}"
+        matches!(reason, Some(FmmLimit::TooLarge { has: 65536, .. })),
+        "{reason:?}"
     );
     // An order that is too large for a workgroup.
     scene.data_mut().fmm.as_mut().unwrap().order = 7;
-    let why = fmm_fallback_reason(&scene, 128 << 20);
-    assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
+    let reason = fmm_fallback_reason(&scene, 128 << 20);
+    assert_eq!(reason, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
     // Without links, no fallback exists.

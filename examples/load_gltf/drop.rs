@@ -183,7 +183,7 @@ pub fn follow_drops(
                     notice.0.clear();
                     commands.queue(move |world: &mut World| show(world, loaded));
                 }
-                Err(why) => notice.0 = format!("not shown: {why}"),
+                Err(error) => notice.0 = format!("not shown: {error}"),
             },
         }
     }
@@ -207,6 +207,6 @@ pub fn bake_again(
                 .entity(current.root)
                 .insert(GiBakeTask::spawn(loaded.mesh, recipe));
         }
-        Err(why) => notice.0 = format!("not baked: {why}"),
+        Err(error) => notice.0 = format!("not baked: {error}"),
     }
 }

@@ -237,8 +237,8 @@ fn display(
             }
         }
     }
-    let a_place = |n: usize| n as f64 / positions.len() as f64;
-    let read = |value: usize| a_place(looked * 36 + planes * 16 + count * value);
+    let per_position = |n: usize| n as f64 / positions.len() as f64;
+    let read = |value: usize| per_position(looked * 36 + planes * 16 + count * value);
     let [of_vector, of_scalar] = fastest([
         &mut || {
             for &(x, n) in positions {
@@ -264,8 +264,8 @@ fn display(
         "| {name} | {} | {own} | {:.1} % | {:.1} | {:.1} | {:.0} | {:.0} | {:.3} | {:.3} |",
         scene.data().points.len(),
         100.0 * own as f64 / (own + others) as f64,
-        a_place(looked),
-        a_place(count),
+        per_position(looked),
+        per_position(count),
         read(48),
         read(16),
         1e6 * of_vector / positions.len() as f64,

@@ -52,7 +52,7 @@ impl GpuFmm {
         senders: u32,
         limit: u64,
     ) -> Result<Self, GpuError> {
-        octree_fits(operator, limit).map_err(|why| match why {
+        octree_fits(operator, limit).map_err(|error| match error {
             FmmLimit::Order { have, need } => GpuError::Limit {
                 limit: "order of the fast multipole method",
                 have,

@@ -174,7 +174,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
             &settings(),
         );
         let found = picture(&mut app, &image);
-        assert_pictures_match("live", &expected, &found);
+        assert_pictures_match("dynamic", &expected, &found);
         assert!(flip(&last, &expected) > MAX, "the change shows");
         last = expected;
         run(&mut app, 1);

@@ -45,15 +45,15 @@ fn main() -> ExitCode {
             None => print!("{text}"),
             Some(folder) => {
                 let path = folder.join("effects.md");
-                if let Err(why) = std::fs::write(&path, split_sentences(&text)) {
-                    eprintln!("{}: {why}", path.display());
+                if let Err(error) = std::fs::write(&path, split_sentences(&text)) {
+                    eprintln!("{}: {error}", path.display());
                     return ExitCode::from(3);
                 }
                 println!("{}", path.display());
             }
         },
-        Err(why) => {
-            eprintln!("{why}");
+        Err(error) => {
+            eprintln!("{error}");
             return ExitCode::from(1);
         }
     }

@@ -226,11 +226,11 @@ pub(crate) fn solve(
         frame.solve(scene, &baked);
         return (frame, None);
     }
-    let live = FrameSettings {
+    let runtime = FrameSettings {
         baked_bounces: false,
         ..*settings
     };
-    let count = sweep(scene, &mut frame, &live, bounces);
+    let count = sweep(scene, &mut frame, &runtime, bounces);
     (frame, count)
 }
 

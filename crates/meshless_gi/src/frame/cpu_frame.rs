@@ -144,12 +144,12 @@ impl CpuFrame {
     pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
         let scene = scene.data();
         self.check(scene);
-        let Some(live) = &scene.materials else {
+        let Some(dynamic) = &scene.materials else {
             return false;
         };
-        let factors = sanitize_factors(live, factors);
+        let factors = sanitize_factors(dynamic, factors);
         let now = match self.factors.is_empty() {
-            true => &live.factors,
+            true => &dynamic.factors,
             false => &self.factors,
         };
         if factors == *now {

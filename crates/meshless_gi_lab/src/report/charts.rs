@@ -227,15 +227,15 @@ fn links(name: &str, rows: &[Row]) -> Chart {
 fn reflections(name: &str, report: &Report) -> Chart {
     let rows = &report.rows;
     let baked = |r: &Row| r.settings.name.ends_with("baked");
-    let mut live: Vec<&Row> = rows
+    let mut runtime: Vec<&Row> = rows
         .iter()
         .enumerate()
         .filter(|(i, r)| (*i == 0 || !comparable(r)) && !baked(r))
         .map(|(_, r)| r)
         .collect();
-    live.sort_by_key(|r| r.settings.baked.bounces);
-    if live.len() < 2 {
-        live.clear();
+    runtime.sort_by_key(|r| r.settings.baked.bounces);
+    if runtime.len() < 2 {
+        runtime.clear();
     }
     let mark = |r: &&Row| Mark {
         x: r.frame_ms,
@@ -249,7 +249,7 @@ fn reflections(name: &str, report: &Report) -> Chart {
     let mut series = vec![Series {
         name: "number of bounces".into(),
         style: Style::LineAndPoints,
-        points: live.iter().map(mark).collect(),
+        points: runtime.iter().map(mark).collect(),
         like: None,
     }];
     let in_the_bake: Vec<Mark> = rows.iter().filter(|r| baked(r)).map(|r| mark(&r)).collect();

@@ -267,7 +267,7 @@ fn markdown_has_one_sentence_per_line() {
     }
     none(found);
     assert_eq!(
-        shared_lines("a.md", "A. B\n```\nA. B\n```\nA, b.\n").len(),
+        shared_lines("a.md", "One. Two\n```\nOne. Two\n```\nOne, two.\n").len(),
         1
     );
 }

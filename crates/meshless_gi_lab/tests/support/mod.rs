@@ -69,7 +69,7 @@ pub struct SceneOptions {
     /// Links to the terms of a sky that varies.
     pub sky: bool,
     /// Materials that change.
-    pub live: bool,
+    pub has_dynamic_materials: bool,
     /// `true` if the scene has occluders.
     pub occluded: bool,
     /// `true` if points have visibility data.
@@ -90,7 +90,7 @@ pub fn makes() -> Vec<SceneOptions> {
         triangles: 3,
         octree: None,
         sky: false,
-        live: false,
+        has_dynamic_materials: false,
         occluded: false,
         has_visibility: false,
         quantized: false,
@@ -149,7 +149,7 @@ pub fn makes() -> Vec<SceneOptions> {
         },
         SceneOptions {
             seed: 10,
-            live: true,
+            has_dynamic_materials: true,
             ..plain
         },
         SceneOptions {
@@ -187,7 +187,7 @@ fn info(triangles: u64) -> BakeInfo {
 
 /// Three materials, and none to two shares of them a sender.
 fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
-    let mut live = DynamicMaterials {
+    let mut dynamic = DynamicMaterials {
         names: ["wall", "", "sign"].map(String::from).to_vec(),
         factors: (0..3)
             .map(|_| MaterialFactors {
@@ -200,15 +200,15 @@ fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
     };
     for j in 0..senders {
         for k in 0..j % 3 {
-            live.shares.push(MaterialCoverage {
+            dynamic.shares.push(MaterialCoverage {
                 material: (j + k) % 3,
                 albedo: [0.5 * r.unit(); 3],
                 emission: [0.5 * r.unit(); 3],
             });
         }
-        live.starts.push(live.shares.len() as u32);
+        dynamic.starts.push(dynamic.shares.len() as u32);
     }
-    live
+    dynamic
 }
 
 fn row(random: &mut Random, range: std::ops::Range<u32>, max: usize) -> Vec<WeightEntry> {
@@ -365,7 +365,7 @@ pub fn build(make: &SceneOptions) -> BakedScene {
         occluders: None,
         fmm: None,
         illumination: Vec::new(),
-        materials: make.live.then(|| materials(r, senders)),
+        materials: make.has_dynamic_materials.then(|| materials(r, senders)),
         sky: make.sky.then(|| SkyVisibility {
             senders: (0..senders)
                 .map(|_| std::array::from_fn(|_| r.signed().x))
