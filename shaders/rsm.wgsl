@@ -12,7 +12,7 @@
 // Virtual point lights of all lights.
 @group(0) @binding(8) var<storage, read_write> vpls: array<Vpl>;
 
-// Threads of `choose`.
+// Threads of `select_vpls`.
 const CHUNKS: u32 = 256u;
 const MAX_DISTANCE: f32 = 1e8;
 const MIN_COSINE: f32 = 0.1;
@@ -136,7 +136,7 @@ fn shadow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     }
     let x = (shade.local_from_space * vec4f(lit_texels[i].position, 1.0)).xyz;
     let turned = (shade.local_from_space * vec4f(lit_texels[i].normal, 0.0)).xyz;
-    lit_texels[i].flux *= reaches(shade.light, x, turned / max(length(turned), TINY), shade.extent);
+    lit_texels[i].flux *= light_transmittance(shade.light, x, turned / max(length(turned), TINY), shade.extent);
 }
 
 fn importance(flux: vec3f) -> f32 {

@@ -59,7 +59,7 @@ fn load_visibility(i: u32, n: vec3f) {
     decoded[0] = scales[cluster.scales];
     decoded[1] = scales[cluster.scales + 1u] * f32(point.error) / ERROR_ONE;
     near = cluster.near;
-    // The last word of a direction may contain fewer than four.
+    // The last word of a direction may contain fewer than four coefficients.
     for (var j = cluster.components; j < 4u * (words - 1u); j++) {
         decoded[j + 2u] = 0.0;
     }

@@ -144,7 +144,7 @@ fn specular_of_light(i: u32, at: Receiver) -> vec2f {
     // A reflection may be brighter than a white matte surface.
     let most = max(e.x, max(e.y, e.z)) * arrives * max(PI * (found.x + found.y), 1.0);
     if lit.nodes > 0u && most >= lit.dim {
-        return arrives * vpl_reaches(i, at.start) * found;
+        return arrives * vpl_transmittance(i, at.start) * found;
     }
     return arrives * found;
 }

@@ -11,7 +11,7 @@ fn ray_offset(x: vec3f, extent: f32) -> f32 {
 }
 
 // Transmittance from `light` to (x, n).
-fn reaches(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
+fn light_transmittance(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     let off = ray_offset(x, extent);
     let origin = x + n * off;
     if light.kind == LIGHT_DIRECTIONAL {

@@ -2,8 +2,8 @@
 //! CPU builds tree and lists, as in \[G08\] §3.
 
 use super::EntryPoint;
+use super::buffer_factory::binding_limit;
 use super::dispatch::MAX_GROUPS;
-use super::maker::binding_limit;
 use super::pipelines::KernelPipelines;
 use super::{GpuCounters, GpuError};
 use crate::plan::{FmmLimit, octree_fits};

@@ -1,9 +1,9 @@
 //! Fog lit by a scene, on the GPU: parameters of a view's draws, and the recording of the kernels
 //! `fog_inscatter` and `fog`. A view without such fog has no buffers.
 
+use super::buffer_factory::uniform;
 use super::dispatch::{compute, entry};
 use super::kernels::{FOG, KERNELS};
-use super::maker::uniform;
 use super::pipelines::{Draw, KernelPipelines};
 use super::{EntryPoint, GpuCounters};
 use meshless_gi::internals::frame::{FogInscatterParams, FogParams};

@@ -97,7 +97,7 @@ impl GpuFrame {
         lights: &[FrameLight],
     ) -> Result<(), GpuError> {
         self.buffers
-            .grow(kernels.device(), queue, lights.len() as u32)?;
+            .reserve_slots(kernels.device(), queue, lights.len() as u32)?;
         if !lights.is_empty() {
             queue.write_buffer(&self.buffers.lights, 0, bytemuck::cast_slice(lights));
         }

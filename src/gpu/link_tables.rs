@@ -1,8 +1,8 @@
 //! Links of the operator on the GPU: chunks that fit a binding, and the spans of each tier.
 
 use super::GpuError;
+use super::buffer_factory::BufferFactory;
 use super::links::split_links;
-use super::maker::BufferFactory;
 use super::spans::{SpanList, SpanTable, part_span};
 use meshless_gi::BakedScene;
 use meshless_gi::internals::frame::{SceneDimensions, Span};

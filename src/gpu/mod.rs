@@ -22,6 +22,7 @@
 //! each view. With two baked scenes in one view, the second `splat` gets the output of the first as
 //! `earlier`. The last output is composited.
 
+mod buffer_factory;
 mod counters;
 mod dispatch;
 mod draw;
@@ -30,12 +31,11 @@ mod error;
 mod fmm;
 mod fog;
 mod frame;
-mod harness;
+mod headless_device;
 mod kernel;
 mod kernels;
 mod link_tables;
 mod links;
-mod maker;
 mod occlude;
 mod pipelines;
 mod probes;
@@ -51,7 +51,7 @@ mod vpl_specular;
 
 pub use error::GpuError;
 pub use frame::GpuFrame;
-pub use harness::HeadlessDevice;
+pub use headless_device::HeadlessDevice;
 pub use pipelines::KernelPipelines;
 pub use scene_buffers::SceneBuffers;
 

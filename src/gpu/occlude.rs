@@ -1,9 +1,9 @@
 //! Occluders on the GPU: the terms of links that cross them, and kernel `occlude` over these terms.
 //! A scene without occluders has no such buffers.
 
+use super::buffer_factory::BufferFactory;
 use super::dispatch::{MAX_GROUPS, compute};
 use super::links::split_links;
-use super::maker::BufferFactory;
 use super::pipelines::KernelPipelines;
 use super::spans::{SpanList, SpanTable};
 use super::{EntryPoint, GpuError, GpuFrame};

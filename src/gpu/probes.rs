@@ -1,10 +1,10 @@
 //! Probes of a baked scene on the GPU: `apply` over their rows, and `probe` over the pixels of a
 //! view. A scene without probes has no such buffers.
 
+use super::buffer_factory::BufferFactory;
 use super::dispatch::compute;
 use super::frame::SplatTargets;
 use super::links::split_links;
-use super::maker::BufferFactory;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::ViewBuffers;
 use super::spans::{SpanList, SpanTable, part_span};

@@ -2,9 +2,9 @@
 
 use super::EntryPoint;
 use super::GpuError;
+use super::buffer_factory::{BufferFactory, binding_limit, uniform};
 use super::fmm::GpuFmm;
 use super::link_tables::LinkTables;
-use super::maker::{BufferFactory, binding_limit, uniform};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
 use super::spans::{SpanList, SpanTable, span};
@@ -252,12 +252,12 @@ impl SceneBuffers {
         &self.shape
     }
 
-    /// Grows the buffers to `slots` light slots. Existing projections stay. Do not call it between
+    /// Reserves `slots` light slots. Existing projections stay. Do not call it between
     /// recording a frame and its submission.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the projections of the lights do not fit a binding.
-    pub fn grow(
+    pub fn reserve_slots(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -270,12 +270,12 @@ impl SceneBuffers {
         // Reserves 50 % more, so that lights that are added one by one do not copy the buffer each
         // time. Reserves only the required size if more would exceed the limit.
         let senders = self.shape.senders() as u64;
-        let roomy = slots.max(self.slots + self.slots / 2);
+        let with_reserve = slots.max(self.slots + self.slots / 2);
         let projected = |slots: u32| {
             make.empty::<f32>("projected light", u64::from(slots) * senders)
                 .map(|buffer| (slots, buffer))
         };
-        let (slots, projected) = projected(roomy).or_else(|_| projected(slots))?;
+        let (slots, projected) = projected(with_reserve).or_else(|_| projected(slots))?;
         let lights = make.empty::<FrameLight>("lights", u64::from(slots))?;
         let changed = make.empty::<u32>("changed lights", u64::from(slots))?;
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());

@@ -2,9 +2,9 @@
 //! kernel and of `flatten`. A scene without visibility, or without lights that cast soft shadows,
 //! has no such buffers.
 
+use super::buffer_factory::uniform;
 use super::dispatch::{MAX_GROUPS, compute};
 use super::error::GpuError;
-use super::maker::uniform;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::SceneBuffers;
 use super::{EntryPoint, GpuCounters};

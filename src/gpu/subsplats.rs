@@ -4,8 +4,8 @@
 //! is read back.
 
 use super::EntryPoint;
+use super::buffer_factory::{binding_limit, uniform};
 use super::dispatch::{MAX_GROUPS, compute};
-use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::rsm::{RsmBuffers, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers};

@@ -1,10 +1,10 @@
 //! Recording of the light that soft shadows subtract from a view: the kernel `subtract_shadow`, for
 //! one baked scene in one view. A view without soft shadows has no such buffers.
 
+use super::buffer_factory::{binding_limit, uniform};
 use super::dispatch::compute;
 use super::error::GpuError;
 use super::frame::SplatTargets;
-use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, ViewBuffers};
 use super::soft_shadow::SoftShadowBuffers;

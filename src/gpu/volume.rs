@@ -1,8 +1,8 @@
 //! Probe light for forward rendering, on the GPU: the recording of kernel `volume` over a texture
 //! that an engine reads. A scene without a visible volume has no parameters, weights or texture.
 
+use super::buffer_factory::{BufferFactory, uniform};
 use super::dispatch::compute;
-use super::maker::{BufferFactory, uniform};
 use super::pipelines::KernelPipelines;
 use super::{EntryPoint, GpuError, GpuFrame};
 use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};

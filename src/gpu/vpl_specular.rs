@@ -4,8 +4,8 @@
 //! selects the lights of each node. Nothing is read back.
 
 use super::EntryPoint;
+use super::buffer_factory::{binding_limit, uniform};
 use super::dispatch::compute;
-use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
@@ -24,7 +24,7 @@ pub struct SpecularBuffers {
     /// Spans of the levels.
     spans: wgpu::Buffer,
     stride: u32,
-    shines: wgpu::Buffer,
+    nodes: wgpu::Buffer,
     refine_masks: wgpu::Buffer,
     counters: GpuCounters,
 }
@@ -83,7 +83,7 @@ impl SpecularBuffers {
             ),
             spans,
             stride,
-            shines: storage("vpl_specular nodes", levels.starts[0])?,
+            nodes: storage("vpl_specular nodes", levels.starts[0])?,
             refine_masks: storage(
                 "vpl_specular refine masks",
                 levels.starts[0] - levels.starts[2],
@@ -111,7 +111,7 @@ impl SpecularBuffers {
             &self.screen,
             &self.specular_params,
             &self.spans,
-            &self.shines,
+            &self.nodes,
             &self.refine_masks,
         ];
         own.into_iter().map(wgpu::Buffer::size).sum()
@@ -126,7 +126,7 @@ impl SpecularBuffers {
     /// Returns the nodes of the levels from 1, for tests and tools.
     #[must_use]
     pub fn nodes(&self) -> &wgpu::Buffer {
-        &self.shines
+        &self.nodes
     }
 
     /// Returns the refine masks of the nodes of the levels from 2, for tests and tools.
@@ -178,7 +178,7 @@ impl SpecularBuffers {
             (6, triangles.as_entire_binding()),
             (8, self.screen.as_entire_binding()),
             (10, self.specular_params.as_entire_binding()),
-            (11, self.shines.as_entire_binding()),
+            (11, self.nodes.as_entire_binding()),
         ];
         let with = |more: &[(u32, wgpu::BindingResource<'_>)], which| {
             let all: Vec<_> = common.iter().chain(more).cloned().collect();

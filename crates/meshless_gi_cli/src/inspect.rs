@@ -228,7 +228,7 @@ fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) 
             match &scene.data().occluders {
                 None => "none".into(),
                 Some(o) => format!(
-                    "{}, {} link terms pass them, {}",
+                    "{}, {} link terms cross them, {}",
                     o.names.join(", "),
                     output::count(stats.occluded_link_terms),
                     output::bytes(o.bytes())

@@ -151,7 +151,7 @@ impl Hierarchy {
             let is_reached = !geometry.occluded(from, self.origins[i as usize])
                 && (d <= own
                     || !nearest.is_empty()
-                    || shares_layer(geometry, point, x, n, &mut rays));
+                    || has_same_layer(geometry, point, x, n, &mut rays));
             if is_reached {
                 nearest.push((i, d));
                 // At a sparsely covered position, distant functions are left out.
@@ -214,7 +214,13 @@ fn remove_blocking_planes(
 }
 
 /// Returns `true` if a position (x, n) is in the layer of a point. Adds the rays cast to `rays`.
-fn shares_layer(geometry: &dyn Geometry, point: &Point, x: Vec3, n: Vec3, rays: &mut u64) -> bool {
+fn has_same_layer(
+    geometry: &dyn Geometry,
+    point: &Point,
+    x: Vec3,
+    n: Vec3,
+    rays: &mut u64,
+) -> bool {
     let reach = point.radius / (1.0 + F_SQUASH);
     *rays += 2 * SurfaceLayer::RAYS;
     let own = SurfaceLayer::new(geometry, point.x(), point.n(), reach);

@@ -119,7 +119,8 @@ impl CpuFrame {
         let (extent, sample_spacing) = (project::extent(scene), project::sample_spacing(scene));
         let mut count = 0;
         for (slot, light) in lights.iter().enumerate() {
-            if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
+            if light.kind == FrameLight::NONE || light.has_same_geometry(&self.projected_for[slot])
+            {
                 continue;
             }
             let out = &mut self.projected[slot * senders..(slot + 1) * senders];

@@ -4,7 +4,7 @@ use super::charts::Figure;
 use super::format::{cell, error, megabytes, recipe_label, short, whole_percent};
 use super::markdown::{ERROR_LIMITS, cheapest, section};
 use super::measure::Row;
-use super::rules::{Ratio, comparable, compare};
+use super::rules::{Ratio, compare, is_comparable};
 use super::sentences::split_sentences;
 use super::sweep::Report;
 use super::variant::Factor;
@@ -56,7 +56,7 @@ pub fn document(parts: &[SceneSection], command: &str) -> String {
 /// Returns the rows of a variant that all scenes have. It can be recommended for scenes outside of
 /// the document.
 fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>> {
-    let same = |row: &&Row| recipe_label(row) == recipe_label(like) && comparable(row);
+    let same = |row: &&Row| recipe_label(row) == recipe_label(like) && is_comparable(row);
     parts
         .iter()
         .map(|p| p.report.rows.iter().find(same))
@@ -77,7 +77,7 @@ fn advice(parts: &[SceneSection]) -> String {
             .rows
             .iter()
             .filter(|r| {
-                comparable(r)
+                is_comparable(r)
                     && r.settings
                         .baked
                         .transport
