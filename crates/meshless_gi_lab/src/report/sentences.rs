@@ -93,8 +93,14 @@ mod tests {
                 "One. Two! `three` is? Four.\n",
                 "One.\nTwo!\n`three` is?\nFour.\n",
             ),
-            ("- **A.** B.\n1. C. D\n", "- **A.**\n  B.\n1. C.\n   D\n"),
-            ("  - A (b.) *C.* D", "  - A (b.)\n    *C.*\n    D"),
+            (
+                "- **One.** Two.\n1. Three. Four\n",
+                "- **One.**\n  Two.\n1. Three.\n   Four\n",
+            ),
+            (
+                "  - One (two.) *Three.* Four",
+                "  - One (two.)\n    *Three.*\n    Four",
+            ),
         ] {
             assert_eq!(split_sentences(text), expected);
             assert_eq!(split_sentences(expected), expected);
