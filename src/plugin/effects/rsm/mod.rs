@@ -36,9 +36,9 @@ pub(super) const EFFECT: Effect = Effect {
             },
             record: Recording {
                 kernels: &[
-                    gpu::Pass::RsmTexels,
-                    gpu::Pass::RsmShadow,
-                    gpu::Pass::RsmSelect,
+                    gpu::EntryPoint::RsmTexels,
+                    gpu::EntryPoint::RsmShadow,
+                    gpu::EntryPoint::RsmSelect,
                 ],
                 draws: None,
                 how: Record::LightMap {
@@ -53,7 +53,11 @@ pub(super) const EFFECT: Effect = Effect {
             timed_with: Some(FrameStage::SPLAT),
             work: |state, pass| Work::Pixels(state.pixels(pass.view)),
             record: Recording {
-                kernels: &[gpu::Pass::Vpl, gpu::Pass::VplOver, gpu::Pass::VplNodes],
+                kernels: &[
+                    gpu::EntryPoint::Vpl,
+                    gpu::EntryPoint::VplOver,
+                    gpu::EntryPoint::VplNodes,
+                ],
                 draws: None,
                 how: Record::Layer(add_layer),
             },
