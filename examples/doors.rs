@@ -205,18 +205,18 @@ fn path_at(seconds: f32) -> (f32, f32) {
     let t = seconds.rem_euclid(ROUND);
     let there = (t / 6.0).clamp(0.0, 1.0);
     let back = ((t - 8.5) / 6.0).clamp(0.0, 1.0);
-    let turned = between(6.0, 7.0, t) + between(15.0, 16.0, t);
+    let turned = smooth_step(6.0, 7.0, t) + smooth_step(15.0, 16.0, t);
     (3.0 - 6.0 * there + 6.0 * back, PI * turned)
 }
 
 /// Returns the transmittance of the door. It closes behind the character and opens in front of it.
 fn transmittance(seconds: f32) -> f32 {
     let t = seconds.rem_euclid(ROUND);
-    1.0 - between(4.2, 5.4, t) + between(8.5, 9.7, t)
+    1.0 - smooth_step(4.2, 5.4, t) + smooth_step(8.5, 9.7, t)
 }
 
 /// Returns the smooth step from 0 at `from` to 1 at `to`.
-fn between(from: f32, to: f32, t: f32) -> f32 {
+fn smooth_step(from: f32, to: f32, t: f32) -> f32 {
     let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
     s * s * (3.0 - 2.0 * s)
 }

@@ -215,7 +215,7 @@ fn set_up(
 
 /// Updates the signs' emission.
 fn update_emission(
-    live: Single<&GiDynamicMaterials>,
+    dynamic: Single<&GiDynamicMaterials>,
     mut materials: ResMut<Assets<StandardMaterial>>,
     keys: Res<ButtonInput<KeyCode>>,
     mut lit: ResMut<SignsOn>,
@@ -224,7 +224,7 @@ fn update_emission(
     if keys.just_pressed(KeyCode::KeyL) {
         lit.0 = !lit.0;
     }
-    for (name, handle) in &live.0 {
+    for (name, handle) in &dynamic.0 {
         let Some(k) = SIGNS.iter().position(|sign| sign.name == name) else {
             continue;
         };

@@ -101,8 +101,8 @@ fn main() -> ExitCode {
         eprintln!("the renderer gave no picture; see the log above");
         return ExitCode::from(3);
     };
-    if let Err(why) = image::save_buffer(&path, &bytes, SIZE.x, SIZE.y, image::ColorType::Rgba8) {
-        eprintln!("{path}: {why}");
+    if let Err(error) = image::save_buffer(&path, &bytes, SIZE.x, SIZE.y, image::ColorType::Rgba8) {
+        eprintln!("{path}: {error}");
         return ExitCode::from(3);
     }
     println!("{path}");

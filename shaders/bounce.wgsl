@@ -1,6 +1,6 @@
 // bounce: radiosity of the senders after further bounces. Twin:
-// crates/meshless_gi/src/frame/bounce.rs. Entry points: `sweep` is one live Jacobi step. `gather`,
-// `spread` (one dispatch per level, coarse to fine) and `add` add the baked bounces.
+// crates/meshless_gi/src/frame/bounce.rs. Entry points: `sweep` is one Jacobi step.
+// `gather`, `interpolate` (one dispatch per level, coarse to fine) and `add` add the baked bounces.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;
@@ -64,7 +64,7 @@ fn gather(
 }
 
 @compute @workgroup_size(64)
-fn spread(
+fn interpolate(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,

@@ -77,8 +77,8 @@ fn fog_sampled(@builtin(position) position: vec4f) -> @location(0) vec4f {
 
 fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     let ray = ray_to(pixel, seen);
-    let whole = within(ray, params.fog_from_view, vec3f(-0.5), vec3f(0.5));
-    var lit = within(ray, params.voxels_from_view, params.low, params.high);
+    let whole = range_in_box(ray, params.fog_from_view, vec3f(-0.5), vec3f(0.5));
+    var lit = range_in_box(ray, params.voxels_from_view, params.low, params.high);
     lit = vec2f(max(lit.x, whole.x), min(lit.y, whole.y));
     if lit.y <= lit.x {
         return vec3f(0.0);
@@ -117,7 +117,7 @@ fn transmittance_to(ray: Ray, whole: vec2f, enters: f32) -> f32 {
     let before = enters - whole.x;
     var steps = 1u;
     if params.textured != 0u {
-        steps = share(before / (whole.y - whole.x));
+        steps = steps_of_part(before / (whole.y - whole.x));
     }
     let part = before / f32(steps);
     var through = 0.0;
@@ -128,7 +128,7 @@ fn transmittance_to(ray: Ray, whole: vec2f, enters: f32) -> f32 {
 }
 
 // Number of steps of a part of a ray, in proportion to those of a whole ray.
-fn share(part: f32) -> u32 {
+fn steps_of_part(part: f32) -> u32 {
     return clamp(u32(ceil(f32(params.steps) * part)), 1u, params.steps);
 }
 
@@ -137,7 +137,7 @@ fn steps_of(whole: vec2f, lit: vec2f) -> u32 {
     if params.textured == 0u {
         return by_light;
     }
-    return max(by_light, share((lit.y - lit.x) / (whole.y - whole.x)));
+    return max(by_light, steps_of_part((lit.y - lit.x) / (whole.y - whole.x)));
 }
 
 fn density_at(x: vec3f) -> f32 {
@@ -176,17 +176,17 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     // Without a far plane the farthest position is a direction.
     let far = unprojected(uv, 0.0);
     let direction = normalize(far.xyz - far.w * near);
-    let shown = unprojected(uv, seen);
+    let surface = unprojected(uv, seen);
     var length = MAX_RAY_LENGTH;
-    if shown.w > 0.0 {
-        length = dot(shown.xyz / shown.w - near, direction);
+    if surface.w > 0.0 {
+        length = dot(surface.xyz / surface.w - near, direction);
     }
     return Ray(near, direction, length);
 }
 
 // Range of a ray inside of a box in another space. The second value is the smaller one if the ray
 // misses the box.
-fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
+fn range_in_box(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     let o = (space * vec4f(ray.origin, 1.0)).xyz;
     let toward = (space * vec4f(ray.direction, 0.0)).xyz;
     let d = select(toward, vec3f(PARALLEL), abs(toward) < vec3f(PARALLEL));
@@ -201,20 +201,20 @@ fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
 }
 
 // Twin: `read_voxels` of crates/meshless_gi/src/frame/volume_sample.rs.
-fn arriving(asked: vec3f) -> vec3f {
+fn arriving(unclamped: vec3f) -> vec3f {
     let size = vec3f(params.size);
-    let place = clamp(asked, vec3f(0.5), size - 0.5);
-    let here = textureSampleLevel(light, light_sampler, place / size, 0.0);
+    let position = clamp(unclamped, vec3f(0.5), size - 0.5);
+    let here = textureSampleLevel(light, light_sampler, position / size, 0.0);
     // At an unobstructed position all eight voxels are open.
     if here.a >= 0.0 || here.a < NO_WALL_THRESHOLD {
         return here.rgb;
     }
-    let first = vec3u(place - 0.5);
+    let first = vec3u(position - 0.5);
     var sum = vec3f(0.0);
     var all_weights = 0.0;
     for (var k = 0u; k < 8u; k++) {
         let voxel = min(first + vec3u(k & 1u, (k >> 1u) & 1u, k >> 2u), params.size - 1u);
-        let offset = place - (vec3f(voxel) + 0.5);
+        let offset = position - (vec3f(voxel) + 0.5);
         let far = abs(offset);
         var weight = max(1.0 - far.x, 0.0) * max(1.0 - far.y, 0.0) * max(1.0 - far.z, 0.0);
         for (var axis = 0u; axis < 3u; axis++) {

@@ -23,7 +23,7 @@ fn texel(voxel: vec3u, side: u32) -> vec4f {
     return textureLoad(voxels, voxel + params.size * vec3u(0u, side & 1u, side >> 1u), 0);
 }
 
-fn free(voxel: vec3u, way: vec3i) -> bool {
+fn is_free(voxel: vec3u, way: vec3i) -> bool {
     for (var k = 0u; k < 3u; k++) {
         if way[k] != 0 && texel(voxel, 2u * k + select(0u, 1u, way[k] < 0)).a >= UNOBSTRUCTED_THRESHOLD {
             return false;
@@ -37,7 +37,7 @@ fn own(voxel: vec3u, side: u32) -> vec3f {
     let step = params.steps[side].xyz;
     // Negative coordinates become large.
     let behind = vec3u(vec3i(voxel) - step);
-    if all(behind < params.size) && free(voxel, -step) {
+    if all(behind < params.size) && is_free(voxel, -step) {
         return texel(behind, side).rgb;
     }
     return texel(voxel, side).rgb;

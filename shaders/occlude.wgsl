@@ -3,7 +3,7 @@
 // link sums all of them.
 
 @group(0) @binding(1) var<uniform> span: Span;
-@group(0) @binding(2) var<storage, read> passages: array<PackedLinkTerm>;
+@group(0) @binding(2) var<storage, read> terms: array<PackedLinkTerm>;
 // Transmittance of each set of occluders.
 @group(0) @binding(3) var<storage, read> transmittances: array<f32>;
 // The first of them is the operator's link `span.base`.
@@ -19,15 +19,15 @@ fn occlude(
     if i >= span.count {
         return;
     }
-    let link = passages[i].link;
-    if i > 0u && passages[i - 1u].link == link {
+    let link = terms[i].link;
+    if i > 0u && terms[i - 1u].link == link {
         return;
     }
     var sum = vec3f(0.0);
-    for (var at = i; at < span.count && passages[at].link == link; at++) {
-        let part = passages[at];
-        let v = vec3f(unpack2x16float(part.xy), unpack2x16float(part.z_set).x);
-        sum += transmittances[part.z_set >> 16u] * v;
+    for (var at = i; at < span.count && terms[at].link == link; at++) {
+        let term = terms[at];
+        let v = vec3f(unpack2x16float(term.xy), unpack2x16float(term.z_set).x);
+        sum += transmittances[term.z_set >> 16u] * v;
     }
     let sender = links[link - span.base].z_sender & 0xffff0000u;
     let z = pack2x16float(vec2f(sum.z, 0.0)) & 0xffffu;

@@ -60,7 +60,7 @@ fn probe_at(x: vec3f, n: vec3f) -> ProbeIrradiance {
 }
 
 // Vector irradiance that equals E(n) at n and has its gradient there.
-fn around(light: ProbeIrradiance, n: vec3f) -> VectorIrradiance {
+fn linearize(light: ProbeIrradiance, n: vec3f) -> VectorIrradiance {
     // Half of the gradient of n·Q n is Q n.
     let a = light.even;
     let m = light.mixed;
@@ -101,6 +101,6 @@ fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     }
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     add_scaled(&sum, 1.0 - missing, node_light(node));
-    add_scaled(&sum, missing, to_world(around(light, at.n)));
+    add_scaled(&sum, missing, to_world(linearize(light, at.n)));
     return node_new(sum, node_predicted_luminance(node), EVALUATED | KNOWN | COVERED);
 }

@@ -73,7 +73,7 @@ fn project_at(light: FrameLight, x: vec3f, n: vec3f, sample_spacing: f32) -> f32
     if e <= 0.0 {
         return e;
     }
-    return e * reaches(light, x, n, params.extent);
+    return e * light_transmittance(light, x, n, params.extent);
 }
 
 @compute @workgroup_size(64)

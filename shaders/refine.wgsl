@@ -46,7 +46,7 @@ fn exceeds_prediction(k: u32, cell: vec2u) -> bool {
     return abs(found - predicted_luminance) > screen.radiance_threshold * (0.5 * (found + predicted_luminance) + FLOOR);
 }
 
-fn divides(k: u32, cell: vec2u) -> bool {
+fn is_divided(k: u32, cell: vec2u) -> bool {
     if k == screen.coarsest_level || is_discontinuous(k, cell) {
         return true;
     }
@@ -91,7 +91,7 @@ fn refine(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     let count = counted[3];
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
         let cell = unpack_cell(lists[level_start(k) + i]);
-        if !divides(k, cell) {
+        if !is_divided(k, cell) {
             continue;
         }
         let first = 2u * cell;

@@ -12,7 +12,7 @@
 // Virtual point lights of all lights.
 @group(0) @binding(8) var<storage, read_write> vpls: array<Vpl>;
 
-// Threads of `choose`.
+// Threads of `select_vpls`.
 const CHUNKS: u32 = 256u;
 const MAX_DISTANCE: f32 = 1e8;
 const MIN_COSINE: f32 = 0.1;
@@ -136,7 +136,7 @@ fn shadow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     }
     let x = (shade.local_from_space * vec4f(lit_texels[i].position, 1.0)).xyz;
     let turned = (shade.local_from_space * vec4f(lit_texels[i].normal, 0.0)).xyz;
-    lit_texels[i].flux *= reaches(shade.light, x, turned / max(length(turned), TINY), shade.extent);
+    lit_texels[i].flux *= light_transmittance(shade.light, x, turned / max(length(turned), TINY), shade.extent);
 }
 
 fn importance(flux: vec3f) -> f32 {
@@ -172,7 +172,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
     var weight = 0.0;
     var anchored = false;
     var anchor = vec3f(0.0);
-    var place = vec3f(0.0);
+    var moment = vec3f(0.0);
     var normal = vec3f(0.0);
     var square = 0.0;
     for (; chunk < CHUNKS; chunk++) {
@@ -202,7 +202,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
             let v = portion * w;
             out.flux += portion * t.flux;
             weight += v;
-            place += v * d;
+            moment += v * d;
             normal += v * t.normal;
             square += v * (dot(d, d) + t.spread);
         }
@@ -210,7 +210,7 @@ fn stratum(low: f32, high: f32) -> Vpl {
     if weight <= 0.0 {
         return Vpl(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0);
     }
-    let mean = place / weight;
+    let mean = moment / weight;
     out.position = anchor + mean;
     out.square = DISK * max(square / weight - dot(mean, mean), 0.0);
     out.normal = normal / weight;

@@ -59,7 +59,7 @@ fn load_visibility(i: u32, n: vec3f) {
     decoded[0] = scales[cluster.scales];
     decoded[1] = scales[cluster.scales + 1u] * f32(point.error) / ERROR_ONE;
     near = cluster.near;
-    // The last word of a direction may contain fewer than four.
+    // The last word of a direction may contain fewer than four coefficients.
     for (var j = cluster.components; j < 4u * (words - 1u); j++) {
         decoded[j + 2u] = 0.0;
     }
@@ -115,7 +115,7 @@ fn texel_direction(i: u32) -> vec3f {
 }
 
 // Texels on both sides along an edge of the map, and the distance to the second.
-fn between(v: f32, count: u32) -> vec3f {
+fn neighbor_texels(v: f32, count: u32) -> vec3f {
     let at = clamp(0.5 * (1.0 + v) * f32(count) - 0.5, 0.0, f32(count - 1u));
     let low = min(u32(at), max(count, 2u) - 2u);
     return vec3f(f32(low), f32(min(low + 1u, count - 1u)), at - f32(low));
@@ -147,8 +147,8 @@ fn lookup(d: vec3f) -> Cell {
     if abs(d.x) > abs(d.y) {
         ab = vec2f(r, other);
     }
-    let u = between(with_sign(ab.x, d.x), params.columns);
-    let v = between(with_sign(ab.y, d.y), params.rows);
+    let u = neighbor_texels(with_sign(ab.x, d.x), params.columns);
+    let v = neighbor_texels(with_sign(ab.y, d.y), params.rows);
     let column = vec2u(u.xy);
     let row = vec2u(v.xy) * params.columns;
     return Cell(

@@ -8,7 +8,7 @@
 // function covers the point.
 struct Covered {
     e: VectorIrradiance,
-    share: f32,
+    surface_fraction: f32,
     covered: bool,
 }
 
@@ -25,7 +25,7 @@ fn cover_of(cosine: f32) -> f32 {
 }
 
 // Fraction of the light, 1 from `seam` on.
-fn share_of(cover: f32) -> f32 {
+fn surface_fraction(cover: f32) -> f32 {
     if cover >= params.seam {
         return 1.0;
     }
@@ -52,13 +52,13 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
     if sum > NO_COVER {
         add_scaled(&e, 1.0 / denominator, numerator);
     }
-    return Covered(e, share_of(cover), sum > NO_COVER);
+    return Covered(e, surface_fraction(cover), sum > NO_COVER);
 }
 
 // Irradiance. Alpha is its fraction of the light: 0 if no function covers the position.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
-    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_COVERED_FRACTION), found.covered));
+    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.surface_fraction, MIN_COVERED_FRACTION), found.covered));
 }
 
 fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
@@ -75,7 +75,7 @@ fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     if !found.covered {
         return node_new(nothing, node_predicted_luminance(node), EVALUATED | KNOWN);
     }
-    let state = EVALUATED | KNOWN | COVERED | probe_fraction_bits(found.share);
+    let state = EVALUATED | KNOWN | COVERED | probe_fraction_bits(found.surface_fraction);
     return node_new(to_world(found.e), node_predicted_luminance(node), state);
 }
 

@@ -76,7 +76,7 @@ fn near_node(k: u32, cell: vec2i, here: VisibleSurface) -> Near {
     return out;
 }
 
-fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Interpolation {
+fn interpolate_odd_cell(k: u32, cell: vec2u, here: VisibleSurface) -> Interpolation {
     let first = vec2i(cell / 2u);
     let odd = (cell & vec2u(1u)) == vec2u(1u);
     let middle = all(odd);
@@ -161,7 +161,7 @@ fn node_of(k: u32, cell: vec2u) -> SubsplatNode {
         light = node_light(same);
         bits = same.words[5];
     } else {
-        let found = between(k, cell, here);
+        let found = interpolate_odd_cell(k, cell, here);
         bits = state_of(found);
         if bits == 0u {
             return unknown();
@@ -207,7 +207,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
         bits = node.words[5];
         some = node_is(node, COVERED);
     } else {
-        let found = between(0u, pixel, here);
+        let found = interpolate_odd_cell(0u, pixel, here);
         light = found.light;
         bits = state_of(found);
         some = found.covered > 0.0;

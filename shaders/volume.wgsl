@@ -55,7 +55,7 @@ const WEIGHT_BITS: u32 = 12u;
 @group(0) @binding(8) var<storage, read> wall_distances: array<vec2u>;
 @group(0) @binding(9) var voxels: texture_storage_3d<rgba16float, write>;
 
-fn inside(voxel: vec3u) -> bool {
+fn is_in_volume(voxel: vec3u) -> bool {
     return all(voxel < params.size);
 }
 
@@ -70,7 +70,7 @@ fn stepped(voxel: vec3u, by: vec3i) -> vec3u {
 
 // `true` if a probe reaches the center of a voxel.
 fn is_reached(voxel: vec3u) -> bool {
-    if !inside(voxel) {
+    if !is_in_volume(voxel) {
         return false;
     }
     let i = index_of(voxel);
@@ -138,7 +138,7 @@ fn scaled(scale: f32, e: VectorIrradiance) -> VectorIrradiance {
 
 // Mean of the voxels around the voxel ahead, for a side without light in its own voxel and in the
 // voxel ahead.
-fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
+fn mean_of_neighbors(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     var sum = vec3f(0.0);
     var count = 0.0;
     for (var k = 0u; k < 9u; k++) {
@@ -185,7 +185,7 @@ fn store(voxel: vec3u, side: u32, light: vec3f) {
 
 @compute @workgroup_size(4, 4, 4)
 fn volume(@builtin(global_invocation_id) voxel: vec3u) {
-    if !inside(voxel) {
+    if !is_in_volume(voxel) {
         return;
     }
     let own = light_of(voxel);
@@ -195,7 +195,7 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
         var light = probe_irradiance(own, n);
         // The side of the voxel that has this one ahead, unless it keeps its own light.
         let behind = stepped(voxel, -ahead);
-        if own.reached && inside(behind) && !has_wall_sample(behind, n) && !(is_reached(behind) && is_blocked(behind, ahead)) {
+        if own.reached && is_in_volume(behind) && !has_wall_sample(behind, n) && !(is_reached(behind) && is_blocked(behind, ahead)) {
             store(behind, side, light);
         }
         let face = wall_sample_of(voxel, n);
@@ -208,7 +208,7 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
             continue;
         }
         if !own.reached {
-            light = around(voxel, side, n);
+            light = mean_of_neighbors(voxel, side, n);
         }
         store(voxel, side, light);
     }

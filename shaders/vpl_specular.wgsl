@@ -45,7 +45,7 @@ struct Glossy {
     n: vec3f,
     depth: f32,
     texel: vec4u,
-    shown: f32,
+    specular_fraction: f32,
 }
 
 // Node next to a point.
@@ -92,7 +92,7 @@ fn glossy(pixel: vec2u) -> Glossy {
     }
     out.texel = textureLoad(gbuffer, pixel, 0);
     let smooth_share = clamp((specular_params.max_roughness - gbuffer_roughness(out.texel)) / ROUGHNESS_FADE, 0.0, 1.0);
-    out.shown = max(gbuffer_metallic(out.texel), smooth_share);
+    out.specular_fraction = max(gbuffer_metallic(out.texel), smooth_share);
     out.x = view_position(pixel, out.depth);
     out.n = screen.view_from_world * gbuffer_normal(out.texel);
     return out;
@@ -144,7 +144,7 @@ fn specular_of_light(i: u32, at: Receiver) -> vec2f {
     // A reflection may be brighter than a white matte surface.
     let most = max(e.x, max(e.y, e.z)) * arrives * max(PI * (found.x + found.y), 1.0);
     if lit.nodes > 0u && most >= lit.dim {
-        return arrives * vpl_reaches(i, at.start) * found;
+        return arrives * vpl_transmittance(i, at.start) * found;
     }
     return arrives * found;
 }
@@ -156,7 +156,7 @@ fn add_light(sum: ptr<function, SpecularRadiance>, i: u32, found: vec2f) {
 }
 
 // All lights at a pixel.
-fn whole(pixel: vec2u, here: Glossy) -> SpecularRadiance {
+fn evaluate_all_lights(pixel: vec2u, here: Glossy) -> SpecularRadiance {
     let at = receiver(pixel, here);
     var sum = SpecularRadiance(vec3f(0.0), vec3f(0.0));
     for (var i = 0u; i < lit.vpls; i++) {
@@ -184,7 +184,7 @@ fn predict(k: u32, cell: vec2u, here: Glossy) -> Prediction {
         }
         let pixel = at << vec2u(k + 1u);
         let there = glossy(pixel);
-        if there.shown <= 0.0 {
+        if there.specular_fraction <= 0.0 {
             continue;
         }
         let weight = share * surface_similarity(here, there);
@@ -248,12 +248,12 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     let nothing = SpecularNode(array<u32, 4>(0u, 0u, 0u, 0u));
     let pixel = cell << vec2u(k);
     let here = glossy(pixel);
-    if here.shown <= 0.0 {
+    if here.specular_fraction <= 0.0 {
         keep(k, cell, nothing, vec4u(0u));
         return;
     }
     if k == screen.coarsest_level {
-        keep(k, cell, pack_radiance(whole(pixel, here)), vec4u(0u));
+        keep(k, cell, pack_radiance(evaluate_all_lights(pixel, here)), vec4u(0u));
         return;
     }
     if all((cell & vec2u(1u)) == vec2u(0u)) {
@@ -275,7 +275,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     let earlier = bright(before.light, f0);
     let most = screen.radiance_threshold * (earlier + FLOOR * FRAC_1_PI);
     if before.known && specular_params.together == 1u {
-        let node = pack_radiance(whole(pixel, here));
+        let node = pack_radiance(evaluate_all_lights(pixel, here));
         let off = abs(bright(unpack_radiance(node), f0) - earlier);
         keep(k, cell, node, vec4u(select(0u, 0xffffffffu, off > most)));
         return;
@@ -318,7 +318,7 @@ fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let here = glossy(pixel);
-    if here.shown <= 0.0 {
+    if here.specular_fraction <= 0.0 {
         textureStore(output, pixel, vec4f(0.0));
         return;
     }
@@ -334,9 +334,9 @@ fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
         known = before.known;
     }
     if !known {
-        light = unpack_radiance(pack_radiance(whole(pixel, here)));
+        light = unpack_radiance(pack_radiance(evaluate_all_lights(pixel, here)));
     }
     let f0 = gbuffer_f0(here.texel);
-    let color = here.shown * multiscatter_compensation(gbuffer_roughness(here.texel), f0) * specular_color(light, f0);
+    let color = here.specular_fraction * multiscatter_compensation(gbuffer_roughness(here.texel), f0) * specular_color(light, f0);
     textureStore(output, pixel, vec4f(min(color, vec3f(MAX_HALF)), 1.0));
 }

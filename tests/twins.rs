@@ -36,7 +36,7 @@ use meshless_gi_lab::fixtures::synthetic;
 mod volume_sample;
 
 use bevy_meshless_gi::gpu::{GpuError, GpuFrame, HeadlessDevice, KernelPipelines, SceneBuffers};
-use bevy_meshless_gi::internals::gpu::Pass;
+use bevy_meshless_gi::internals::gpu::EntryPoint;
 use compare::{SINGLE, Scale, differing, same};
 use glam::Vec3;
 use meshless_gi::internals::asset::SkyVisibility;
@@ -86,7 +86,7 @@ fn solve_from_projection(
     let projected: Vec<f32> = (0..lights.len())
         .flat_map(|s| twin.projected(s).to_vec())
         .collect();
-    let buffer = frame.buffers().output(Pass::Project).unwrap();
+    let buffer = frame.buffers().output(EntryPoint::Project).unwrap();
     harness
         .queue
         .write_buffer(buffer, 0, bytemuck::cast_slice(&projected));
@@ -99,11 +99,11 @@ fn solve_from_projection(
 fn output<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     harness: &HeadlessDevice,
     frame: &GpuFrame,
-    pass: Pass,
+    entry_point: EntryPoint,
     count: usize,
 ) -> Vec<T> {
     harness
-        .read(frame.buffers().output(pass).unwrap(), count)
+        .read(frame.buffers().output(entry_point).unwrap(), count)
         .unwrap()
 }
 
@@ -175,11 +175,11 @@ fn project_kernel_matches_twin() {
     harness
         .run(|e| frame.project(&kernels, &harness.queue, e, &rest))
         .unwrap();
-    assert_eq!(frame.counters().dispatches_of(Pass::Project), 2);
+    assert_eq!(frame.counters().dispatches_of(EntryPoint::Project), 2);
     assert_eq!(frame.counters().projected, lights.len() as u64);
 
     let count = lights.len() * scene.data().senders();
-    let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
+    let gpu: Vec<f32> = output(&harness, &frame, EntryPoint::Project, count);
     // Only tolerance: a ray that passes an edge within rounding may be on either side of it. At
     // most two of 2970 rays differ.
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
@@ -237,11 +237,14 @@ fn project_above_dispatch_limit_matches_twin() {
         .unwrap();
     let counters = frame.counters();
     assert_eq!(
-        (counters.dispatches_of(Pass::Project), counters.projected),
+        (
+            counters.dispatches_of(EntryPoint::Project),
+            counters.projected
+        ),
         (2, 70_000)
     );
     let lit = scene.data().senders();
-    let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, lights.len() * lit);
+    let gpu: Vec<f32> = output(&harness, &frame, EntryPoint::Project, lights.len() * lit);
     let of = |start: usize| &gpu[start * lit..(start + few.len()) * lit];
     assert!(of(0).iter().any(|g| *g > 0.0));
     for start in starts {
@@ -255,7 +258,13 @@ fn project_above_dispatch_limit_matches_twin() {
 }
 
 /// Checked result of a solve: kernel, GPU data, twin data, floats per item, scale.
-type Checked = (&'static str, Pass, fn(&CpuFrame) -> Vec<f32>, usize, Scale);
+type Checked = (
+    &'static str,
+    EntryPoint,
+    fn(&CpuFrame) -> Vec<f32>,
+    usize,
+    Scale,
+);
 
 fn flat<T: bytemuck::NoUninit>(items: &[T]) -> Vec<f32> {
     bytemuck::cast_slice(items).to_vec()
@@ -285,9 +294,9 @@ fn assert_scene_matches_twin(
     let twin = cpu(scene, &lights, settings);
     let frame = GpuFrame::new(&kernels, &harness.queue, scene, lights.len() as u32).unwrap();
     let frame = solve_from_projection(&harness, &kernels, frame, &twin, settings);
-    for (i, &((name, pass, take, width, scale), perturb)) in checked.iter().enumerate() {
+    for (i, &((name, entry_point, take, width, scale), perturb)) in checked.iter().enumerate() {
         let expected = take(&twin);
-        let gpu: Vec<f32> = output(&harness, &frame, pass, expected.len());
+        let gpu: Vec<f32> = output(&harness, &frame, entry_point, expected.len());
         let mut wrong = scene.clone();
         perturb(&mut wrong);
         let perturbed = take(&cpu(&wrong, &lights, settings));
@@ -303,12 +312,24 @@ fn assert_scene_matches_twin(
 }
 
 /// Output of `radiosity` on the finest sender level, where `pull` does not replace it.
-const SENDERS: Checked = ("senders", Pass::Pull, |f| flat(f.senders()), 4, Scale::Item);
+const SENDERS: Checked = (
+    "senders",
+    EntryPoint::Pull,
+    |f| flat(f.senders()),
+    4,
+    Scale::Item,
+);
 /// Same as [`SENDERS`], for values with E⃗·n, a sum that may cancel.
-const BOUNCED: Checked = ("senders", Pass::Sweep, |f| flat(f.senders()), 4, Scale::Rms);
+const BOUNCED: Checked = (
+    "senders",
+    EntryPoint::Sweep,
+    |f| flat(f.senders()),
+    4,
+    Scale::Rms,
+);
 const VALUES: Checked = (
     "values",
-    Pass::Averages,
+    EntryPoint::Averages,
     |f| flat(f.vector_irradiance()),
     12,
     Scale::Rms,
@@ -356,17 +377,23 @@ fn frame_of_averages_matches_twin() {
 
 #[test]
 fn frame_of_differences_matches_twin() {
-    const PUSHED: Checked = ("push", Pass::Push, |f| flat(f.differences()), 4, Scale::Rms);
+    const PUSHED: Checked = (
+        "push",
+        EntryPoint::Push,
+        |f| flat(f.differences()),
+        4,
+        Scale::Rms,
+    );
     const APPLIED: Checked = (
         "apply",
-        Pass::Apply,
+        EntryPoint::Apply,
         |f| flat(f.applied_irradiance()),
         12,
         Scale::Rms,
     );
     const FLAT: Checked = (
         "flatten",
-        Pass::Differences,
+        EntryPoint::Differences,
         |f| flat(f.vector_irradiance()),
         12,
         Scale::Rms,
@@ -392,7 +419,7 @@ fn frame_of_differences_matches_twin() {
 fn frame_of_components_matches_twin() {
     const COMPRESSED: Checked = (
         "compress",
-        Pass::Compress,
+        EntryPoint::Compress,
         |f| flat(f.components()),
         4,
         Scale::Rms,
@@ -546,7 +573,7 @@ fn tiers_match_twin() {
 fn baked_bounces_match_twin() {
     const FURTHER: Checked = (
         "further",
-        Pass::Gather,
+        EntryPoint::Gather,
         |f| flat(f.multibounce_radiosity()),
         4,
         Scale::Item,
@@ -595,7 +622,7 @@ fn links_above_binding_limit_are_split() {
         let twin = cpu(&scene, &lights, &settings);
         let frame = GpuFrame::with_buffers(&harness.queue, make(limit).unwrap());
         let frame = solve_from_projection(&harness, &kernels, frame, &twin, &settings);
-        let parts = frame.counters().dispatches_of(Pass::Apply);
+        let parts = frame.counters().dispatches_of(EntryPoint::Apply);
         if tier == 4 {
             assert!(
                 parts >= 4 + 2,
@@ -605,7 +632,7 @@ fn links_above_binding_limit_are_split() {
         let gpu: Vec<f32> = output(
             &harness,
             &frame,
-            Pass::Averages,
+            EntryPoint::Averages,
             12 * scene.data().points.len(),
         );
         let mut wrong = scene.clone();
@@ -660,7 +687,7 @@ fn cornell_box_bakes_match_twin() {
             .run(|e| frame.project(&kernels, &harness.queue, e, &all))
             .unwrap();
         let count = lights.len() * scene.data().senders();
-        let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
+        let gpu: Vec<f32> = output(&harness, &frame, EntryPoint::Project, count);
         // As in `project`, a ray within rounding of an edge may be on either side of it. At most
         // one in 10 000.
         let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
@@ -677,7 +704,7 @@ fn cornell_box_bakes_match_twin() {
             let twin = cpu(&scene, &lights, &settings);
             frame = solve_from_projection(&harness, &kernels, frame, &twin, &settings);
             let expected = flat(twin.vector_irradiance());
-            let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
+            let gpu: Vec<f32> = output(&harness, &frame, EntryPoint::Averages, expected.len());
             let perturbed = flat(cpu(&scene, &wrong, &settings).vector_irradiance());
             same(
                 &format!("{rule:?}, {mode:?}, tier {tier}"),
@@ -706,21 +733,26 @@ fn octree_above_limit_falls_back_to_links() {
         harness
             .run(|e| frame.solve(&kernels, &harness.queue, e, &FrameSettings::bounces(3)))
             .unwrap();
-        let passes = [Pass::Pull, Pass::Apply, Pass::FmmUp, Pass::FmmEvaluate];
+        let passes = [
+            EntryPoint::Pull,
+            EntryPoint::Apply,
+            EntryPoint::FmmUp,
+            EntryPoint::FmmEvaluate,
+        ];
         passes.map(|p| frame.counters().dispatches_of(p))
     };
     let levels = scene.data().fmm.as_ref().unwrap().levels() as u64;
     assert_eq!(run(&scene), [0, 0, 3 * levels, 3]);
     assert_eq!(fmm_fallback_reason(&scene, 128 << 20), None);
-    let why = fmm_fallback_reason(&scene, 1 << 16);
+    let reason = fmm_fallback_reason(&scene, 1 << 16);
     assert!(
-        matches!(why, Some(FmmLimit::TooLarge { has: 65536, .. })),
-        "{why:?}"
+        matches!(reason, Some(FmmLimit::TooLarge { has: 65536, .. })),
+        "{reason:?}"
     );
     // An order that is too large for a workgroup.
     scene.data_mut().fmm.as_mut().unwrap().order = 7;
-    let why = fmm_fallback_reason(&scene, 128 << 20);
-    assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
+    let reason = fmm_fallback_reason(&scene, 128 << 20);
+    assert_eq!(reason, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
     // Without links, no fallback exists.
@@ -753,22 +785,25 @@ fn only_components_are_compressed() {
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
         .unwrap();
-    let created: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
+    let created: Vec<EntryPoint> = EntryPoint::ALL
+        .into_iter()
+        .filter(|&p| kernels.is_created(p))
+        .collect();
     assert_eq!(
         created,
         [
-            Pass::Radiosity,
-            Pass::Compress,
-            Pass::Apply,
-            Pass::Sweep,
-            Pass::Averages
+            EntryPoint::Radiosity,
+            EntryPoint::Compress,
+            EntryPoint::Apply,
+            EntryPoint::Sweep,
+            EntryPoint::Averages
         ]
     );
     // The compression runs before each use of the operator only.
     let counters = frame.counters();
-    assert_eq!(counters.dispatches_of(Pass::Compress), 3);
-    assert_eq!(counters.dispatches_of(Pass::Apply), 3);
-    assert_eq!(counters.dispatches_of(Pass::Pull), 0);
+    assert_eq!(counters.dispatches_of(EntryPoint::Compress), 3);
+    assert_eq!(counters.dispatches_of(EntryPoint::Apply), 3);
+    assert_eq!(counters.dispatches_of(EntryPoint::Pull), 0);
 }
 
 #[test]
@@ -796,10 +831,18 @@ fn unused_buffers_are_not_created() {
     harness
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(0, false)))
         .unwrap();
-    let created: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
+    let created: Vec<EntryPoint> = EntryPoint::ALL
+        .into_iter()
+        .filter(|&p| kernels.is_created(p))
+        .collect();
     assert_eq!(
         created,
-        [Pass::Radiosity, Pass::Pull, Pass::Apply, Pass::Averages]
+        [
+            EntryPoint::Radiosity,
+            EntryPoint::Pull,
+            EntryPoint::Apply,
+            EntryPoint::Averages
+        ]
     );
     assert_eq!(kernels.pipeline_count(), 4);
     assert_eq!(
@@ -811,15 +854,18 @@ fn unused_buffers_are_not_created() {
         .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
         .unwrap();
     assert_eq!(kernels.pipeline_count(), 5);
-    assert!(kernels.has(Pass::Sweep) && frame.buffers().bytes() > bytes);
+    assert!(kernels.is_created(EntryPoint::Sweep) && frame.buffers().bytes() > bytes);
     let counters = frame.counters();
     assert_eq!(counters.solves, 2);
-    assert_eq!(counters.dispatches_of(Pass::Sweep), 2);
-    assert_eq!(counters.dispatches_of(Pass::Apply), 1 + 3);
+    assert_eq!(counters.dispatches_of(EntryPoint::Sweep), 2);
+    assert_eq!(counters.dispatches_of(EntryPoint::Apply), 1 + 3);
     assert_eq!(
-        counters.dispatches_of(Pass::Pull),
+        counters.dispatches_of(EntryPoint::Pull),
         2 + (2 + 2 * 2),
         "two levels at first, and in each sweep"
     );
-    assert_eq!(counters.dispatches_of(Pass::Averages), 5 + (2 * 3 + 5));
+    assert_eq!(
+        counters.dispatches_of(EntryPoint::Averages),
+        5 + (2 * 3 + 5)
+    );
 }

@@ -35,7 +35,7 @@ pub fn set_up(mut commands: Commands) {
 
 impl Eye {
     /// Moves the camera near the middle of a scene without a bake.
-    pub fn place(world: &mut World, bounds: &Bounds, size: f32) {
+    pub fn move_to_middle(world: &mut World, bounds: &Bounds, size: f32) {
         let extent = bounds.size();
         let at = bounds.center() + Vec3::new(0.25 * extent.x, -0.1 * extent.y, 0.0);
         let start = Transform::from_translation(at).looking_at(bounds.center(), Vec3::Y);
@@ -76,8 +76,8 @@ pub fn look_at_light(
     let best = LitPoints::new(bake, &current.lights_with(None)).best(bake, &outlooks);
     if let (true, Some(best)) = (at_start, best) {
         **transform = Transform::from_translation(best.from).looking_to(best.toward, Vec3::Y);
-        if let Some((_, place)) = &mut default_light {
-            place.translation = best.from + 0.4 * best.forward_clearance * best.toward;
+        if let Some((_, transform)) = &mut default_light {
+            transform.translation = best.from + 0.4 * best.forward_clearance * best.toward;
         }
     }
     let lights = current.lights_with(
@@ -87,7 +87,7 @@ pub fn look_at_light(
     );
     let lit = LitPoints::new(bake, &lights);
     let seen = lit.seen(bake, transform.translation);
-    if let Some(ev100) = exposure_of(&around(&seen, transform.forward().into())) {
+    if let Some(ev100) = exposure_of(&luminances_toward(&seen, transform.forward().into())) {
         exposure.ev100 = ev100;
         // Bevy displays emissive surfaces independently of the exposure. Their light follows that.
         environment.emissive_luminance = 1.2 * ev100.exp2();
@@ -222,7 +222,7 @@ impl LitPoints {
         for same in outlooks.chunk_by(|a, b| a.from == b.from) {
             let seen = self.seen(scene, same[0].from);
             for outlook in same {
-                let found = around(&seen, outlook.toward);
+                let found = luminances_toward(&seen, outlook.toward);
                 let mean = found.iter().sum::<f32>() / found.len().max(1) as f32;
                 let score = found.len() as f32 * (mean + 1e-6).powf(0.25);
                 if found.len() >= 8 && best.is_none_or(|(max, _)| score > max) {
@@ -235,7 +235,7 @@ impl LitPoints {
 }
 
 /// Returns the luminances of the points around a direction.
-fn around(seen: &[(Vec3, f32)], toward: Vec3) -> Vec<f32> {
+fn luminances_toward(seen: &[(Vec3, f32)], toward: Vec3) -> Vec<f32> {
     let inside = seen.iter().filter(|(way, _)| way.dot(toward) > VIEW);
     inside.map(|(_, luminance)| *luminance).collect()
 }

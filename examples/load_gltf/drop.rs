@@ -83,7 +83,7 @@ pub fn show(world: &mut World, loaded: Loaded) {
     if loaded.lights.is_empty() {
         spawn_lights(world, &bounds, size);
     }
-    Eye::place(world, &bounds, size);
+    Eye::move_to_middle(world, &bounds, size);
     world.insert_resource(CurrentScene {
         path: loaded.path,
         root,
@@ -183,7 +183,7 @@ pub fn follow_drops(
                     notice.0.clear();
                     commands.queue(move |world: &mut World| show(world, loaded));
                 }
-                Err(why) => notice.0 = format!("not shown: {why}"),
+                Err(error) => notice.0 = format!("not shown: {error}"),
             },
         }
     }
@@ -207,6 +207,6 @@ pub fn bake_again(
                 .entity(current.root)
                 .insert(GiBakeTask::spawn(loaded.mesh, recipe));
         }
-        Err(why) => notice.0 = format!("not baked: {why}"),
+        Err(error) => notice.0 = format!("not baked: {error}"),
     }
 }

@@ -46,8 +46,8 @@ fn main() -> ExitCode {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let capture = match Capture::take_from(&mut arguments) {
         Ok(capture) => capture,
-        Err(why) => {
-            eprintln!("{why}");
+        Err(error) => {
+            eprintln!("{error}");
             return usage();
         }
     };
@@ -63,15 +63,15 @@ fn main() -> ExitCode {
     };
     let path = match Path::new(file).canonicalize() {
         Ok(path) => path,
-        Err(why) => {
-            eprintln!("{file}: {why}");
+        Err(error) => {
+            eprintln!("{file}: {error}");
             return ExitCode::from(3);
         }
     };
     let first = match drop::read(&path) {
         Ok(first) => first,
-        Err(why) => {
-            eprintln!("{why}");
+        Err(error) => {
+            eprintln!("{error}");
             return ExitCode::from(1);
         }
     };

@@ -38,7 +38,7 @@ pub fn start(
     let task = IoTaskPool::get().spawn(async move {
         match scene.write(&path) {
             Ok(bytes) => format!("saved {}, {:.1} MB", path.display(), 1e-6 * bytes as f64),
-            Err(why) => format!("not saved: {why}"),
+            Err(error) => format!("not saved: {error}"),
         }
     });
     commands.insert_resource(Saving(task));

@@ -47,8 +47,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let count = radiosity.len() as u32;
         let gpu = match GpuFmm::new(&harness.device, &harness.queue, &operator, count) {
             Ok(gpu) => gpu,
-            Err(why) => {
-                println!("| {points} | {why} |");
+            Err(error) => {
+                println!("| {points} | {error} |");
                 break;
             }
         };

@@ -172,7 +172,7 @@ fn gather<T>(
     add: impl Fn(&mut T, f32, usize),
 ) -> Option<(T, f32)> {
     let (mut cover, mut denominator) = (0.0, 0.0);
-    for &j in scene.data().display.grid.near(x) {
+    for &j in scene.data().display.grid.indices_near(x) {
         let point = &scene.data().points[j as usize];
         let w = weight(point, &scene.data().display.planes, x, n);
         if w > 0.0 {
@@ -228,7 +228,7 @@ fn display(
 ) {
     let (mut looked, mut count, mut planes) = (0usize, 0usize, 0usize);
     for &(x, n) in positions {
-        for &j in scene.data().display.grid.near(x) {
+        for &j in scene.data().display.grid.indices_near(x) {
             let point = &scene.data().points[j as usize];
             looked += 1;
             if weight(point, &scene.data().display.planes, x, n) > 0.0 {
@@ -237,8 +237,8 @@ fn display(
             }
         }
     }
-    let a_place = |n: usize| n as f64 / positions.len() as f64;
-    let read = |value: usize| a_place(looked * 36 + planes * 16 + count * value);
+    let per_position = |n: usize| n as f64 / positions.len() as f64;
+    let read = |value: usize| per_position(looked * 36 + planes * 16 + count * value);
     let [of_vector, of_scalar] = fastest([
         &mut || {
             for &(x, n) in positions {
@@ -264,8 +264,8 @@ fn display(
         "| {name} | {} | {own} | {:.1} % | {:.1} | {:.1} | {:.0} | {:.0} | {:.3} | {:.3} |",
         scene.data().points.len(),
         100.0 * own as f64 / (own + others) as f64,
-        a_place(looked),
-        a_place(count),
+        per_position(looked),
+        per_position(count),
         read(48),
         read(16),
         1e6 * of_vector / positions.len() as f64,

@@ -16,7 +16,7 @@ use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{
-    NodeLights, Pass, RsmBuffers, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
+    EntryPoint, NodeLights, RsmBuffers, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
 use half::f16;
 use meshless_gi::internals::frame::{
@@ -177,7 +177,10 @@ fn row(harness: &HeadlessDevice, view: &View<'_>, i: usize) -> Result<(), Box<dy
     };
     let kernels = KernelPipelines::new(&harness.device)?;
     let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1)?;
-    let buffer = frame.buffers().output(Pass::Averages).ok_or("no values")?;
+    let buffer = frame
+        .buffers()
+        .output(EntryPoint::Averages)
+        .ok_or("no values")?;
     (harness.queue).write_buffer(
         buffer,
         0,
@@ -267,7 +270,7 @@ fn lit(harness: &HeadlessDevice, view: &View<'_>, count: u32) -> Result<(), Box<
     let [nodes, triangles] = maps.tree(None);
     let texture = wgpu::BindingResource::TextureView;
     let bind = kernels.bind(
-        Pass::Vpl,
+        EntryPoint::Vpl,
         &[
             (0, view_buffer.as_entire_binding()),
             (1, texture(&textures.depth)),
@@ -281,7 +284,7 @@ fn lit(harness: &HeadlessDevice, view: &View<'_>, count: u32) -> Result<(), Box<
     );
     let full = time(harness, |encoder| {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&kernels.pass(Pass::Vpl).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(EntryPoint::Vpl).pipeline);
         pass.set_bind_group(0, &bind, &[]);
         pass.dispatch_workgroups(SIZE[0].div_ceil(8), SIZE[1].div_ceil(8), 1);
     })?;

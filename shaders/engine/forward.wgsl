@@ -66,7 +66,7 @@ fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
 // rgb: exposed light of a white surface. a: negative distance from the eye. Other textures at this
 // binding have no negative alpha.
 @fragment
-fn shown(@builtin(position) position: vec4f) -> @location(0) vec4f {
+fn exposed_light(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);
     let depth = textureLoad(depths, pixel, 0);
     let e = textureLoad(irradiance, pixel, 0);

@@ -90,9 +90,9 @@ fn irradiance_volume_light(
         let size = textureDimensions(voxels) / vec3u(1u, 2u, 3u);
         let local = (found.light_from_world * vec4f(world_position, 1.0)).xyz;
         // Clamped to the range of the voxel centers, which are half a texel inside.
-        let place = clamp((local + 0.5) * vec3f(size), vec3f(0.5), vec3f(size) - 0.5);
+        let position = clamp((local + 0.5) * vec3f(size), vec3f(0.5), vec3f(size) - 0.5);
 
-        let corner = place / all_texels;
+        let corner = position / all_texels;
         let half = select(vec3f(0.0), vec3f(0.5), is_away);
         let third = 1.0 / 3.0;
         let x = textureSampleLevel(voxels, irradiance_volume_sampler, corner + vec3f(0.0, half.x, 0.0), 0.0);
@@ -108,12 +108,12 @@ fn irradiance_volume_light(
 #endif
         // At an unobstructed position all six texels of all eight voxels are open.
         if !is_shown && x.a < 0.0 && x.a > MESHLESS_GI_NO_WALL_THRESHOLD {
-            let first = vec3u(place - 0.5);
+            let first = vec3u(position - 0.5);
             var sum = vec3f(0.0);
             var all_weights = 0.0;
             for (var k = 0u; k < 8u; k++) {
                 let voxel = min(first + vec3u(k & 1u, (k >> 1u) & 1u, k >> 2u), size - 1u);
-                let offset = place - (vec3f(voxel) + 0.5);
+                let offset = position - (vec3f(voxel) + 0.5);
                 let far = abs(offset);
                 var weight = max(1.0 - far.x, 0.0) * max(1.0 - far.y, 0.0) * max(1.0 - far.z, 0.0);
                 for (var axis = 0u; axis < 3u; axis++) {

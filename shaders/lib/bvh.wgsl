@@ -50,12 +50,12 @@ fn intersects(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) ->
 }
 
 // Transmittance along the ray with t in (0, max_t). It is 0 behind any static triangle. Otherwise
-// it is the product of the gains of the occluders in between, each once.
-fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
+// it is the product of the transmittances of the occluders in between, each once.
+fn transmittance_along(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
     if bvh_nodes() == 0u {
         return 1.0;
     }
-    var gain = 1.0;
+    var transmittance = 1.0;
     // One bit per occluder.
     var crossed = vec2u(0u);
     // Finite, so that 0 · ∞ never occurs.
@@ -96,12 +96,12 @@ fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
             let bit = select(vec2u(0u, 1u), vec2u(1u, 0u), k % 64u < 32u) << vec2u(k % 32u);
             if all((crossed & bit) == vec2u(0u)) {
                 crossed |= bit;
-                gain *= triangles[i].gain;
+                transmittance *= triangles[i].transmittance;
             }
-            if gain <= 0.0 {
+            if transmittance <= 0.0 {
                 return 0.0;
             }
         }
     }
-    return gain;
+    return transmittance;
 }

@@ -202,7 +202,7 @@ struct BvhTriangle {
     occluder: u32,
     b: vec3f,
     // Transmittance of an occluder.
-    gain: f32,
+    transmittance: f32,
     c: vec3f,
     pad2: u32,
 }

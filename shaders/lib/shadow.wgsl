@@ -11,11 +11,11 @@ fn ray_offset(x: vec3f, extent: f32) -> f32 {
 }
 
 // Transmittance from `light` to (x, n).
-fn reaches(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
+fn light_transmittance(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     let off = ray_offset(x, extent);
     let origin = x + n * off;
     if light.kind == LIGHT_DIRECTIONAL {
-        return passes(origin, -light.direction, FAR);
+        return transmittance_along(origin, -light.direction, FAR);
     }
     let to = light.position - origin;
     let distance = sqrt(dot(to, to));
@@ -23,5 +23,5 @@ fn reaches(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     if max_t <= 0.0 {
         return 1.0;
     }
-    return passes(origin, to / distance, max_t);
+    return transmittance_along(origin, to / distance, max_t);
 }

@@ -119,7 +119,7 @@ fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
 
 // Transmittance of the baked scene from light `i` to the surface of the ray that starts at `start`
 // (local).
-fn vpl_reaches(i: u32, start: vec3f) -> f32 {
+fn vpl_transmittance(i: u32, start: vec3f) -> f32 {
     let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
     let ray = end - start;
     let distance = length(ray);
@@ -127,7 +127,7 @@ fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     if max_t <= 0.0 {
         return 1.0;
     }
-    return passes(start, ray / distance, max_t);
+    return transmittance_along(start, ray / distance, max_t);
 }
 
 // Vector irradiance at (x, n) of the lights above the surface's horizon.
@@ -143,7 +143,7 @@ fn vpl_at(x: vec3f, n: vec3f) -> VectorIrradiance {
         var e = vpls[i].flux;
         let most = max(e.x, max(e.y, e.z)) * arrives;
         if lit.nodes > 0u && most >= lit.dim {
-            let reached = vpl_reaches(i, start);
+            let reached = vpl_transmittance(i, start);
             if reached <= 0.0 {
                 continue;
             }

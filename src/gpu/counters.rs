@@ -1,12 +1,12 @@
 //! Counters of recorded work.
 
-use super::Pass;
+use super::EntryPoint;
 
 /// Work that a frame has recorded since its creation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuCounters {
-    /// Number of dispatches of each pass, in the order of [`Pass::ALL`].
-    pub dispatches: [u64; Pass::COUNT],
+    /// Number of dispatches of each entry point, in the order of [`EntryPoint::ALL`].
+    pub dispatches: [u64; EntryPoint::COUNT],
     /// Number of projected light slots.
     pub projected: u64,
     /// Number of recorded solves.
@@ -20,7 +20,7 @@ pub struct GpuCounters {
 impl Default for GpuCounters {
     fn default() -> Self {
         Self {
-            dispatches: [0; Pass::COUNT],
+            dispatches: [0; EntryPoint::COUNT],
             projected: 0,
             solves: 0,
             composites: 0,
@@ -30,10 +30,10 @@ impl Default for GpuCounters {
 }
 
 impl GpuCounters {
-    /// Returns the number of dispatches of `pass`.
+    /// Returns the number of dispatches of `entry_point`.
     #[must_use]
-    pub fn dispatches_of(&self, pass: Pass) -> u64 {
-        self.dispatches[pass as usize]
+    pub fn dispatches_of(&self, entry_point: EntryPoint) -> u64 {
+        self.dispatches[entry_point as usize]
     }
 
     /// Adds the work of other counters.

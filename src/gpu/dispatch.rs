@@ -1,6 +1,6 @@
 //! Helpers for recording that all kernels share: bind groups and compute passes.
 
-use super::Pass;
+use super::EntryPoint;
 use super::pipelines::KernelPipelines;
 
 /// Maximum number of workgroups along one dimension in WebGPU.
@@ -21,10 +21,10 @@ pub(super) fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::
 }
 
 impl KernelPipelines {
-    /// Creates a bind group for a pass.
+    /// Creates a bind group of an entry point.
     pub fn bind(
         &self,
-        pass: Pass,
+        entry_point: EntryPoint,
         resources: &[(u32, wgpu::BindingResource<'_>)],
     ) -> wgpu::BindGroup {
         let entries: Vec<_> = resources
@@ -32,8 +32,8 @@ impl KernelPipelines {
             .map(|(at, r)| entry(*at, r.clone()))
             .collect();
         self.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(pass.entry().1.name),
-            layout: &self.pass(pass).layout,
+            label: Some(entry_point.entry().1.name),
+            layout: &self.compute_kernel(entry_point).layout,
             entries: &entries,
         })
     }

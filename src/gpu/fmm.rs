@@ -1,9 +1,9 @@
 //! Fast multipole method on the GPU: `fmm_up` and `fmm_down` over the buffers of one octree. The
 //! CPU builds tree and lists, as in \[G08\] §3.
 
-use super::Pass;
+use super::EntryPoint;
+use super::buffer_factory::binding_limit;
 use super::dispatch::MAX_GROUPS;
-use super::maker::binding_limit;
 use super::pipelines::KernelPipelines;
 use super::{GpuCounters, GpuError};
 use crate::plan::{FmmLimit, octree_fits};
@@ -52,7 +52,7 @@ impl GpuFmm {
         senders: u32,
         limit: u64,
     ) -> Result<Self, GpuError> {
-        octree_fits(operator, limit).map_err(|why| match why {
+        octree_fits(operator, limit).map_err(|error| match error {
             FmmLimit::Order { have, need } => GpuError::Limit {
                 limit: "order of the fast multipole method",
                 have,
@@ -130,9 +130,9 @@ impl GpuFmm {
         radiosity: &wgpu::Buffer,
     ) {
         let levels = self.counts.len() - 1;
-        let bind = self.bind(kernels, Pass::FmmUp, radiosity, None);
+        let bind = self.bind(kernels, EntryPoint::FmmUp, radiosity, None);
         for level in (0..levels).rev() {
-            self.dispatch(kernels, pass, counters, Pass::FmmUp, &bind, level);
+            self.dispatch(kernels, pass, counters, EntryPoint::FmmUp, &bind, level);
         }
     }
 
@@ -147,12 +147,26 @@ impl GpuFmm {
         values: &wgpu::Buffer,
     ) {
         let levels = self.counts.len() - 1;
-        let bind = self.bind(kernels, Pass::FmmReceive, radiosity, None);
+        let bind = self.bind(kernels, EntryPoint::FmmReceive, radiosity, None);
         for level in 0..levels {
-            self.dispatch(kernels, pass, counters, Pass::FmmReceive, &bind, level);
+            self.dispatch(
+                kernels,
+                pass,
+                counters,
+                EntryPoint::FmmReceive,
+                &bind,
+                level,
+            );
         }
-        let bind = self.bind(kernels, Pass::FmmEvaluate, radiosity, Some(values));
-        self.dispatch(kernels, pass, counters, Pass::FmmEvaluate, &bind, levels);
+        let bind = self.bind(kernels, EntryPoint::FmmEvaluate, radiosity, Some(values));
+        self.dispatch(
+            kernels,
+            pass,
+            counters,
+            EntryPoint::FmmEvaluate,
+            &bind,
+            levels,
+        );
     }
 
     /// Returns the S-expansions and R-expansions that `up` and `receive` wrote, for tests and
@@ -188,7 +202,7 @@ impl GpuFmm {
     fn bind(
         &self,
         kernels: &KernelPipelines,
-        which: Pass,
+        entry_point: EntryPoint,
         radiosity: &wgpu::Buffer,
         values: Option<&wgpu::Buffer>,
     ) -> wgpu::BindGroup {
@@ -209,8 +223,8 @@ impl GpuFmm {
             (8, self.entries.as_entire_binding()),
         ];
         shared.extend(values.map(|values| (9, values.as_entire_binding())));
-        shared.retain(|(at, _)| which.entry().1.bindings.contains(at));
-        kernels.bind(which, &shared)
+        shared.retain(|(at, _)| entry_point.entry().1.bindings.contains(at));
+        kernels.bind(entry_point, &shared)
     }
 
     fn dispatch(
@@ -218,7 +232,7 @@ impl GpuFmm {
         kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
         counters: &mut GpuCounters,
-        which: Pass,
+        entry_point: EntryPoint,
         bind: &wgpu::BindGroup,
         span: usize,
     ) {
@@ -226,10 +240,10 @@ impl GpuFmm {
         if x == 0 {
             return;
         }
-        pass.set_pipeline(&kernels.pass(which).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, bind, &[self.stride * span as u32]);
         pass.dispatch_workgroups(x, y, 1);
-        counters.dispatches[which as usize] += 1;
+        counters.dispatches[entry_point as usize] += 1;
     }
 }
 

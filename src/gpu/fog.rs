@@ -1,11 +1,11 @@
 //! Fog lit by a scene, on the GPU: parameters of a view's draws, and the recording of the kernels
 //! `fog_inscatter` and `fog`. A view without such fog has no buffers.
 
+use super::buffer_factory::uniform;
 use super::dispatch::{compute, entry};
 use super::kernels::{FOG, KERNELS};
-use super::maker::uniform;
 use super::pipelines::{Draw, KernelPipelines};
-use super::{GpuCounters, Pass};
+use super::{EntryPoint, GpuCounters};
 use meshless_gi::internals::frame::{FogInscatterParams, FogParams};
 
 /// Light of a scene that fog of one asymmetry scatters to the eye.
@@ -91,7 +91,7 @@ impl FogBuffers {
         let mut counters = GpuCounters::default();
         for (light, volume) in self.lights.iter().zip(volumes) {
             let bind = kernels.bind(
-                Pass::FogInscatter,
+                EntryPoint::FogInscatter,
                 &[
                     (0, light.params.as_entire_binding()),
                     (1, wgpu::BindingResource::TextureView(volume)),
@@ -99,11 +99,11 @@ impl FogBuffers {
                 ],
             );
             let mut pass = compute(encoder, "meshless_gi fog_inscatter");
-            pass.set_pipeline(&kernels.pass(Pass::FogInscatter).pipeline);
+            pass.set_pipeline(&kernels.compute_kernel(EntryPoint::FogInscatter).pipeline);
             pass.set_bind_group(0, &bind, &[]);
             let [x, y, z] = light.size.map(|n| n.div_ceil(4));
             pass.dispatch_workgroups(x, y, z);
-            counters.dispatches[Pass::FogInscatter as usize] += 1;
+            counters.dispatches[EntryPoint::FogInscatter as usize] += 1;
         }
         counters
     }

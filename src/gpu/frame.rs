@@ -5,8 +5,8 @@ use super::dispatch::compute;
 use super::draw::draw_over;
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::{SceneBuffers, ViewBuffers};
-use super::solve_recorder::Recorder;
-use super::{GpuCounters, GpuError, Pass};
+use super::solve_recorder::SolveRecorder;
+use super::{EntryPoint, GpuCounters, GpuError};
 use glam::Mat4;
 use meshless_gi::internals::frame::materials::current_surfaces;
 use meshless_gi::internals::frame::splat::FULL_COVER;
@@ -97,7 +97,7 @@ impl GpuFrame {
         lights: &[FrameLight],
     ) -> Result<(), GpuError> {
         self.buffers
-            .grow(kernels.device(), queue, lights.len() as u32)?;
+            .reserve_slots(kernels.device(), queue, lights.len() as u32)?;
         if !lights.is_empty() {
             queue.write_buffer(&self.buffers.lights, 0, bytemuck::cast_slice(lights));
         }
@@ -168,7 +168,7 @@ impl GpuFrame {
         let b = &self.buffers;
         queue.write_buffer(&b.changed, 0, bytemuck::cast_slice(&slots));
         let mut pass = compute(encoder, "meshless_gi project");
-        pass.set_pipeline(&kernels.pass(Pass::Project).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(EntryPoint::Project).pipeline);
         for (i, part) in slots.chunks(SLOTS_PER_DISPATCH).enumerate() {
             let changed = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: &b.changed,
@@ -176,7 +176,7 @@ impl GpuFrame {
                 size: None,
             });
             let bind = kernels.bind(
-                Pass::Project,
+                EntryPoint::Project,
                 &[
                     (0, b.params.as_entire_binding()),
                     (2, b.lights.as_entire_binding()),
@@ -191,7 +191,7 @@ impl GpuFrame {
             pass.set_bind_group(0, &bind, &[]);
             // A binding holds fewer points than the groups of one dimension cover.
             pass.dispatch_workgroups(senders.div_ceil(64), part.len() as u32, 1);
-            self.counters.dispatches[Pass::Project as usize] += 1;
+            self.counters.dispatches[EntryPoint::Project as usize] += 1;
         }
         self.counters.projected += slots.len() as u64;
     }
@@ -287,8 +287,8 @@ impl GpuFrame {
         self.recorder(kernels).apply_probes(&mut pass, &steps);
     }
 
-    fn recorder<'a>(&'a mut self, kernels: &'a KernelPipelines) -> Recorder<'a> {
-        Recorder {
+    fn recorder<'a>(&'a mut self, kernels: &'a KernelPipelines) -> SolveRecorder<'a> {
+        SolveRecorder {
             kernels,
             b: &self.buffers,
             counters: &mut self.counters,
@@ -327,10 +327,10 @@ impl GpuFrame {
         view: &ViewBuffers,
         targets: &SplatTargets<'_>,
     ) {
-        let which = if targets.earlier.is_some() {
-            Pass::SplatOver
+        let entry_point = if targets.earlier.is_some() {
+            EntryPoint::SplatOver
         } else {
-            Pass::Splat
+            EntryPoint::Splat
         };
         let [width, height] = view.size;
         if width == 0 || height == 0 {
@@ -352,17 +352,17 @@ impl GpuFrame {
         if let Some(earlier) = targets.earlier {
             resources.push((9, texture(earlier)));
         }
-        let bind = kernels.bind(which, &resources);
+        let bind = kernels.bind(entry_point, &resources);
         let mut pass = compute(encoder, "meshless_gi splat");
-        pass.set_pipeline(&kernels.pass(which).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, &bind, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
-        self.counters.dispatches[which as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 
-    /// Counts one more dispatch of `pass`.
-    pub(super) fn count(&mut self, pass: Pass) {
-        self.counters.dispatches[pass as usize] += 1;
+    /// Counts one more dispatch of `entry_point`.
+    pub(super) fn count(&mut self, entry_point: EntryPoint) {
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 
     /// Draws a view's irradiance onto its image. It is added, or replaces the image if `replace` is

@@ -1,11 +1,11 @@
 //! Types of a row of the [table of kernels](super::KERNELS): bindings, entry points, and functions
 //! that construct them.
 
-use super::Pass;
+use super::EntryPoint;
 
 /// Kind of resource of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum BindingKind {
     /// Uniform buffer of this size in bytes.
     Uniform(usize),
     /// A [`Span`](meshless_gi::internals::frame::Span) at a dynamic offset of a uniform buffer.
@@ -42,14 +42,14 @@ pub struct Binding {
     /// Name in the shader.
     pub name: &'static str,
     /// Kind of resource.
-    pub kind: Kind,
+    pub kind: BindingKind,
 }
 
 /// Entry point of a compute shader.
 #[derive(Clone, Copy, Debug)]
-pub struct Entry {
-    /// Pass that runs this entry point.
-    pub pass: Pass,
+pub struct ComputeEntry {
+    /// Identifier of the entry point.
+    pub id: EntryPoint,
     /// Name in the shader.
     pub name: &'static str,
     /// Number of threads of a workgroup in each dimension.
@@ -70,7 +70,7 @@ pub struct Kernel {
     /// All bindings of the shader.
     pub bindings: &'static [Binding],
     /// Compute entry points of the kernel. Empty if it draws.
-    pub entries: &'static [Entry],
+    pub entries: &'static [ComputeEntry],
 }
 
 impl Kernel {
@@ -98,14 +98,18 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
 /// pixel.
 pub const FOG_ENTRIES: [&str; 3] = ["fog_screen", "fog", "fog_sampled"];
 
-pub(super) const fn bind(index: u32, name: &'static str, kind: Kind) -> Binding {
+pub(super) const fn bind(index: u32, name: &'static str, kind: BindingKind) -> Binding {
     Binding { index, name, kind }
 }
 
 /// Creates an entry point with workgroups of 64 threads, one thread per item.
-pub(super) const fn each(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
-    Entry {
-        pass,
+pub(super) const fn each(
+    id: EntryPoint,
+    name: &'static str,
+    bindings: &'static [u32],
+) -> ComputeEntry {
+    ComputeEntry {
+        id,
         name,
         workgroup: [64, 1, 1],
         items: 64,
@@ -114,9 +118,13 @@ pub(super) const fn each(pass: Pass, name: &'static str, bindings: &'static [u32
 }
 
 /// Creates an entry point with workgroups of 8 × 8 pixels.
-pub(super) const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
-    Entry {
-        pass,
+pub(super) const fn tile(
+    id: EntryPoint,
+    name: &'static str,
+    bindings: &'static [u32],
+) -> ComputeEntry {
+    ComputeEntry {
+        id,
         name,
         workgroup: [8, 8, 1],
         items: 64,
@@ -125,9 +133,13 @@ pub(super) const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32
 }
 
 /// Creates an entry point with a workgroup of 64 threads per node of an octree.
-pub(super) const fn node(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
-    Entry {
-        pass,
+pub(super) const fn node(
+    id: EntryPoint,
+    name: &'static str,
+    bindings: &'static [u32],
+) -> ComputeEntry {
+    ComputeEntry {
+        id,
         name,
         workgroup: [64, 1, 1],
         items: 1,

@@ -5,11 +5,11 @@
 mod solve;
 mod view;
 
-use super::Pass;
-use super::kernel::Kind::{
+use super::EntryPoint;
+use super::kernel::BindingKind::{
     Depth, Float, Layers, Output, Read, Sampler, Samples, Space, Span, Uint, Uniform, Voxels, Write,
 };
-use super::kernel::{Binding, Entry, Kernel, Kind, bind, each, node, tile};
+use super::kernel::{Binding, BindingKind, ComputeEntry, Kernel, bind, each, node, tile};
 use meshless_gi::FrameLight;
 use meshless_gi::internals::asset::PointSurface;
 use meshless_gi::internals::basis::WeightEntry;
@@ -40,8 +40,8 @@ macro_rules! shader {
 }
 use shader;
 
-const FMM: Kind = Uniform(size_of::<FmmParams>());
-const SCREEN: Kind = Uniform(size_of::<SubsplatParams>());
+const FMM: BindingKind = Uniform(size_of::<FmmParams>());
+const SCREEN: BindingKind = Uniform(size_of::<SubsplatParams>());
 const NODE: usize = size_of::<SubsplatNode>();
 const CELL: usize = size_of::<CellRange>();
 const PARAMS: Binding = bind(0, "params", Uniform(size_of::<SolveParams>()));

@@ -1,8 +1,8 @@
 //! Links of the operator on the GPU: chunks that fit a binding, and the spans of each tier.
 
 use super::GpuError;
-use super::links::cut;
-use super::maker::BufferFactory;
+use super::buffer_factory::BufferFactory;
+use super::links::split_links;
 use super::spans::{SpanList, SpanTable, part_span};
 use meshless_gi::BakedScene;
 use meshless_gi::internals::frame::{SceneDimensions, Span};
@@ -37,7 +37,7 @@ impl LinkTables {
         let order = row_order(&scene.data().operator.rows);
         let row = |&i: &u32| scene.data().operator.rows[i as usize];
         let ordered: Vec<Row> = order.iter().map(row).collect();
-        let parts = cut(&ordered, make.limit)?;
+        let parts = split_links(&ordered, make.limit)?;
         let links = parts
             .iter()
             .map(|p| {

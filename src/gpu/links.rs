@@ -17,7 +17,7 @@ pub struct LinkChunk {
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] if the links of a single row exceed `max`.
-pub fn cut(rows: &[Row], max: u64) -> Result<Vec<LinkChunk>, GpuError> {
+pub fn split_links(rows: &[Row], max: u64) -> Result<Vec<LinkChunk>, GpuError> {
     let size = size_of::<Link>() as u64;
     let mut parts: Vec<LinkChunk> = Vec::new();
     let mut part = LinkChunk {
@@ -83,7 +83,7 @@ mod tests {
     fn link_chunks_contain_each_row_once_within_limit() {
         let rows = rows(&[3, 0, 5, 8, 0, 0, 1, 7, 2]);
         for max in [64, 80, 1000] {
-            let parts = cut(&rows, max).unwrap();
+            let parts = split_links(&rows, max).unwrap();
             let mut next = 0;
             for part in &parts {
                 assert_eq!(part.rows.start, next);
@@ -99,11 +99,11 @@ mod tests {
             }
             assert_eq!(next, 9);
         }
-        assert_eq!(cut(&rows, 1000).unwrap().len(), 1);
+        assert_eq!(split_links(&rows, 1000).unwrap().len(), 1);
         assert!(matches!(
-            cut(&rows, 56),
+            split_links(&rows, 56),
             Err(GpuError::TooLarge { bytes: 64, .. })
         ));
-        assert_eq!(cut(&[], 8).unwrap(), []);
+        assert_eq!(split_links(&[], 8).unwrap(), []);
     }
 }

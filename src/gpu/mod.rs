@@ -22,21 +22,21 @@
 //! each view. With two baked scenes in one view, the second `splat` gets the output of the first as
 //! `earlier`. The last output is composited.
 
+mod buffer_factory;
 mod counters;
 mod dispatch;
 mod draw;
+mod entry_point;
 mod error;
 mod fmm;
 mod fog;
 mod frame;
-mod harness;
+mod headless_device;
 mod kernel;
 mod kernels;
 mod link_tables;
 mod links;
-mod maker;
 mod occlude;
-mod pass;
 mod pipelines;
 mod probes;
 mod rsm;
@@ -51,7 +51,7 @@ mod vpl_specular;
 
 pub use error::GpuError;
 pub use frame::GpuFrame;
-pub use harness::HeadlessDevice;
+pub use headless_device::HeadlessDevice;
 pub use pipelines::KernelPipelines;
 pub use scene_buffers::SceneBuffers;
 
@@ -61,17 +61,17 @@ pub use counters::GpuCounters;
 #[doc(hidden)]
 pub use draw::draw_over;
 #[doc(hidden)]
+pub use entry_point::EntryPoint;
+#[doc(hidden)]
 pub use fmm::GpuFmm;
 #[doc(hidden)]
 pub use fog::{FogBuffers, FogTextures, draw_fog};
 #[doc(hidden)]
 pub use frame::SplatTargets;
 #[doc(hidden)]
-pub use kernel::{Binding, COMPOSITE_ENTRIES, Entry, FOG_ENTRIES, Kernel, Kind};
+pub use kernel::{Binding, BindingKind, COMPOSITE_ENTRIES, ComputeEntry, FOG_ENTRIES, Kernel};
 #[doc(hidden)]
 pub use kernels::{COMPOSITE, FOG, KERNELS};
-#[doc(hidden)]
-pub use pass::Pass;
 #[doc(hidden)]
 pub use pipelines::{ComputeKernel, Draw, RenderKernel};
 #[doc(hidden)]

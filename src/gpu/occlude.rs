@@ -1,12 +1,12 @@
 //! Occluders on the GPU: the terms of links that cross them, and kernel `occlude` over these terms.
 //! A scene without occluders has no such buffers.
 
+use super::buffer_factory::BufferFactory;
 use super::dispatch::{MAX_GROUPS, compute};
-use super::links::cut;
-use super::maker::BufferFactory;
+use super::links::split_links;
 use super::pipelines::KernelPipelines;
 use super::spans::{SpanList, SpanTable};
-use super::{GpuError, GpuFrame, Pass};
+use super::{EntryPoint, GpuError, GpuFrame};
 use meshless_gi::internals::asset::Occluders;
 use meshless_gi::internals::frame::Span;
 use meshless_gi::internals::frame::occlude::{
@@ -21,7 +21,7 @@ pub(super) struct OccludedLinkBuffers {
     /// Spans of the terms of each chunk of links. The base of a span is the first link of its
     /// chunk.
     parts: SpanList,
-    passages: Vec<wgpu::Buffer>,
+    terms: Vec<wgpu::Buffer>,
 }
 
 /// Occluders of a baked scene.
@@ -39,23 +39,23 @@ impl OccludedLinkBuffers {
         make: &BufferFactory<'_>,
         table: &mut SpanTable<'_>,
         rows: &[Row],
-        passages: &[PackedLinkTerm],
+        terms: &[PackedLinkTerm],
     ) -> Result<Self, GpuError> {
         let (mut spans, mut buffers) = (Vec::new(), Vec::new());
-        for part in cut(rows, make.limit)? {
-            let of = |link: u32| passages.partition_point(|p| p.link < link);
-            let own = &passages[of(part.links.start)..of(part.links.end)];
+        for part in split_links(rows, make.limit)? {
+            let of = |link: u32| terms.partition_point(|p| p.link < link);
+            let own = &terms[of(part.links.start)..of(part.links.end)];
             spans.push(Span {
                 first: 0,
                 count: own.len() as u32,
                 base: part.links.start,
                 pad: 0,
             });
-            buffers.push(make.upload("passages", own)?);
+            buffers.push(make.upload("occluded link terms", own)?);
         }
         Ok(Self {
             parts: table.list(spans),
-            passages: buffers,
+            terms: buffers,
         })
     }
 }
@@ -80,8 +80,8 @@ impl OccluderBuffers {
 
     /// Returns every buffer with its name.
     pub fn named_buffers(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
-        let passages = self.links.passages.iter().chain(&self.probes.passages);
-        (passages.map(|b| ("passages", b))).chain(std::iter::once((
+        let terms = self.links.terms.iter().chain(&self.probes.terms);
+        (terms.map(|b| ("occluded link terms", b))).chain(std::iter::once((
             "occluder transmittances",
             &self.set_transmittances,
         )))
@@ -100,34 +100,39 @@ impl GpuFrame {
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         scene: &BakedScene,
-        gains: &[f32],
+        transmittances: &[f32],
     ) -> u64 {
         let Some(known) = &scene.data().occluders else {
             return 0;
         };
-        let gains = sanitize_transmittances(known, gains);
-        let passes = occluder_set_transmittances(known, &gains);
-        let before = self.counters().dispatches_of(Pass::Occlude);
+        let transmittances = sanitize_transmittances(known, transmittances);
+        let set_transmittances = occluder_set_transmittances(known, &transmittances);
+        let before = self.counters().dispatches_of(EntryPoint::Occlude);
         let buffers = self.buffers();
         if let Some(own) = &buffers.occluders {
-            queue.write_buffer(&own.set_transmittances, 0, bytemuck::cast_slice(&passes));
+            queue.write_buffer(
+                &own.set_transmittances,
+                0,
+                bytemuck::cast_slice(&set_transmittances),
+            );
             let first = scene.data().bvh.first_occluder();
             let mut moving = Bvh {
                 nodes: Vec::new(),
                 triangles: scene.data().bvh.triangles[first..].to_vec(),
             };
-            moving.set_transmittances(&gains);
+            moving.set_transmittances(&transmittances);
             let triangles: &[u8] = bytemuck::cast_slice(&moving.triangles);
             let size = size_of::<meshless_gi::internals::scene::BvhTriangle>();
             queue.write_buffer(&buffers.triangles, (first * size) as u64, triangles);
             let probe_links = buffers.probes.as_ref().map_or(&[][..], |p| &p.links);
-            let operator = own.links.parts.at.iter().zip(&own.links.passages);
-            let operator = operator.zip(&buffers.links);
-            let space = own.probes.parts.at.iter().zip(&own.probes.passages);
+            let link_terms = own.links.parts.at.iter().zip(&own.links.terms);
+            let link_terms = link_terms.zip(&buffers.links);
+            let probe_terms = own.probes.parts.at.iter().zip(&own.probes.terms);
             let mut dispatched = 0;
             let mut pass = compute(encoder, "meshless_gi occlude");
-            pass.set_pipeline(&kernels.pass(Pass::Occlude).pipeline);
-            for ((&(offset, span), passages), links) in operator.chain(space.zip(probe_links)) {
+            pass.set_pipeline(&kernels.compute_kernel(EntryPoint::Occlude).pipeline);
+            for ((&(offset, span), terms), links) in link_terms.chain(probe_terms.zip(probe_links))
+            {
                 if span.count == 0 {
                     continue;
                 }
@@ -137,10 +142,10 @@ impl GpuFrame {
                     size: std::num::NonZeroU64::new(size_of::<Span>() as u64),
                 });
                 let bind = kernels.bind(
-                    Pass::Occlude,
+                    EntryPoint::Occlude,
                     &[
                         (1, spans),
-                        (2, passages.as_entire_binding()),
+                        (2, terms.as_entire_binding()),
                         (3, own.set_transmittances.as_entire_binding()),
                         (4, links.as_entire_binding()),
                     ],
@@ -151,9 +156,9 @@ impl GpuFrame {
                 dispatched += 1;
             }
             drop(pass);
-            (0..dispatched).for_each(|_| self.count(Pass::Occlude));
+            (0..dispatched).for_each(|_| self.count(EntryPoint::Occlude));
         }
-        self.update_transmittances(queue, scene, passes);
-        self.counters().dispatches_of(Pass::Occlude) - before
+        self.update_transmittances(queue, scene, set_transmittances);
+        self.counters().dispatches_of(EntryPoint::Occlude) - before
     }
 }

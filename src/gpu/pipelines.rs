@@ -1,8 +1,8 @@
 //! Pipelines, created on first use. An unused effect has none (design D9).
 
+use super::EntryPoint;
 use super::GpuError;
-use super::Pass;
-use super::kernel::{Binding, COMPOSITE_ENTRIES, FOG_ENTRIES, Kernel, Kind};
+use super::kernel::{Binding, BindingKind, COMPOSITE_ENTRIES, FOG_ENTRIES, Kernel};
 use super::kernels::{COMPOSITE, FOG, KERNELS};
 use meshless_gi::internals::frame::Span;
 use meshless_gi::internals::frame::fmm_layout::MAX_FMM_TERMS;
@@ -54,7 +54,7 @@ const FMM_MEMORY: usize = MAX_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
 pub struct KernelPipelines {
     device: wgpu::Device,
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
-    passes: [OnceLock<ComputeKernel>; Pass::COUNT],
+    compute_kernels: [OnceLock<ComputeKernel>; EntryPoint::COUNT],
     /// Pipelines that draw, one for each target format and each kind of draw.
     render_kernels: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
     created: AtomicU32,
@@ -72,7 +72,7 @@ impl KernelPipelines {
                 .bindings
                 .iter()
                 .filter(|b| bindings.contains(&b.index));
-            used.filter(|b| matches!(b.kind, Kind::Read(_) | Kind::Write(_)))
+            used.filter(|b| matches!(b.kind, BindingKind::Read(_) | BindingKind::Write(_)))
                 .count()
         };
         let entries = KERNELS
@@ -127,7 +127,7 @@ impl KernelPipelines {
         Ok(Self {
             device: device.clone(),
             modules: [const { OnceLock::new() }; KERNELS.len()],
-            passes: [const { OnceLock::new() }; Pass::COUNT],
+            compute_kernels: [const { OnceLock::new() }; EntryPoint::COUNT],
             render_kernels: Mutex::default(),
             created: AtomicU32::new(0),
         })
@@ -145,16 +145,16 @@ impl KernelPipelines {
         self.created.load(Ordering::Relaxed)
     }
 
-    /// Returns `true` if `pass` has a pipeline.
+    /// Returns `true` if the pipeline of `entry_point` exists.
     #[must_use]
-    pub fn has(&self, pass: Pass) -> bool {
-        self.passes[pass as usize].get().is_some()
+    pub fn is_created(&self, entry_point: EntryPoint) -> bool {
+        self.compute_kernels[entry_point as usize].get().is_some()
     }
 
-    /// Returns the pipeline of a pass. The first call creates it.
-    pub fn pass(&self, pass: Pass) -> &ComputeKernel {
-        self.passes[pass as usize].get_or_init(|| {
-            let (at, entry) = pass.entry();
+    /// Returns the pipeline of an entry point. The first call creates it.
+    pub fn compute_kernel(&self, entry_point: EntryPoint) -> &ComputeKernel {
+        self.compute_kernels[entry_point as usize].get_or_init(|| {
+            let (at, entry) = entry_point.entry();
             let kernel = &KERNELS[at];
             let label = format!("meshless_gi {} {}", kernel.name, entry.name);
             let used = kernel
@@ -201,8 +201,8 @@ impl KernelPipelines {
             Draw::Add | Draw::Replace => (COMPOSITE, screen, irradiance, None),
             Draw::Specular => (COMPOSITE, screen, gloss, None),
             Draw::Shadow => (COMPOSITE, screen, shade, None),
-            Draw::Fog => (FOG, fog_screen, fog, Some(Kind::Samples)),
-            Draw::FogSampled => (FOG, fog_screen, fog_sampled, Some(Kind::Depth)),
+            Draw::Fog => (FOG, fog_screen, fog, Some(BindingKind::Samples)),
+            Draw::FogSampled => (FOG, fog_screen, fog_sampled, Some(BindingKind::Depth)),
         };
         let label = format!("meshless_gi {}", KERNELS[at].name);
         let used = KERNELS[at].bindings.iter();
@@ -293,7 +293,7 @@ impl KernelPipelines {
     }
 }
 
-fn binding_type(kind: Kind) -> wgpu::BindingType {
+fn binding_type(kind: BindingKind) -> wgpu::BindingType {
     let buffer = |ty, has_dynamic_offset, size: usize| wgpu::BindingType::Buffer {
         ty,
         has_dynamic_offset,
@@ -313,29 +313,29 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         view_dimension,
     };
     match kind {
-        Kind::Uniform(size) => buffer(wgpu::BufferBindingType::Uniform, false, size),
-        Kind::Span => buffer(wgpu::BufferBindingType::Uniform, true, size_of::<Span>()),
-        Kind::Read(size) => buffer(
+        BindingKind::Uniform(size) => buffer(wgpu::BufferBindingType::Uniform, false, size),
+        BindingKind::Span => buffer(wgpu::BufferBindingType::Uniform, true, size_of::<Span>()),
+        BindingKind::Read(size) => buffer(
             wgpu::BufferBindingType::Storage { read_only: true },
             false,
             size,
         ),
-        Kind::Write(size) => buffer(
+        BindingKind::Write(size) => buffer(
             wgpu::BufferBindingType::Storage { read_only: false },
             false,
             size,
         ),
-        Kind::Depth => texture(wgpu::TextureSampleType::Depth, plane),
-        Kind::Uint => texture(wgpu::TextureSampleType::Uint, plane),
-        Kind::Float => texture(float, plane),
-        Kind::Layers => texture(float, wgpu::TextureViewDimension::D2Array),
-        Kind::Output => output(plane),
-        Kind::Voxels => output(wgpu::TextureViewDimension::D3),
-        Kind::Samples => image(wgpu::TextureSampleType::Depth, plane, true),
-        Kind::Space => texture(
+        BindingKind::Depth => texture(wgpu::TextureSampleType::Depth, plane),
+        BindingKind::Uint => texture(wgpu::TextureSampleType::Uint, plane),
+        BindingKind::Float => texture(float, plane),
+        BindingKind::Layers => texture(float, wgpu::TextureViewDimension::D2Array),
+        BindingKind::Output => output(plane),
+        BindingKind::Voxels => output(wgpu::TextureViewDimension::D3),
+        BindingKind::Samples => image(wgpu::TextureSampleType::Depth, plane, true),
+        BindingKind::Space => texture(
             wgpu::TextureSampleType::Float { filterable: true },
             wgpu::TextureViewDimension::D3,
         ),
-        Kind::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+        BindingKind::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
     }
 }

@@ -1,14 +1,14 @@
 //! Probes of a baked scene on the GPU: `apply` over their rows, and `probe` over the pixels of a
 //! view. A scene without probes has no such buffers.
 
+use super::buffer_factory::BufferFactory;
 use super::dispatch::compute;
 use super::frame::SplatTargets;
-use super::links::cut;
-use super::maker::BufferFactory;
+use super::links::split_links;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::ViewBuffers;
 use super::spans::{SpanList, SpanTable, part_span};
-use super::{GpuError, GpuFrame, Pass};
+use super::{EntryPoint, GpuError, GpuFrame};
 use meshless_gi::internals::asset::Probes;
 use meshless_gi::internals::frame::{GridShape, SplatParams, VectorIrradiance};
 
@@ -34,7 +34,7 @@ impl ProbeBuffers {
         table: &mut SpanTable<'_>,
         probes: &Probes,
     ) -> Result<Self, GpuError> {
-        let parts = cut(&probes.rows, make.limit)?;
+        let parts = split_links(&probes.rows, make.limit)?;
         let links = parts
             .iter()
             .map(|p| {
@@ -132,12 +132,12 @@ impl GpuFrame {
         let mut resources = probes.resources(params, targets.depth, targets.gbuffer);
         resources.push((8, wgpu::BindingResource::TextureView(targets.output)));
         resources.push((9, wgpu::BindingResource::TextureView(earlier)));
-        let bind = kernels.bind(Pass::ProbeOver, &resources);
+        let bind = kernels.bind(EntryPoint::ProbeOver, &resources);
         let mut pass = compute(encoder, "meshless_gi probe");
-        pass.set_pipeline(&kernels.pass(Pass::ProbeOver).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(EntryPoint::ProbeOver).pipeline);
         pass.set_bind_group(0, &bind, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         drop(pass);
-        self.count(Pass::ProbeOver);
+        self.count(EntryPoint::ProbeOver);
     }
 }

@@ -2,7 +2,7 @@
 //! lights (`rsm`). These light a view (`vpl`). All lights with maps share one set of buffers. It
 //! does not exist without such a light.
 
-use super::Pass;
+use super::EntryPoint;
 use super::dispatch::{MAX_GROUPS, compute};
 use super::frame::SplatTargets;
 use super::pipelines::KernelPipelines;
@@ -53,11 +53,11 @@ pub struct VplShadows<'a> {
 pub struct RsmBuffers {
     /// Texels of the current light. All lights use this buffer in turn.
     texels: wgpu::Buffer,
-    room: u32,
+    texel_capacity: u32,
     /// Virtual point lights of all lights, one light after the other.
     vpls: wgpu::Buffer,
-    capacity: u32,
-    used: u32,
+    vpl_capacity: u32,
+    used_vpls: u32,
     /// Number of texels of the current light.
     texel_count: u32,
     /// Buffers of one node and one triangle, bound if there is no baked scene.
@@ -77,10 +77,10 @@ impl RsmBuffers {
     pub fn new(device: &wgpu::Device, texels: u32, vpls: u32) -> Result<Self, GpuError> {
         Ok(Self {
             texels: storage::<RsmTexel>(device, "lit texels", texels)?,
-            room: texels,
+            texel_capacity: texels,
             vpls: storage::<Vpl>(device, "virtual point lights", vpls)?,
-            capacity: vpls,
-            used: 0,
+            vpl_capacity: vpls,
+            used_vpls: 0,
             texel_count: 0,
             empty_bvh: [
                 storage::<BvhNode>(device, "no BVH nodes", 1)?,
@@ -99,15 +99,15 @@ impl RsmBuffers {
     /// # Errors
     /// [`GpuError::TooLarge`] if a buffer does not fit a binding of the device.
     pub fn begin(&mut self, device: &wgpu::Device, texels: u32, vpls: u32) -> Result<(), GpuError> {
-        if texels > self.room {
+        if texels > self.texel_capacity {
             self.texels = storage::<RsmTexel>(device, "lit texels", texels)?;
-            self.room = texels;
+            self.texel_capacity = texels;
         }
-        if vpls > self.capacity {
+        if vpls > self.vpl_capacity {
             self.vpls = storage::<Vpl>(device, "virtual point lights", vpls)?;
-            self.capacity = vpls;
+            self.vpl_capacity = vpls;
         }
-        (self.used, self.texel_count, self.used_uniforms) = (0, 0, 0);
+        (self.used_vpls, self.texel_count, self.used_uniforms) = (0, 0, 0);
         Ok(())
     }
 
@@ -128,7 +128,7 @@ impl RsmBuffers {
     ) {
         let side = map.params.side;
         let count = side.saturating_mul(side);
-        if !side.is_power_of_two() || count > self.room - self.texel_count {
+        if !side.is_power_of_two() || count > self.texel_capacity - self.texel_count {
             return;
         }
         let params = RsmParams {
@@ -137,7 +137,7 @@ impl RsmBuffers {
         };
         let at = self.uniform(kernels, queue, &params);
         let bind = kernels.bind(
-            Pass::RsmTexels,
+            EntryPoint::RsmTexels,
             &[
                 (0, self.uniforms[at].as_entire_binding()),
                 (1, wgpu::BindingResource::TextureView(map.depth)),
@@ -146,7 +146,13 @@ impl RsmBuffers {
             ],
         );
         let groups = side.div_ceil(8);
-        self.dispatch(kernels, encoder, Pass::RsmTexels, &bind, [groups, groups]);
+        self.dispatch(
+            kernels,
+            encoder,
+            EntryPoint::RsmTexels,
+            &bind,
+            [groups, groups],
+        );
         self.texel_count += count;
     }
 
@@ -167,7 +173,7 @@ impl RsmBuffers {
         vpls: u32,
     ) {
         let texels = std::mem::take(&mut self.texel_count);
-        let vpls = vpls.min(MAX_VPLS).min(self.capacity - self.used);
+        let vpls = vpls.min(MAX_VPLS).min(self.vpl_capacity - self.used_vpls);
         if vpls == 0 || texels == 0 {
             return;
         }
@@ -185,7 +191,7 @@ impl RsmBuffers {
             );
             let at = self.uniform(kernels, queue, &params);
             let bind = kernels.bind(
-                Pass::RsmShadow,
+                EntryPoint::RsmShadow,
                 &[
                     (3, self.texels.as_entire_binding()),
                     (4, self.uniforms[at].as_entire_binding()),
@@ -195,25 +201,25 @@ impl RsmBuffers {
             );
             let groups = texels.div_ceil(64);
             let groups = [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)];
-            self.dispatch(kernels, encoder, Pass::RsmShadow, &bind, groups);
+            self.dispatch(kernels, encoder, EntryPoint::RsmShadow, &bind, groups);
         }
         let params = RsmSelectParams {
             texels,
-            first: self.used,
+            first: self.used_vpls,
             vpls,
             pad: 0,
         };
         let at = self.uniform(kernels, queue, &params);
         let bind = kernels.bind(
-            Pass::RsmSelect,
+            EntryPoint::RsmSelect,
             &[
                 (3, self.texels.as_entire_binding()),
                 (7, self.uniforms[at].as_entire_binding()),
                 (8, self.vpls.as_entire_binding()),
             ],
         );
-        self.dispatch(kernels, encoder, Pass::RsmSelect, &bind, [1, 1]);
-        self.used += vpls;
+        self.dispatch(kernels, encoder, EntryPoint::RsmSelect, &bind, [1, 1]);
+        self.used_vpls += vpls;
     }
 
     /// Records the irradiance of each pixel of a view from the lights recorded so far, added to
@@ -231,9 +237,9 @@ impl RsmBuffers {
         if width == 0 || height == 0 {
             return;
         }
-        let which = match targets.earlier {
-            Some(_) => Pass::VplOver,
-            None => Pass::Vpl,
+        let entry_point = match targets.earlier {
+            Some(_) => EntryPoint::VplOver,
+            None => EntryPoint::Vpl,
         };
         let view = self.uniform(kernels, queue, view);
         let lit = self.uniform(kernels, queue, &self.params(shadows));
@@ -252,9 +258,9 @@ impl RsmBuffers {
         if let Some(earlier) = targets.earlier {
             resources.push((9, texture(earlier)));
         }
-        let bind = kernels.bind(which, &resources);
+        let bind = kernels.bind(entry_point, &resources);
         let groups = [width.div_ceil(8), height.div_ceil(8)];
-        self.dispatch(kernels, encoder, which, &bind, groups);
+        self.dispatch(kernels, encoder, entry_point, &bind, groups);
     }
 
     /// Returns the parameters that a kernel with `vpl_at` binds as its `lit`.
@@ -264,14 +270,14 @@ impl RsmBuffers {
             Some(by) => {
                 let shape = by.scene.shape();
                 VplParams::shadowed(
-                    self.used,
+                    self.used_vpls,
                     by.local_from_space,
                     shape.nodes as u32,
                     shape.extent,
                     by.dim,
                 )
             }
-            None => VplParams::unshadowed(self.used),
+            None => VplParams::unshadowed(self.used_vpls),
         }
     }
 
@@ -284,7 +290,7 @@ impl RsmBuffers {
         }
     }
 
-    /// Returns the buffer that such a kernel binds as its `vpls`. It has [`RsmBuffers::used`]
+    /// Returns the buffer that such a kernel binds as its `vpls`. It has [`RsmBuffers::vpl_count`]
     /// elements of type [`Vpl`].
     #[must_use]
     pub fn vpls(&self) -> &wgpu::Buffer {
@@ -300,7 +306,7 @@ impl RsmBuffers {
     /// Returns the number of virtual point lights of this frame's lights.
     #[must_use]
     pub fn vpl_count(&self) -> u32 {
-        self.used
+        self.used_vpls
     }
 
     /// Returns the work recorded so far.
@@ -357,15 +363,15 @@ impl RsmBuffers {
         &mut self,
         kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
-        which: Pass,
+        entry_point: EntryPoint,
         bind: &wgpu::BindGroup,
         [x, y]: [u32; 2],
     ) {
-        let mut pass = compute(encoder, which.entry().1.name);
-        pass.set_pipeline(&kernels.pass(which).pipeline);
+        let mut pass = compute(encoder, entry_point.entry().1.name);
+        pass.set_pipeline(&kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, bind, &[]);
         pass.dispatch_workgroups(x, y, 1);
-        self.counters.dispatches[which as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 }
 

@@ -1,10 +1,10 @@
 //! Baked scene on the GPU: its arrays, uploaded once, and the arrays that a solve fills.
 
+use super::EntryPoint;
 use super::GpuError;
-use super::Pass;
+use super::buffer_factory::{BufferFactory, binding_limit, uniform};
 use super::fmm::GpuFmm;
 use super::link_tables::LinkTables;
-use super::maker::{BufferFactory, binding_limit, uniform};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
 use super::spans::{SpanList, SpanTable, span};
@@ -252,12 +252,12 @@ impl SceneBuffers {
         &self.shape
     }
 
-    /// Grows the buffers to `slots` light slots. Existing projections stay. Do not call it between
+    /// Reserves `slots` light slots. Existing projections stay. Do not call it between
     /// recording a frame and its submission.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] if the projections of the lights do not fit a binding.
-    pub fn grow(
+    pub fn reserve_slots(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -270,12 +270,12 @@ impl SceneBuffers {
         // Reserves 50 % more, so that lights that are added one by one do not copy the buffer each
         // time. Reserves only the required size if more would exceed the limit.
         let senders = self.shape.senders() as u64;
-        let roomy = slots.max(self.slots + self.slots / 2);
+        let with_reserve = slots.max(self.slots + self.slots / 2);
         let projected = |slots: u32| {
             make.empty::<f32>("projected light", u64::from(slots) * senders)
                 .map(|buffer| (slots, buffer))
         };
-        let (slots, projected) = projected(roomy).or_else(|_| projected(slots))?;
+        let (slots, projected) = projected(with_reserve).or_else(|_| projected(slots))?;
         let lights = make.empty::<FrameLight>("lights", u64::from(slots))?;
         let changed = make.empty::<u32>("changed lights", u64::from(slots))?;
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -313,25 +313,31 @@ impl SceneBuffers {
         self.named_buffers().map(|(_, b)| b.size()).sum()
     }
 
-    /// Returns a buffer that a pass fills, for tests and tools.
+    /// Returns the buffer that an entry point fills, for tests and tools.
     #[must_use]
-    pub fn output(&self, pass: Pass) -> Option<&wgpu::Buffer> {
-        match pass {
-            Pass::Project => Some(&self.projected),
-            Pass::Radiosity | Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
+    pub fn output(&self, entry_point: EntryPoint) -> Option<&wgpu::Buffer> {
+        match entry_point {
+            EntryPoint::Project => Some(&self.projected),
+            EntryPoint::Radiosity | EntryPoint::Pull | EntryPoint::Sweep | EntryPoint::Add => {
+                Some(&self.senders)
+            }
             // The first chunk, if there are several.
-            Pass::Occlude => self.links.first(),
-            Pass::Compress => self.components.as_ref().map(|c| &c.components),
-            Pass::Push => self.differences.as_ref().map(|d| &d[0]),
-            Pass::Apply => self
+            EntryPoint::Occlude => self.links.first(),
+            EntryPoint::Compress => self.components.as_ref().map(|c| &c.components),
+            EntryPoint::Push => self.differences.as_ref().map(|d| &d[0]),
+            EntryPoint::Apply => self
                 .differences
                 .as_ref()
                 .map_or(Some(&self.values), |d| Some(&d[1])),
-            Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
-            Pass::Averages | Pass::Differences | Pass::FmmEvaluate => Some(&self.values),
-            Pass::FmmUp => self.fmm.as_ref().map(|f| f.expansions()[0]),
-            Pass::FmmReceive => self.fmm.as_ref().map(|f| f.expansions()[1]),
-            Pass::ProbeNodes | Pass::ProbeOver | Pass::Volume => {
+            EntryPoint::Gather | EntryPoint::Interpolate => {
+                self.bounces.as_ref().map(|b| &b.further)
+            }
+            EntryPoint::Averages | EntryPoint::Differences | EntryPoint::FmmEvaluate => {
+                Some(&self.values)
+            }
+            EntryPoint::FmmUp => self.fmm.as_ref().map(|f| f.expansions()[0]),
+            EntryPoint::FmmReceive => self.fmm.as_ref().map(|f| f.expansions()[1]),
+            EntryPoint::ProbeNodes | EntryPoint::ProbeOver | EntryPoint::Volume => {
                 self.probes.as_ref().map(|p| &p.values)
             }
             // Buffers of views and of lights' maps are not part of a scene.

@@ -2,12 +2,12 @@
 //! kernel and of `flatten`. A scene without visibility, or without lights that cast soft shadows,
 //! has no such buffers.
 
+use super::buffer_factory::uniform;
 use super::dispatch::{MAX_GROUPS, compute};
 use super::error::GpuError;
-use super::maker::uniform;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::SceneBuffers;
-use super::{GpuCounters, Pass};
+use super::{EntryPoint, GpuCounters};
 use bytemuck::Pod;
 use meshless_gi::internals::frame::{
     SoftLight, SoftShadowParams, SolveParams, Span, VectorIrradiance,
@@ -180,7 +180,7 @@ impl SoftShadowBuffers {
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
         let mut pass = compute(encoder, "soft shadows");
         let soft = kernels.bind(
-            Pass::SoftShadow,
+            EntryPoint::SoftShadow,
             &[
                 (0, self.params.as_entire_binding()),
                 (1, self.lights.as_entire_binding()),
@@ -196,7 +196,7 @@ impl SoftShadowBuffers {
         self.dispatch(
             kernels,
             &mut pass,
-            Pass::SoftShadow,
+            EntryPoint::SoftShadow,
             &soft,
             &[],
             params.points,
@@ -207,7 +207,7 @@ impl SoftShadowBuffers {
             size: std::num::NonZeroU64::new(size_of::<Span>() as u64),
         });
         let averages = kernels.bind(
-            Pass::Averages,
+            EntryPoint::Averages,
             &[
                 (0, self.solve.as_entire_binding()),
                 (1, span),
@@ -221,7 +221,7 @@ impl SoftShadowBuffers {
             self.dispatch(
                 kernels,
                 &mut pass,
-                Pass::Averages,
+                EntryPoint::Averages,
                 &averages,
                 &[offset],
                 count,
@@ -234,7 +234,7 @@ impl SoftShadowBuffers {
         &mut self,
         kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
-        kernel: Pass,
+        entry_point: EntryPoint,
         bind: &wgpu::BindGroup,
         offsets: &[u32],
         items: u32,
@@ -242,11 +242,11 @@ impl SoftShadowBuffers {
         if items == 0 {
             return;
         }
-        let groups = items.div_ceil(kernel.entry().1.items);
-        pass.set_pipeline(&kernels.pass(kernel).pipeline);
+        let groups = items.div_ceil(entry_point.entry().1.items);
+        pass.set_pipeline(&kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, bind, offsets);
         pass.dispatch_workgroups(groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS), 1);
-        self.counters.dispatches[kernel as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 
     /// Returns the buffer of occluded and unoccluded irradiance of every point, W/m². Kernel

@@ -4,7 +4,7 @@ use super::dispatch::MAX_GROUPS;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::SceneBuffers;
 use super::spans::SpanList;
-use super::{GpuCounters, Pass};
+use super::{EntryPoint, GpuCounters};
 use meshless_gi::internals::frame::SolveSchedule;
 
 /// Returns the buffers of the operator's input and output in the form of its senders.
@@ -18,17 +18,17 @@ fn operands(b: &SceneBuffers) -> [&wgpu::Buffer; 2] {
 
 /// Records the steps of a solve. Each dispatch reads the output of earlier dispatches in the same
 /// pass.
-pub(super) struct Recorder<'a> {
+pub(super) struct SolveRecorder<'a> {
     pub kernels: &'a KernelPipelines,
     pub b: &'a SceneBuffers,
     pub counters: &'a mut GpuCounters,
 }
 
-impl Recorder<'_> {
+impl SolveRecorder<'_> {
     pub fn radiosity(&mut self, pass: &mut wgpu::ComputePass<'_>) {
         let b = self.b;
         let bind = self.kernels.bind(
-            Pass::Radiosity,
+            EntryPoint::Radiosity,
             &[
                 (0, b.params.as_entire_binding()),
                 (2, b.lights.as_entire_binding()),
@@ -41,7 +41,7 @@ impl Recorder<'_> {
         );
         // The sky's coefficient is written even without points.
         let senders = b.shape.senders().max(1) as u32;
-        self.dispatch(pass, Pass::Radiosity, &bind, &[], senders);
+        self.dispatch(pass, EntryPoint::Radiosity, &bind, &[], senders);
     }
 
     /// Pulls the levels, finest first.
@@ -51,7 +51,7 @@ impl Recorder<'_> {
         }
         let b = self.b;
         let bind = self.kernels.bind(
-            Pass::Pull,
+            EntryPoint::Pull,
             &[
                 (1, self.span()),
                 (2, b.pull_starts.as_entire_binding()),
@@ -60,7 +60,7 @@ impl Recorder<'_> {
             ],
         );
         for level in levels.rev() {
-            self.spans(pass, Pass::Pull, &bind, &b.levels, level..level + 1);
+            self.spans(pass, EntryPoint::Pull, &bind, &b.levels, level..level + 1);
         }
     }
 
@@ -114,7 +114,7 @@ impl Recorder<'_> {
         } else if steps.differences {
             let [_, applied] = operands(b);
             let bind = self.kernels.bind(
-                Pass::Differences,
+                EntryPoint::Differences,
                 &[
                     (1, self.span()),
                     (3, b.parent_starts.as_entire_binding()),
@@ -124,7 +124,13 @@ impl Recorder<'_> {
                 ],
             );
             let list = usize::from(sweep);
-            self.spans(pass, Pass::Differences, &bind, &b.whole, list..list + 1);
+            self.spans(
+                pass,
+                EntryPoint::Differences,
+                &bind,
+                &b.whole,
+                list..list + 1,
+            );
         } else {
             self.averages(pass, 0..if sweep { senders } else { all });
         }
@@ -156,9 +162,9 @@ impl Recorder<'_> {
         list: &SpanList,
         values: [&wgpu::Buffer; 2],
     ) {
-        let kernel = match one {
-            true => Pass::ApplyOne,
-            false => Pass::Apply,
+        let entry_point = match one {
+            true => EntryPoint::ApplyOne,
+            false => EntryPoint::Apply,
         };
         for (part, links) in links.iter().enumerate() {
             let mut resources = vec![
@@ -172,8 +178,8 @@ impl Recorder<'_> {
             if one {
                 resources.push((0, self.b.params.as_entire_binding()));
             }
-            let bind = self.kernels.bind(kernel, &resources);
-            self.spans(pass, kernel, &bind, list, part..part + 1);
+            let bind = self.kernels.bind(entry_point, &resources);
+            self.spans(pass, entry_point, &bind, list, part..part + 1);
         }
     }
 
@@ -184,7 +190,7 @@ impl Recorder<'_> {
         }
         let b = self.b;
         let bind = self.kernels.bind(
-            Pass::Averages,
+            EntryPoint::Averages,
             &[
                 (0, b.params.as_entire_binding()),
                 (1, self.span()),
@@ -194,7 +200,7 @@ impl Recorder<'_> {
                 (6, b.values.as_entire_binding()),
             ],
         );
-        self.spans(pass, Pass::Averages, &bind, &b.levels, levels);
+        self.spans(pass, EntryPoint::Averages, &bind, &b.levels, levels);
     }
 
     pub fn push(
@@ -205,7 +211,7 @@ impl Recorder<'_> {
     ) {
         let b = self.b;
         let bind = self.kernels.bind(
-            Pass::Push,
+            EntryPoint::Push,
             &[
                 (0, b.params.as_entire_binding()),
                 (1, self.span()),
@@ -215,14 +221,14 @@ impl Recorder<'_> {
                 (5, differences.as_entire_binding()),
             ],
         );
-        self.spans(pass, Pass::Push, &bind, &b.levels, 0..levels);
+        self.spans(pass, EntryPoint::Push, &bind, &b.levels, 0..levels);
     }
 
     pub fn compress(&mut self, pass: &mut wgpu::ComputePass<'_>) {
         let b = self.b;
         let Some(c) = &b.components else { return };
         let bind = self.kernels.bind(
-            Pass::Compress,
+            EntryPoint::Compress,
             &[
                 (2, c.columns.as_entire_binding()),
                 (3, c.members.as_entire_binding()),
@@ -231,13 +237,19 @@ impl Recorder<'_> {
                 (6, c.components.as_entire_binding()),
             ],
         );
-        self.dispatch(pass, Pass::Compress, &bind, &[], b.shape.columns as u32);
+        self.dispatch(
+            pass,
+            EntryPoint::Compress,
+            &bind,
+            &[],
+            b.shape.columns as u32,
+        );
     }
 
     pub fn sweep(&mut self, pass: &mut wgpu::ComputePass<'_>, direct: &wgpu::Buffer) {
         let b = self.b;
         let bind = self.kernels.bind(
-            Pass::Sweep,
+            EntryPoint::Sweep,
             &[
                 (0, b.params.as_entire_binding()),
                 (2, b.points.as_entire_binding()),
@@ -249,7 +261,13 @@ impl Recorder<'_> {
                 (13, b.sky_visibility().as_entire_binding()),
             ],
         );
-        self.dispatch(pass, Pass::Sweep, &bind, &[], b.shape.senders() as u32);
+        self.dispatch(
+            pass,
+            EntryPoint::Sweep,
+            &bind,
+            &[],
+            b.shape.senders() as u32,
+        );
     }
 
     pub fn baked(
@@ -262,7 +280,7 @@ impl Recorder<'_> {
         let Some(bounces) = &b.bounces else { return };
         let further = &bounces.further;
         let bind = self.kernels.bind(
-            Pass::Gather,
+            EntryPoint::Gather,
             &[
                 (0, b.params.as_entire_binding()),
                 (5, direct.as_entire_binding()),
@@ -272,10 +290,10 @@ impl Recorder<'_> {
             ],
         );
         let coarsest = b.levels.at.first().map_or(0, |(_, span)| span.count);
-        self.dispatch(pass, Pass::Gather, &bind, &[], coarsest);
+        self.dispatch(pass, EntryPoint::Gather, &bind, &[], coarsest);
         if levels > 1 {
             let bind = self.kernels.bind(
-                Pass::Spread,
+                EntryPoint::Interpolate,
                 &[
                     (0, b.params.as_entire_binding()),
                     (1, self.span()),
@@ -284,10 +302,10 @@ impl Recorder<'_> {
                     (12, b.parent_entries.as_entire_binding()),
                 ],
             );
-            self.spans(pass, Pass::Spread, &bind, &b.levels, 1..levels);
+            self.spans(pass, EntryPoint::Interpolate, &bind, &b.levels, 1..levels);
         }
         let bind = self.kernels.bind(
-            Pass::Add,
+            EntryPoint::Add,
             &[
                 (0, b.params.as_entire_binding()),
                 (5, direct.as_entire_binding()),
@@ -295,27 +313,27 @@ impl Recorder<'_> {
                 (10, further.as_entire_binding()),
             ],
         );
-        self.dispatch(pass, Pass::Add, &bind, &[], b.shape.senders() as u32);
+        self.dispatch(pass, EntryPoint::Add, &bind, &[], b.shape.senders() as u32);
     }
 
     /// Records one dispatch for each of the spans `which` of a list.
     pub fn spans(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
-        kernel: Pass,
+        entry_point: EntryPoint,
         bind: &wgpu::BindGroup,
         list: &SpanList,
         which: std::ops::Range<usize>,
     ) {
         for &(offset, span) in &list.at[which] {
-            self.dispatch(pass, kernel, bind, &[offset], span.count);
+            self.dispatch(pass, entry_point, bind, &[offset], span.count);
         }
     }
 
     pub fn dispatch(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
-        kernel: Pass,
+        entry_point: EntryPoint,
         bind: &wgpu::BindGroup,
         offsets: &[u32],
         items: u32,
@@ -323,12 +341,12 @@ impl Recorder<'_> {
         if items == 0 {
             return;
         }
-        let groups = items.div_ceil(kernel.entry().1.items);
-        pass.set_pipeline(&self.kernels.pass(kernel).pipeline);
+        let groups = items.div_ceil(entry_point.entry().1.items);
+        pass.set_pipeline(&self.kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, bind, offsets);
         let (x, y) = (groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS));
         pass.dispatch_workgroups(x, y, 1);
-        self.counters.dispatches[kernel as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 
     pub fn span(&self) -> wgpu::BindingResource<'_> {

@@ -1,7 +1,7 @@
 //! Spans of rows and points in one uniform buffer, each at an offset that can be bound.
 
+use super::buffer_factory::uniform;
 use super::links::LinkChunk;
-use super::maker::uniform;
 use meshless_gi::internals::frame::Span;
 use std::ops::Range;
 

@@ -3,9 +3,9 @@
 //! selects the cells to evaluate, by lists that grow by atomics and by indirect dispatches. Nothing
 //! is read back.
 
-use super::Pass;
+use super::EntryPoint;
+use super::buffer_factory::{binding_limit, uniform};
 use super::dispatch::{MAX_GROUPS, compute};
-use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::rsm::{RsmBuffers, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers};
@@ -195,7 +195,7 @@ impl SubsplatBuffers {
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(params));
     }
 
-    /// Records all passes between the G-buffer and the irradiance of every pixel. `scenes` are
+    /// Records all dispatches between the G-buffer and the irradiance of every pixel. `scenes` are
     /// evaluated in their order. `lights` are added.
     pub fn record(
         &mut self,
@@ -221,7 +221,7 @@ impl SubsplatBuffers {
             start,
             Some(u64::from(self.levels.cells(coarsest)) * node),
         );
-        let mut recorder = Recorder {
+        let mut recorder = SubsplatRecorder {
             kernels,
             b: self,
             targets,
@@ -251,7 +251,7 @@ impl SubsplatBuffers {
 }
 
 /// Records dispatches into one pass. Each dispatch reads the output of earlier ones.
-struct Recorder<'a> {
+struct SubsplatRecorder<'a> {
     kernels: &'a KernelPipelines,
     b: &'a SubsplatBuffers,
     targets: &'a SubsplatTargets<'a>,
@@ -265,17 +265,18 @@ enum Groups<'a> {
     From(&'a wgpu::Buffer),
 }
 
-impl Recorder<'_> {
-    /// Binds and dispatches a pass. `level` is the span of the pass, if it has one.
+impl SubsplatRecorder<'_> {
+    /// Binds and dispatches an entry point. `level` is its span, if it has one.
     fn run(
         &mut self,
-        which: Pass,
+        entry_point: EntryPoint,
         resources: &[(u32, wgpu::BindingResource<'_>)],
         level: Option<u32>,
         groups: &Groups<'_>,
     ) {
-        let bind = self.kernels.bind(which, resources);
-        self.pass.set_pipeline(&self.kernels.pass(which).pipeline);
+        let bind = self.kernels.bind(entry_point, resources);
+        self.pass
+            .set_pipeline(&self.kernels.compute_kernel(entry_point).pipeline);
         match level {
             Some(k) => self.pass.set_bind_group(0, &bind, &[k * self.b.stride]),
             None => self.pass.set_bind_group(0, &bind, &[]),
@@ -284,13 +285,13 @@ impl Recorder<'_> {
             Groups::Direct([x, y]) => self.pass.dispatch_workgroups(*x, *y, 1),
             Groups::From(buffer) => self.pass.dispatch_workgroups_indirect(buffer, 0),
         }
-        self.counters.dispatches[which as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 
     fn pyramid(&mut self) {
         let b = self.b;
         self.run(
-            Pass::PyramidBase,
+            EntryPoint::PyramidBase,
             &[
                 (0, b.params.as_entire_binding()),
                 (2, texture(self.targets.depth)),
@@ -302,7 +303,7 @@ impl Recorder<'_> {
         );
         for k in 2..=b.levels.coarsest_level {
             self.run(
-                Pass::PyramidReduce,
+                EntryPoint::PyramidReduce,
                 &[
                     (0, b.params.as_entire_binding()),
                     (1, b.span()),
@@ -319,7 +320,7 @@ impl Recorder<'_> {
         let coarsest = b.levels.coarsest_level;
         let groups = b.levels.cells(coarsest).div_ceil(64);
         self.run(
-            Pass::RefineStart,
+            EntryPoint::RefineStart,
             &[
                 (0, b.params.as_entire_binding()),
                 (6, b.lists.as_entire_binding()),
@@ -333,7 +334,7 @@ impl Recorder<'_> {
     fn upsample(&mut self, k: u32) {
         let b = self.b;
         self.run(
-            Pass::Upsample,
+            EntryPoint::Upsample,
             &[
                 (0, b.params.as_entire_binding()),
                 (1, b.span()),
@@ -357,7 +358,7 @@ impl Recorder<'_> {
         let count = &b.counts[k as usize];
         for (scene, view) in scenes {
             self.run(
-                Pass::SplatNodes,
+                EntryPoint::SplatNodes,
                 &[
                     (0, view.splat.as_entire_binding()),
                     (1, texture(self.targets.depth)),
@@ -391,12 +392,12 @@ impl Recorder<'_> {
                 (14, count.as_entire_binding()),
             ]);
             let from = Groups::From(count);
-            self.run(Pass::ProbeNodes, &resources, Some(k), &from);
+            self.run(EntryPoint::ProbeNodes, &resources, Some(k), &from);
         }
         if let Some(lights) = lights {
             let [nodes, triangles] = lights.maps.tree(lights.shadows.as_ref());
             self.run(
-                Pass::VplNodes,
+                EntryPoint::VplNodes,
                 &[
                     (0, lights.view.as_entire_binding()),
                     (1, texture(self.targets.depth)),
@@ -421,7 +422,7 @@ impl Recorder<'_> {
         let b = self.b;
         let [count, next] = [k, k - 1].map(|k| &b.counts[k as usize]);
         self.run(
-            Pass::Refine,
+            EntryPoint::Refine,
             &[
                 (0, b.params.as_entire_binding()),
                 (1, b.span()),
@@ -440,7 +441,7 @@ impl Recorder<'_> {
     fn resolve(&mut self) {
         let b = self.b;
         self.run(
-            Pass::Resolve,
+            EntryPoint::Resolve,
             &[
                 (0, b.params.as_entire_binding()),
                 (2, texture(self.targets.depth)),
@@ -458,7 +459,7 @@ impl Recorder<'_> {
     fn fill(&mut self) {
         let b = self.b;
         self.run(
-            Pass::Fill,
+            EntryPoint::Fill,
             &[
                 (0, b.params.as_entire_binding()),
                 (2, texture(self.targets.depth)),

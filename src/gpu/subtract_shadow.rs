@@ -1,14 +1,14 @@
 //! Recording of the light that soft shadows subtract from a view: the kernel `subtract_shadow`, for
 //! one baked scene in one view. A view without soft shadows has no such buffers.
 
+use super::buffer_factory::{binding_limit, uniform};
 use super::dispatch::compute;
 use super::error::GpuError;
 use super::frame::SplatTargets;
-use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, ViewBuffers};
 use super::soft_shadow::SoftShadowBuffers;
-use super::{GpuCounters, Pass};
+use super::{EntryPoint, GpuCounters};
 use meshless_gi::internals::frame::{SoftLight, SubtractShadowParams};
 
 /// Lights of one scene in one view.
@@ -126,9 +126,9 @@ impl SubtractShadowBuffers {
         targets: &SplatTargets<'_>,
         tables: Option<&wgpu::TextureView>,
     ) {
-        let which = match targets.earlier {
-            Some(_) => Pass::SubtractShadowOver,
-            None => Pass::SubtractShadow,
+        let entry_point = match targets.earlier {
+            Some(_) => EntryPoint::SubtractShadowOver,
+            None => EntryPoint::SubtractShadow,
         };
         let [width, height] = view.size;
         if width == 0 || height == 0 {
@@ -152,12 +152,12 @@ impl SubtractShadowBuffers {
         if let Some(earlier) = targets.earlier {
             resources.push((9, texture(earlier)));
         }
-        let bind = kernels.bind(which, &resources);
+        let bind = kernels.bind(entry_point, &resources);
         let mut pass = compute(encoder, "meshless_gi subtract_shadow");
-        pass.set_pipeline(&kernels.pass(which).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(entry_point).pipeline);
         pass.set_bind_group(0, &bind, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
-        self.counters.dispatches[which as usize] += 1;
+        self.counters.dispatches[entry_point as usize] += 1;
     }
 
     /// Returns the number of buffers.

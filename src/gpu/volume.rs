@@ -1,10 +1,10 @@
 //! Probe light for forward rendering, on the GPU: the recording of kernel `volume` over a texture
 //! that an engine reads. A scene without a visible volume has no parameters, weights or texture.
 
+use super::buffer_factory::{BufferFactory, uniform};
 use super::dispatch::compute;
-use super::maker::{BufferFactory, uniform};
 use super::pipelines::KernelPipelines;
-use super::{GpuError, GpuFrame, Pass};
+use super::{EntryPoint, GpuError, GpuFrame};
 use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};
 use meshless_gi::internals::frame::{VolumeParams, WallSample};
 
@@ -111,7 +111,7 @@ impl GpuFrame {
         };
         queue.write_buffer(&buffers.params, 0, bytemuck::bytes_of(params));
         let bind = kernels.bind(
-            Pass::Volume,
+            EntryPoint::Volume,
             &[
                 (0, buffers.params.as_entire_binding()),
                 (1, buffers.starts.as_entire_binding()),
@@ -126,11 +126,11 @@ impl GpuFrame {
             ],
         );
         let mut pass = compute(encoder, "meshless_gi volume");
-        pass.set_pipeline(&kernels.pass(Pass::Volume).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(EntryPoint::Volume).pipeline);
         pass.set_bind_group(0, &bind, &[]);
         let [x, y, z] = buffers.shape.size().to_array().map(|n| n.div_ceil(4));
         pass.dispatch_workgroups(x, y, z);
         drop(pass);
-        self.count(Pass::Volume);
+        self.count(EntryPoint::Volume);
     }
 }

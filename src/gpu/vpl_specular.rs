@@ -3,9 +3,9 @@
 //! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). The GPU
 //! selects the lights of each node. Nothing is read back.
 
-use super::Pass;
+use super::EntryPoint;
+use super::buffer_factory::{binding_limit, uniform};
 use super::dispatch::compute;
-use super::maker::{binding_limit, uniform};
 use super::pipelines::KernelPipelines;
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
@@ -24,7 +24,7 @@ pub struct SpecularBuffers {
     /// Spans of the levels.
     spans: wgpu::Buffer,
     stride: u32,
-    shines: wgpu::Buffer,
+    nodes: wgpu::Buffer,
     refine_masks: wgpu::Buffer,
     counters: GpuCounters,
 }
@@ -83,7 +83,7 @@ impl SpecularBuffers {
             ),
             spans,
             stride,
-            shines: storage("vpl_specular nodes", levels.starts[0])?,
+            nodes: storage("vpl_specular nodes", levels.starts[0])?,
             refine_masks: storage(
                 "vpl_specular refine masks",
                 levels.starts[0] - levels.starts[2],
@@ -111,7 +111,7 @@ impl SpecularBuffers {
             &self.screen,
             &self.specular_params,
             &self.spans,
-            &self.shines,
+            &self.nodes,
             &self.refine_masks,
         ];
         own.into_iter().map(wgpu::Buffer::size).sum()
@@ -126,7 +126,7 @@ impl SpecularBuffers {
     /// Returns the nodes of the levels from 1, for tests and tools.
     #[must_use]
     pub fn nodes(&self) -> &wgpu::Buffer {
-        &self.shines
+        &self.nodes
     }
 
     /// Returns the refine masks of the nodes of the levels from 2, for tests and tools.
@@ -152,7 +152,7 @@ impl SpecularBuffers {
         );
     }
 
-    /// Records all passes between the G-buffer and the radiance of every pixel, for
+    /// Records all dispatches between the G-buffer and the radiance of every pixel, for
     /// [`draw_over`](super::draw_over). Writes all of `targets.output`. The lights are those that
     /// [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
     pub fn record(
@@ -178,7 +178,7 @@ impl SpecularBuffers {
             (6, triangles.as_entire_binding()),
             (8, self.screen.as_entire_binding()),
             (10, self.specular_params.as_entire_binding()),
-            (11, self.shines.as_entire_binding()),
+            (11, self.nodes.as_entire_binding()),
         ];
         let with = |more: &[(u32, wgpu::BindingResource<'_>)], which| {
             let all: Vec<_> = common.iter().chain(more).cloned().collect();
@@ -191,21 +191,28 @@ impl SpecularBuffers {
         });
         let level = with(
             &[(9, span), (12, self.refine_masks.as_entire_binding())],
-            Pass::VplSpecular,
+            EntryPoint::VplSpecular,
         );
-        let pixels = with(&[(7, texture(targets.output))], Pass::VplSpecularPixels);
+        let pixels = with(
+            &[(7, texture(targets.output))],
+            EntryPoint::VplSpecularPixels,
+        );
         let mut pass = compute(encoder, "meshless_gi vpl_specular");
-        pass.set_pipeline(&kernels.pass(Pass::VplSpecular).pipeline);
+        pass.set_pipeline(&kernels.compute_kernel(EntryPoint::VplSpecular).pipeline);
         for k in (1..=self.levels.coarsest_level).rev() {
             let [w, h] = self.levels.grid(k);
             pass.set_bind_group(0, &level, &[k * self.stride]);
             pass.dispatch_workgroups(w.div_ceil(8), h.div_ceil(8), 1);
         }
-        pass.set_pipeline(&kernels.pass(Pass::VplSpecularPixels).pipeline);
+        pass.set_pipeline(
+            &kernels
+                .compute_kernel(EntryPoint::VplSpecularPixels)
+                .pipeline,
+        );
         pass.set_bind_group(0, &pixels, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
-        self.counters.dispatches[Pass::VplSpecular as usize] +=
+        self.counters.dispatches[EntryPoint::VplSpecular as usize] +=
             u64::from(self.levels.coarsest_level);
-        self.counters.dispatches[Pass::VplSpecularPixels as usize] += 1;
+        self.counters.dispatches[EntryPoint::VplSpecularPixels as usize] += 1;
     }
 }

@@ -144,7 +144,7 @@ fn sky_of(sky: &GiSky, placement: Option<&SimilarityTransform>) -> SkyRadiance {
     };
     // Its linear part is a rotation over the scale.
     let rotation = Mat3::from(placement.local_from_world().matrix3) * placement.scale;
-    radiance.turned(rotation)
+    radiance.rotate(rotation)
 }
 
 /// Components that [`GiCamera`] adds to its camera, in addition to one sample per pixel.

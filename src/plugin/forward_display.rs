@@ -127,7 +127,11 @@ impl Pipelines {
         Self {
             single_sampled: draw("gbuffer_of_one", gbuffer.clone(), depth.clone()),
             multisampled: draw("gbuffer_of_samples", gbuffer, depth),
-            shown: draw("shown", wgpu::ColorTargetState::from(DISPLAY_FORMAT), None),
+            shown: draw(
+                "exposed_light",
+                wgpu::ColorTargetState::from(DISPLAY_FORMAT),
+                None,
+            ),
         }
     }
 }

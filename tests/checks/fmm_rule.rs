@@ -343,8 +343,8 @@ fn invalid_fmm_recipes_are_rejected() {
         let mut fmm = FmmRecipe::default();
         change(&mut fmm, &mut recipe.bounce_mode);
         recipe.transport = TransportMethod::Fmm(fmm);
-        let why = recipe.check().expect_err(field).to_string();
-        assert!(why.contains(field), "{why}");
+        let error = recipe.check().expect_err(field).to_string();
+        assert!(error.contains(field), "{error}");
     }
     let read = Recipe::from_ron("(rule: Fmm, order: 3, sources: 2, fallback: true)").unwrap();
     let expected = FmmRecipe {

@@ -3,7 +3,7 @@
 //! the shared types. Every kernel must have a shader and a CPU twin of its name. Each comparison is
 //! repeated on a perturbed shader, and must fail.
 
-use bevy_meshless_gi::internals::gpu::{KERNELS, Kernel, Kind, Pass};
+use bevy_meshless_gi::internals::gpu::{BindingKind, EntryPoint, KERNELS, Kernel};
 use meshless_gi::internals::asset::PointSurface;
 use meshless_gi::internals::basis::{LEAN_FROM, NO_COVER, WeightEntry};
 use meshless_gi::internals::frame::fmm_layout::{
@@ -237,7 +237,7 @@ fn layouts() -> Vec<Layout> {
             a,
             occluder,
             b,
-            gain,
+            transmittance,
             c
         }),
         layout!(RsmParams {
@@ -450,7 +450,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("EPSILON", Some(f64::from(f32::EPSILON))),
         ("LANES", Some(f64::from(apply::LANES))),
         ("COLUMN_LANES", Some(f64::from(compress::LANES))),
-        ("ROWS", Some(f64::from(Pass::Apply.entry().1.items))),
+        ("ROWS", Some(f64::from(EntryPoint::Apply.entry().1.items))),
         ("EMPTY_SLOT", Some(f64::from(GridSlot::EMPTY))),
         ("CELL_LIMIT", Some(f64::from(HashedGrid::CELL_LIMIT))),
         ("F_SQUASH", Some(f64::from(F_SQUASH))),
@@ -526,7 +526,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
             "ROUGHNESS_TOLERANCE",
             Some(f64::from(vpl_specular::ROUGHNESS_TOLERANCE)),
         ),
-        ("ITEMS", Some(f64::from(Pass::Refine.entry().1.items))),
+        ("ITEMS", Some(f64::from(EntryPoint::Refine.entry().1.items))),
         ("MAX_GROUPS", Some(65_535.0)),
         ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
         ("STACK", Some(Bvh::STACK as f64)),
@@ -627,17 +627,19 @@ fn constant_problems(module: &naga::Module) -> Vec<String> {
 }
 
 /// Returns the kind of a global variable, in the terms of the table.
-fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kind> {
+fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<BindingKind> {
     let ty = &module.types[variable.ty];
     let size = |ty: naga::Handle<naga::Type>| module.types[ty].inner.size(module.to_ctx()) as usize;
     match (variable.space, &ty.inner) {
-        (naga::AddressSpace::Uniform, _) if ty.name.as_deref() == Some("Span") => Some(Kind::Span),
-        (naga::AddressSpace::Uniform, _) => Some(Kind::Uniform(size(variable.ty))),
+        (naga::AddressSpace::Uniform, _) if ty.name.as_deref() == Some("Span") => {
+            Some(BindingKind::Span)
+        }
+        (naga::AddressSpace::Uniform, _) => Some(BindingKind::Uniform(size(variable.ty))),
         (naga::AddressSpace::Storage { access }, naga::TypeInner::Array { stride, .. }) => {
             if access.contains(naga::StorageAccess::STORE) {
-                Some(Kind::Write(*stride as usize))
+                Some(BindingKind::Write(*stride as usize))
             } else {
-                Some(Kind::Read(*stride as usize))
+                Some(BindingKind::Read(*stride as usize))
             }
         }
         (
@@ -651,7 +653,7 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 arrayed: true,
                 dim: naga::ImageDimension::D2,
             },
-        ) => Some(Kind::Layers),
+        ) => Some(BindingKind::Layers),
         (
             _,
             naga::TypeInner::Image {
@@ -663,7 +665,7 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 arrayed: false,
                 dim: naga::ImageDimension::D3,
             },
-        ) if *access == naga::StorageAccess::STORE => Some(Kind::Voxels),
+        ) if *access == naga::StorageAccess::STORE => Some(BindingKind::Voxels),
         (
             _,
             naga::TypeInner::Image {
@@ -675,8 +677,8 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 arrayed: false,
                 dim: naga::ImageDimension::D3,
             },
-        ) => Some(Kind::Space),
-        (_, naga::TypeInner::Sampler { comparison: false }) => Some(Kind::Sampler),
+        ) => Some(BindingKind::Space),
+        (_, naga::TypeInner::Sampler { comparison: false }) => Some(BindingKind::Sampler),
         (
             _,
             naga::TypeInner::Image {
@@ -685,20 +687,20 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 dim: naga::ImageDimension::D2,
             },
         ) => match class {
-            naga::ImageClass::Depth { multi: false } => Some(Kind::Depth),
-            naga::ImageClass::Depth { multi: true } => Some(Kind::Samples),
+            naga::ImageClass::Depth { multi: false } => Some(BindingKind::Depth),
+            naga::ImageClass::Depth { multi: true } => Some(BindingKind::Samples),
             naga::ImageClass::Sampled {
                 kind: naga::ScalarKind::Uint,
                 multi: false,
-            } => Some(Kind::Uint),
+            } => Some(BindingKind::Uint),
             naga::ImageClass::Sampled {
                 kind: naga::ScalarKind::Float,
                 multi: false,
-            } => Some(Kind::Float),
+            } => Some(BindingKind::Float),
             naga::ImageClass::Storage {
                 format: naga::StorageFormat::Rgba16Float,
                 access,
-            } if *access == naga::StorageAccess::STORE => Some(Kind::Output),
+            } if *access == naga::StorageAccess::STORE => Some(BindingKind::Output),
             _ => None,
         },
         _ => None,
@@ -866,10 +868,10 @@ fn shader_struct_mismatch_is_detected() {
             "",
         ),
         (
-            "fn spread(",
-            "fn spread_out(",
+            "fn interpolate(",
+            "fn interpolate_level(",
             "bounce",
-            "spread_out is not in the table",
+            "interpolate_level is not in the table",
         ),
         (
             "let entry = entries[at];\n        alpha -= entry.weight * differences[entry.index];",
@@ -927,25 +929,25 @@ fn shader_struct_mismatch_is_detected() {
 }
 
 #[test]
-fn pass_table_has_each_pass_once_within_webgpu_limits() {
-    for (at, pass) in Pass::ALL.into_iter().enumerate() {
-        assert_eq!(pass as usize, at);
+fn kernel_table_has_each_entry_point_once_within_webgpu_limits() {
+    for (at, id) in EntryPoint::ALL.into_iter().enumerate() {
+        assert_eq!(id as usize, at);
         let entries = KERNELS
             .iter()
             .flat_map(|k| k.entries)
-            .filter(|e| e.pass == pass)
+            .filter(|e| e.id == id)
             .count();
-        assert_eq!(entries, 1, "{pass:?}");
-        let (kernel, entry) = pass.entry();
+        assert_eq!(entries, 1, "{id:?}");
+        let (kernel, entry) = id.entry();
         let storage = KERNELS[kernel]
             .bindings
             .iter()
             .filter(|b| {
                 entry.bindings.contains(&b.index)
-                    && matches!(b.kind, Kind::Read(_) | Kind::Write(_))
+                    && matches!(b.kind, BindingKind::Read(_) | BindingKind::Write(_))
             })
             .count();
-        assert!(storage <= 8, "{pass:?} binds {storage} storage buffers");
+        assert!(storage <= 8, "{id:?} binds {storage} storage buffers");
         assert!(entry.workgroup.iter().product::<u32>() <= 256);
     }
     for kernel in &KERNELS {

@@ -75,8 +75,8 @@ fn gltf_scene_baked_from_entities_equals_bake_of_file() {
         (20, 20)
     );
     let factors = |scene: &BakedScene| {
-        let live = scene.data().materials.as_ref().unwrap();
-        let mut all: Vec<_> = (live.factors.iter())
+        let dynamic = scene.data().materials.as_ref().unwrap();
+        let mut all: Vec<_> = (dynamic.factors.iter())
             .map(|f| (f.base_color.map(f32::to_bits), f.emissive.map(f32::to_bits)))
             .collect();
         all.sort_unstable();
@@ -98,9 +98,9 @@ fn gltf_scene_baked_from_entities_equals_bake_of_file() {
     // The scene's materials are in `GiDynamicMaterials`, so that light follows their changes.
     let named = app.world().get::<GiDynamicMaterials>(root).unwrap();
     assert!(!named.0.is_empty());
-    let live = from_entities.data().materials.as_ref().unwrap();
+    let dynamic = from_entities.data().materials.as_ref().unwrap();
     for (name, _) in &named.0 {
-        assert!(live.names.contains(name), "{name}");
+        assert!(dynamic.names.contains(name), "{name}");
     }
 }
 
@@ -785,16 +785,16 @@ fn dynamic_materials_keep_app_names() {
     let named = &app.world().get::<GiDynamicMaterials>(root).unwrap().0;
     assert_eq!(named.len(), handles.len());
     assert_eq!(named[0], ("sign".into(), handles[3].clone()));
-    let live = scene.data().materials.as_ref().unwrap();
+    let dynamic = scene.data().materials.as_ref().unwrap();
     for (name, handle) in named {
-        let at = live
+        let at = dynamic
             .names
             .iter()
             .position(|known| known == name)
             .expect(name);
         let materials = app.world().resource::<Assets<StandardMaterial>>();
         let color = materials.get(handle).unwrap().base_color.to_linear();
-        let baked = live.factors[at].base_color;
+        let baked = dynamic.factors[at].base_color;
         assert_eq!(baked, [color.red, color.green, color.blue], "{name}");
     }
 }

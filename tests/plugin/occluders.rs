@@ -47,15 +47,20 @@ fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedSce
 /// Position of the light: in the small part, behind the screen.
 const LIGHT_POSITION: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
 
-/// Draws the CPU's picture for the transmittance `gain` of the screen.
-fn cpu_picture(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
-    cpu_picture_lit_from(LIGHT_POSITION, room, bake, gain)
+/// Draws the CPU's picture for the transmittance of the screen.
+fn cpu_picture(room: &Room, bake: &BakedScene, transmittance: f32) -> Picture {
+    cpu_picture_lit_from(LIGHT_POSITION, room, bake, transmittance)
 }
 
 /// Draws [`cpu_picture`] with the light at `position`.
-fn cpu_picture_lit_from(position: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
+fn cpu_picture_lit_from(
+    position: Vec3,
+    room: &Room,
+    bake: &BakedScene,
+    transmittance: f32,
+) -> Picture {
     let mut frame = CpuFrame::new(bake);
-    frame.set_occluders(bake, &[gain]);
+    frame.set_occluders(bake, &[transmittance]);
     let mut now = bake.clone();
     let [links, of_probes] = frame.links(bake);
     now.data_mut().operator.links = links.to_vec();

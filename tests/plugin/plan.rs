@@ -261,8 +261,8 @@ fn gpu_timings_reach_plan() {
     let ball = Mesh3d(app.world_mut().resource_mut::<Assets<Mesh>>().add(ball));
     let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     let material = MeshMaterial3d(materials.add(StandardMaterial::default()));
-    let place = Transform::from_translation(LIGHT_POSITION - 0.6 * Vec3::Y);
-    (app.world_mut()).spawn((ball, material, place, GiReflector));
+    let transform = Transform::from_translation(LIGHT_POSITION - 0.6 * Vec3::Y);
+    (app.world_mut()).spawn((ball, material, transform, GiReflector));
     let map = GiReflectiveShadowMap::default();
     let texels = u64::from(map.texels());
     app.world_mut().entity_mut(light_source).insert(map);

@@ -67,7 +67,7 @@ fn directional_sky_follows_world_directions() {
         let settings = FrameSettings { sky, ..settings() };
         cpu_indirect(&room, &bake, placed, view(), &[], &settings)
     };
-    let local = sky.radiance().turned(Mat3::from_quat(turn.inverse()));
+    let local = sky.radiance().rotate(Mat3::from_quat(turn.inverse()));
     let expected = cpu(local);
     assert_pictures_match("sky_that_varies", &expected, &picture(&mut app, &image));
     // Another direction of the sky's light gives another picture.
@@ -174,7 +174,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
             &settings(),
         );
         let found = picture(&mut app, &image);
-        assert_pictures_match("live", &expected, &found);
+        assert_pictures_match("dynamic", &expected, &found);
         assert!(flip(&last, &expected) > MAX, "the change shows");
         last = expected;
         run(&mut app, 1);

@@ -72,7 +72,7 @@ fn eye(app: &mut App) -> (Transform, f32) {
     (*transform, exposure.ev100)
 }
 
-fn shown(app: &App) -> PathBuf {
+fn current_path(app: &App) -> PathBuf {
     app.world().resource::<CurrentScene>().path.clone()
 }
 
@@ -105,7 +105,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
     let second = write_scene(folders[1].path(), "second # level.glb");
     let mut app = new_app(drop::read(&first).unwrap());
     run(&mut app, 2);
-    assert_eq!(shown(&app), first);
+    assert_eq!(current_path(&app), first);
     let root = app.world().resource::<CurrentScene>().root;
 
     // A file that is not a glTF file, and a missing file.
@@ -123,7 +123,10 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
         let mut lines = world.query_filtered::<&Text, With<Lines>>();
         assert!(lines.single(world).unwrap().0.contains(&notice));
         assert_eq!(
-            (shown(&app), app.world().resource::<CurrentScene>().root),
+            (
+                current_path(&app),
+                app.world().resource::<CurrentScene>().root
+            ),
             (first.clone(), root)
         );
         assert!(app.world().get_entity(root).is_ok());
@@ -133,7 +136,7 @@ fn dropped_scenes_load_and_other_files_are_ignored() {
     for path in [&second, &first, &second] {
         let before = app.world().resource::<CurrentScene>().root;
         drop_file(&mut app, path);
-        assert_eq!(shown(&app), *path);
+        assert_eq!(current_path(&app), *path);
         assert_eq!(app.world().resource::<Notice>().0, "");
         assert!(app.world().get_entity(before).is_err());
         let world = app.world_mut();

@@ -210,7 +210,7 @@ fn brightness_ratio(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bo
 }
 
 /// Returns the pixels with neighbors that all have a visible fraction accepted by `accepted`.
-fn within(seen: &[f32], accepted: impl Fn(f32) -> bool) -> Vec<bool> {
+fn interior_pixels(seen: &[f32], accepted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {
         (-1..=1).all(|dy| {
@@ -237,8 +237,8 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     save_picture(&format!("{name}_twins"), &by_twins.beside(shaded));
     save_picture(name, &by_rays.beside(shaded));
     let min = (shaded.pixels.iter().flatten()).fold(0.0f32, |a, v| a.min(*v));
-    let lit = within(&expected.seen, |f| f > 0.999);
-    let dark = within(&expected.seen, |f| f < 0.001);
+    let lit = interior_pixels(&expected.seen, |f| f > 0.999);
+    let dark = interior_pixels(&expected.seen, |f| f < 0.001);
     let in_light = brightness_ratio(shaded, plain, |i| lit[i]);
     let in_shadow = brightness_ratio(shaded, plain, |i| dark[i]);
     let (twins, rays) = (shaded.nrmse(&by_twins), shaded.nrmse(&by_rays));

@@ -5,7 +5,7 @@ use super::flip::Picture;
 use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use meshless_gi::internals::frame::splat::{FULL_COVER, share, splat_covered};
+use meshless_gi::internals::frame::splat::{FULL_COVER, splat_covered, surface_fraction};
 use meshless_gi::{
     BakedScene, Bounds, CpuFrame, FrameLight, FrameSettings, Geometry, Hit, Light, Material,
     Progress, Ray, Recipe, Surface, TriangleMesh, bake_scene,
@@ -327,7 +327,7 @@ pub fn cpu_indirect_textured(
     }
 }
 
-/// Returns the irradiance of a frame at a position. Surface functions contribute by their share,
+/// Returns the irradiance of a frame at a position. Surface functions contribute by their fraction,
 /// and probes contribute the rest.
 fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || Some(frame.probe_irradiance(bake, x, n)?.irradiance(n));
@@ -339,9 +339,12 @@ fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
         n,
     ) {
         Some((e, cover)) => {
-            let (e, share) = (e.dot(n).max(Vec3::ZERO), share(cover, FULL_COVER));
-            let rest = if share < 1.0 { space() } else { None };
-            rest.map_or(e, |rest| rest.lerp(e, share))
+            let (e, fraction) = (
+                e.dot(n).max(Vec3::ZERO),
+                surface_fraction(cover, FULL_COVER),
+            );
+            let rest = if fraction < 1.0 { space() } else { None };
+            rest.map_or(e, |rest| rest.lerp(e, fraction))
         }
         None => space().unwrap_or_default(),
     }

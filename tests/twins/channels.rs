@@ -8,7 +8,7 @@ use crate::{
     solve_from_projection, synthetic,
 };
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines};
-use bevy_meshless_gi::internals::gpu::Pass;
+use bevy_meshless_gi::internals::gpu::EntryPoint;
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::transport::SenderForm;
@@ -107,8 +107,12 @@ fn monochrome_of_gray_scene_equals_rgb() {
         let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
         let frame =
             solve_from_projection(&harness, &kernels, frame, &right, &at(Channels::One(HUE)));
-        let values: Vec<VectorIrradiance> =
-            output(&harness, &frame, Pass::Averages, scene.data().points.len());
+        let values: Vec<VectorIrradiance> = output(
+            &harness,
+            &frame,
+            EntryPoint::Averages,
+            scene.data().points.len(),
+        );
         let found = differing(
             &values,
             right.vector_irradiance(),
@@ -118,8 +122,8 @@ fn monochrome_of_gray_scene_equals_rgb() {
         );
         assert!(found.is_empty(), "{form:?}: {} differ", found.len());
         let counters = frame.counters();
-        assert_eq!(counters.dispatches_of(Pass::Apply), 0);
-        assert!(counters.dispatches_of(Pass::ApplyOne) >= 3);
+        assert_eq!(counters.dispatches_of(EntryPoint::Apply), 0);
+        assert!(counters.dispatches_of(EntryPoint::ApplyOne) >= 3);
 
         // With another color of a light or a wall, the frame is not gray.
         assert!(
@@ -152,7 +156,7 @@ fn monochrome_probes_match_twin() {
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
     let frame = solve_from_projection(&harness, &kernels, frame, &twin, &settings);
     let rows = scene.data().probes.as_ref().unwrap().rows.len();
-    let found: Vec<VectorIrradiance> = output(&harness, &frame, Pass::Volume, rows);
+    let found: Vec<VectorIrradiance> = output(&harness, &frame, EntryPoint::Volume, rows);
     let wrong = |twin: &CpuFrame| differing(&found, twin.probes(), 12, SINGLE, Scale::Rms).len();
     assert_eq!(wrong(&twin), 0);
     let mut perturbed = scene.clone();

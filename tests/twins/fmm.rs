@@ -6,7 +6,7 @@ use meshless_gi_lab::fixtures::fmm as room;
 use super::compare::{Scale, differing};
 use super::harness;
 use bevy_meshless_gi::gpu::{GpuError, HeadlessDevice, KernelPipelines};
-use bevy_meshless_gi::internals::gpu::{GpuCounters, GpuFmm, Pass};
+use bevy_meshless_gi::internals::gpu::{EntryPoint, GpuCounters, GpuFmm};
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::frame::fmm_down::fmm_down;
@@ -180,8 +180,12 @@ fn fmm_passes_match_twin() {
         );
         assert!(!off.is_empty(), "a brighter sky is not detected");
         let levels = operator.levels() as u64;
-        let counts =
-            [Pass::FmmUp, Pass::FmmReceive, Pass::FmmEvaluate].map(|p| counters.dispatches_of(p));
+        let counts = [
+            EntryPoint::FmmUp,
+            EntryPoint::FmmReceive,
+            EntryPoint::FmmEvaluate,
+        ]
+        .map(|p| counters.dispatches_of(p));
         assert_eq!(counts, [levels, levels, 1]);
         // Comparison with the irradiance of the bake.
         let (wide, _) = fmm.irradiance(&radiosity).unwrap();

@@ -8,7 +8,7 @@ use super::picture::wide;
 use super::synthetic::HashRandom;
 use super::volume_sample::{create_texture_3d, linear_sampler, random_volume_texels};
 use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines};
-use bevy_meshless_gi::internals::gpu::{FogBuffers, FogTextures, Pass, draw_fog};
+use bevy_meshless_gi::internals::gpu::{EntryPoint, FogBuffers, FogTextures, draw_fog};
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
 use meshless_gi::internals::frame::fog_inscatter::fog_inscatter;
@@ -176,7 +176,7 @@ fn gpu_picture(
     harness
         .run(|encoder| {
             let counted = buffers.record(&kernels, encoder, &[&voxels]);
-            assert_eq!(counted.dispatches_of(Pass::FogInscatter), 1);
+            assert_eq!(counted.dispatches_of(EntryPoint::FogInscatter), 1);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                     view: &canvas,

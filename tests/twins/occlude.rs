@@ -5,7 +5,7 @@ use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};
 use crate::{harness, output, projection_problems};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, SceneBuffers};
-use bevy_meshless_gi::internals::gpu::Pass;
+use bevy_meshless_gi::internals::gpu::EntryPoint;
 use glam::Vec3;
 use meshless_gi::internals::frame::VectorIrradiance;
 use meshless_gi::internals::transport::Link;
@@ -51,7 +51,7 @@ fn scene() -> BakedScene {
 }
 
 /// Returns the transmittances of all occluders from those of the two shutters.
-fn gains([middle, front]: [f32; 2]) -> Vec<f32> {
+fn transmittances([middle, front]: [f32; 2]) -> Vec<f32> {
     let mut all = vec![1.0; 34];
     (all[0], all[33]) = (middle, front);
     all
@@ -66,10 +66,10 @@ fn settings() -> FrameSettings {
     }
 }
 
-fn twin(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
+fn twin(scene: &BakedScene, transmittances: &[f32]) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, &lights());
-    frame.set_occluders(scene, gains);
+    frame.set_occluders(scene, transmittances);
     frame.solve(scene, &settings());
     frame
 }
@@ -88,13 +88,13 @@ fn occluders_closed_and_open_match_twin() {
     let slots: Vec<u32> = (0..lights.len() as u32).collect();
     let probes = scene.data().probes.as_ref().unwrap();
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
-    let mut set = |gains: &[f32]| {
+    let mut set = |transmittances: &[f32]| {
         frame.set_lights(&kernels, &harness.queue, &lights).unwrap();
         let mut dispatched = 0;
         harness
             .run(|e| {
                 let (k, q) = (&kernels, &harness.queue);
-                dispatched = frame.set_occluders(k, q, e, &scene, gains);
+                dispatched = frame.set_occluders(k, q, e, &scene, transmittances);
                 frame.project(k, q, e, &slots);
                 frame.solve(k, q, e, &settings());
             })
@@ -105,18 +105,23 @@ fn occluders_closed_and_open_match_twin() {
         let links: Vec<Link> = output(
             &harness,
             &frame,
-            Pass::Occlude,
+            EntryPoint::Occlude,
             scene.data().operator.links.len(),
         );
-        let projected: Vec<f32> = output(&harness, &frame, Pass::Project, count);
-        let values: Vec<VectorIrradiance> =
-            output(&harness, &frame, Pass::Averages, scene.data().points.len());
+        let projected: Vec<f32> = output(&harness, &frame, EntryPoint::Project, count);
+        let values: Vec<VectorIrradiance> = output(
+            &harness,
+            &frame,
+            EntryPoint::Averages,
+            scene.data().points.len(),
+        );
         let space: Vec<VectorIrradiance> =
-            output(&harness, &frame, Pass::Volume, probes.rows.len());
+            output(&harness, &frame, EntryPoint::Volume, probes.rows.len());
         (links, projected, values, space)
     };
-    let compare = |gains: &[f32], found: &(Vec<Link>, Vec<f32>, Vec<VectorIrradiance>, Vec<_>)| {
-        let right = twin(&scene, gains);
+    let compare = |transmittances: &[f32],
+                   found: &(Vec<Link>, Vec<f32>, Vec<VectorIrradiance>, Vec<_>)| {
+        let right = twin(&scene, transmittances);
         let (links, projected, values, space) = found;
         let senders = links.iter().zip(right.links(&scene)[0]);
         assert!(senders.into_iter().all(|(a, b)| a.sender() == b.sender()));
@@ -138,11 +143,11 @@ fn occluders_closed_and_open_match_twin() {
         ]
     };
     for two in [[0.0, 1.0], [0.35, 0.8], [1.0, 0.0], [1.0, 1.0]] {
-        let found = set(&gains(two));
-        assert_eq!(compare(&gains(two), &found), [0; 4], "{two:?}");
+        let found = set(&transmittances(two));
+        assert_eq!(compare(&transmittances(two), &found), [0; 4], "{two:?}");
         // A shutter that is slightly more open has another transmittance.
         let wider = two.map(|g| if g > 0.5 { g - 0.1 } else { g + 0.1 });
-        let wrong = compare(&gains(wider), &found);
+        let wrong = compare(&transmittances(wider), &found);
         assert!(wrong.iter().all(|&n| n > 20), "{two:?}: {wrong:?}");
     }
     let open = vectors(&set(&[]).0);
@@ -166,21 +171,25 @@ fn occluded_link_chunks_match_twin() {
     let limit = 3 * std::mem::size_of_val(scene.data().operator.links.as_slice()) as u64 / 4;
     let buffers = SceneBuffers::with_limit(device, queue, &scene, 1, limit).unwrap();
     let mut frame = GpuFrame::with_buffers(queue, buffers);
-    let gains = gains([0.3, 0.6]);
+    let transmittances = transmittances([0.3, 0.6]);
     frame.set_lights(&kernels, queue, &lights()).unwrap();
     let slots: Vec<u32> = (0..lights().len() as u32).collect();
     let mut dispatched = 0;
     harness
         .run(|e| {
-            dispatched = frame.set_occluders(&kernels, queue, e, &scene, &gains);
+            dispatched = frame.set_occluders(&kernels, queue, e, &scene, &transmittances);
             frame.project(&kernels, queue, e, &slots);
             frame.solve(&kernels, queue, e, &settings());
         })
         .unwrap();
     assert!(dispatched >= 3, "{dispatched} dispatches");
-    let values: Vec<VectorIrradiance> =
-        output(&harness, &frame, Pass::Averages, scene.data().points.len());
-    let right = twin(&scene, &gains);
+    let values: Vec<VectorIrradiance> = output(
+        &harness,
+        &frame,
+        EntryPoint::Averages,
+        scene.data().points.len(),
+    );
+    let right = twin(&scene, &transmittances);
     let off = differing(
         &values,
         right.vector_irradiance(),
@@ -204,7 +213,7 @@ fn scene_without_occluders_has_no_occluder_terms() {
             assert_eq!(done, 0);
         })
         .unwrap();
-    assert_eq!(frame.counters().dispatches_of(Pass::Occlude), 0);
+    assert_eq!(frame.counters().dispatches_of(EntryPoint::Occlude), 0);
     assert_eq!(
         (frame.buffers().count(), frame.buffers().bytes()),
         (count, bytes)

@@ -4,7 +4,7 @@ use super::compare::{HALF, Scale, differing, reported};
 use super::screen::{self, SIZE, Screen};
 use super::{cpu, depth, harness, settings, synthetic};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
-use bevy_meshless_gi::internals::gpu::{Pass, SplatTargets, ViewBuffers};
+use bevy_meshless_gi::internals::gpu::{EntryPoint, SplatTargets, ViewBuffers};
 use half::f16;
 use meshless_gi::internals::frame::{
     CompositeParams, SplatParams, VectorIrradiance, composite, splat,
@@ -31,7 +31,7 @@ fn draw(
 ) -> Pictures {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap();
-    let values = frame.buffers().output(Pass::Averages).unwrap();
+    let values = frame.buffers().output(EntryPoint::Averages).unwrap();
     harness
         .queue
         .write_buffer(values, 0, bytemuck::cast_slice(twin.vector_irradiance()));
@@ -167,8 +167,11 @@ fn splat_and_composite_match_twin() {
         &params(0.5),
         (&composite_params, false),
     );
-    assert_eq!(drawn.frame.counters().dispatches_of(Pass::Splat), 1);
-    assert_eq!(drawn.frame.counters().dispatches_of(Pass::SplatOver), 1);
+    assert_eq!(drawn.frame.counters().dispatches_of(EntryPoint::Splat), 1);
+    assert_eq!(
+        drawn.frame.counters().dispatches_of(EntryPoint::SplatOver),
+        1
+    );
     assert_eq!(drawn.frame.counters().composites, 1);
 
     // splat. Two tolerances: a position within rounding of a clip plane may be on either side of

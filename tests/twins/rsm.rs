@@ -8,7 +8,9 @@ use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, HashRandom};
 use super::{cpu, harness, settings};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines, SceneBuffers};
-use bevy_meshless_gi::internals::gpu::{Pass, RsmBuffers, RsmCapture, SplatTargets, VplShadows};
+use bevy_meshless_gi::internals::gpu::{
+    EntryPoint, RsmBuffers, RsmCapture, SplatTargets, VplShadows,
+};
 use glam::{Mat4, Vec3};
 use half::f16;
 use meshless_gi::internals::frame::rsm_layout::{
@@ -298,7 +300,12 @@ fn rsm_matches_twin() {
     let counters = maps.counters();
     let of = |pass| counters.dispatches_of(pass);
     assert_eq!(
-        [Pass::RsmTexels, Pass::RsmShadow, Pass::RsmSelect].map(of),
+        [
+            EntryPoint::RsmTexels,
+            EntryPoint::RsmShadow,
+            EntryPoint::RsmSelect
+        ]
+        .map(of),
         [10, 4, 8]
     );
     assert_eq!(counters.total(), 22);
@@ -477,8 +484,8 @@ fn vpl_matches_twin() {
     let counters = maps.counters();
     assert_eq!(
         (
-            counters.dispatches_of(Pass::Vpl),
-            counters.dispatches_of(Pass::VplOver)
+            counters.dispatches_of(EntryPoint::Vpl),
+            counters.dispatches_of(EntryPoint::VplOver)
         ),
         (2, 1)
     );

@@ -4,7 +4,7 @@
 use super::compare::{Scale, differing};
 use super::harness;
 use bevy_meshless_gi::gpu::{KernelPipelines, SceneBuffers};
-use bevy_meshless_gi::internals::gpu::{Pass, SoftShadowBuffers};
+use bevy_meshless_gi::internals::gpu::{EntryPoint, SoftShadowBuffers};
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::{SoftLight, SoftShadowParams, VectorIrradiance, soft_shadow};
@@ -67,7 +67,12 @@ fn soft_shadows_match_twin() {
                 .unwrap();
         })
         .unwrap();
-    assert_eq!(soft_buffers.counters().dispatches_of(Pass::SoftShadow), 1);
+    assert_eq!(
+        soft_buffers
+            .counters()
+            .dispatches_of(EntryPoint::SoftShadow),
+        1
+    );
     assert!(soft_buffers.count() == 10 && soft_buffers.bytes() > visibility.bytes() as u64 / 2);
     let gpu: Vec<VectorIrradiance> = harness
         .read(

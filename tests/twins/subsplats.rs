@@ -10,7 +10,7 @@ use super::picture::wide;
 use super::{baked, cpu, harness, settings, solve_from_projection};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{
-    Pass, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
+    EntryPoint, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -240,9 +240,9 @@ fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> 
             .unwrap();
     }
     let counters = buffers.counters();
-    assert_eq!(counters.dispatches_of(Pass::PyramidBase), 2);
-    assert_eq!(counters.dispatches_of(Pass::Fill), 2);
-    let nodes = [Pass::SplatNodes, Pass::ProbeNodes].map(|p| counters.dispatches_of(p));
+    assert_eq!(counters.dispatches_of(EntryPoint::PyramidBase), 2);
+    assert_eq!(counters.dispatches_of(EntryPoint::Fill), 2);
+    let nodes = [EntryPoint::SplatNodes, EntryPoint::ProbeNodes].map(|p| counters.dispatches_of(p));
     assert_eq!(nodes[1], if frame.has_probes() { nodes[0] } else { 0 });
     let all: Vec<u32> = harness
         .read(buffers.lists(), levels.total() as usize)
@@ -475,7 +475,7 @@ fn probe_kernel_matches_twin() {
     let probes = of.scene.data().probes.as_ref().unwrap();
     let values: Vec<VectorIrradiance> = harness
         .read(
-            frame.buffers().output(Pass::ProbeOver).unwrap(),
+            frame.buffers().output(EntryPoint::ProbeOver).unwrap(),
             probes.rows.len(),
         )
         .unwrap();
@@ -526,7 +526,7 @@ fn probe_kernel_matches_twin() {
             frame.probe(&kernels, encoder, &view, &targets(Some(&before), &after));
         })
         .unwrap();
-    assert_eq!(frame.counters().dispatches_of(Pass::ProbeOver), 1);
+    assert_eq!(frame.counters().dispatches_of(EntryPoint::ProbeOver), 1);
     let before = wide(&harness.read_texture::<[f16; 4]>(&earlier).unwrap());
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&output).unwrap());
     let picture_of_probes =

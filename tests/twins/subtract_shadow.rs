@@ -8,7 +8,8 @@ use super::screen::SIZE;
 use super::soft_shadow::{baked, lights};
 use bevy_meshless_gi::gpu::{HeadlessDevice, KernelPipelines, SceneBuffers};
 use bevy_meshless_gi::internals::gpu::{
-    Draw, Pass, SoftShadowBuffers, SplatTargets, SubtractShadowBuffers, ViewBuffers, draw_over,
+    Draw, EntryPoint, SoftShadowBuffers, SplatTargets, SubtractShadowBuffers, ViewBuffers,
+    draw_over,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -207,7 +208,8 @@ fn gpu_pictures(
         .unwrap();
     let counters = buffers.counters();
     assert_eq!(
-        [Pass::SubtractShadow, Pass::SubtractShadowOver].map(|p| counters.dispatches_of(p)),
+        [EntryPoint::SubtractShadow, EntryPoint::SubtractShadowOver]
+            .map(|p| counters.dispatches_of(p)),
         [1, 1]
     );
     [&out[0], &out[1], &picture].map(|t| wide(&harness.read_texture::<[f16; 4]>(t).unwrap()))

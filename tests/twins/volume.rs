@@ -5,7 +5,7 @@ use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
 use crate::{harness, settings, solve_from_projection};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines};
-use bevy_meshless_gi::internals::gpu::{Pass, VolumeBuffers};
+use bevy_meshless_gi::internals::gpu::{EntryPoint, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
 use meshless_gi::internals::frame::volume::{STRAIGHT_STEP, volume_texels};
@@ -25,9 +25,12 @@ fn volumes_match_twin() {
     let probes = of.scene.data().probes.as_ref().unwrap();
     let read = |buffer, count| -> Vec<VectorIrradiance> { harness.read(buffer, count).unwrap() };
     let buffers = frame.buffers();
-    let probe_values = read(buffers.output(Pass::Volume).unwrap(), probes.rows.len());
+    let probe_values = read(
+        buffers.output(EntryPoint::Volume).unwrap(),
+        probes.rows.len(),
+    );
     let point_values = read(
-        buffers.output(Pass::Averages).unwrap(),
+        buffers.output(EntryPoint::Averages).unwrap(),
         of.scene.data().points.len(),
     );
     let values = VolumeValues {
@@ -73,7 +76,7 @@ fn volumes_match_twin() {
             frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);
         })
         .unwrap();
-    assert_eq!(frame.counters().dispatches_of(Pass::Volume), 1);
+    assert_eq!(frame.counters().dispatches_of(EntryPoint::Volume), 1);
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
     assert_eq!(gpu.len() as u32, texels.element_product());
     type Voxels<'a> = (VolumeParams, &'a VoxelWeights, VolumeValues<'a>);

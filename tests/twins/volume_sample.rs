@@ -23,7 +23,7 @@ struct SurfaceSample { position: vec3f, facing: vec3f }
 struct View { clip_from_world: mat4x4<f32>, view_from_world: mat4x4<f32>, viewport: vec4f, exposure: f32 }
 @group(0) @binding(0) var irradiance_volume: texture_3d<f32>;
 @group(0) @binding(1) var irradiance_volume_sampler: sampler;
-@group(0) @binding(2) var<storage, read> places: array<SurfaceSample>;
+@group(0) @binding(2) var<storage, read> samples: array<SurfaceSample>;
 @group(0) @binding(3) var<storage, read_write> lights: array<vec4f>;
 @group(0) @binding(4) var view_transmission_texture: texture_2d<f32>;
 // Looks along z from one voxel before the volume of 7 x 5 x 6, which fills its viewport; y points
@@ -46,11 +46,11 @@ fn light_probe_iterator_next(probes: ptr<function, LightProbeIterator>) -> Light
 }
 @compute @workgroup_size(64)
 fn read_all(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= arrayLength(&places) {
+    if id.x >= arrayLength(&samples) {
         return;
     }
     var ranges = ClusterableObjectIndexRanges(0u);
-    lights[id.x] = vec4f(irradiance_volume_light(places[id.x].position, places[id.x].facing, &ranges), 1.0);
+    lights[id.x] = vec4f(irradiance_volume_light(samples[id.x].position, samples[id.x].facing, &ranges), 1.0);
 }
 ";
 

@@ -8,8 +8,8 @@ use super::picture::wide;
 use super::{harness, synthetic};
 use bevy_meshless_gi::gpu::{GpuFrame, HeadlessDevice, KernelPipelines};
 use bevy_meshless_gi::internals::gpu::{
-    Draw, NodeLights, Pass, RsmBuffers, SpecularBuffers, SubsplatTargets, ViewBuffers, VplShadows,
-    draw_over,
+    Draw, EntryPoint, NodeLights, RsmBuffers, SpecularBuffers, SubsplatTargets, ViewBuffers,
+    VplShadows, draw_over,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -99,10 +99,10 @@ fn run_on_gpu(
     }
     let counters = buffers.counters();
     assert_eq!(
-        counters.dispatches_of(Pass::VplSpecular),
+        counters.dispatches_of(EntryPoint::VplSpecular),
         2 * u64::from(levels.coarsest_level)
     );
-    assert_eq!(counters.dispatches_of(Pass::VplSpecularPixels), 2);
+    assert_eq!(counters.dispatches_of(EntryPoint::VplSpecularPixels), 2);
     assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
     assert_eq!(kernels.pipeline_count(), 2);
 

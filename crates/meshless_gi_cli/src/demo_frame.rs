@@ -21,13 +21,13 @@ pub struct DemoLight {
 }
 
 impl DemoLight {
-    /// Creates a square light at `center` that shines in `direction`.
+    /// Creates a square light at `center` that faces `direction`.
     pub fn new(name: &'static str, center: Vec3, direction: Vec3) -> Self {
         const HALF_EDGE: f32 = 0.14;
         let (u, v) = direction.normalize().any_orthonormal_pair();
         Self {
             name,
-            // A rectangle shines in the direction of u × v.
+            // A rectangle faces u × v.
             light: Light::Rect {
                 center,
                 u: u * HALF_EDGE,

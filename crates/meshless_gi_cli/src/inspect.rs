@@ -57,7 +57,7 @@ fn tiers(scene: &BakedScene) -> serde_json::Value {
                 "rows": tier.rows,
                 "links": tier.links,
                 "bytes": tier.bytes(),
-                "share": share(scene, tier, number),
+                "share": link_fraction(scene, tier, number),
                 "estimated_nrmse": tier.estimated_nrmse,
                 "estimated_nrmse_interval": tier.estimated_nrmse_interval,
             })
@@ -66,7 +66,7 @@ fn tiers(scene: &BakedScene) -> serde_json::Value {
 }
 
 /// Returns the links of a tier as a fraction of all links.
-fn share(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
+fn link_fraction(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
     // The octree has no links. Its tier lies above those of the links.
     match number > scene.data().link_tiers() {
         true => 1.0,
@@ -228,9 +228,9 @@ fn add_optional_data(table: &mut Table, scene: &BakedScene, stats: &BakedStats) 
             match &scene.data().occluders {
                 None => "none".into(),
                 Some(o) => format!(
-                    "{}, {} link terms pass them, {}",
+                    "{}, {} link terms cross them, {}",
                     o.names.join(", "),
-                    output::count(stats.passages),
+                    output::count(stats.occluded_link_terms),
                     output::bytes(o.bytes())
                 ),
             },
@@ -316,7 +316,7 @@ fn add_tiers(table: &mut Table, scene: &BakedScene) {
                 output::count(tier.rows),
                 output::count(tier.links),
                 output::bytes(tier.bytes()),
-                100.0 * share(scene, tier, number),
+                100.0 * link_fraction(scene, tier, number),
                 output::error(
                     f64::from(tier.estimated_nrmse),
                     f64::from(tier.estimated_nrmse_interval)

@@ -35,7 +35,7 @@ fn help(arguments: &[&str]) -> String {
 #[test]
 fn tool_chapter_equals_its_help() {
     let mut text = String::from(
-        "# Command-line tool\n\nGenerated from the tool's help. Do not edit.\n\
+        "# Command-line tool\n\nGenerated from the tool's help.\nDo not edit.\n\
          Options of earlier versions are accepted, see [Migration](migration.md).\n\n",
     );
     let _ = writeln!(text, "```text\n{}\n```\n", help(&["--help"]).trim_end());

@@ -8,7 +8,7 @@
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
-use leak_support::{Door, WalledScene, open, rooms};
+use leak_support::{Door, WalledScene, load_open_rooms, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use std::error::Error;
 
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         rooms("a sheet", 0.0, Door::Closed, PATHS),
         rooms("50 cm, door", 0.5, Door::Open, PATHS),
         rooms("2 cm, door", 0.02, Door::Open, PATHS),
-        open(),
+        load_open_rooms(),
     ];
     for scene in &scenes {
         for method in [TransportMethod::Bounded, TransportMethod::L08] {

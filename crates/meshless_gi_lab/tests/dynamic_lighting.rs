@@ -244,8 +244,8 @@ impl Case {
     /// Returns the bake with these emissions of the panels.
     fn baked(&self, emissions: [Emission; 2]) -> BakedScene {
         let mut scene = self.scene.clone();
-        let live = scene.data().materials.as_ref().expect("dynamic materials");
-        let of = PANELS.map(|panel| live.names.iter().position(|name| name == panel).unwrap());
+        let dynamic = scene.data().materials.as_ref().expect("dynamic materials");
+        let of = PANELS.map(|panel| dynamic.names.iter().position(|name| name == panel).unwrap());
         for ((&m, emission), corners) in of.iter().zip(emissions).zip(self.parts.panels) {
             match emission {
                 Emission::Off | Emission::Picture => {}
@@ -312,10 +312,10 @@ impl Case {
 
 /// Returns the shares of material `m` in all senders, with the sender of each.
 fn shares_of(scene: &BakedScene, m: u32) -> Vec<(usize, usize)> {
-    let live = scene.data().materials.as_ref().unwrap();
-    let rows = live.starts.windows(2).enumerate();
+    let dynamic = scene.data().materials.as_ref().unwrap();
+    let rows = dynamic.starts.windows(2).enumerate();
     rows.flat_map(|(j, row)| (row[0]..row[1]).map(move |k| (j, k as usize)))
-        .filter(|&(_, k)| live.shares[k].material == m)
+        .filter(|&(_, k)| dynamic.shares[k].material == m)
         .collect()
 }
 
@@ -323,9 +323,9 @@ fn shares_of(scene: &BakedScene, m: u32) -> Vec<(usize, usize)> {
 /// material. Its base color has no texture, so that part is the reflectance for a color of one.
 fn make_uniform(scene: &mut BakedScene, m: u32) {
     let shares = shares_of(scene, m);
-    let live = scene.data_mut().materials.as_mut().unwrap();
+    let dynamic = scene.data_mut().materials.as_mut().unwrap();
     for (_, k) in shares {
-        live.shares[k].emission = live.shares[k].albedo;
+        dynamic.shares[k].emission = dynamic.shares[k].albedo;
     }
 }
 
@@ -335,13 +335,13 @@ fn mirror(scene: &mut BakedScene, m: u32, [a, b, c, _]: [Vec3; 4]) {
     let shares = shares_of(scene, m);
     let at = |j: usize| scene.data().points[j].x();
     let along = (b - a).normalize();
-    let live = scene.data().materials.as_ref().unwrap();
-    let mut changed = live.shares.clone();
+    let dynamic = scene.data().materials.as_ref().unwrap();
+    let mut changed = dynamic.shares.clone();
     for &(j, k) in &shares {
         let x = at(j) - 2.0 * (at(j) - 0.5 * (a + c)).dot(along) * along;
         let away = |&&(j, _): &&(usize, usize)| at(j).distance_squared(x);
         let nearest = shares.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
-        changed[k].emission = live.shares[nearest.unwrap().1].emission;
+        changed[k].emission = dynamic.shares[nearest.unwrap().1].emission;
     }
     scene.data_mut().materials.as_mut().unwrap().shares = changed;
 }
@@ -349,8 +349,8 @@ fn mirror(scene: &mut BakedScene, m: u32, [a, b, c, _]: [Vec3; 4]) {
 /// Returns `scene` with the factors of its materials changed, as in a frame. `change` also gets the
 /// index of the material.
 fn with_factors(scene: &BakedScene, change: impl Fn(usize, &mut MaterialFactors)) -> BakedScene {
-    let live = scene.data().materials.as_ref().expect("live materials");
-    let mut factors = live.factors.clone();
+    let dynamic = scene.data().materials.as_ref().expect("dynamic materials");
+    let mut factors = dynamic.factors.clone();
     factors
         .iter_mut()
         .enumerate()

@@ -113,7 +113,7 @@ fn flat_basis_covers_every_reachable_point() {
             .par_iter()
             .filter(|c| {
                 let (x, n) = (c.surface.position, c.surface.normal);
-                !scene.data().display.grid.near(x).iter().any(|&j| {
+                !scene.data().display.grid.indices_near(x).iter().any(|&j| {
                     let mut point = scene.data().points[j as usize];
                     point.radius *= reach;
                     weight(&point, &scene.data().display.planes, x, n) > 1e-6

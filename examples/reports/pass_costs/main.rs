@@ -19,6 +19,7 @@ use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::{FrameStats, GiFrameStats};
 use meshless_gi::{Preset, ProbeSettings, Recipe, VisibilityRecipe};
+use meshless_gi_lab::report::split_sentences;
 use scenes::{SCENES, Scene};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -44,15 +45,15 @@ fn main() -> ExitCode {
             None => print!("{text}"),
             Some(folder) => {
                 let path = folder.join("effects.md");
-                if let Err(why) = std::fs::write(&path, text) {
-                    eprintln!("{}: {why}", path.display());
+                if let Err(error) = std::fs::write(&path, split_sentences(&text)) {
+                    eprintln!("{}: {error}", path.display());
                     return ExitCode::from(3);
                 }
                 println!("{}", path.display());
             }
         },
-        Err(why) => {
-            eprintln!("{why}");
+        Err(error) => {
+            eprintln!("{error}");
             return ExitCode::from(1);
         }
     }

@@ -8,11 +8,11 @@ pub(super) const KERNELS: [Kernel; 10] = [
         source: shader!("occlude"),
         bindings: &[
             SPAN,
-            bind(2, "passages", Read(size_of::<PackedLinkTerm>())),
+            bind(2, "terms", Read(size_of::<PackedLinkTerm>())),
             bind(3, "transmittances", Read(4)),
             bind(4, "links", Write(size_of::<Link>())),
         ],
-        entries: &[each(Pass::Occlude, "occlude", &[1, 2, 3, 4])],
+        entries: &[each(EntryPoint::Occlude, "occlude", &[1, 2, 3, 4])],
     },
     Kernel {
         name: "project",
@@ -27,7 +27,11 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(7, "projected", Write(4)),
             bind(8, "light_samples", Read(size_of::<LightSample>())),
         ],
-        entries: &[each(Pass::Project, "project", &[0, 2, 3, 4, 5, 6, 7, 8])],
+        entries: &[each(
+            EntryPoint::Project,
+            "project",
+            &[0, 2, 3, 4, 5, 6, 7, 8],
+        )],
     },
     Kernel {
         name: "radiosity",
@@ -41,7 +45,11 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(6, "senders", Write(VEC4)),
             bind(7, "sky_visibility", Read(4)),
         ],
-        entries: &[each(Pass::Radiosity, "radiosity", &[0, 2, 3, 4, 5, 6, 7])],
+        entries: &[each(
+            EntryPoint::Radiosity,
+            "radiosity",
+            &[0, 2, 3, 4, 5, 6, 7],
+        )],
     },
     Kernel {
         name: "pull",
@@ -52,7 +60,7 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(3, "entries", Read(WEIGHT)),
             bind(4, "senders", Write(VEC4)),
         ],
-        entries: &[each(Pass::Pull, "pull", &[1, 2, 3, 4])],
+        entries: &[each(EntryPoint::Pull, "pull", &[1, 2, 3, 4])],
     },
     Kernel {
         name: "push",
@@ -65,7 +73,7 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(4, "senders", Read(VEC4)),
             bind(5, "differences", Write(VEC4)),
         ],
-        entries: &[each(Pass::Push, "push", &[0, 1, 2, 3, 4, 5])],
+        entries: &[each(EntryPoint::Push, "push", &[0, 1, 2, 3, 4, 5])],
     },
     Kernel {
         name: "compress",
@@ -77,8 +85,8 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(5, "senders", Read(VEC4)),
             bind(6, "components", Write(VEC4)),
         ],
-        entries: &[Entry {
-            pass: Pass::Compress,
+        entries: &[ComputeEntry {
+            id: EntryPoint::Compress,
             name: "compress",
             workgroup: [meshless_gi::internals::frame::compress::LANES, 1, 1],
             items: 1,
@@ -96,8 +104,8 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(5, "applied", Write(VECTOR)),
             bind(6, "order", Read(4)),
         ],
-        entries: &[Entry {
-            pass: Pass::Apply,
+        entries: &[ComputeEntry {
+            id: EntryPoint::Apply,
             name: "apply",
             workgroup: [64, 1, 1],
             items: 64 / meshless_gi::internals::frame::apply::LANES,
@@ -116,8 +124,8 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(5, "applied", Write(VECTOR)),
             bind(6, "order", Read(4)),
         ],
-        entries: &[Entry {
-            pass: Pass::ApplyOne,
+        entries: &[ComputeEntry {
+            id: EntryPoint::ApplyOne,
             name: "apply_one",
             workgroup: [64, 1, 1],
             items: 64 / meshless_gi::internals::frame::apply::LANES,
@@ -144,10 +152,10 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(13, "sky_visibility", Read(4)),
         ],
         entries: &[
-            each(Pass::Sweep, "sweep", &[0, 2, 3, 4, 5, 6, 7, 13]),
-            each(Pass::Gather, "gather", &[0, 5, 8, 9, 10]),
-            each(Pass::Spread, "spread", &[0, 1, 10, 11, 12]),
-            each(Pass::Add, "add", &[0, 5, 7, 10]),
+            each(EntryPoint::Sweep, "sweep", &[0, 2, 3, 4, 5, 6, 7, 13]),
+            each(EntryPoint::Gather, "gather", &[0, 5, 8, 9, 10]),
+            each(EntryPoint::Interpolate, "interpolate", &[0, 1, 10, 11, 12]),
+            each(EntryPoint::Add, "add", &[0, 5, 7, 10]),
         ],
     },
     Kernel {
@@ -163,8 +171,8 @@ pub(super) const KERNELS: [Kernel; 10] = [
             bind(6, "values", Write(VECTOR)),
         ],
         entries: &[
-            each(Pass::Averages, "averages", &[0, 1, 2, 3, 4, 6]),
-            each(Pass::Differences, "differences", &[1, 3, 4, 5, 6]),
+            each(EntryPoint::Averages, "averages", &[0, 1, 2, 3, 4, 6]),
+            each(EntryPoint::Differences, "differences", &[1, 3, 4, 5, 6]),
         ],
     },
 ];

@@ -37,7 +37,7 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(8, "occluded_irradiances", Write(VECTOR)),
         ],
         entries: &[each(
-            Pass::SoftShadow,
+            EntryPoint::SoftShadow,
             "soft_shadow",
             &[0, 1, 2, 3, 4, 5, 6, 7, 8],
         )],
@@ -59,13 +59,17 @@ pub(super) const KERNELS: [Kernel; 16] = [
         bindings: &SPLAT_BINDINGS,
         entries: &[
             each(
-                Pass::SplatNodes,
+                EntryPoint::SplatNodes,
                 "evaluate_list",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
             ),
-            tile(Pass::Splat, "first_scene", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
             tile(
-                Pass::SplatOver,
+                EntryPoint::Splat,
+                "first_scene",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+            ),
+            tile(
+                EntryPoint::SplatOver,
                 "next_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
@@ -88,12 +92,12 @@ pub(super) const KERNELS: [Kernel; 16] = [
         bindings: &SPLAT_BINDINGS,
         entries: &[
             each(
-                Pass::ProbeNodes,
+                EntryPoint::ProbeNodes,
                 "evaluate_list",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
             ),
             tile(
-                Pass::ProbeOver,
+                EntryPoint::ProbeOver,
                 "next_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
@@ -114,8 +118,8 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(8, "wall_distances", Read(size_of::<WallDistances>())),
             bind(9, "voxels", Voxels),
         ],
-        entries: &[Entry {
-            pass: Pass::Volume,
+        entries: &[ComputeEntry {
+            id: EntryPoint::Volume,
             name: "volume",
             workgroup: [4, 4, 4],
             items: 64,
@@ -137,11 +141,11 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(8, "vpls", Write(size_of::<Vpl>())),
         ],
         entries: &[
-            tile(Pass::RsmTexels, "texels", &[0, 1, 2, 3]),
-            each(Pass::RsmShadow, "shadow", &[3, 4, 5, 6]),
+            tile(EntryPoint::RsmTexels, "texels", &[0, 1, 2, 3]),
+            each(EntryPoint::RsmShadow, "shadow", &[3, 4, 5, 6]),
             // One workgroup for all texels of a light.
-            Entry {
-                pass: Pass::RsmSelect,
+            ComputeEntry {
+                id: EntryPoint::RsmSelect,
                 name: "select_vpls",
                 workgroup: [rsm::CHUNKS as u32, 1, 1],
                 items: u32::MAX,
@@ -182,12 +186,16 @@ pub(super) const KERNELS: [Kernel; 16] = [
         ],
         entries: &[
             each(
-                Pass::VplNodes,
+                EntryPoint::VplNodes,
                 "evaluate_list",
                 &[0, 1, 2, 3, 4, 5, 6, 10, 11, 12, 13, 14],
             ),
-            tile(Pass::Vpl, "first_scene", &[0, 1, 2, 3, 4, 5, 6, 8]),
-            tile(Pass::VplOver, "next_scene", &[0, 1, 2, 3, 4, 5, 6, 8, 9]),
+            tile(EntryPoint::Vpl, "first_scene", &[0, 1, 2, 3, 4, 5, 6, 8]),
+            tile(
+                EntryPoint::VplOver,
+                "next_scene",
+                &[0, 1, 2, 3, 4, 5, 6, 8, 9],
+            ),
         ],
     },
     Kernel {
@@ -201,8 +209,8 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(4, "cells", Write(CELL)),
         ],
         entries: &[
-            tile(Pass::PyramidBase, "base", &[0, 2, 3, 4]),
-            tile(Pass::PyramidReduce, "reduce", &[0, 1, 4]),
+            tile(EntryPoint::PyramidBase, "base", &[0, 2, 3, 4]),
+            tile(EntryPoint::PyramidReduce, "reduce", &[0, 1, 4]),
         ],
     },
     Kernel {
@@ -228,8 +236,8 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(8, "next", Write(4)),
         ],
         entries: &[
-            each(Pass::RefineStart, "start", &[0, 6, 8]),
-            each(Pass::Refine, "refine", &[0, 1, 3, 4, 5, 6, 7, 8]),
+            each(EntryPoint::RefineStart, "start", &[0, 6, 8]),
+            each(EntryPoint::Refine, "refine", &[0, 1, 3, 4, 5, 6, 7, 8]),
         ],
     },
     Kernel {
@@ -247,9 +255,9 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(8, "counted", Read(4)),
         ],
         entries: &[
-            tile(Pass::Upsample, "upsample", &[0, 1, 2, 3, 4]),
-            tile(Pass::Resolve, "resolve", &[0, 2, 3, 4, 5, 6, 7]),
-            each(Pass::Fill, "fill", &[0, 2, 3, 4, 5, 7, 8]),
+            tile(EntryPoint::Upsample, "upsample", &[0, 1, 2, 3, 4]),
+            tile(EntryPoint::Resolve, "resolve", &[0, 2, 3, 4, 5, 6, 7]),
+            each(EntryPoint::Fill, "fill", &[0, 2, 3, 4, 5, 7, 8]),
         ],
     },
     Kernel {
@@ -283,12 +291,12 @@ pub(super) const KERNELS: [Kernel; 16] = [
         ],
         entries: &[
             tile(
-                Pass::VplSpecular,
+                EntryPoint::VplSpecular,
                 "vpl_specular",
                 &[0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12],
             ),
             tile(
-                Pass::VplSpecularPixels,
+                EntryPoint::VplSpecularPixels,
                 "vpl_specular_pixels",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
             ),
@@ -326,12 +334,12 @@ pub(super) const KERNELS: [Kernel; 16] = [
         ],
         entries: &[
             tile(
-                Pass::SubtractShadow,
+                EntryPoint::SubtractShadow,
                 "first_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
             ),
             tile(
-                Pass::SubtractShadowOver,
+                EntryPoint::SubtractShadowOver,
                 "next_scene",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
             ),
@@ -349,7 +357,7 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(5, "radiosity", Read(VEC4)),
             bind(6, "expansions", Write(VEC4)),
         ],
-        entries: &[node(Pass::FmmUp, "up", &[0, 1, 2, 3, 4, 5, 6])],
+        entries: &[node(EntryPoint::FmmUp, "up", &[0, 1, 2, 3, 4, 5, 6])],
     },
     Kernel {
         name: "fmm_down",
@@ -367,9 +375,13 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(9, "values", Write(VECTOR)),
         ],
         entries: &[
-            node(Pass::FmmReceive, "receive", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
             node(
-                Pass::FmmEvaluate,
+                EntryPoint::FmmReceive,
+                "receive",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+            ),
+            node(
+                EntryPoint::FmmEvaluate,
                 "evaluate",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
@@ -383,8 +395,8 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(1, "voxels", Space),
             bind(2, "light", Voxels),
         ],
-        entries: &[Entry {
-            pass: Pass::FogInscatter,
+        entries: &[ComputeEntry {
+            id: EntryPoint::FogInscatter,
             name: "fog_inscatter",
             workgroup: [4, 4, 4],
             items: 64,

@@ -47,7 +47,7 @@ pub(crate) type PassKind = crate::plan::PassKind<Recording>;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Recording {
     /// Kernels that count as this stage.
-    pub kernels: &'static [gpu::Pass],
+    pub kernels: &'static [gpu::EntryPoint],
     /// Counter of draws of this stage. `None` if it draws nothing.
     pub draws: Option<fn(&GpuCounters) -> u64>,
     /// The recording itself.

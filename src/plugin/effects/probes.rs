@@ -36,7 +36,7 @@ pub(super) const EFFECT: Effect = Effect {
             timing: Timing::With(FrameStage::SPLAT),
             work: |_, _| Work::Uncounted,
             record: Recording {
-                kernels: &[gpu::Pass::ProbeNodes, gpu::Pass::ProbeOver],
+                kernels: &[gpu::EntryPoint::ProbeNodes, gpu::EntryPoint::ProbeOver],
                 draws: None,
                 how: Record::Layer(LayerRecording {
                     prepare,

@@ -24,7 +24,7 @@ pub(super) const EFFECT: Effect = Effect {
             })
         },
         record: Recording {
-            kernels: &[gpu::Pass::Project],
+            kernels: &[gpu::EntryPoint::Project],
             draws: None,
             how: Record::Scene(record),
         },

@@ -29,7 +29,10 @@ pub(super) const EFFECT: Effect = Effect {
         timing: Timing::With(FrameStage::SUBTRACT_SHADOW),
         work: |state, pass| Work::Pixels(state.pixels(pass.view)),
         record: Recording {
-            kernels: &[gpu::Pass::SubtractShadow, gpu::Pass::SubtractShadowOver],
+            kernels: &[
+                gpu::EntryPoint::SubtractShadow,
+                gpu::EntryPoint::SubtractShadowOver,
+            ],
             draws: None,
             how: Record::View(record),
         },

@@ -71,7 +71,7 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 
 fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     let frame = ctx.runtime.frame.as_ref();
-    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::Pass::Apply)) {
+    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::EntryPoint::Apply)) {
         let zeros = ctx.runtime.states.take().unwrap_or_else(|| {
             Zeros(ctx.kernels.device().create_buffer(&wgpu::BufferDescriptor {
                 label: Some("zeros"),

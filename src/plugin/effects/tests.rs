@@ -415,7 +415,7 @@ fn effect_names_are_unique() {
 #[test]
 fn every_kernel_counts_as_one_stage() {
     let kinds = || EFFECTS.iter().flat_map(|effect| effect.passes);
-    for kernel in gpu::Pass::ALL {
+    for kernel in gpu::EntryPoint::ALL {
         let stages = kinds().filter(|kind| kind.record.kernels.contains(&kernel));
         assert_eq!(stages.count(), 1, "{kernel:?}");
     }
@@ -503,7 +503,10 @@ fn run(effects: &[Effect], scene: &ExtractedScene, device: &HeadlessDevice) -> (
         .expect("a frame");
     let (buffers, _) = runtime.states.size();
     let frame = runtime.frame.expect("uploaded");
-    let values = frame.buffers().output(gpu::Pass::Apply).expect("values");
+    let values = frame
+        .buffers()
+        .output(gpu::EntryPoint::Apply)
+        .expect("values");
     let count = (values.size() / 4) as usize;
     let values: Vec<f32> = device.read(values, count).expect("read");
     (plan, values.iter().map(|v| v.abs()).sum(), buffers)

@@ -26,14 +26,14 @@ pub(super) const EFFECT: Effect = Effect {
             work: |_, _| Work::Uncounted,
             record: Recording {
                 kernels: &[
-                    gpu::Pass::Radiosity,
-                    gpu::Pass::Pull,
-                    gpu::Pass::Push,
-                    gpu::Pass::Compress,
-                    gpu::Pass::Sweep,
-                    gpu::Pass::Gather,
-                    gpu::Pass::Spread,
-                    gpu::Pass::Add,
+                    gpu::EntryPoint::Radiosity,
+                    gpu::EntryPoint::Pull,
+                    gpu::EntryPoint::Push,
+                    gpu::EntryPoint::Compress,
+                    gpu::EntryPoint::Sweep,
+                    gpu::EntryPoint::Gather,
+                    gpu::EntryPoint::Interpolate,
+                    gpu::EntryPoint::Add,
                 ],
                 draws: None,
                 how: Record::Scene(record_bounces),
@@ -52,11 +52,11 @@ pub(super) const EFFECT: Effect = Effect {
             record: Recording {
                 // Expansions of the octree replace the operator.
                 kernels: &[
-                    gpu::Pass::Apply,
-                    gpu::Pass::ApplyOne,
-                    gpu::Pass::FmmUp,
-                    gpu::Pass::FmmReceive,
-                    gpu::Pass::FmmEvaluate,
+                    gpu::EntryPoint::Apply,
+                    gpu::EntryPoint::ApplyOne,
+                    gpu::EntryPoint::FmmUp,
+                    gpu::EntryPoint::FmmReceive,
+                    gpu::EntryPoint::FmmEvaluate,
                 ],
                 draws: None,
                 how: Record::Scene(record_apply),
@@ -68,7 +68,7 @@ pub(super) const EFFECT: Effect = Effect {
             timing: Timing::Solve(FrameStage::APPLY),
             work: |_, _| Work::Uncounted,
             record: Recording {
-                kernels: &[gpu::Pass::Averages, gpu::Pass::Differences],
+                kernels: &[gpu::EntryPoint::Averages, gpu::EntryPoint::Differences],
                 draws: None,
                 how: Record::Scene(record_flatten),
             },

@@ -164,7 +164,7 @@ fn piece(
             corners.swap(1, 2);
         }
         let triangle = corners.map(|v| in_root[v as usize]);
-        if !TriangleMesh::keeps(&triangle) {
+        if !TriangleMesh::is_valid_triangle(&triangle) {
             // Triangles without area are common in good meshes.
             bad += u64::from(!is_usable(&triangle));
             continue;
@@ -200,7 +200,7 @@ fn is_usable(triangle: &[Vec3; 3]) -> bool {
     // A triangle with an area, at each corner.
     let near = |p: Vec3| {
         let step = 1e-3 * p.abs().max_element().max(1.0);
-        TriangleMesh::keeps(&[p, p + step * Vec3::X, p + step * Vec3::Y])
+        TriangleMesh::is_valid_triangle(&[p, p + step * Vec3::X, p + step * Vec3::Y])
     };
     a.is_finite() && triangle.iter().all(|p| near(*p))
 }

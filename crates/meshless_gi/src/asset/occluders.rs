@@ -68,8 +68,8 @@ pub(super) const KINDS: [Kind; 5] = [
         max: PackedLinkTerm::MAX_SETS as u64,
         ..kind::<u64>(52, "occluder sets", SET)
     },
-    kind::<PackedLinkTerm>(53, "passages", LINK_TERM),
-    kind::<PackedLinkTerm>(54, "probe passages", LINK_TERM),
+    kind::<PackedLinkTerm>(53, "occluded link terms", LINK_TERM),
+    kind::<PackedLinkTerm>(54, "occluded probe link terms", LINK_TERM),
 ];
 
 /// Returns the sections of `occluders`. Their triangles are the last of `bvh`. `kinds` are the
@@ -123,7 +123,7 @@ pub(super) fn read(
         return Err(section_error(&kinds[1], found));
     };
     for (triangle, number) in triangles[first..].iter_mut().zip(numbers) {
-        (triangle.occluder, triangle.gain) = (number, 1.0);
+        (triangle.occluder, triangle.transmittance) = (number, 1.0);
     }
     Ok(Some(Occluders {
         names: ron::from_str(names).map_err(|e| section_error(&kinds[0], e))?,
@@ -134,19 +134,22 @@ pub(super) fn read(
 }
 
 impl SceneData {
-    /// Checks that every lookup of the kernel `occlude` stays within the arrays, and that no gains
-    /// create light.
+    /// Checks that every lookup of the kernel `occlude` stays within the arrays, and that no
+    /// transmittances create light.
     pub(super) fn check_occluders(&self, check: &mut Check) {
         let known = self.occluders.as_ref().map_or(0, |o| o.names.len());
         let triangles = &self.bvh.triangles;
         let first = triangles.iter().take_while(|t| t.occluder == 0).count();
         for (i, t) in triangles.iter().enumerate() {
             let sound = match i < first {
-                true => t.gain == 0.0,
-                false => (1..=known).contains(&(t.occluder as usize)) && t.gain == 1.0,
+                true => t.transmittance == 0.0,
+                false => (1..=known).contains(&(t.occluder as usize)) && t.transmittance == 1.0,
             };
             check.item(sound, "occluder triangles", i, || {
-                format!("of occluder {} of {known}, gain {}", t.occluder, t.gain)
+                format!(
+                    "of occluder {} of {known}, transmittance {}",
+                    t.occluder, t.transmittance
+                )
             });
         }
         let Some(occluders) = &self.occluders else {
@@ -184,18 +187,24 @@ impl SceneData {
         let form = self.operator.form == SenderForm::Averages
             && self.bounces.is_none()
             && self.fmm.is_none();
-        check.whole(form, "passages", || {
+        check.whole(form, "occluded link terms", || {
             "are present, but require method `bounded` and bounce mode `runtime`".into()
         });
         check_link_terms(
             check,
-            "passages",
+            "occluded link terms",
             &occluders.links,
             &self.operator.links,
             count,
         );
         let space = self.probes.as_ref().map_or(&[][..], |p| &p.links);
-        check_link_terms(check, "probe passages", &occluders.probes, space, count);
+        check_link_terms(
+            check,
+            "occluded probe link terms",
+            &occluders.probes,
+            space,
+            count,
+        );
         if !check.0.is_empty() {
             return;
         }
@@ -205,7 +214,7 @@ impl SceneData {
             let sum = self.max_row_sum(row, links, &occluders.links, |v| {
                 Vec3::splat(v.dot(n).abs())
             });
-            check.item(sum.x <= MAX_ROW_SUM, "passages", i, || {
+            check.item(sum.x <= MAX_ROW_SUM, "occluded link terms", i, || {
                 format!("of row {i} sum to {}, at most {MAX_ROW_SUM}", sum.x)
             });
         }
@@ -215,26 +224,26 @@ impl SceneData {
             let max = MAX_PROBE_COEFFICIENT + TOLERANCE;
             check.item(
                 sum.max_element() <= max,
-                "probe passages",
+                "occluded probe link terms",
                 i / PROBE_ROWS,
                 || format!("sum to {sum}, at most {max}"),
             );
         }
     }
 
-    /// Returns the largest sum of a row's links for any gains. `size` returns the magnitude of a
-    /// link. Links with terms count by the magnitudes of their terms. The sky's terms have signs
-    /// and are parts of its light, so they do not count.
+    /// Returns the largest sum of a row's links for any transmittances. `size` returns the
+    /// magnitude of a link. Links with terms count by the magnitudes of their terms. The sky's
+    /// terms have signs and are parts of its light, so they do not count.
     fn max_row_sum(
         &self,
         row: &Row,
         links: &[Link],
-        passages: &[PackedLinkTerm],
+        terms: &[PackedLinkTerm],
         size: impl Fn(Vec3) -> Vec3,
     ) -> Vec3 {
         let range = row.start..row.start + row.count;
         let of_row = |p: &PackedLinkTerm| p.link < range.start;
-        let mut parts = &passages[passages.partition_point(of_row)..];
+        let mut parts = &terms[terms.partition_point(of_row)..];
         let mut sum = Vec3::ZERO;
         for at in range.clone() {
             let link = links[at as usize];
@@ -255,12 +264,12 @@ impl SceneData {
 fn check_link_terms(
     check: &mut Check,
     location: &'static str,
-    passages: &[PackedLinkTerm],
+    terms: &[PackedLinkTerm],
     links: &[Link],
     sets: usize,
 ) {
     let mut before: Option<(u32, u32)> = None;
-    for (i, p) in passages.iter().enumerate() {
+    for (i, p) in terms.iter().enumerate() {
         let now = (p.link, p.set());
         check.item(before < Some(now), location, i, || {
             format!("link {} and set {} do not ascend", p.link, p.set())
@@ -286,7 +295,7 @@ fn check_link_terms(
         return;
     }
     let mut at = 0;
-    for own in passages.chunk_by(|a, b| a.link == b.link) {
+    for own in terms.chunk_by(|a, b| a.link == b.link) {
         let link = links[own[0].link as usize];
         let sum = link_of_parts(own.iter().map(|p| p.vector()), link.sender());
         check.item(sum == link, location, at, || {

@@ -71,7 +71,8 @@ pub struct BakedStats {
     /// Occluders. 0 without occluders.
     pub occluders: u64,
     /// Terms of links that occluders block.
-    pub passages: u64,
+    #[serde(rename = "passages")]
+    pub occluded_link_terms: u64,
     /// Terms of a non-uniform sky. 0 for a uniform sky.
     pub sky_terms: u64,
     /// Bytes of all arrays.
@@ -94,7 +95,7 @@ impl SceneData {
             probe_links: probes.map_or(0, |p| p.links.len() as u64),
             materials: (self.materials.as_ref()).map_or(0, |m| m.factors.len() as u64),
             occluders: (self.occluders.as_ref()).map_or(0, |o| o.names.len() as u64),
-            passages: (self.occluders.as_ref())
+            occluded_link_terms: (self.occluders.as_ref())
                 .map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
             material_shares: (self.materials.as_ref()).map_or(0, |m| m.shares.len() as u64),
             sky_terms: self.sky_terms() as u64,

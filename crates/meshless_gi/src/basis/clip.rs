@@ -12,16 +12,18 @@
 //! Further rays therefore search walls along the tangent plane of each center. Behind each wall,
 //! rays search surface positions, also under covers.
 //!
-//! A function ends with its layer ([`Layer`]): its first planes are those of the layer. A position
-//! of another layer counts as blocked, even if it is visible from the center. A plane at the edge
-//! of a cover cuts off the surface below it. A plane half-way in height cuts off the surface above
-//! or below a step.
+//! A function ends with its layer ([`SurfaceLayer`]): its first planes are those of the layer. A
+//! position of another layer counts as blocked, even if it is visible from the center. A plane at
+//! the edge of a cover cuts off the surface below it. A plane half-way in height cuts off the
+//! surface above or below a step.
 
 use super::kernel::{before, is_occluder_plane, kernel, plane_at};
 use super::layer_edge::edge_plane;
 use super::visibility::{ORIGIN_HEIGHT, visibility_origin_height};
 use super::{LevelBasis, support_bounds};
-use crate::samples::{Candidate, F_SQUASH, HashedGrid, Layer, Point, dist, free_height, tangents};
+use crate::samples::{
+    Candidate, F_SQUASH, HashedGrid, Point, SurfaceLayer, dist, free_height, tangents,
+};
 use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -145,8 +147,8 @@ fn clip_planes(
     let closed = geometry.with_occluders_closed().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let reach = SUPPORT_HEIGHT * radius;
-    let layer = Layer::new(geometry, x_j, n_j, reach);
-    *rays += Layer::RAYS;
+    let layer = SurfaceLayer::new(geometry, x_j, n_j, reach);
+    *rays += SurfaceLayer::RAYS;
     let lift = (ORIGIN_HEIGHT * radius).max(closed.ray_offset(x_j));
     let height = visibility_origin_height(closed, x_j, n_j, radius, rays);
     let eye = x_j + n_j * height;
@@ -174,8 +176,8 @@ fn clip_planes(
         let free = surrounding.free_height(geometry, reach, rays);
         let is_covered = !layer.has_similar_height(free);
         let is_apart = hit.is_none() && !is_covered && !layer.is_level_with(x, n) && {
-            *rays += Layer::RAYS;
-            !layer.is_shared_with(&Layer::new(geometry, x, n, reach))
+            *rays += SurfaceLayer::RAYS;
+            !layer.is_shared_with(&SurfaceLayer::new(geometry, x, n, reach))
         };
         if let Some(hit) = hit {
             candidates.push(plane_at(&closed.barrier(&ray, &hit), radius));

@@ -13,8 +13,8 @@ use super::kernel::{before, is_occluder_plane};
 use super::visibility::Viewer;
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
 use crate::samples::{
-    Candidate, F_SQUASH, Layer, Point, dist, free_height, has_similar_height, local_candidates,
-    trace_particles,
+    Candidate, F_SQUASH, Point, SurfaceLayer, dist, free_height, has_similar_height,
+    local_candidates, trace_particles,
 };
 use crate::scene::Geometry;
 use glam::{Vec3, Vec4};
@@ -82,7 +82,7 @@ impl Hierarchy {
             })
             .collect();
         let (mut flat, rays) = with_planes(geometry, points, &[&around], settings.clip);
-        let opened = open(geometry, &mut flat, &samples, &nearest);
+        let opened = remove_blocking_planes(geometry, &mut flat, &samples, &nearest);
         (flat, rays + traced.rays + extra_rays + seen + opened)
     }
 
@@ -151,7 +151,7 @@ impl Hierarchy {
             let is_reached = !geometry.occluded(from, self.origins[i as usize])
                 && (d <= own
                     || !nearest.is_empty()
-                    || shares_layer(geometry, point, x, n, &mut rays));
+                    || has_same_layer(geometry, point, x, n, &mut rays));
             if is_reached {
                 nearest.push((i, d));
                 // At a sparsely covered position, distant functions are left out.
@@ -167,7 +167,7 @@ impl Hierarchy {
 /// Removes clip planes that leave a position without any function. They are the planes of the
 /// nearest function in the position's layer whose own level reaches the position. Planes of
 /// occluders stay. Returns the number of rays cast.
-fn open(
+fn remove_blocking_planes(
     geometry: &dyn Geometry,
     flat: &mut LevelBasis,
     samples: &[(Vec3, Vec3, f32)],
@@ -214,9 +214,15 @@ fn open(
 }
 
 /// Returns `true` if a position (x, n) is in the layer of a point. Adds the rays cast to `rays`.
-fn shares_layer(geometry: &dyn Geometry, point: &Point, x: Vec3, n: Vec3, rays: &mut u64) -> bool {
+fn has_same_layer(
+    geometry: &dyn Geometry,
+    point: &Point,
+    x: Vec3,
+    n: Vec3,
+    rays: &mut u64,
+) -> bool {
     let reach = point.radius / (1.0 + F_SQUASH);
-    *rays += 2 * Layer::RAYS;
-    let own = Layer::new(geometry, point.x(), point.n(), reach);
-    own.is_shared_with(&Layer::new(geometry, x, n, reach))
+    *rays += 2 * SurfaceLayer::RAYS;
+    let own = SurfaceLayer::new(geometry, point.x(), point.n(), reach);
+    own.is_shared_with(&SurfaceLayer::new(geometry, x, n, reach))
 }

@@ -303,7 +303,7 @@ impl Hierarchy {
                 found.clear();
                 if l > 0 {
                     let (x, n) = (self.surfaces[i].position, self.surfaces[i].normal);
-                    let near = self.senders[l - 1].grid.near(x);
+                    let near = self.senders[l - 1].grid.indices_near(x);
                     self.raw_sender_weights(l - 1, near, x, n, self.is_on_emitter(i), found);
                 }
                 let first = if l > 0 { self.level_starts[l - 1] } else { 0 };

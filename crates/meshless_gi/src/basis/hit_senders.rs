@@ -81,7 +81,7 @@ impl Hierarchy {
             return false;
         }
         for l in (0..levels).rev() {
-            let near = self.senders[l].grid.near(x);
+            let near = self.senders[l].grid.indices_near(x);
             if self.sender_weights(l, near, x, n, hit.is_emitter, &mut level) {
                 self.offset(l, &mut level);
                 out.append(&mut level);
@@ -104,7 +104,14 @@ impl Hierarchy {
         let radii = self.senders[..levels].iter().map(LevelBasis::radius);
         let viewer = Viewer::new(geometry, x, n, radii.fold(0.0, f32::max));
         for l in (0..levels - 1).rev() {
-            self.raw_sender_weights(l, self.senders[l].grid.near(x), x, n, hit.is_emitter, out);
+            self.raw_sender_weights(
+                l,
+                self.senders[l].grid.indices_near(x),
+                x,
+                n,
+                hit.is_emitter,
+                out,
+            );
             self.retain_visible(geometry, l, &viewer, out);
             if !out.is_empty() {
                 self.offset(l, out);
@@ -130,7 +137,7 @@ impl Hierarchy {
             let level = &self.senders[l];
             let first = self.level_starts[l];
             let mut near: Vec<(f32, u32)> = Vec::new();
-            for &j in level.grid.near(x) {
+            for &j in level.grid.indices_near(x) {
                 let point = &level.points[j as usize];
                 let (cosine, squared, inside) = reach(point, x, n);
                 if inside && self.is_on_emitter((first + j) as usize) == hit.is_emitter {
@@ -237,7 +244,7 @@ mod tests {
     fn back_of_single_sided_surface_has_no_sender() {
         let (mesh, hierarchy) = wall_between_functions();
         let front = far_hit(Vec3::new(0.1, 0.0, 0.0));
-        let near = hierarchy.senders[0].grid.near(front.position);
+        let near = hierarchy.senders[0].grid.indices_near(front.position);
         let mut found = Vec::new();
         let mut count = |is_lit: bool| {
             let hit = GatherHit { is_lit, ..front };
@@ -255,7 +262,7 @@ mod tests {
     fn near_hit_has_visible_senders() {
         let (mesh, hierarchy) = wall_between_functions();
         // Grid list of the coarse level alone.
-        let near = hierarchy.senders[0].grid.near(Vec3::ZERO);
+        let near = hierarchy.senders[0].grid.indices_near(Vec3::ZERO);
         let mut found = Vec::new();
         let mut count = |distance: f32| {
             let hit = GatherHit {
@@ -275,7 +282,7 @@ mod tests {
         let mut found = Vec::new();
         let mut senders = |x: f32| {
             let hit = far_hit(Vec3::new(x, 0.0, 0.0));
-            let near = hierarchy.senders[1].grid.near(hit.position);
+            let near = hierarchy.senders[1].grid.indices_near(hit.position);
             hierarchy.hit_senders(&mesh, 2, near, &hit, &mut found);
             let sum: f32 = found.iter().map(|w| w.weight).sum();
             assert!(found.is_empty() || (sum - 1.0).abs() < 1e-5);
@@ -298,7 +305,7 @@ mod tests {
             }
         }
         let hit = far_hit(Vec3::new(0.2, 0.0, 0.1));
-        let near = hierarchy.senders[1].grid.near(hit.position);
+        let near = hierarchy.senders[1].grid.indices_near(hit.position);
         let mut found = Vec::new();
         assert!(hierarchy.hit_senders(&mesh, 2, near, &hit, &mut found));
         assert_eq!(

@@ -71,7 +71,7 @@ impl LevelBasis {
     /// not normalized, to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
-        self.raw_weights_among(self.grid.near(x), x, n, out)
+        self.raw_weights_among(self.grid.indices_near(x), x, n, out)
     }
 
     /// Computes [`raw_weights`](Self::raw_weights) with the functions that the grid lists near `x`.
@@ -112,7 +112,7 @@ impl LevelBasis {
     /// `out`.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
-        self.weights_among(self.grid.near(x), x, n, out)
+        self.weights_among(self.grid.indices_near(x), x, n, out)
     }
 
     /// Computes [`weights`](Self::weights) with the functions that the grid lists near `x`.

@@ -164,7 +164,7 @@ impl<'a> Evaluator<'a> {
             Some((e, cover)) => {
                 let (e, share) = (
                     e.dot(n).max(Vec3::ZERO),
-                    splat::share(cover, splat::FULL_COVER),
+                    splat::surface_fraction(cover, splat::FULL_COVER),
                 );
                 let rest = (share < 1.0).then(|| self.probe_irradiance(x, n)).flatten();
                 Some(rest.map_or(e, |space| space.lerp(e, share)))
@@ -226,11 +226,11 @@ pub(crate) fn solve(
         frame.solve(scene, &baked);
         return (frame, None);
     }
-    let live = FrameSettings {
+    let runtime = FrameSettings {
         baked_bounces: false,
         ..*settings
     };
-    let count = sweep(scene, &mut frame, &live, bounces);
+    let count = sweep(scene, &mut frame, &runtime, bounces);
     (frame, count)
 }
 

@@ -1,4 +1,4 @@
-//! Kernel `bounce`: radiosity of the senders after further reflections. Live bounces: one Jacobi
+//! Kernel `bounce`: radiosity of the senders after further reflections. Runtime bounces: one Jacobi
 //! step of f = f⁰ + ρ G f on the finest sender level (design D2 (b)). Baked bounces: f = f⁰ + P D
 //! f⁰, with D on the coarsest points only (\[L08\] §3.2, design D2 (a)).
 
@@ -10,7 +10,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Computes one live bounce, f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j). Updates the senders of the finest
+/// Computes one bounce, f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j). Updates the senders of the finest
 /// sender level and coarser senders without a row in `pull`. The direct sky irradiance is
 /// subtracted from E⃗_j, because f⁰_j already reflects it. Rows of differences have no link to the
 /// sky.
@@ -57,7 +57,7 @@ pub fn gather(starts: &[u32], links: &[BounceLink], direct: &[[f32; 4]], further
 /// Computes the second step of baked bounces: interpolates d to the senders of `level`, coarse
 /// levels first. If the parents are those of all coarser levels, only the coarsest ones count,
 /// because d has no differences on the others.
-pub fn spread(
+pub fn interpolate(
     params: &SolveParams,
     parents: &Weights,
     level: Range<usize>,

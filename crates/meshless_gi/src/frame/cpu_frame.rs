@@ -65,7 +65,7 @@ pub struct CpuFrame {
 /// Scene data that depends on the occluders.
 #[derive(Clone, Debug)]
 struct Occluded {
-    gains: Vec<f32>,
+    transmittances: Vec<f32>,
     links: Vec<Link>,
     probe_links: Vec<Link>,
     bvh: Bvh,
@@ -119,7 +119,8 @@ impl CpuFrame {
         let (extent, sample_spacing) = (project::extent(scene), project::sample_spacing(scene));
         let mut count = 0;
         for (slot, light) in lights.iter().enumerate() {
-            if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
+            if light.kind == FrameLight::NONE || light.has_same_geometry(&self.projected_for[slot])
+            {
                 continue;
             }
             let out = &mut self.projected[slot * senders..(slot + 1) * senders];
@@ -144,12 +145,12 @@ impl CpuFrame {
     pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
         let scene = scene.data();
         self.check(scene);
-        let Some(live) = &scene.materials else {
+        let Some(dynamic) = &scene.materials else {
             return false;
         };
-        let factors = sanitize_factors(live, factors);
+        let factors = sanitize_factors(dynamic, factors);
         let now = match self.factors.is_empty() {
-            true => &live.factors,
+            true => &dynamic.factors,
             false => &self.factors,
         };
         if factors == *now {
@@ -163,33 +164,37 @@ impl CpuFrame {
     /// Sets the transmittance of each occluder, in [0, 1]. Missing ones are open. Bakes without
     /// occluders ignore it. Returns `true` if a value changed. The lights are then projected again,
     /// and the next [`solve`](Self::solve) runs.
-    pub fn set_occluders(&mut self, scene: &BakedScene, gains: &[f32]) -> bool {
+    pub fn set_occluders(&mut self, scene: &BakedScene, transmittances: &[f32]) -> bool {
         let data = scene.data();
         self.check(data);
         let Some(known) = &data.occluders else {
             return false;
         };
-        let gains = sanitize_transmittances(known, gains);
+        let transmittances = sanitize_transmittances(known, transmittances);
         let same = match &self.occluded {
-            Some(now) => now.gains == gains,
-            None => gains.iter().all(|&g| g == 1.0),
+            Some(now) => now.transmittances == transmittances,
+            None => transmittances.iter().all(|&g| g == 1.0),
         };
         if same {
             return false;
         }
         let probe_links = data.probes.as_ref().map_or(&[][..], |p| &p.links);
         let occluded = self.occluded.get_or_insert_with(|| Occluded {
-            gains: Vec::new(),
+            transmittances: Vec::new(),
             links: data.operator.links.clone(),
             probe_links: probe_links.to_vec(),
             bvh: data.bvh.clone(),
             sky_visibility: Vec::new(),
         });
-        let transmittances = occluder_set_transmittances(known, &gains);
-        occlude(&known.links, &transmittances, &mut occluded.links);
-        occlude(&known.probes, &transmittances, &mut occluded.probe_links);
-        occluded.bvh.set_transmittances(&gains);
-        occluded.gains = gains;
+        let set_transmittances = occluder_set_transmittances(known, &transmittances);
+        occlude(&known.links, &set_transmittances, &mut occluded.links);
+        occlude(
+            &known.probes,
+            &set_transmittances,
+            &mut occluded.probe_links,
+        );
+        occluded.bvh.set_transmittances(&transmittances);
+        occluded.transmittances = transmittances;
         self.update_surfaces(data);
         self.projected_for.fill(FrameLight::default());
         let lights = std::mem::take(&mut self.lights);
@@ -199,11 +204,12 @@ impl CpuFrame {
 
     /// Recomputes the senders' surfaces for the current materials and occluders.
     fn update_surfaces(&mut self, scene: &SceneData) {
-        let transmittances = match (&self.occluded, &scene.occluders) {
-            (Some(now), Some(known)) => occluder_set_transmittances(known, &now.gains),
+        let set_transmittances = match (&self.occluded, &scene.occluders) {
+            (Some(now), Some(known)) => occluder_set_transmittances(known, &now.transmittances),
             _ => Vec::new(),
         };
-        let (surfaces, sky_visibility) = current_surfaces(scene, &self.factors, &transmittances);
+        let (surfaces, sky_visibility) =
+            current_surfaces(scene, &self.factors, &set_transmittances);
         self.surfaces = surfaces;
         if let Some(occluded) = &mut self.occluded {
             occluded.sky_visibility = sky_visibility;
@@ -246,7 +252,7 @@ impl CpuFrame {
                 &mut self.further,
             );
             for level in steps.senders.iter().skip(1) {
-                bounce::spread(&params, &scene.parents, level.clone(), &mut self.further);
+                bounce::interpolate(&params, &scene.parents, level.clone(), &mut self.further);
             }
             bounce::add(&params, &self.direct, &self.further, &mut self.senders);
         }

@@ -177,9 +177,9 @@ pub fn fog(
 ) -> Vec3 {
     let fog_from_view = Mat4::from_cols_array_2d(&params.fog_from_view);
     let voxels_from_view = Mat4::from_cols_array_2d(&params.voxels_from_view);
-    let ray = Ray::new(params, pixel, depth);
-    let whole = ray.within(&fog_from_view, Vec3::splat(-0.5), Vec3::splat(0.5));
-    let lit = ray.within(&voxels_from_view, params.low.into(), params.high.into());
+    let ray = FogRay::new(params, pixel, depth);
+    let whole = ray.range_in_box(&fog_from_view, Vec3::splat(-0.5), Vec3::splat(0.5));
+    let lit = ray.range_in_box(&voxels_from_view, params.low.into(), params.high.into());
     let lit = [lit[0].max(whole[0]), lit[1].min(whole[1])];
     if lit[1] <= lit[0] {
         return Vec3::ZERO;
@@ -227,7 +227,7 @@ fn transmittance_to(
     let before = enters - whole[0];
     let steps = match params.textured {
         0 => 1,
-        _ => share(params, before / (whole[1] - whole[0])),
+        _ => steps_of_part(params, before / (whole[1] - whole[0])),
     };
     let part = before / steps as f32;
     let through: f32 = (0..steps)
@@ -236,9 +236,9 @@ fn transmittance_to(
     (-through * params.extinction * part).exp()
 }
 
-/// Returns the number of a view's steps per ray that belong to a share of the ray.
-fn share(params: &FogParams, share: f32) -> u32 {
-    ((params.steps as f32 * share).ceil() as u32).clamp(1, params.steps)
+/// Returns the number of a view's steps per ray that belong to this part of the ray.
+fn steps_of_part(params: &FogParams, part: f32) -> u32 {
+    ((params.steps as f32 * part).ceil() as u32).clamp(1, params.steps)
 }
 
 /// Returns the number of steps of the ray inside the scene. A step has a length of [`STEP_VOXELS`]
@@ -248,7 +248,7 @@ fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     let by_light = (length / params.part).ceil().min(params.steps as f32) as u32;
     match params.textured {
         0 => by_light.max(1),
-        _ => by_light.max(share(params, length / (whole[1] - whole[0]))),
+        _ => by_light.max(steps_of_part(params, length / (whole[1] - whole[0]))),
     }
 }
 
@@ -269,13 +269,13 @@ fn is_earlier(params: &FogParams, x: Vec3) -> bool {
 }
 
 /// Ray from the near plane to the surface that a pixel shows, in view space.
-struct Ray {
+struct FogRay {
     origin: Vec3,
     direction: Vec3,
     length: f32,
 }
 
-impl Ray {
+impl FogRay {
     fn new(params: &FogParams, pixel: Vec2, depth: f32) -> Self {
         let [x, y, width, height] = params.viewport;
         let uv = (pixel - Vec2::new(x, y)) / Vec2::new(width, height);
@@ -306,7 +306,7 @@ impl Ray {
 
     /// Returns the start and end of the ray inside a box of another space. The end is the smaller
     /// one if the ray misses the box.
-    fn within(&self, space: &Mat4, low: Vec3, high: Vec3) -> [f32; 2] {
+    fn range_in_box(&self, space: &Mat4, low: Vec3, high: Vec3) -> [f32; 2] {
         let (o, d) = (
             space.transform_point3(self.origin),
             space.transform_vector3(self.direction),
@@ -362,15 +362,15 @@ mod tests {
         }
     }
 
-    fn even(texels: usize) -> Vec<[f32; 4]> {
+    fn uniform_voxels(texels: usize) -> Vec<[f32; 4]> {
         vec![[3.0, 3.0, 3.0, -2.0]; texels * 60]
     }
 
     fn middle(params: &FogParams, depth: f32) -> Vec3 {
         fog(
             params,
-            &even(6),
-            &even(1),
+            &uniform_voxels(6),
+            &uniform_voxels(1),
             &|_| 1.0,
             Vec2::splat(50.0),
             depth,
@@ -429,7 +429,14 @@ mod tests {
             "{found} {right}"
         );
         let clear = |at: Vec3| f32::from(u8::from(at.x >= 0.4));
-        let found = super::fog(&params, &even(6), &even(1), &clear, Vec2::splat(50.0), 0.0);
+        let found = super::fog(
+            &params,
+            &uniform_voxels(6),
+            &uniform_voxels(1),
+            &clear,
+            Vec2::splat(50.0),
+            0.0,
+        );
         let right = closed(&fog, 0.0, 4.0);
         assert!(
             (found / right - 1.0).abs().max_element() < 0.02,
@@ -470,7 +477,14 @@ mod tests {
             .to_cols_array_2d();
         let right = closed(&plain(), 1.9, 5.9);
         for pixel in [Vec2::splat(50.0), Vec2::new(20.0, 60.0)] {
-            let found = fog(&params, &even(6), &even(1), &|_| 1.0, pixel, 0.0);
+            let found = fog(
+                &params,
+                &uniform_voxels(6),
+                &uniform_voxels(1),
+                &|_| 1.0,
+                pixel,
+                0.0,
+            );
             assert!(
                 (found / right - 1.0).abs().max_element() < 1e-4,
                 "{found} {right}"

@@ -173,7 +173,7 @@ impl FrameLight {
     /// Returns `true` if a projection of `other` is valid for this light too: all except the color
     /// is equal.
     #[must_use]
-    pub fn same_geometry(&self, other: &Self) -> bool {
+    pub fn has_same_geometry(&self, other: &Self) -> bool {
         Self {
             color: other.color,
             ..*self
@@ -302,9 +302,9 @@ mod tests {
         };
         let mut other = light;
         other.color = [1.0, 2.0, 3.0];
-        assert!(light.same_geometry(&other));
+        assert!(light.has_same_geometry(&other));
         other.position[1] = 0.5;
-        assert!(!light.same_geometry(&other));
+        assert!(!light.has_same_geometry(&other));
     }
 
     #[test]

@@ -17,11 +17,11 @@ use std::f32::consts::PI;
 pub const MAX_ALBEDO: f32 = 0.99;
 
 /// Clamps `factors` to physical values: base color to [0, 1], emission to [0, a quarter of the
-/// largest intensity of a light], NaN to 0. The result has one entry per material of `live`.
+/// largest intensity of a light], NaN to 0. The result has one entry per material of `dynamic`.
 /// Missing entries keep the baked value.
 #[must_use]
 pub fn sanitize_factors(
-    live: &DynamicMaterials,
+    dynamic: &DynamicMaterials,
     factors: &[MaterialFactors],
 ) -> Vec<MaterialFactors> {
     let within = |v: [f32; 3], max: f32| {
@@ -30,7 +30,7 @@ pub fn sanitize_factors(
             false => c.clamp(0.0, max),
         })
     };
-    (live.factors.iter().enumerate())
+    (dynamic.factors.iter().enumerate())
         .map(|(m, baked)| {
             factors.get(m).map_or(*baked, |f| MaterialFactors {
                 base_color: within(f.base_color, 1.0),
@@ -44,12 +44,12 @@ pub fn sanitize_factors(
 /// [`sanitize_factors`].
 #[must_use]
 pub fn dynamic_surface(
-    live: &DynamicMaterials,
+    dynamic: &DynamicMaterials,
     factors: &[MaterialFactors],
     baked: &PointSurface,
     j: usize,
 ) -> PointSurface {
-    let row = live.row(j);
+    let row = dynamic.row(j);
     if row.is_empty() {
         return *baked;
     }
@@ -74,12 +74,12 @@ pub fn dynamic_surfaces(
     scene: &SceneData,
     factors: &[MaterialFactors],
 ) -> Option<Vec<PointSurface>> {
-    let live = scene.materials.as_ref()?;
-    let factors = sanitize_factors(live, factors);
+    let dynamic = scene.materials.as_ref()?;
+    let factors = sanitize_factors(dynamic, factors);
     let senders = &scene.surfaces[..scene.senders()];
     let all = senders.par_iter().enumerate();
     Some(
-        all.map(|(j, baked)| dynamic_surface(live, &factors, baked, j))
+        all.map(|(j, baked)| dynamic_surface(dynamic, &factors, baked, j))
             .collect(),
     )
 }
@@ -93,11 +93,11 @@ pub fn current_surfaces(
     factors: &[MaterialFactors],
     transmittances: &[f32],
 ) -> (Vec<PointSurface>, Vec<[f32; SkyRadiance::TERMS]>) {
-    let live = match factors.is_empty() {
+    let dynamic = match factors.is_empty() {
         true => None,
         false => dynamic_surfaces(scene, factors),
     };
-    let mut surfaces = live.unwrap_or_else(|| scene.surfaces[..scene.senders()].to_vec());
+    let mut surfaces = dynamic.unwrap_or_else(|| scene.surfaces[..scene.senders()].to_vec());
     let mut sky_visibility = scene.sky.as_ref().map_or(Vec::new(), |s| s.senders.clone());
     if !transmittances.is_empty() {
         occlude_sky(scene, transmittances, &mut surfaces, &mut sky_visibility);

@@ -1,4 +1,4 @@
-//! Kernel `occlude`: links that pass occluders, for the occluders' current transmittances: F_ij(g)
+//! Kernel `occlude`: links that cross occluders, for the occluders' current transmittances: F_ij(g)
 //! = Σ_m F_ij^m Π_{k ∈ m} g_k. It runs in frames in which a transmittance changed, and only for
 //! bakes with occluders. The links stay valid for later frames. The shader has one thread per term.
 //! The thread of the first term of a link sums all of them.
@@ -11,24 +11,27 @@ use crate::scene::SkyRadiance;
 use crate::transport::{Link, Operator, PackedLinkTerm, link_of_parts};
 use glam::Vec3;
 
-/// Clamps `gains` to [0, 1], NaN to 0. The result has one entry per occluder. Missing entries are
-/// open (1).
+/// Clamps `transmittances` to [0, 1], NaN to 0. The result has one entry per occluder.
+/// Missing entries are open (1).
 #[must_use]
-pub fn sanitize_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
+pub fn sanitize_transmittances(occluders: &Occluders, transmittances: &[f32]) -> Vec<f32> {
     let count = occluders.names.len();
     let sound = |g: f32| if g.is_nan() { 0.0 } else { g.clamp(0.0, 1.0) };
     (0..count)
-        .map(|k| gains.get(k).map_or(1.0, |&g| sound(g)))
+        .map(|k| transmittances.get(k).map_or(1.0, |&g| sound(g)))
         .collect()
 }
 
 /// Returns the transmittance of each set of occluders: the product of the occluders'
-/// transmittances. `gains` is the output of [`sanitize_transmittances`].
+/// transmittances. `transmittances` is the output of [`sanitize_transmittances`].
 #[must_use]
-pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
+pub fn occluder_set_transmittances(occluders: &Occluders, transmittances: &[f32]) -> Vec<f32> {
     let product = |set: &u64| {
-        let own = gains.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1);
-        own.fold(1.0, |passes, (_, gain)| passes * gain)
+        let own = transmittances
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| set >> k & 1 == 1);
+        own.fold(1.0, |product, (_, t)| product * t)
     };
     occluders.sets.iter().map(product).collect()
 }
@@ -37,13 +40,13 @@ pub fn occluder_set_transmittances(occluders: &Occluders, gains: &[f32]) -> Vec<
 #[must_use]
 #[inline]
 pub fn combine_link_terms(parts: &[PackedLinkTerm], transmittances: &[f32], link: Link) -> Link {
-    let passes = |p: &PackedLinkTerm| transmittances[p.set() as usize] * p.vector();
-    link_of_parts(parts.iter().map(passes), link.sender())
+    let transmitted = |p: &PackedLinkTerm| transmittances[p.set() as usize] * p.vector();
+    link_of_parts(parts.iter().map(transmitted), link.sender())
 }
 
 /// Rewrites the links that have terms.
-pub fn occlude(passages: &[PackedLinkTerm], transmittances: &[f32], links: &mut [Link]) {
-    for parts in passages.chunk_by(|a, b| a.link == b.link) {
+pub fn occlude(terms: &[PackedLinkTerm], transmittances: &[f32], links: &mut [Link]) {
+    for parts in terms.chunk_by(|a, b| a.link == b.link) {
         let link = &mut links[parts[0].link as usize];
         *link = combine_link_terms(parts, transmittances, *link);
     }
@@ -104,7 +107,7 @@ mod tests {
         }
     }
 
-    fn passage(link: u32, set: u32, z: f32) -> PackedLinkTerm {
+    fn term(link: u32, set: u32, z: f32) -> PackedLinkTerm {
         let packed = Link::pack(Vec3::Z * z, 1.0, set as u16);
         PackedLinkTerm {
             link,
@@ -131,14 +134,14 @@ mod tests {
     fn occluded_link_is_sum_of_transmitted_terms() {
         let link = |z: f32, sender| Link::pack(Vec3::Z * z, 1.0, sender);
         let open = [link(0.5, 3), link(1.0, 7), link(0.75, 9)];
-        let passages = [
-            passage(1, 0, 0.25),
-            passage(1, 1, 0.5),
-            passage(1, 2, 0.25),
-            passage(2, 2, 0.75),
+        let terms = [
+            term(1, 0, 0.25),
+            term(1, 1, 0.5),
+            term(1, 2, 0.25),
+            term(2, 2, 0.75),
         ];
         let known = occluders();
-        for (gains, right) in [
+        for (transmittances, right) in [
             ([1.0, 1.0], [0.5, 1.0, 0.75]),
             ([0.5, 1.0], [0.5, 0.625, 0.375]),
             ([0.5, 0.0], [0.5, 0.5, 0.0]),
@@ -146,11 +149,11 @@ mod tests {
         ] {
             let mut links = open;
             occlude(
-                &passages,
-                &occluder_set_transmittances(&known, &gains),
+                &terms,
+                &occluder_set_transmittances(&known, &transmittances),
                 &mut links,
             );
-            assert_eq!(links.map(|l| l.vector().z), right, "{gains:?}");
+            assert_eq!(links.map(|l| l.vector().z), right, "{transmittances:?}");
             assert_eq!(links.map(Link::sender), [3, 7, 9]);
         }
     }

@@ -39,7 +39,7 @@ impl ProbeIrradiance {
     /// Returns the vector irradiance with the value E(n) at n and the gradient of E there.
     /// Subsplats store it.
     #[must_use]
-    pub fn mean_around(&self, n: Vec3) -> VectorIrradiance {
+    pub fn linearize(&self, n: Vec3) -> VectorIrradiance {
         let [linear, a, m] = &self.parts;
         let v = Vec4::from_array;
         // The gradient of d·n + n·Q n.
@@ -94,7 +94,7 @@ fn probe_at(
 ) -> Option<ProbeIrradiance> {
     let mut sum = ProbeIrradiance::default();
     let (mut cover, mut all) = (0.0, 0.0);
-    for &j in probes.grid.near(x) {
+    for &j in probes.grid.indices_near(x) {
         let w = probe_weight(&probes.points[j as usize], &probes.planes, x, n);
         if w > 0.0 {
             cover += w;
@@ -157,7 +157,7 @@ pub fn probe_node(
     if let Some(light) = probe(probes, values, x, n) {
         let mut sum = VectorIrradiance::default();
         sum.add_scaled(1.0 - missing, &node.light());
-        sum.add_scaled(missing, &to_world(params, &light.mean_around(n)));
+        sum.add_scaled(missing, &to_world(params, &light.linearize(n)));
         *node = SubsplatNode::new(
             &sum,
             node.predicted_luminance(),
@@ -191,7 +191,7 @@ mod tests {
             let n =
                 crate::samples::uniform_sphere(crate::samples::lattice(k, 30, glam::Vec2::ZERO))
                     .normalize();
-            let e = light.mean_around(n);
+            let e = light.linearize(n);
             assert!((e.dot(n) - light.irradiance(n)).length() < 1e-5);
             let (t, b) = crate::samples::tangents(n);
             for beside in [t, b] {

@@ -12,7 +12,7 @@
 //! Depths are compared in e = d² / (d² + s²). Deviations from \[P14\], which has one bias:
 //!
 //! - **Plane distance.** In a direction next to the sample's, the reference distance is that to the
-//!   rectangle's plane. This avoids acne where a panel hangs close below a ceiling.
+//!   rectangle's plane. This avoids acne where a panel is close below a ceiling.
 //! - **Depth bias.** The threshold lies in front of the light by the error of the point's depths in
 //!   that direction ([`SoftShadowParams::before`]). Visibility goes from 0 to 1 over the same range
 //!   ([`SoftShadowParams::ramp`]). Few components smooth an edge between near and far, and its

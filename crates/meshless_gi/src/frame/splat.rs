@@ -34,7 +34,7 @@ pub const MIN_COVER_COSINE: f32 = 0.7;
 /// Cosine above which a function covers a surface with its full weight: 26 degrees.
 pub const FULL_COVER_COSINE: f32 = 0.9;
 
-/// Minimum share of a pixel within the support of functions. A share of zero marks a pixel without
+/// Minimum fraction of a pixel within the support of functions. Zero marks a pixel without
 /// functions.
 pub const MIN_COVERED_FRACTION: f32 = 1.0 / 1024.0;
 
@@ -44,10 +44,10 @@ fn cover_of(cosine: f32) -> f32 {
     ((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE)).clamp(0.0, 1.0)
 }
 
-/// Returns the share of the light that functions on surfaces have at this cover, 0 to 1. It is 1
+/// Returns the fraction of the light that functions on surfaces have at this cover, 0 to 1. It is 1
 /// from `seam` on.
 #[must_use]
-pub fn share(cover: f32, seam: f32) -> f32 {
+pub fn surface_fraction(cover: f32, seam: f32) -> f32 {
     if cover >= seam {
         return 1.0;
     }
@@ -84,7 +84,7 @@ pub fn splat_covered(
     let mut numerator = VectorIrradiance::default();
     let (mut sum, mut cover) = (0.0, 0.0);
     let mut denominator = 0.0;
-    for &j in display.grid.near(x) {
+    for &j in display.grid.indices_near(x) {
         let point = &points[j as usize];
         let w = weight(point, &display.planes, x, n);
         if w > 0.0 {
@@ -133,7 +133,7 @@ pub fn splat_pixel(
     match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
             .min(Vec3::splat(MAX_HALF))
-            .extend(share(cover, params.seam).max(MIN_COVERED_FRACTION))
+            .extend(surface_fraction(cover, params.seam).max(MIN_COVERED_FRACTION))
             .to_array(),
         None => [0.0; 4],
     }
@@ -169,7 +169,7 @@ pub fn splat_node(
             state::EVALUATED
                 | state::KNOWN
                 | state::COVERED
-                | state::probe_fraction(share(cover, params.seam)),
+                | state::probe_fraction(surface_fraction(cover, params.seam)),
         ),
         None => SubsplatNode::new(
             &VectorIrradiance::default(),

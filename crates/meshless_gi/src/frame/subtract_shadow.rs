@@ -70,7 +70,7 @@ pub fn occluded_radiance(
         return None;
     }
     let (mut hidden, mut whole, mut cover) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-    for &j in scene.display.grid.near(x) {
+    for &j in scene.display.grid.indices_near(x) {
         let point = &scene.points[j as usize];
         let w = weight(point, &scene.display.planes, x, n);
         if w > 0.0 {

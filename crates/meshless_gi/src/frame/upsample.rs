@@ -70,7 +70,7 @@ struct Interpolation {
 
 /// Interpolates light at cell (x, y) of level `k` (0 for pixels) from the nodes of level `k` + 1.
 /// At least one coordinate is odd.
-fn between(
+fn interpolate_odd_cell(
     params: &SubsplatParams,
     levels: &SubsplatLevels,
     picture: &GbufferView<'_>,
@@ -214,7 +214,7 @@ fn node_of(
         // Evaluated nodes keep their value, and their difference is already tested.
         (same.light(), same.state())
     } else {
-        let found = between(params, levels, picture, nodes, k, [x, y], &here);
+        let found = interpolate_odd_cell(params, levels, picture, nodes, k, [x, y], &here);
         let bits = found.state(params);
         if bits == 0 {
             return SubsplatNode::UNKNOWN;
@@ -251,7 +251,7 @@ pub fn resolve(
         let node = nodes[levels.index(1, x / 2, y / 2)];
         (node.light(), node.state(), node.has_bits(state::COVERED))
     } else {
-        let found = between(params, &levels, picture, nodes, 0, pixel, &here);
+        let found = interpolate_odd_cell(params, &levels, picture, nodes, 0, pixel, &here);
         let bits = found.state(params);
         (found.light, bits, found.covered > 0.0)
     };

@@ -116,7 +116,7 @@ impl WallSamples {
             // If only functions end at the wall point, the center of the function found is used
             // instead.
             for at in [wall.at, points[wall.point as usize].x()] {
-                visit_cost += display.grid.near(at).len() as u64;
+                visit_cost += display.grid.indices_near(at).len() as u64;
                 if self.add(points, display, at, wall.n) {
                     break;
                 }
@@ -131,7 +131,7 @@ impl WallSamples {
     fn add(&mut self, points: &[Point], display: &FlatBasis, x: Vec3, n: Vec3) -> bool {
         let mut cover = 0.0;
         let mut weights: Vec<WallWeight> = Vec::new();
-        for &j in display.grid.near(x) {
+        for &j in display.grid.indices_near(x) {
             let point = &points[j as usize];
             let w = weight(point, &display.planes, x, n);
             if w > 0.0 {

@@ -333,7 +333,7 @@ impl Run {
                 run.ends.push(0);
                 continue;
             };
-            let near = probes.grid.near(x);
+            let near = probes.grid.indices_near(x);
             run.visit_cost += near.len() as u64;
             reaching.clear();
             let weights = near.iter().map(|&j| {

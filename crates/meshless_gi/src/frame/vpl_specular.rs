@@ -56,7 +56,7 @@ pub const ROUGHNESS_TOLERANCE: f32 = 0.1;
 /// Returns the fraction of the specular radiance that a texel shows, 0 to 1. Metals show all of it.
 /// The fraction of other materials decreases with roughness.
 #[must_use]
-pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
+pub fn specular_fraction(params: &SpecularParams, texel: [u32; 4]) -> f32 {
     let smooth = (params.max_roughness - gbuffer::roughness(texel)) / ROUGHNESS_FADE;
     gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
 }
@@ -82,7 +82,7 @@ struct Glossy {
     seen: VisibleSurface,
     depth: f32,
     texel: [u32; 4],
-    shown: f32,
+    specular_fraction: f32,
 }
 
 /// A node around a position: its light, weight and surface.
@@ -106,12 +106,12 @@ impl SpecularView<'_> {
     fn glossy(&self, pixel: [u32; 2]) -> Option<Glossy> {
         let seen = visible_surface(self.screen, &self.picture, pixel)?;
         let texel = self.picture.texel(self.screen.size, pixel);
-        let shown = shown(self.params, texel);
-        (shown > 0.0).then(|| Glossy {
+        let specular_fraction = specular_fraction(self.params, texel);
+        (specular_fraction > 0.0).then(|| Glossy {
             seen,
             depth: self.picture.depth(self.screen.size, pixel),
             texel,
-            shown,
+            specular_fraction,
         })
     }
 
@@ -206,7 +206,7 @@ impl SpecularView<'_> {
         };
         let all = u64::from(self.lights.lit.vpls);
         if k == self.screen.coarsest_level {
-            return (self.whole(pixel, &here), none.0, all);
+            return (self.evaluate_all_lights(pixel, &here), none.0, all);
         }
         if x % 2 == 0 && y % 2 == 0 {
             let same = nodes[levels.index(k + 1, x / 2, y / 2)];
@@ -225,7 +225,7 @@ impl SpecularView<'_> {
         let seen_before = LUMINANCE.dot(before.light.evaluate(f0));
         let max = self.screen.radiance_threshold * (seen_before + FLOOR * FRAC_1_PI);
         if before.known && self.params.together == 1 {
-            let node = self.whole(pixel, &here);
+            let node = self.evaluate_all_lights(pixel, &here);
             let found = node.light().unwrap_or_default();
             let off = (LUMINANCE.dot(found.evaluate(f0)) - seen_before).abs();
             let bits = if off > max { u32::MAX } else { 0 };
@@ -261,7 +261,7 @@ impl SpecularView<'_> {
     }
 
     /// Evaluates all lights at a pixel.
-    fn whole(&self, pixel: [u32; 2], of: &Glossy) -> SpecularNode {
+    fn evaluate_all_lights(&self, pixel: [u32; 2], of: &Glossy) -> SpecularNode {
         let mut light = SpecularRadiance::default();
         let found = specular_at(&self.lights, &self.receiver(pixel, of));
         light.add(self.view.scale, &found);
@@ -289,7 +289,10 @@ impl SpecularView<'_> {
         if let Some(light) = known {
             return (texel(&here, &light), 0);
         }
-        let light = self.whole([x, y], &here).light().unwrap_or_default();
+        let light = self
+            .evaluate_all_lights([x, y], &here)
+            .light()
+            .unwrap_or_default();
         (texel(&here, &light), u64::from(self.lights.lit.vpls))
     }
 
@@ -297,7 +300,10 @@ impl SpecularView<'_> {
     #[must_use]
     pub fn full(&self, pixel: [u32; 2]) -> [f32; 4] {
         self.glossy(pixel).map_or([0.0; 4], |here| {
-            let light = self.whole(pixel, &here).light().unwrap_or_default();
+            let light = self
+                .evaluate_all_lights(pixel, &here)
+                .light()
+                .unwrap_or_default();
             texel(&here, &light)
         })
     }
@@ -397,7 +403,7 @@ fn surface_similarity(a: &Glossy, b: &Glossy) -> f32 {
 fn texel(here: &Glossy, light: &SpecularRadiance) -> [f32; 4] {
     let f0 = gbuffer::f0(here.texel);
     let again = brdf::multiscatter_compensation(gbuffer::roughness(here.texel), f0);
-    (here.shown * again * light.evaluate(f0))
+    (here.specular_fraction * again * light.evaluate(f0))
         .min(Vec3::splat(MAX_HALF))
         .extend(1.0)
         .to_array()

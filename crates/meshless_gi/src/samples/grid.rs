@@ -182,13 +182,13 @@ impl HashedGrid {
 
     /// Returns the indices whose boxes touch the cell of `p`, ascending.
     #[must_use]
-    pub fn near(&self, p: Vec3) -> &[u32] {
+    pub fn indices_near(&self, p: Vec3) -> &[u32] {
         self.list(Self::cell(p, self.cell_size))
     }
 
     /// Returns the range in `entries` of the indices whose boxes touch the cell of `p`.
     #[must_use]
-    pub(crate) fn near_range(&self, p: Vec3) -> Range<u32> {
+    pub(crate) fn range_near(&self, p: Vec3) -> Range<u32> {
         let list = self.list_range(Self::cell(p, self.cell_size));
         list.start as u32..list.end as u32
     }
@@ -242,7 +242,7 @@ mod tests {
                 max: points[i] + r,
             });
             for q in cloud(997) {
-                let found = grid.near(q);
+                let found = grid.indices_near(q);
                 for (i, p) in points.iter().enumerate() {
                     let covers = (q - *p).abs().max_element() <= r;
                     assert!(
@@ -268,7 +268,7 @@ mod tests {
                 max: Vec3::splat(0.5),
             },
         });
-        assert_eq!(grid.near(Vec3::splat(0.25)), &[2]);
-        assert_eq!(grid.near(Vec3::splat(-7.0)), &[] as &[u32]);
+        assert_eq!(grid.indices_near(Vec3::splat(0.25)), &[2]);
+        assert_eq!(grid.indices_near(Vec3::splat(-7.0)), &[] as &[u32]);
     }
 }

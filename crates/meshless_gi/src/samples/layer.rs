@@ -18,7 +18,7 @@ const EVEN_HEIGHT: f32 = 0.15;
 
 /// Layer of a surface position.
 #[derive(Clone, Copy, Debug)]
-pub struct Layer {
+pub struct SurfaceLayer {
     /// Position, meters, and unit normal.
     position: Vec3,
     normal: Vec3,
@@ -31,8 +31,8 @@ pub struct Layer {
     height: f32,
 }
 
-impl Layer {
-    /// Number of rays that [`Layer::new`] casts.
+impl SurfaceLayer {
+    /// Number of rays that [`SurfaceLayer::new`] casts.
     pub const RAYS: u64 = 2;
 
     /// Computes the layer of position `x` with unit normal `n`. Surfaces farther than `reach`
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn layer_ends_half_way_to_surfaces_in_front_and_behind() {
         let mesh = squares(&[-0.1, 0.0, 0.2]);
-        let layer = Layer::new(&mesh, Vec3::ZERO, Vec3::Y, 0.5);
+        let layer = SurfaceLayer::new(&mesh, Vec3::ZERO, Vec3::Y, 0.5);
         assert!((layer.height - 0.2).abs() < 1e-4, "{}", layer.height);
         assert_eq!(layer.planes().count(), 2);
         for (y, inside) in [(-0.06, false), (-0.04, true), (0.09, true), (0.11, false)] {
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn layer_does_not_end_at_surfaces_out_of_reach() {
         let mesh = squares(&[-0.1, 0.0, 0.2]);
-        let layer = Layer::new(&mesh, Vec3::ZERO, Vec3::Y, 0.05);
+        let layer = SurfaceLayer::new(&mesh, Vec3::ZERO, Vec3::Y, 0.05);
         assert_eq!((layer.height, layer.planes().count()), (0.05, 0));
         assert!(layer.contains(Vec3::Y));
     }
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn layers_of_even_surface_are_shared() {
         let mesh = squares(&[-0.1, 0.0, 0.2]);
-        let layer = |x: f32, y: f32| Layer::new(&mesh, Vec3::new(x, y, 0.0), Vec3::Y, 0.5);
+        let layer = |x: f32, y: f32| SurfaceLayer::new(&mesh, Vec3::new(x, y, 0.0), Vec3::Y, 0.5);
         let own = layer(0.0, 0.0);
         assert!(own.is_shared_with(&layer(0.3, 0.0)));
         assert!(

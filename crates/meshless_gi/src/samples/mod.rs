@@ -22,7 +22,7 @@ pub use direction::{
 };
 pub use distance::{F_SQUASH, dist, dist_squared, distance_5d};
 pub use grid::{GridSlot, HashedGrid};
-pub use layer::{Layer, free_height, has_similar_height};
+pub use layer::{SurfaceLayer, free_height, has_similar_height};
 pub use light_sample::LightSample;
 pub use morton::{morton, order};
 pub use openness::{OPENNESS_RAYS, openness};

@@ -14,7 +14,7 @@ const MAX_COORDINATE: f32 = 2_097_151.0;
 pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
     let size = bounds.size().max(Vec3::splat(f32::MIN_POSITIVE));
     let at = ((x - bounds.min) / size).clamp(Vec3::ZERO, Vec3::ONE) * MAX_COORDINATE;
-    let spread = |v: f32| {
+    let interleave_zeros = |v: f32| {
         let mut v = v as u64;
         v = (v | v << 32) & 0x001f_0000_0000_ffff;
         v = (v | v << 16) & 0x001f_0000_ff00_00ff;
@@ -22,7 +22,7 @@ pub fn morton(x: Vec3, bounds: &Bounds) -> u64 {
         v = (v | v << 4) & 0x10c3_0c30_c30c_30c3;
         (v | v << 2) & 0x1249_2492_4924_9249
     };
-    spread(at.x) | spread(at.y) << 1 | spread(at.z) << 2
+    interleave_zeros(at.x) | interleave_zeros(at.y) << 1 | interleave_zeros(at.z) << 2
 }
 
 /// Sorts candidates in Morton order. The sort is stable.

@@ -5,14 +5,14 @@
 //! every accepted point of its level is at least R under [L08] Eq. (11). Optionally, its openness
 //! must also be large enough. A level is full after 2000 consecutive failures ([L08]).
 //!
-//! A point covers only its own layer ([`Layer`]). A candidate on a shelf, or on a wall behind a
-//! picture, is accepted at any distance to a point of another layer (our addition).
+//! A point covers only its own layer ([`SurfaceLayer`]). A candidate on a shelf, or on a wall
+//! behind a picture, is accepted at any distance to a point of another layer (our addition).
 //!
 //! About one position in 2000 is then uncovered, mostly on strips too thin to be hit: the visible
 //! edges of ledges and steps. A level that has to cover everything then casts rays from each of its
 //! points, and adds uncovered positions.
 
-use super::layer::{Layer, free_height};
+use super::layer::{SurfaceLayer, free_height};
 use super::openness::{OPENNESS_RAYS, openness};
 use super::particles::{Candidate, local_candidates, trace_particles};
 use super::{F_SQUASH, HashedGrid, Random, distance_5d};
@@ -119,7 +119,7 @@ struct Disks<'a> {
     radius: f32,
     points: Vec<Candidate>,
     /// Layer of each point.
-    layers: Vec<Option<Layer>>,
+    layers: Vec<Option<SurfaceLayer>>,
     buckets: Buckets,
     rays: u64,
 }
@@ -160,17 +160,19 @@ impl<'a> Disks<'a> {
                 let free = free.get_or_insert_with(|| free_height(geometry, x, n, reach));
                 return layer.has_similar_height(*free);
             }
-            let own = own.get_or_insert_with(|| Layer::new(geometry, x, n, reach));
+            let own = own.get_or_insert_with(|| SurfaceLayer::new(geometry, x, n, reach));
             layer.is_shared_with(own)
         });
-        self.rays += u64::from(free.is_some()) + own.map_or(0, |_| Layer::RAYS);
+        self.rays += u64::from(free.is_some()) + own.map_or(0, |_| SurfaceLayer::RAYS);
         !covered
     }
 
     fn push(&mut self, candidate: Candidate) {
         let (x, n) = (candidate.surface.position, candidate.surface.normal);
-        let layer = self.geometry.map(|g| Layer::new(g, x, n, self.reach()));
-        self.rays += layer.map_or(0, |_| Layer::RAYS);
+        let layer = self
+            .geometry
+            .map(|g| SurfaceLayer::new(g, x, n, self.reach()));
+        self.rays += layer.map_or(0, |_| SurfaceLayer::RAYS);
         self.layers.push(layer);
         self.points.push(candidate);
         let points = &self.points;

@@ -56,7 +56,7 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
         // Without winding: keep the half with the largest distances.
         kept.truncate(kept.len().div_ceil(2));
     }
-    let mut out = spread(kept.iter().map(|v| v.position), MAX_VIEWPOINTS);
+    let mut out = select_far_apart(kept.iter().map(|v| v.position), MAX_VIEWPOINTS);
     if out.is_empty() {
         // Open all around: take positions on a sphere outside the bounding box.
         let radius = 0.75 * size.length();
@@ -64,13 +64,13 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
             bounds.center() + radius * uniform_sphere(Vec2::new(r.unit(), r.unit()))
         });
         rays += TESTED_POSITIONS * u64::from(RAYS);
-        out = spread(
+        out = select_far_apart(
             outside.iter().filter(|v| v.hits > 0).map(|v| v.position),
             MAX_VIEWPOINTS,
         );
         if out.is_empty() {
             // Random rays miss a thin distant object: take positions on the sphere without a hit.
-            out = spread(outside.iter().map(|v| v.position), MAX_VIEWPOINTS);
+            out = select_far_apart(outside.iter().map(|v| v.position), MAX_VIEWPOINTS);
         }
     }
     (out, rays)
@@ -116,7 +116,7 @@ fn trace_views(
 
 /// Selects at most `count` of the positions, each as far as possible from the previous ones
 /// (farthest point first).
-fn spread(positions: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
+fn select_far_apart(positions: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
     let mut left: Vec<(Vec3, f32)> = positions.map(|p| (p, f32::INFINITY)).collect();
     let mut out: Vec<Vec3> = Vec::new();
     while out.len() < count && !left.is_empty() {

@@ -31,7 +31,7 @@ pub struct BvhTriangle {
     /// Second vertex.
     pub b: [f32; 3],
     /// Transmittance in [0, 1]. 0 for geometry that is not an occluder.
-    pub gain: f32,
+    pub transmittance: f32,
     /// Third vertex.
     pub c: [f32; 3],
     /// Padding.
@@ -61,19 +61,19 @@ impl Bvh {
     /// occluder is counted once.
     #[must_use]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
-        let (mut passes, mut crossed) = (1.0, 0u64);
+        let (mut transmittance, mut crossed) = (1.0, 0u64);
         self.walk(ray, |triangle| {
             let bit = bit_of(triangle);
             if crossed & bit == 0 {
                 crossed |= bit;
-                passes *= match bit {
+                transmittance *= match bit {
                     0 => 0.0,
-                    _ => triangle.gain,
+                    _ => triangle.transmittance,
                 };
             }
-            passes <= 0.0
+            transmittance <= 0.0
         });
-        passes
+        transmittance
     }
 
     /// Returns the occluders that `ray` crosses with t in (0, `ray.max_t`) as bits by occluder
@@ -115,13 +115,13 @@ impl Bvh {
         self.triangles.partition_point(|t| t.occluder == 0)
     }
 
-    /// Sets the transmittance of each occluder by number. Occluders beyond the end of `gains` get
-    /// 1.
-    pub fn set_transmittances(&mut self, gains: &[f32]) {
+    /// Sets the transmittance of each occluder by number. Occluders beyond the end of
+    /// `transmittances` get 1.
+    pub fn set_transmittances(&mut self, transmittances: &[f32]) {
         let first = self.first_occluder();
         for triangle in &mut self.triangles[first..] {
             let k = triangle.occluder as usize - 1;
-            triangle.gain = gains.get(k).copied().unwrap_or(1.0);
+            triangle.transmittance = transmittances.get(k).copied().unwrap_or(1.0);
         }
     }
 

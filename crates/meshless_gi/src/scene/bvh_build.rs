@@ -93,7 +93,7 @@ impl Bvh {
         let (mut moving, order) = Self::build(&all);
         for (triangle, &i) in moving.triangles.iter_mut().zip(&order) {
             triangle.occluder = numbers[i as usize];
-            triangle.gain = 1.0;
+            triangle.transmittance = 1.0;
         }
         match (self.nodes.as_slice(), moving.nodes.as_slice()) {
             (_, []) => self,

@@ -94,7 +94,7 @@ impl<'a> EmitterView<'a> {
     }
 
     /// Returns the fraction of all samples before group `g`, and the fraction on it.
-    fn part(&self, g: usize) -> (f32, f32) {
+    fn group_fractions(&self, g: usize) -> (f32, f32) {
         let before = g.checked_sub(1).map_or(0.0, |g| self.ends[g]);
         (before, self.ends[g] - before)
     }
@@ -106,7 +106,7 @@ impl<'a> EmitterView<'a> {
         let groups = self.emitters.groups();
         let g = self.ends[..groups.len()].partition_point(|&end| end <= u.x);
         let g = g.min(groups.len().checked_sub(1)?);
-        let (before, part) = self.part(g);
+        let (before, part) = self.group_fractions(g);
         // The part of `u.x` within the fraction of the selected group is uniform again.
         let v = ((u.x - before) / part).clamp(0.0, 1.0);
         let power = groups[g].start + v * groups[g].share;
@@ -140,7 +140,7 @@ impl<'a> EmitterView<'a> {
         let Some(g) = self.emitters.group_of(hit.primitive) else {
             return 0.0;
         };
-        let (_, part) = self.part(g);
+        let (_, part) = self.group_fractions(g);
         self.emitters.density(ray, hit) * part / self.emitters.groups()[g].share
     }
 }

@@ -68,7 +68,7 @@ impl Texture {
     }
 
     /// Returns the four texels around `uv` and the weights between them for bilinear filtering.
-    fn around(&self, uv: Vec2) -> ([[u8; 4]; 4], Vec2) {
+    fn bilinear_texels(&self, uv: Vec2) -> ([[u8; 4]; 4], Vec2) {
         let at = uv * Vec2::new(self.width as f32, self.height as f32) - Vec2::splat(0.5);
         // Coordinates beyond the range of texel indices have no meaningful texel.
         let at = if at.is_finite() {
@@ -90,7 +90,7 @@ impl Texture {
     }
 
     fn blend(&self, uv: Vec2, decode: impl Fn([u8; 4]) -> Vec4) -> Vec4 {
-        let ([a, b, c, d], f) = self.around(uv);
+        let ([a, b, c, d], f) = self.bilinear_texels(uv);
         let top = decode(a) * (1.0 - f.x) + decode(b) * f.x;
         let bottom = decode(c) * (1.0 - f.x) + decode(d) * f.x;
         top * (1.0 - f.y) + bottom * f.y
@@ -120,7 +120,7 @@ impl Texture {
     /// Returns alpha at `uv`.
     #[must_use]
     pub fn alpha(&self, uv: Vec2) -> f32 {
-        let ([a, b, c, d], f) = self.around(uv);
+        let ([a, b, c, d], f) = self.bilinear_texels(uv);
         let [a, b, c, d] = [a, b, c, d].map(|t| f32::from(t[3]) / 255.0);
         (a * (1.0 - f.x) + b * f.x) * (1.0 - f.y) + (c * (1.0 - f.x) + d * f.x) * f.y
     }

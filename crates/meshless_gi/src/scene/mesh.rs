@@ -122,7 +122,7 @@ impl TriangleMesh {
         let mut faces = Vec::with_capacity(triangles.len());
         let mut kept_uvs = Vec::new();
         for (i, corners) in triangles.iter().enumerate() {
-            if !within_reach(corners) {
+            if !is_within_reach(corners) {
                 problems.not_finite += 1;
                 continue;
             }
@@ -217,8 +217,8 @@ impl TriangleMesh {
     /// nearer than 10⁹ m and span an area. All other triangles are left out and counted in
     /// [`Self::problems`].
     #[must_use]
-    pub fn keeps(corners: &[Vec3; 3]) -> bool {
-        within_reach(corners) && has_area(corners)
+    pub fn is_valid_triangle(corners: &[Vec3; 3]) -> bool {
+        is_within_reach(corners) && has_area(corners)
     }
 
     /// Returns the number of triangles.
@@ -286,7 +286,7 @@ impl TriangleMesh {
     }
 
     /// Assigns a node to every triangle. [`Self::split_occluders`] reads the names of the nodes.
-    /// `node_of` has an entry for each triangle that the mesh keeps ([`Self::keeps`]).
+    /// `node_of` has an entry for each triangle that the mesh keeps ([`Self::is_valid_triangle`]).
     pub fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
         (self.nodes, self.node_of) = (nodes, node_of);
     }
@@ -377,7 +377,7 @@ impl TriangleMesh {
     }
 
     /// Returns `true` if a hit is on the surface and not in an alpha hole.
-    fn solid(&self, face: &Face, hit: &TriangleHit) -> bool {
+    fn is_solid(&self, face: &Face, hit: &TriangleHit) -> bool {
         if !face.masked {
             return true;
         }
@@ -407,7 +407,7 @@ impl core::fmt::Debug for TriangleMesh {
 }
 
 /// Returns `true` if the coordinates of a triangle are finite and small enough for rays.
-fn within_reach(corners: &[Vec3; 3]) -> bool {
+fn is_within_reach(corners: &[Vec3; 3]) -> bool {
     (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < MAX_COORDINATE)
 }
 
@@ -418,7 +418,7 @@ pub(super) fn has_area(corners: &[Vec3; 3]) -> bool {
 
 /// Returns `true` if a mesh keeps the triangle.
 pub(super) fn is_usable(corners: &[Vec3; 3]) -> bool {
-    within_reach(corners) && normal(corners).is_some()
+    is_within_reach(corners) && normal(corners).is_some()
 }
 
 /// Clamps the values of a material to their ranges.

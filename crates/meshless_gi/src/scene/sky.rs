@@ -109,21 +109,21 @@ impl SkyRadiance {
         }
     }
 
-    /// Returns the same sky in rotated axes. `turn` transforms directions from the old axes to the
+    /// Returns the same sky in rotated axes. `rotation` transforms directions from the old to the
     /// new axes, without scale.
     #[must_use]
-    pub fn turned(&self, turn: Mat3) -> Self {
+    pub fn rotate(&self, rotation: Mat3) -> Self {
         let mut out = Self::from(self.mean);
         let t = &self.terms;
         for c in 0..3 {
-            let d = turn * Vec3::new(t[0][c], t[1][c], t[2][c]);
+            let d = rotation * Vec3::new(t[0][c], t[1][c], t[2][c]);
             let (xx, yy, xy, xz, yz) = (t[3][c], t[4][c], t[5][c], t[6][c], t[7][c]);
             let q = Mat3::from_cols(
                 Vec3::new(xx, xy, xz),
                 Vec3::new(xy, yy, yz),
                 Vec3::new(xz, yz, -xx - yy),
             );
-            let q = turn * q * turn.transpose();
+            let q = rotation * q * rotation.transpose();
             let numbers = [
                 d.x, d.y, d.z, q.x_axis.x, q.y_axis.y, q.y_axis.x, q.z_axis.x, q.z_axis.y,
             ];
@@ -243,7 +243,7 @@ mod tests {
     fn rotated_sky_has_rotated_radiance() {
         let sky = any(5);
         let turn = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7));
-        let turned = sky.turned(turn);
+        let turned = sky.rotate(turn);
         for way in ways(50) {
             let d = turned.toward(turn * way) - sky.toward(way);
             assert!(d.length() < 1e-5, "{d}");

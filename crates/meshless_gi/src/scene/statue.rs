@@ -45,7 +45,7 @@ pub fn statue_room() -> TriangleMesh {
 }
 
 /// Returns the cosine and sine of a fraction of a full turn, bitwise identical on every machine.
-fn turned(part: f64) -> DVec2 {
+fn turn_cos_sin(part: f64) -> DVec2 {
     let angle = core::f64::consts::TAU * part;
     DVec2::new(libm::cos(angle), libm::sin(angle))
 }
@@ -68,7 +68,7 @@ fn grid(rows: u32, columns: u32, at: impl Fn(u32, u32) -> DVec3) -> Vec<[Vec3; 3
 fn pedestal() -> Vec<[Vec3; 3]> {
     grid(PROFILE.len() as u32 - 1, TURN, |i, j| {
         let [radius, height] = PROFILE[i as usize];
-        let around = turned(f64::from(j) / f64::from(TURN)) * radius;
+        let around = turn_cos_sin(f64::from(j) / f64::from(TURN)) * radius;
         DVec3::new(around.x, height, around.y)
     })
 }
@@ -76,7 +76,7 @@ fn pedestal() -> Vec<[Vec3; 3]> {
 /// Returns a trefoil knot with a slightly flat tube that twists nine half turns along the knot.
 fn knot() -> Vec<[Vec3; 3]> {
     let middle = |part: f64| {
-        let [one, two, three] = [1.0, 2.0, 3.0].map(|k| turned(k * part));
+        let [one, two, three] = [1.0, 2.0, 3.0].map(|k| turn_cos_sin(k * part));
         DVec3::new(one.y + 2.0 * two.y, one.x - 2.0 * two.x, -three.y) * SIZE
     };
     // The lowest point of the knot is three units below its center. The tube sinks into the
@@ -88,8 +88,8 @@ fn knot() -> Vec<[Vec3; 3]> {
         let along = (middle(part + 1e-4) - middle(part - 1e-4)).normalize();
         let out = (center - along * along.dot(center)).normalize();
         let phi = f64::from(j) / f64::from(AROUND);
-        let around = turned(phi);
-        let radius = TUBE * (1.0 + 0.22 * turned(2.0 * phi + 9.0 * part).x);
+        let around = turn_cos_sin(phi);
+        let radius = TUBE * (1.0 + 0.22 * turn_cos_sin(2.0 * phi + 9.0 * part).x);
         foot + center + (out * around.x + out.cross(along) * around.y) * radius
     })
 }

@@ -244,7 +244,7 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     // All queries of the finest level's grid run first, so that their memory accesses overlap.
     let grid = &scene.hierarchy.senders[scene.sender_levels - 1].grid;
     for hit in samples.iter_mut().filter_map(|s| s.hit.as_mut()) {
-        hit.near = grid.near_range(hit.hit.position);
+        hit.near = grid.range_near(hit.hit.position);
     }
     // The samples deviate from the closed form Σ w cos θ = 1 by rounding, discrepancy and the noise
     // of area samples. Division by the sum corrects this, so that a closed room of unit radiosity

@@ -183,7 +183,7 @@ fn one(
         if !scene.hierarchy.hit_senders(
             scene.geometry,
             scene.sender_levels,
-            grid.near(site.position),
+            grid.indices_near(site.position),
             &GatherHit {
                 position: site.position,
                 normal: site.normal,

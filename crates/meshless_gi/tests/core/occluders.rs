@@ -189,11 +189,11 @@ fn error(found: &[f32], right: &[f32]) -> f64 {
     root_mean_square(&off) / root_mean_square(right)
 }
 
-/// Solves the frame of a scene under the light, with these gains.
-fn solve_frame(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
+/// Solves the frame of a scene under the light, with these transmittances.
+fn solve_frame(scene: &BakedScene, transmittances: &[f32]) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, &light_source());
-    frame.set_occluders(scene, gains);
+    frame.set_occluders(scene, transmittances);
     frame.solve(scene, &FrameSettings::bounces(4));
     frame
 }
@@ -297,8 +297,8 @@ fn two_doors_in_sequence_block_independently() {
     // Sets: none, the first, the second, both.
     let occluders = scene.data().occluders.as_ref().expect("two doors");
     assert_eq!(occluders.sets, [0, 1, 2, 3]);
-    let of = |gains: [f32; 2]| {
-        let frame = solve_frame(&scene, &gains);
+    let of = |transmittances: [f32; 2]| {
+        let frame = solve_frame(&scene, &transmittances);
         rooms
             .each_ref()
             .map(|room| root_mean_square(&light(&frame, &scene, room)))
@@ -311,16 +311,19 @@ fn two_doors_in_sequence_block_independently() {
         println!("open, room {k}: {:.3e}, expected {right:.3e}", open[k]);
         assert!((open[k] / right - 1.0).abs() < 0.1, "{k}");
     }
-    for (gains, dark) in [
+    for (transmittances, dark) in [
         ([0.0, 1.0], [false, true, true]),
         ([1.0, 0.0], [false, false, true]),
         ([0.0, 0.0], [false, true, true]),
     ] {
-        let found = of(gains);
+        let found = of(transmittances);
         for k in 0..3 {
             let part = found[k] / open[k];
-            println!("doors {gains:?}, room {k}: {part:.2e} of the light when open");
-            assert!(if dark[k] { part <= 0.01 } else { part > 0.5 }, "{gains:?}");
+            println!("doors {transmittances:?}, room {k}: {part:.2e} of the light when open");
+            assert!(
+                if dark[k] { part <= 0.01 } else { part > 0.5 },
+                "{transmittances:?}"
+            );
         }
     }
     // Light through both doors is reduced to a quarter. Light that crosses them repeatedly is
@@ -410,18 +413,18 @@ fn closed_door_blocks_sky() {
         direction: Vec3::new(0.2, -0.3, 1.0).normalize(),
         irradiance: Vec3::splat(3.0),
     };
-    let sum = |gains: &[f32]| -> f64 {
+    let sum = |transmittances: &[f32]| -> f64 {
         let mut frame = CpuFrame::new(&scene);
         let lights = FrameLight::expand(&sun, 1);
         frame.set_lights(&scene, &lights);
-        frame.set_occluders(&scene, gains);
+        frame.set_occluders(&scene, transmittances);
         frame.solve(&scene, &settings);
         let all = frame.vector_irradiance().iter().zip(&scene.data().points);
         let sum: f64 = all.map(|(e, p)| f64::from(e.dot(p.n()).x)).sum();
         // The second of a probe's three rows starts with the mean over all directions.
         let around = frame.probes().chunks_exact(3).map(|e| f64::from(e[1].x[0]));
         let space: f64 = around.sum();
-        println!("{gains:?}: {sum:.4} on surfaces, {space:.4} at probes");
+        println!("{transmittances:?}: {sum:.4} on surfaces, {space:.4} at probes");
         sum + space
     };
     let open = sum(&[]);
@@ -509,13 +512,13 @@ fn damaged_occluder_bake_is_rejected() {
             s.data_mut().bvh.triangles[0].occluder = 1
         }),
         ("occluder triangles", |s| {
-            s.data_mut().bvh.triangles[0].gain = 0.5
+            s.data_mut().bvh.triangles[0].transmittance = 0.5
         }),
         ("occluder triangles", |s| {
             s.data_mut().bvh.triangles.last_mut().unwrap().occluder = 2;
         }),
         ("occluder triangles", |s| {
-            s.data_mut().bvh.triangles.last_mut().unwrap().gain = 7.0;
+            s.data_mut().bvh.triangles.last_mut().unwrap().transmittance = 7.0;
         }),
         ("occluder names", |s| {
             s.data_mut().occluders.as_mut().unwrap().names[0].clear()
@@ -530,19 +533,19 @@ fn damaged_occluder_bake_is_rejected() {
         ("occluder sets", |s| {
             s.data_mut().occluders.as_mut().unwrap().sets.reverse()
         }),
-        ("passages", |s| {
+        ("occluded link terms", |s| {
             s.data_mut().occluders.as_mut().unwrap().sets.truncate(1)
         }),
-        ("passages", |s| {
+        ("occluded link terms", |s| {
             s.data_mut().occluders.as_mut().unwrap().links[0].link = u32::MAX
         }),
-        ("passages", |s| {
+        ("occluded link terms", |s| {
             s.data_mut().occluders.as_mut().unwrap().links[3].xy ^= 0x40
         }),
-        ("passages", |s| {
+        ("occluded link terms", |s| {
             s.data_mut().occluders.as_mut().unwrap().links.swap(0, 1)
         }),
-        ("probe passages", |s| {
+        ("occluded probe link terms", |s| {
             s.data_mut()
                 .occluders
                 .as_mut()

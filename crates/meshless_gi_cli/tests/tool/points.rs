@@ -10,7 +10,7 @@ use meshless_gi::internals::scene::{PlyEncoding, PlyPoints, read_ply, write_ply}
 use meshless_gi::{
     BakedScene, Bounces, Geometry, Light, Limits, PointCloud, Preset, Quad, Ray, TriangleMesh,
 };
-use points_support::{REFLECTIONS, baked, direct, indirect, nrmse, reference, shown};
+use points_support::{REFLECTIONS, baked, direct, evaluate_bake, indirect, nrmse, reference};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -72,7 +72,7 @@ fn point_box_matches_triangle_box() {
         let bytes = std::mem::size_of_val(&scene.data().bvh.nodes[..])
             + std::mem::size_of_val(&scene.data().bvh.triangles[..]);
         let (points, triangles) = (cloud.len(), cells.len());
-        let (d, i) = shown(
+        let (d, i) = evaluate_bake(
             &scene,
             cells,
             &light_source(),

@@ -386,7 +386,7 @@ fn report_compares_methods_at_equal_error_and_links() {
     assert!(at_most(found[3].error_ratio, 2.0), "{found:?}");
     let all = text("x", &report, &figures("x", &report));
     assert!(
-        all.contains("Links at equal error: × 0.01 to × 0.25. Goal: a third, met in 3 of 4 rows, not reached in 1."),
+        all.contains("Links at equal error: × 0.01 to × 0.25.\n  Goal: a third, met in 3 of 4 rows, not reached in 1."),
         "{all}"
     );
 

@@ -71,7 +71,7 @@ fn look_up(criterion: &mut Criterion, fixture: &Fixture) {
     group.throughput(Throughput::Elements(positions.len() as u64));
     group.bench_function("grid_look_up", |b| {
         b.iter(|| {
-            let lists = positions.iter().map(|&(x, _)| basis.grid.near(x));
+            let lists = positions.iter().map(|&(x, _)| basis.grid.indices_near(x));
             lists.map(<[u32]>::len).sum::<usize>()
         });
     });

@@ -19,12 +19,12 @@ fn exponent(points: &[(f64, f64)]) -> f64 {
 
 impl Size {
     /// Returns the seconds of one pass up and down.
-    fn pass(&self) -> f64 {
+    fn pass_seconds(&self) -> f64 {
         self.seconds[2] + self.seconds[3]
     }
 
     /// Returns the seconds of a pass with tree and lists.
-    fn whole(&self) -> f64 {
+    fn total_seconds(&self) -> f64 {
         self.seconds.iter().sum()
     }
 }
@@ -100,12 +100,12 @@ pub fn charts(found: &FmmResults) -> Vec<(&'static str, Chart)> {
                     Series::new(
                         "up and down",
                         Style::LineAndPoints,
-                        points(sizes, Size::pass),
+                        points(sizes, Size::pass_seconds),
                     ),
                     Series::new(
                         "with tree and lists",
                         Style::LineAndPoints,
-                        points(sizes, Size::whole),
+                        points(sizes, Size::total_seconds),
                     ),
                 ],
                 guides: Vec::new(),
@@ -158,8 +158,8 @@ pub fn text(found: &FmmResults) -> Result<String, Box<dyn Error>> {
     let sizes = &found.sizes;
     // Below a thousand points leaves and threads determine the time, not the method.
     let fitted = &sizes[sizes.partition_point(|s| s.points < MIN_FITTED)..];
-    let pass = exponent(&points(fitted, Size::pass));
-    let whole = exponent(&points(fitted, Size::whole));
+    let pass = exponent(&points(fitted, Size::pass_seconds));
+    let whole = exponent(&points(fitted, Size::total_seconds));
     writeln!(
         w,
         "# Fast multipole method\n\n\
@@ -232,15 +232,15 @@ pub fn text(found: &FmmResults) -> Result<String, Box<dyn Error>> {
         from.map_or(0, |s| s.points),
         to.map_or(0, |s| s.points),
         exponent(&points(fitted, |s| s.direct)),
-        exponent(&points(lower, Size::pass)),
-        exponent(&points(upper, Size::pass)),
+        exponent(&points(lower, Size::pass_seconds)),
+        exponent(&points(upper, Size::pass_seconds)),
         exponent(&points(
             &fitted[..fitted.len().saturating_sub(4)],
-            Size::pass
+            Size::pass_seconds
         )),
-        said(crossover(sizes, Size::pass)),
-        said(crossover(sizes, Size::whole)),
-        percent(to.map_or(0.0, |s| s.seconds[2] / s.pass())),
+        said(crossover(sizes, Size::pass_seconds)),
+        said(crossover(sizes, Size::total_seconds)),
+        percent(to.map_or(0.0, |s| s.seconds[2] / s.pass_seconds())),
     )?;
     writeln!(
         w,

@@ -20,6 +20,7 @@ use meshless_gi::internals::transport::fmm::lists::ListCounts;
 use meshless_gi::internals::transport::fmm::{Fmm, FmmSettings, direct};
 use meshless_gi::{Light, Quad, ReferenceSettings, TriangleMesh};
 use meshless_gi_lab::accuracy::{Errors, errors};
+use meshless_gi_lab::report::split_sentences;
 use room::{Room, cornell, lit, varying_radiosity, with_ball};
 use std::error::Error;
 use std::path::PathBuf;
@@ -128,7 +129,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         std::fs::write(charts.join(file), chart.svg())?;
     }
     let text = document::text(&found)? + &bakes::measure(&charts)?;
-    std::fs::write(folder.join("fmm.md"), text)?;
+    std::fs::write(folder.join("fmm.md"), split_sentences(&text))?;
     Ok(())
 }
 

@@ -24,6 +24,7 @@ use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
     BakedScene, Light, Limits, Preset, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
 };
+use meshless_gi_lab::report::split_sentences;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use visibility::{SplitResult, VisibilityTiming};
@@ -81,7 +82,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         timings.extend(more);
         std::fs::write(pictures.join("coefficients.svg"), document::chart(&found))?;
         let text = document::text(&found, &timings, &name, &split_results);
-        std::fs::write(folder.join("pca_visibility.md"), text)?;
+        std::fs::write(folder.join("pca_visibility.md"), split_sentences(&text))?;
     }
     if wanted[1] {
         for (file, chart) in transfers.iter().flat_map(transfer::charts) {
@@ -98,7 +99,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         parts[1] = comparison::section(&name, &report, &figures);
     }
     if wanted[1] || wanted[2] {
-        std::fs::write(transfer, parts.join("\n"))?;
+        std::fs::write(transfer, split_sentences(&parts.join("\n")))?;
     }
     Ok(())
 }

@@ -318,7 +318,7 @@ fn penumbra_of(positions: &[PenumbraSample]) -> Vec<PenumbraSample> {
     positions
         .iter()
         .copied()
-        .filter(PenumbraSample::in_penumbra)
+        .filter(PenumbraSample::is_in_penumbra)
         .collect()
 }
 

@@ -14,7 +14,7 @@ const REFERENCE_VERSION: u32 = 2;
 /// Point of a cached reference.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct Entry {
+struct CachedPoint {
     pixel: u32,
     vectors: [[f32; 3]; 4],
 }
@@ -54,13 +54,13 @@ impl Cache {
         );
         let path = self.folder.join(file);
         if let Ok(bytes) = std::fs::read(&path)
-            && let Ok(entries) = bytemuck::try_cast_slice::<u8, Entry>(&bytes)
+            && let Ok(entries) = bytemuck::try_cast_slice::<u8, CachedPoint>(&bytes)
         {
             return Ok(entries.iter().map(to_point).collect());
         }
         eprintln!("{}: reference of {set}", scene.name);
         let points = compute();
-        let entries: Vec<Entry> = points.iter().map(to_entry).collect();
+        let entries: Vec<CachedPoint> = points.iter().map(to_cached).collect();
         meshless_gi::internals::asset::write_file(&path, bytemuck::cast_slice(&entries))?;
         Ok(points)
     }
@@ -90,20 +90,20 @@ impl Cache {
     }
 }
 
-fn to_entry(point: &ReferencePoint) -> Entry {
+fn to_cached(point: &ReferencePoint) -> CachedPoint {
     let vectors = [
         point.position,
         point.normal,
         point.irradiance,
         point.standard_error,
     ];
-    Entry {
+    CachedPoint {
         pixel: point.pixel,
         vectors: vectors.map(|v| v.to_array()),
     }
 }
 
-fn to_point(entry: &Entry) -> ReferencePoint {
+fn to_point(entry: &CachedPoint) -> ReferencePoint {
     let [position, normal, irradiance, standard_error] = entry.vectors.map(glam::Vec3::from);
     ReferencePoint {
         pixel: entry.pixel,

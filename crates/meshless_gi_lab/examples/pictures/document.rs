@@ -12,23 +12,24 @@ pub fn text(scenes: &[Measured], presets: &[Preset]) -> String {
     let names: Vec<String> = presets.iter().map(|p| format!("{p:?}")).collect();
     let mut out = format!(
         "# Pictures\n\n\
-         Indirect light of scenes with details that are hard for a basis on points, compared with the\n\
-         path tracer's. Printed by\n\n\
+         Indirect light of scenes with details that are hard for a basis on points, compared with the path tracer's.\n\
+         Printed by one command:\n\n\
          ```text\n\
          cargo run -p meshless_gi_lab --example pictures -- -o docs/reports --presets {}\n\
          ```\n\n\
-         The light is irradiance without albedo, after one to four reflections of the light of\n\
-         lights, and after none to four of the light of the sky and of emissive surfaces, as a\n\
-         frame adds it to the direct light of its lights. Each scene has three views of 96 x 54\n\
-         pixels and 1000 random surface points, with 256 to 8192 paths each.\n\n\
-         - **wrong**: pixels that are visibly wrong. The reference's mean over pixels and channels\n\
-         \x20 is 0.2, in sRGB any channel is off by more than 24 of 255.\n\
-         - **NRMSE**: the reference's variance is subtracted. **99.5 %**: without the worst 0.5 %\n\
-         \x20 of the points. **p99**: 99th percentile of the error over the RMS of the reference.\n\
-         - **dark**: points whose reference is below 1 % of its RMS; how many of them are more than\n\
-         \x20 three standard errors above 5 % of the RMS.\n\n\
-         The pictures show the reference, then {}. Below each is its difference to the reference,\n\
-         three times magnified.\n",
+         The light is irradiance without albedo.\n\
+         It has one to four reflections of the light of lights, and none to four of the light of the sky and of emissive surfaces.\n\
+         A frame adds it to the direct light of its lights.\n\
+         Each scene has three views of 96 x 54 pixels and 1000 random surface points, with 256 to 8192 paths each.\n\n\
+         - **wrong**: fraction of pixels with a visible error.\n\
+         \x20 The reference is scaled to a mean of 0.2, and any channel is off by more than 24 of 255 in sRGB.\n\
+         - **NRMSE**: without the variance of the reference.\n\
+         - **99.5 %**: NRMSE without the worst 0.5 % of the points.\n\
+         - **p99**: 99th percentile of the error over the RMS of the reference.\n\
+         - **dark**: points with a reference below 1 % of its RMS.\n\
+         - **dark, wrong**: those of them that are more than three standard errors above 5 % of the RMS.\n\n\
+         The pictures show the reference, then {}.\n\
+         Below each is its difference to the reference, magnified three times.\n",
         names.join(",").to_lowercase(),
         names.join(", ")
     );

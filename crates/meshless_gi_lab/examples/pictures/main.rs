@@ -20,6 +20,7 @@ use measure::{Measured, measure};
 use meshless_gi::Preset;
 use meshless_gi_lab::fixtures::{TestScene, scenes::SCENES};
 use meshless_gi_lab::pictures::ViewReferenceSize;
+use meshless_gi_lab::report::split_sentences;
 use std::error::Error;
 use std::path::PathBuf;
 
@@ -48,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         all.push(measure(scene, &args.presets, &SIZE, &cache, &pictures)?);
         // Written after every scene, so that a reader need not wait for the last.
         let text = document::text(&all, &args.presets);
-        std::fs::write(args.output.join("pictures.md"), text)?;
+        std::fs::write(args.output.join("pictures.md"), split_sentences(&text))?;
     }
     Ok(())
 }

@@ -46,7 +46,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             "{}, {} × {} pixels, thresholds of about equal FLIP, no test of light. Lower is better.",
             found.on, SMALL[0], SMALL[1]
         ),
-        x: Axis::linear("place along the path", Format::Number),
+        x: Axis::linear("position along the path", Format::Number),
         y: Axis::linear("evaluations, fraction of the pixels", Format::Percent),
         series: found
             .pairs
@@ -72,7 +72,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             .iter()
             .map(|&finest| {
                 let own = found.cells.iter().filter(|c| c.finest == finest);
-                let points = own.map(|c| (f64::from(c.normal), c.measured.share()));
+                let points = own.map(|c| (f64::from(c.normal), c.measured.evaluations_per_pixel()));
                 let name = format!("finest cells {} pixels wide", 1 << finest);
                 Series::new(name, Style::LineAndPoints, points)
             })
@@ -96,8 +96,11 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
                 Series {
                     points: own
                         .map(|l| {
-                            Mark::new(l.measured.share(), f64::from(l.measured.flip))
-                                .labeled(threshold(l.light))
+                            Mark::new(
+                                l.measured.evaluations_per_pixel(),
+                                f64::from(l.measured.flip),
+                            )
+                            .labeled(threshold(l.light))
                         })
                         .collect(),
                     ..Series::new(name, Style::LineAndPoints, [])
@@ -139,13 +142,13 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
         found.rows.iter().map(of).fold(0.0, f64::max)
     };
     let (share, flip) = (
-        largest(&|r| r.measured.share()),
+        largest(&|r| r.measured.evaluations_per_pixel()),
         largest(&|r| f64::from(r.measured.flip)),
     );
     let holds = found
         .rows
         .iter()
-        .filter(|r| r.measured.share() <= BOUND.0 && r.measured.flip <= BOUND.1)
+        .filter(|r| r.measured.evaluations_per_pixel() <= BOUND.0 && r.measured.flip <= BOUND.1)
         .count();
     let mut names: Vec<&str> = found.rows.iter().map(|r| r.scene.as_str()).collect();
     names.dedup();
@@ -204,7 +207,7 @@ fn views(found: &Found, out: &mut String) -> Result<(), Error> {
             n[2],
             n[1],
             n[0],
-            1.0 / row.measured.share(),
+            1.0 / row.measured.evaluations_per_pixel(),
             row.measured.flip,
             percent(row.measured.nrmse),
             full / few
@@ -232,7 +235,7 @@ fn light(found: &Found, out: &mut String) -> Result<(), Error> {
             write!(
                 out,
                 " 1/{:.1}, {:.4} |",
-                1.0 / l.measured.share(),
+                1.0 / l.measured.evaluations_per_pixel(),
                 l.measured.flip
             )?;
         }
@@ -294,7 +297,7 @@ fn table(found: &Found, out: &mut String) -> Result<(), Error> {
             write!(
                 out,
                 " 1/{:.1}, {:.4}, {:.1} |",
-                1.0 / c.measured.share(),
+                1.0 / c.measured.evaluations_per_pixel(),
                 c.measured.flip,
                 c.seconds[0] / c.seconds[1]
             )?;
@@ -324,7 +327,7 @@ fn bumps(found: &Found, out: &mut String) -> Result<(), Error> {
             out,
             "| {} | 1/{:.1} | {content} | {:.4} | {} |",
             b.normal,
-            1.0 / b.measured.share(),
+            1.0 / b.measured.evaluations_per_pixel(),
             b.measured.flip,
             percent(b.measured.nrmse)
         )?;

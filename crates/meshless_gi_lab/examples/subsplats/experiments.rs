@@ -120,7 +120,7 @@ pub fn all(stages: &[LitScene]) -> Result<Found, Box<dyn Error>> {
     Ok(Found {
         rows,
         on: last.scene.name.clone(),
-        pairs: along(last),
+        pairs: measure_along_path(last),
         cells,
         lights,
         bumpy,
@@ -168,7 +168,7 @@ fn path(stage: &LitScene) -> Vec<View<'_>> {
     (0..PATH_POSITIONS).map(position).collect()
 }
 
-fn along(stage: &LitScene) -> Vec<Pair> {
+fn measure_along_path(stage: &LitScene) -> Vec<Pair> {
     let views = path(stage);
     let with = |settings: &SubsplatSettings, step: usize| -> Vec<Measured> {
         let chosen = views.iter().step_by(step);

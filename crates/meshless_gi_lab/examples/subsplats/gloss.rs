@@ -1,12 +1,12 @@
 //! Virtual lights on a screen: gloss refined for each light ([N09] Table 1, §3.3.1), and numbers of
 //! lights at several resolutions ([N09] Fig. 14).
 
-use super::gloss_support::{Scene, room, share, virtual_lights};
+use super::gloss_support::{Scene, evaluated_fraction, room, virtual_lights};
 use glam::Vec3;
 use meshless_gi::internals::frame::refine::FLOOR;
 use meshless_gi::internals::frame::subsplat::LUMINANCE;
 use meshless_gi::internals::frame::vpl_specular::{
-    SpecularView, receiver, shown, specular_of_light,
+    SpecularView, receiver, specular_fraction, specular_of_light,
 };
 use meshless_gi::internals::frame::{SubsplatParams, VplParams, brdf, gbuffer, subsplats, vpl};
 use meshless_gi::{SpecularSettings, SubsplatSettings};
@@ -105,7 +105,7 @@ fn light_gloss(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
         view.picture.depth(size, pixel),
         view.picture.texel(size, pixel),
     );
-    if depth <= 0.0 || shown(view.params, texel) <= 0.0 {
+    if depth <= 0.0 || specular_fraction(view.params, texel) <= 0.0 {
         return Vec3::ZERO;
     }
     let at = receiver(view.view, &view.lights, pixel, depth, texel);
@@ -197,7 +197,7 @@ fn row(scene: &Scene) -> Row {
         };
         let (found, seconds) = timed(|| scene.run(&settings));
         let flip = scene.compare(&full, &found.texels).0;
-        (seconds, share(scene, &full, &found), flip)
+        (seconds, evaluated_fraction(scene, &full, &found), flip)
     };
     Row {
         lights: scene.lit.vpls,

@@ -20,6 +20,7 @@ use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use meshless_gi::{BakedScene, Limits, Progress, Recipe, bake_scene};
 use meshless_gi_lab::fixtures::TestScene;
+use meshless_gi_lab::report::split_sentences;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use subsplat_support::{LitScene, clutter};
@@ -51,7 +52,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (file, chart) in document::charts(&found) {
         std::fs::write(folder.join("subsplats").join(file), chart.svg())?;
     }
-    std::fs::write(folder.join("subsplats.md"), document::text(&found)?)?;
+    std::fs::write(
+        folder.join("subsplats.md"),
+        split_sentences(&document::text(&found)?),
+    )?;
     Ok(())
 }
 

@@ -106,7 +106,7 @@ impl Curve {
 
     fn axes(self, solution: &Solution) -> [Axis; 2] {
         let x = if self.sphere {
-            "latitude ζ on the sphere, degrees (−90: lowest place)"
+            "latitude ζ on the sphere, degrees (−90: lowest point)"
         } else {
             "distance u from the middle of the disk, m"
         };

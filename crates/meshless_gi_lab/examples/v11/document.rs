@@ -70,7 +70,7 @@ pub fn text(made: &Experiment) -> Result<String, Box<dyn Error>> {
     let mut out = String::new();
     found(made, &mut out)?;
     write_exceptions(made, &mut out)?;
-    shown(&mut out)?;
+    write_charts(&mut out)?;
     solution(made, &mut out)?;
     measured(made, &mut out)?;
     for (quantity, name) in QUANTITIES {
@@ -284,7 +284,7 @@ fn write_exceptions(made: &Experiment, out: &mut String) -> Result<(), Box<dyn E
     Ok(())
 }
 
-fn shown(out: &mut String) -> Result<(), Box<dyn Error>> {
+fn write_charts(out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
         "## Charts\n\n\

@@ -16,6 +16,7 @@ mod pictures;
 use meshless_gi_lab::accuracy::{
     Basis, ComparisonRow, PointSet, Solution, SphereOverDisk, SurfaceErrors, compare_bases,
 };
+use meshless_gi_lab::report::split_sentences;
 use std::error::Error;
 use std::path::PathBuf;
 
@@ -75,7 +76,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     curves::write(&made, !short)?;
     pictures::write(&made)?;
-    std::fs::write(made.folder.join("v11.md"), document::text(&made)?)?;
+    std::fs::write(
+        made.folder.join("v11.md"),
+        split_sentences(&document::text(&made)?),
+    )?;
     if short {
         std::fs::remove_dir(made.folder.join("v11/all"))?;
     }

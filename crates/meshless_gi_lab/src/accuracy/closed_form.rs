@@ -129,36 +129,40 @@ fn series(albedo: f64, bounces: Option<u32>) -> f64 {
 mod tests {
     use super::*;
 
-    fn close(a: f64, b: f64, by: f64) -> bool {
+    fn is_close(a: f64, b: f64, by: f64) -> bool {
         (a - b).abs() <= by * b.abs()
     }
 
     #[test]
     fn form_factors_match_tables_and_reciprocity() {
-        assert!(close(parallel_rectangles(1.0, 1.0, 1.0), 0.199_825, 1e-5));
-        assert!(close(
+        assert!(is_close(
+            parallel_rectangles(1.0, 1.0, 1.0),
+            0.199_825,
+            1e-5
+        ));
+        assert!(is_close(
             perpendicular_rectangles(1.0, 1.0, 1.0),
             0.200_044,
             1e-5
         ));
         // Value from tables of heat transfer for plates of 1 m x 1.5 m at 0.5 m.
-        assert!(close(parallel_rectangles(1.0, 1.5, 0.5), 0.4756, 2e-4));
-        assert!(close(parallel_rectangles(1.0, 1.0, 1e-4), 1.0, 1e-3));
+        assert!(is_close(parallel_rectangles(1.0, 1.5, 0.5), 0.4756, 2e-4));
+        assert!(is_close(parallel_rectangles(1.0, 1.0, 1e-4), 1.0, 1e-3));
         // Reciprocity: areas times form factors are equal in both directions.
         let (there, back) = (
             perpendicular_rectangles(2.0, 0.5, 3.0),
             perpendicular_rectangles(2.0, 3.0, 0.5),
         );
-        assert!(close(0.5 * there, 3.0 * back, 1e-12));
+        assert!(is_close(0.5 * there, 3.0 * back, 1e-12));
         // The form factors of a cube's face add up to one.
         let cube =
             parallel_rectangles(1.0, 1.0, 1.0) + 4.0 * perpendicular_rectangles(1.0, 1.0, 1.0);
-        assert!(close(cube, 1.0, 1e-12), "{cube}");
+        assert!(is_close(cube, 1.0, 1e-12), "{cube}");
         // The form factors of the floor of a hall of 3 x 2 x 1.5 m add up to one, too.
         let hall = parallel_rectangles(3.0, 2.0, 1.5)
             + 2.0 * perpendicular_rectangles(3.0, 2.0, 1.5)
             + 2.0 * perpendicular_rectangles(2.0, 3.0, 1.5);
-        assert!(close(hall, 1.0, 1e-12), "{hall}");
+        assert!(is_close(hall, 1.0, 1e-12), "{hall}");
     }
 
     #[test]
@@ -185,7 +189,7 @@ mod tests {
             }
         }
         let right = parallel_rectangles(1.0, 1.0, 1.0);
-        assert!(close(mean, right, 1e-9), "{mean} {right}");
+        assert!(is_close(mean, right, 1e-9), "{mean} {right}");
         // A tilted receiver: midpoint rule over the square.
         let (x, n) = (DVec3::new(0.3, -0.4, 0.2), DVec3::new(0.48, 0.6, 0.64));
         let steps = 400;
@@ -196,7 +200,7 @@ mod tests {
             let square = to.length_squared();
             sum += to.dot(n) * to.z / (square * square) / f64::from(steps * steps);
         }
-        assert!(close(polygon(x, n, &square, 1.0), sum, 1e-5));
+        assert!(is_close(polygon(x, n, &square, 1.0), sum, 1e-5));
     }
 
     #[test]
@@ -213,26 +217,30 @@ mod tests {
             sum += b * ring * room / t.cos().powi(2) * (PI / 2.0) / f64::from(steps);
         }
         let right = light_below_ceiling(2.0, albedo, below, room);
-        assert!(close(right, sum, 1e-7), "{right} {sum}");
+        assert!(is_close(right, sum, 1e-7), "{right} {sum}");
     }
 
     #[test]
     fn bounce_series_matches_powers() {
-        assert!(close(enclosure(2.0, 0.99, None), 200.0, 1e-12));
-        assert!(close(enclosure(2.0, 0.5, Some(2)), 3.5, 1e-12));
-        assert!(close(enclosure(2.0, 1.0, Some(4)), 10.0, 1e-12));
+        assert!(is_close(enclosure(2.0, 0.99, None), 200.0, 1e-12));
+        assert!(is_close(enclosure(2.0, 0.5, Some(2)), 3.5, 1e-12));
+        assert!(is_close(enclosure(2.0, 1.0, Some(4)), 10.0, 1e-12));
         assert_eq!(enclosure(1.0, 1.0, None), f64::INFINITY);
         assert_eq!(enclosure_reflected(1.0, 0.5, Some(0)), 0.0);
-        assert!(close(enclosure_reflected(1.0, 0.5, None), 1.0, 1e-12));
+        assert!(is_close(enclosure_reflected(1.0, 0.5, None), 1.0, 1e-12));
         // A point light of 1 W/sr at the center: direct irradiance I / R², and for ρ = 1/2 the same
         // reflected.
-        assert!(close(
+        assert!(is_close(
             integrating_sphere(4.0 * PI, 2.0, 0.5, None),
             0.25,
             1e-12
         ));
         // A spot light over the full sphere, without an edge, is a point light.
-        assert!(close(spot_power(1.0, PI, PI), 4.0 * PI, 1e-12));
-        assert!(close(spot_power(1.0, 0.0, PI / 2.0), 2.0 * PI / 3.0, 1e-12));
+        assert!(is_close(spot_power(1.0, PI, PI), 4.0 * PI, 1e-12));
+        assert!(is_close(
+            spot_power(1.0, 0.0, PI / 2.0),
+            2.0 * PI / 3.0,
+            1e-12
+        ));
     }
 }

@@ -37,7 +37,7 @@ pub struct PenumbraSample {
 impl PenumbraSample {
     /// Returns `true` if the light is partly visible from the position.
     #[must_use]
-    pub fn in_penumbra(&self) -> bool {
+    pub fn is_in_penumbra(&self) -> bool {
         let f = self.reference / self.unshadowed;
         f > PENUMBRA[0] && f < PENUMBRA[1]
     }

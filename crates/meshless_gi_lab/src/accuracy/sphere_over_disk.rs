@@ -397,7 +397,7 @@ fn rows<T: Send>(latitudes: &[f64], row: impl Fn(f64) -> T + Sync) -> Vec<T> {
 }
 
 /// Interpolates linearly between the positions. Extrapolates linearly beyond the outermost ones.
-fn between<T>(positions: &[f64], values: &[T], at: f64) -> T
+fn interpolate_linearly<T>(positions: &[f64], values: &[T], at: f64) -> T
 where
     T: Copy
         + std::ops::Add<Output = T>
@@ -416,8 +416,8 @@ impl Solution {
     #[must_use]
     pub fn indirect(&self, site: Site) -> f64 {
         match site {
-            Site::Sphere(latitude) => between(&self.latitudes, &self.sphere, latitude),
-            Site::Disk(u) => between(&self.radii, &self.disk, u),
+            Site::Sphere(latitude) => interpolate_linearly(&self.latitudes, &self.sphere, latitude),
+            Site::Disk(u) => interpolate_linearly(&self.radii, &self.disk, u),
         }
     }
 
@@ -439,7 +439,7 @@ impl Solution {
             }
             Site::Sphere(_) if self.vectors.is_empty() => DVec3::ZERO,
             Site::Sphere(latitude) => {
-                let v = between(&self.latitudes, &self.vectors, latitude);
+                let v = interpolate_linearly(&self.latitudes, &self.vectors, latitude);
                 let out = DVec3::new(f64::from(x.x), 0.0, f64::from(x.z)).normalize_or_zero();
                 out * v.x + DVec3::Y * v.y
             }

@@ -126,11 +126,11 @@ impl Pair {
     fn is_precise(&self) -> bool {
         let max = MAX_RELATIVE_ERROR * self.size();
         let exact = self.variances == [0.0; 2];
-        exact || !self.variances.iter().any(|v| v.sqrt() > max) && !self.lacks_light()
+        exact || !self.variances.iter().any(|v| v.sqrt() > max) && !self.is_without_light()
     }
 
     /// Returns `true` if one estimate is positive and the other is zero without variance.
-    fn lacks_light(&self) -> bool {
+    fn is_without_light(&self) -> bool {
         (0..2).any(|k| self.values[k] == 0.0 && self.variances[k] == 0.0) && self.size() > 0.0
     }
 

@@ -1,7 +1,7 @@
 //! Charts of a report.
 
 use super::measure::Row;
-use super::rules::{comparable, front};
+use super::rules::{front, is_comparable};
 use super::sweep::Report;
 use super::variant::Factor;
 use crate::accuracy::{Axis, Chart, Format, Mark, Series, Style, pareto_front};
@@ -115,7 +115,7 @@ fn hint(row: &Row) -> String {
 /// Returns a chart of the error against a cost. A bake has the color of its factor, and the front
 /// is that of all bakes.
 fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f64) -> Figure {
-    let rows: Vec<&Row> = rows.iter().filter(|r| comparable(r)).collect();
+    let rows: Vec<&Row> = rows.iter().filter(|r| is_comparable(r)).collect();
     let positions: Vec<(f64, f64)> = rows.iter().map(|r| (cost(r), r.nrmse)).collect();
     let front = pareto_front(&positions);
     let mut series: Vec<Series> = GROUPS
@@ -186,7 +186,7 @@ fn links(name: &str, rows: &[Row]) -> Chart {
         let points = rows
             .iter()
             .enumerate()
-            .filter(|(_, r)| r.settings.baked.transport.is_same_method(&rule) && comparable(r))
+            .filter(|(_, r)| r.settings.baked.transport.is_same_method(&rule) && is_comparable(r))
             .map(|(i, r)| Mark {
                 x: r.links as f64,
                 y: r.nrmse,
@@ -227,15 +227,15 @@ fn links(name: &str, rows: &[Row]) -> Chart {
 fn reflections(name: &str, report: &Report) -> Chart {
     let rows = &report.rows;
     let baked = |r: &Row| r.settings.name.ends_with("baked");
-    let mut live: Vec<&Row> = rows
+    let mut runtime: Vec<&Row> = rows
         .iter()
         .enumerate()
-        .filter(|(i, r)| (*i == 0 || !comparable(r)) && !baked(r))
+        .filter(|(i, r)| (*i == 0 || !is_comparable(r)) && !baked(r))
         .map(|(_, r)| r)
         .collect();
-    live.sort_by_key(|r| r.settings.baked.bounces);
-    if live.len() < 2 {
-        live.clear();
+    runtime.sort_by_key(|r| r.settings.baked.bounces);
+    if runtime.len() < 2 {
+        runtime.clear();
     }
     let mark = |r: &&Row| Mark {
         x: r.frame_ms,
@@ -249,7 +249,7 @@ fn reflections(name: &str, report: &Report) -> Chart {
     let mut series = vec![Series {
         name: "number of bounces".into(),
         style: Style::LineAndPoints,
-        points: live.iter().map(mark).collect(),
+        points: runtime.iter().map(mark).collect(),
         like: None,
     }];
     let in_the_bake: Vec<Mark> = rows.iter().filter(|r| baked(r)).map(|r| mark(&r)).collect();

@@ -1,10 +1,11 @@
 //! Reports on several scenes as one document. It starts with results that hold for all of them.
 
 use super::charts::Figure;
-use super::format::{cell, error, megabytes, recipe_label, short, whole};
+use super::format::{cell, error, megabytes, recipe_label, short, whole_percent};
 use super::markdown::{ERROR_LIMITS, cheapest, section};
 use super::measure::Row;
-use super::rules::{Ratio, comparable, compare};
+use super::rules::{Ratio, compare, is_comparable};
+use super::sentences::split_sentences;
 use super::sweep::Report;
 use super::variant::Factor;
 use meshless_gi::TransportMethod;
@@ -49,13 +50,13 @@ pub fn document(parts: &[SceneSection], command: &str) -> String {
             section(&part.report, &part.figures, &part.charts, 3)
         );
     }
-    out
+    split_sentences(&out)
 }
 
 /// Returns the rows of a variant that all scenes have. It can be recommended for scenes outside of
 /// the document.
 fn everywhere<'a>(parts: &'a [SceneSection], like: &Row) -> Option<Vec<&'a Row>> {
-    let same = |row: &&Row| recipe_label(row) == recipe_label(like) && comparable(row);
+    let same = |row: &&Row| recipe_label(row) == recipe_label(like) && is_comparable(row);
     parts
         .iter()
         .map(|p| p.report.rows.iter().find(same))
@@ -76,7 +77,7 @@ fn advice(parts: &[SceneSection]) -> String {
             .rows
             .iter()
             .filter(|r| {
-                comparable(r)
+                is_comparable(r)
                     && r.settings
                         .baked
                         .transport
@@ -97,7 +98,7 @@ fn advice(parts: &[SceneSection]) -> String {
                 "**For at most {} error: {}.**\n\
                  Of all recipes below this error in all scenes here ({}) it has the fastest frame:\n\n\
                  {}",
-                whole(max),
+                whole_percent(max),
                 recipe_label(rows[0]),
                 names.join(", "),
                 rows.iter()
@@ -115,7 +116,7 @@ fn advice(parts: &[SceneSection]) -> String {
             None => writeln!(
                 out,
                 "**No measured recipe has an error below {} in all scenes here** ({}).",
-                whole(max),
+                whole_percent(max),
                 names.join(", ")
             ),
         };
@@ -134,7 +135,7 @@ fn advice(parts: &[SceneSection]) -> String {
         "---|".repeat(parts.len())
     );
     for max in ERROR_LIMITS {
-        let _ = write!(out, "| {} |", whole(max));
+        let _ = write!(out, "| {} |", whole_percent(max));
         for part in parts {
             let _ = match cheapest(&part.report.rows, max, |r| r.frame_ms) {
                 Some(r) => write!(

@@ -3,7 +3,7 @@
 use super::measure::Row;
 use super::variant::Factor;
 
-/// Formats a fraction as per cent: 0.0312 as "3.1 %".
+/// Formats a fraction as percent: 0.0312 as "3.1 %".
 pub fn percent(share: f64) -> String {
     let v = 100.0 * share;
     let decimals = match v.abs() {
@@ -14,8 +14,8 @@ pub fn percent(share: f64) -> String {
     format!("{v:.decimals$} %").replace('-', "−")
 }
 
-/// Formats a fraction as whole per cent: 0.05 as "5 %".
-pub fn whole(share: f64) -> String {
+/// Formats a fraction as whole percent: 0.05 as "5 %".
+pub fn whole_percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
 }
 

@@ -2,10 +2,11 @@
 //! methods, and all rows.
 
 use super::charts::Figure;
-use super::format::{cell, count, error, megabytes, percent, recipe_label, short, whole};
+use super::format::{cell, count, error, megabytes, percent, recipe_label, short, whole_percent};
 use super::measure::Row;
 use super::octree::fmm_comparison;
-use super::rules::{MethodComparison, Ratio, comparable, compare, compare_with};
+use super::rules::{MethodComparison, Ratio, compare, compare_with, is_comparable};
+use super::sentences::split_sentences;
 use super::sweep::Report;
 use super::tables::{known, table};
 use super::variant::{BOUNCES, Factor};
@@ -31,7 +32,7 @@ fn cheapest_of(
 ) -> Option<&Row> {
     rows.iter()
         .filter(|r| {
-            comparable(r)
+            is_comparable(r)
                 && r.settings.baked.transport.is_same_method(&method)
                 && r.error_or_bound() <= max
         })
@@ -43,7 +44,7 @@ fn cheapest_of(
 pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!("# Cost of accuracy: {}\n\n", cell(name));
     out += &section(report, figures, "", 2);
-    out
+    split_sentences(&out)
 }
 
 /// Returns the text without a title, as a section of a document on several scenes. The charts are
@@ -112,7 +113,7 @@ pub fn choice(rows: &[Row]) -> String {
     let best = rows
         .iter()
         .filter(|r| {
-            comparable(r)
+            is_comparable(r)
                 && r.settings
                     .baked
                     .transport
@@ -184,7 +185,7 @@ pub fn choice(rows: &[Row]) -> String {
         let _ = writeln!(
             out,
             "| {} | {} | {} | {} |",
-            whole(max),
+            whole_percent(max),
             cost(
                 |r| r.bake_seconds,
                 |r| format!("{} s", short(r.bake_seconds))
@@ -286,7 +287,7 @@ fn reflections(rows: &[Row]) -> String {
     let mut all: Vec<&Row> = rows
         .iter()
         .enumerate()
-        .filter(|(i, r)| *i == 0 || !comparable(r))
+        .filter(|(i, r)| *i == 0 || !is_comparable(r))
         .map(|(_, r)| r)
         .collect();
     if all.len() < 2 {
@@ -404,7 +405,7 @@ pub fn pca_comparison(rows: &[Row]) -> String {
     let min = |method: TransportMethod| {
         let errors = rows
             .iter()
-            .filter(|r| comparable(r) && r.settings.baked.transport.is_same_method(&method));
+            .filter(|r| is_comparable(r) && r.settings.baked.transport.is_same_method(&method));
         errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
     };
     let (ours, theirs) = (min(TransportMethod::Bounded), min(TransportMethod::pca()));
@@ -442,7 +443,7 @@ pub fn pca_comparison(rows: &[Row]) -> String {
 
 fn method(report: &Report) -> String {
     let rows = &report.rows;
-    let agree = rows.iter().filter(|r| comparable(r));
+    let agree = rows.iter().filter(|r| is_comparable(r));
     let honest = agree
         .clone()
         .filter(|r| {

@@ -3,14 +3,14 @@
 
 use super::format::{cell, count, megabytes, percent, short};
 use super::measure::Row;
-use super::rules::comparable;
+use super::rules::is_comparable;
 use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
 /// Returns the lowest cost among the bakes by `method` with at most this error.
 fn min(rows: &[Row], method: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
-        comparable(r)
+        is_comparable(r)
             && r.settings.baked.transport.is_same_method(&method)
             && r.nrmse <= error
             && r.nrmse.is_finite()
@@ -25,7 +25,7 @@ pub fn fmm_comparison(rows: &[Row]) -> String {
     let mut ours: Vec<&Row> = rows
         .iter()
         .filter(|r| {
-            comparable(r)
+            is_comparable(r)
                 && r.settings
                     .baked
                     .transport

@@ -52,7 +52,7 @@ pub struct MethodComparison {
 pub fn front(rows: &[Row], method: TransportMethod) -> Vec<(usize, f64, f64)> {
     let of_method: Vec<usize> = (0..rows.len())
         .filter(|&i| {
-            rows[i].settings.baked.transport.is_same_method(&method) && comparable(&rows[i])
+            rows[i].settings.baked.transport.is_same_method(&method) && is_comparable(&rows[i])
         })
         .filter(|&i| rows[i].links > 0 && rows[i].nrmse > 0.0)
         .collect();
@@ -69,7 +69,7 @@ pub fn front(rows: &[Row], method: TransportMethod) -> Vec<(usize, f64, f64)> {
 /// Returns `true` if the row's number of reflections is that of the reference, computed by sweeps.
 /// Its error is then one of representation alone.
 #[must_use]
-pub fn comparable(row: &Row) -> bool {
+pub fn is_comparable(row: &Row) -> bool {
     row.settings.factor != Factor::Bounces
 }
 

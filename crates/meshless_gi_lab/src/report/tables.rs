@@ -2,7 +2,7 @@
 
 use super::format::{cell, count, error, megabytes, percent, short};
 use super::measure::Row;
-use super::rules::comparable;
+use super::rules::is_comparable;
 use super::variant::{BOUNCES, Factor};
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ pub(super) fn table(rows: &[Row]) -> String {
     for factor in Factor::ALL {
         for row in rows
             .iter()
-            .filter(|r| r.settings.factor == factor && comparable(r))
+            .filter(|r| r.settings.factor == factor && is_comparable(r))
         {
             let _ = writeln!(
                 out,

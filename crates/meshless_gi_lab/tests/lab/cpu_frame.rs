@@ -176,11 +176,11 @@ fn baked_bounces_are_added_once() {
     frame.solve(&scene, &FrameSettings::bounces(4));
     let e = irradiance(&scene, &frame, 5);
     assert!((e - EMISSION / (1.0 - ALBEDO)).abs() < 1e-3 * e, "{e}");
-    let live = FrameSettings {
+    let runtime = FrameSettings {
         baked_bounces: false,
         ..FrameSettings::bounces(1)
     };
-    frame.solve(&scene, &live);
+    frame.solve(&scene, &runtime);
     assert!((irradiance(&scene, &frame, 5) - EMISSION).abs() < 1e-2);
 }
 

@@ -125,7 +125,7 @@ fn phase(asymmetry: f32, w: Vec3, d: Vec3) -> f32 {
 
 /// Radiance of the surfaces around each position after one reflection and more, by rays from the
 /// position and the reference integrator: (position, direction, radiance).
-fn around(
+fn trace_surroundings(
     mesh: &TriangleMesh,
     lights: &[Light],
     positions: &[(Vec3, Vec3)],
@@ -178,7 +178,7 @@ fn fog_matches_reference() {
     let (mesh, lights, scene) = rooms();
     let positions = positions();
     let asymmetries = [0.0, 0.25, 0.5, 0.75];
-    let around = around(mesh, lights, &positions);
+    let around = trace_surroundings(mesh, lights, &positions);
     let all = positions.len();
     let right = asymmetries.map(|g| integrals(&around, all, |k, w| phase(g, w, positions[k].1)));
     // Irradiance of the six sides at the positions themselves.

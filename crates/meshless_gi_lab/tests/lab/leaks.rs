@@ -5,7 +5,7 @@
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
-use leak_support::{Door, Leak, WalledScene, open, rooms};
+use leak_support::{Door, Leak, WalledScene, load_open_rooms, rooms};
 use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 
 /// Measures with few rays: leaks depend on the support of functions.
@@ -56,7 +56,7 @@ fn room_behind_sheet_stays_dark() {
 /// before it.
 #[test]
 fn room_behind_thin_wall_with_door_is_as_accurate_as_lit_room() {
-    let scene = open();
+    let scene = load_open_rooms();
     let with = measure(&scene, TransportMethod::Bounded, true, 64);
     let without = measure(&scene, TransportMethod::Bounded, false, 64);
     assert!(with.ratio <= with.lit.nrmse, "{with:?}");

@@ -4,7 +4,7 @@
 //! inside of it, or are absent. `MGI_TEST_PICTURES` names a folder for the pictures.
 
 use glam::{Mat4, Quat, Vec2, Vec3};
-use meshless_gi::internals::frame::splat::{FULL_COVER, share, splat_covered};
+use meshless_gi::internals::frame::splat::{FULL_COVER, splat_covered, surface_fraction};
 use meshless_gi::internals::frame::volume::volume_texels;
 use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{
@@ -170,18 +170,18 @@ fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
     baked.expect("a bake").scene
 }
 
-fn solved(scene: &BakedScene, gain: f32) -> CpuFrame {
+fn solved(scene: &BakedScene, transmittance: f32) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     let lights = stage().lights.iter();
     let lights: Vec<FrameLight> = lights.flat_map(|l| FrameLight::expand(l, 1)).collect();
     frame.set_lights(scene, &lights);
-    frame.set_occluders(scene, &[gain]);
+    frame.set_occluders(scene, &[transmittance]);
     frame.solve(scene, &FrameSettings::bounces(4));
     frame
 }
 
 /// Light of a frame at a pixel.
-fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
+fn pixel_irradiance(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || frame.probe_irradiance(scene, x, n).map(|l| l.irradiance(n));
     let found = splat_covered(
         &scene.data().points,
@@ -190,7 +190,12 @@ fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
         x,
         n,
     );
-    let found = found.map(|(e, cover)| (e.dot(n).max(Vec3::ZERO), share(cover, FULL_COVER)));
+    let found = found.map(|(e, cover)| {
+        (
+            e.dot(n).max(Vec3::ZERO),
+            surface_fraction(cover, FULL_COVER),
+        )
+    });
     match found {
         Some((e, share)) if share < 1.0 => space().map_or(e, |space| space.lerp(e, share)),
         Some((e, _)) => e,
@@ -224,7 +229,7 @@ fn compare(
     frame: &CpuFrame,
     scene: &BakedScene,
 ) -> DisplayErrors {
-    let at = |p: &Pixel| shown(frame, scene, p.x, p.n);
+    let at = |p: &Pixel| pixel_irradiance(frame, scene, p.x, p.n);
     let own: Vec<Option<Vec3>> = pixels.par_iter().map(|p| p.as_ref().map(at)).collect();
     save_images(name, pixels, &own);
     let all = pixels.iter().zip(&own);
@@ -269,13 +274,13 @@ fn save_images(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
 }
 
 /// Light through a closed door and through a half open one.
-const GAINS: [(&str, f32); 2] = [("shut", 0.0), ("half open", 0.5)];
+const TRANSMITTANCES: [(&str, f32); 2] = [("shut", 0.0), ("half open", 0.5)];
 
 /// The error of each view, and that nothing of the lit room's light is behind a shut door.
 fn check(name: &str, scene: &BakedScene, near_too: bool) {
     let stage = stage();
-    for (pose, (how, gain)) in GAINS.into_iter().enumerate() {
-        let frame = solved(scene, gain);
+    for (pose, (how, transmittance)) in TRANSMITTANCES.into_iter().enumerate() {
+        let frame = solved(scene, transmittance);
         let mut lit = 0.0;
         for ((view, _), pixels) in VIEWS.iter().zip(&stage.poses[pose]) {
             let name = format!("{name}, {how}, {view}");
@@ -286,7 +291,7 @@ fn check(name: &str, scene: &BakedScene, near_too: bool) {
                 lit = found.rms;
                 assert!(found.nrmse <= 0.15, "{name}: {found:?}");
                 assert!(!near_too || found.dark == 0, "{name}: {found:?}");
-            } else if gain == 0.0 && scene.data().occluders.is_some() {
+            } else if transmittance == 0.0 && scene.data().occluders.is_some() {
                 assert!(found.brightest <= 1e-5 * lit, "{name}: {found:?}");
             }
         }

@@ -54,7 +54,7 @@ fn measure(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Li
     let visibility = scene.data().visibility.as_ref().expect("visibility");
     let positions: Vec<PenumbraSample> = penumbra_samples(scene, mesh, light, PATHS)
         .into_iter()
-        .filter(PenumbraSample::in_penumbra)
+        .filter(PenumbraSample::is_in_penumbra)
         .collect();
     assert!(positions.len() > 100, "{} positions", positions.len());
     let soft_light = SoftLight::from_light(light, 25).expect("a rectangle");

@@ -11,7 +11,7 @@ use meshless_gi::{
     BakedScene, Bounces, Geometry, Light, PointCloud, Preset, Quad, Ray, TriangleMesh,
 };
 use meshless_gi_lab::accuracy::closed_form;
-use points_support::{REFLECTIONS, baked, indirect, nrmse, reference, shown};
+use points_support::{REFLECTIONS, baked, evaluate_bake, indirect, nrmse, reference};
 use std::f64::consts::PI;
 
 const INTENSITY: f32 = 2.0;
@@ -36,7 +36,7 @@ fn reflected(scene: &BakedScene, cloud: &PointCloud, step: usize) -> Vec<(f32, f
             Some(((surface.position, surface.normal), cloud.areas[i]))
         })
         .unzip();
-    let (_, indirect) = shown(scene, cells, &bulb(), &samples, Bounces::All);
+    let (_, indirect) = evaluate_bake(scene, cells, &bulb(), &samples, Bounces::All);
     indirect.iter().map(|e| e.x).zip(areas).collect()
 }
 
@@ -223,7 +223,7 @@ fn point_statue_and_triangle_room_exchange_light() {
         let scene = baked(&mesh, Preset::Draft);
         let all: Vec<(Vec3, Vec3)> = samples.concat();
         let truth = reference(&mesh, &light_source, &all, 64);
-        let (_, found) = shown(
+        let (_, found) = evaluate_bake(
             &scene,
             mesh,
             &light_source,

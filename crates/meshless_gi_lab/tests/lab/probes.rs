@@ -490,7 +490,7 @@ fn probes_match_closed_forms() {
                 .probe_irradiance(&scene, Vec3::ONE, Vec3::ZERO)
                 .expect("a probe reaches");
             let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
-            // A mean over half a meter to all sides is some per cent more than the middle, for
+            // A mean over half a meter to all sides is some percent more than the middle, for
             // light falls ever more slowly away from the wall. Form factor of a square of edge 2 to
             // a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.
             let s = std::f32::consts::FRAC_1_SQRT_2;

@@ -39,7 +39,7 @@ fn sloping(x: Vec3) -> VectorIrradiance {
     e
 }
 
-fn even(_: Vec3) -> VectorIrradiance {
+fn uniform_irradiance(_: Vec3) -> VectorIrradiance {
     from(Vec3::new(0.1, 0.5, 1.0), Vec3::ONE)
 }
 
@@ -127,11 +127,14 @@ fn check_views(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
         println!(
             "{} {i}: 1/{:.2}, FLIP {:.4}, NRMSE {:.4}, at nodes {exact:.1e}",
             stage.scene.name,
-            1.0 / m.share(),
+            1.0 / m.evaluations_per_pixel(),
             m.flip,
             m.nrmse
         );
-        assert!(m.flip <= flip && m.share() <= share, "{m:?}");
+        assert!(
+            m.flip <= flip && m.evaluations_per_pixel() <= share,
+            "{m:?}"
+        );
         assert!(exact <= HALF, "{exact}");
         let blind = view.measure(&SubsplatSettings {
             depth: DepthTest::Plane(f32::INFINITY),
@@ -142,11 +145,11 @@ fn check_views(stage: &LitScene, views: &[usize], flip: f32, share: f64) {
         });
         println!(
             "  blind: 1/{:.1}, FLIP {:.4}",
-            1.0 / blind.share(),
+            1.0 / blind.evaluations_per_pixel(),
             blind.flip
         );
         assert!(
-            blind.flip > 1.5 * m.flip && blind.share() < m.share(),
+            blind.flip > 1.5 * m.flip && blind.evaluations_per_pixel() < m.evaluations_per_pixel(),
             "{blind:?}"
         );
     }
@@ -362,7 +365,7 @@ fn subsplats_of_dark_bumps_stay_coarse() {
 
 #[test]
 fn subsplats_of_flat_view_stay_coarse() {
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), uniform_irradiance);
     let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.3, 0.2, -1.0), SIZE);
     let settings = SubsplatSettings::default();
     let shown = view.subsplats(&settings);
@@ -386,7 +389,7 @@ fn subsplats_of_flat_view_stay_coarse() {
 /// levels.
 #[test]
 fn subsplats_of_sky_are_zero_without_evaluation() {
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), uniform_irradiance);
     let view = View::new(&stage, Vec3::ZERO, Vec3::Z, SIZE);
     let settings = SubsplatSettings::default();
     let asked = AtomicU32::new(0);
@@ -411,7 +414,7 @@ fn subsplats_divide_cells_diagonal_to_edge() {
     let scene = clutter();
     let stage = LitScene {
         scene,
-        source: Source::Synthetic(even),
+        source: Source::Synthetic(uniform_irradiance),
     };
     let view = stage.view(0, SIZE);
     let of = |diagonal| SubsplatSettings {
@@ -480,11 +483,14 @@ fn depth_tests_detect_steps_and_accept_planes() {
     // None of its sides lies along cells, where neither of two cells would hold both depths ([N09]
     // Fig. 15).
     let step = quad(Vec3::new(-0.45, -0.37, -3.0), 0.8 * Vec3::X, 0.8 * Vec3::Y);
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall(), step]), even);
+    let stage = synthetic_scene(
+        TriangleMesh::from_quads(&[wall(), step]),
+        uniform_irradiance,
+    );
     let stepped = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), uniform_irradiance);
     let straight = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
-    let stage = synthetic_scene(floor(), even);
+    let stage = synthetic_scene(floor(), uniform_irradiance);
     // All of the picture is floor.
     let slanted = View::new(&stage, Vec3::ZERO, Vec3::new(0.0, -0.8, -1.0), SIZE);
     assert!(slanted.full.iter().all(|t| t[3] > 0.0));
@@ -517,9 +523,12 @@ fn normal_tests_detect_creases() {
     // Normal tests ignore steps of depth. Floor and wall meet without one.
     let back = quad(Vec3::new(-20.0, -1.0, -4.0), 40.0 * Vec3::X, 20.0 * Vec3::Y);
     let ground = quad(Vec3::new(-20.0, -1.0, 5.0), 40.0 * Vec3::X, -9.0 * Vec3::Z);
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[back, ground]), even);
+    let stage = synthetic_scene(
+        TriangleMesh::from_quads(&[back, ground]),
+        uniform_irradiance,
+    );
     let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.0, -0.2, -1.0), SIZE);
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), uniform_irradiance);
     let flat = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
     for normal in [NormalTest::MinMax(0.3), NormalTest::Curvature(0.3)] {
         let deaf = DepthTest::Plane(f32::INFINITY);
@@ -537,7 +546,7 @@ fn normal_tests_detect_creases() {
 /// \[N09\] Eq. (3), pixel by pixel, from the camera's position.
 #[test]
 fn detail_test_matches_equation_3_at_grazing_angles() {
-    let stage = synthetic_scene(floor(), even);
+    let stage = synthetic_scene(floor(), uniform_irradiance);
     let eye = Vec3::new(0.0, 0.5, 0.0);
     let view = View::new(&stage, eye, Vec3::new(0.0, -0.5, -1.0), SIZE);
     let of = |detail| {
@@ -668,7 +677,7 @@ fn subsplat_comparison_detects_one_wrong_node() {
 /// Pixels that reflect nothing of the light or are unlit count as sky for subsplats.
 #[test]
 fn unlit_pixels_stay_dark() {
-    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), even);
+    let stage = synthetic_scene(TriangleMesh::from_quads(&[wall()]), uniform_irradiance);
     let mut view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
     for (i, texel) in view.drawn.gbuffer.iter_mut().enumerate() {
         if i as u32 % SIZE[0] < 100 {

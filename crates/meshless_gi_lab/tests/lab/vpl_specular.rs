@@ -4,9 +4,9 @@
 use meshless_gi_lab::fixtures::gloss as gloss_support;
 
 use glam::{Mat4, Vec3};
-use gloss_support::{Scene, room, share, virtual_lights};
+use gloss_support::{Scene, evaluated_fraction, room, virtual_lights};
 use meshless_gi::SpecularSettings;
-use meshless_gi::internals::frame::vpl_specular::{receiver, shown, specular_at};
+use meshless_gi::internals::frame::vpl_specular::{receiver, specular_at, specular_fraction};
 use meshless_gi::internals::frame::{Vpl, VplParams, gbuffer};
 
 const SIZE: [u32; 2] = [480, 270];
@@ -36,7 +36,7 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
             });
             finite(&found.texels);
             let (flip, nrmse) = scene.compare(&full, &found.texels);
-            let share = share(&scene, &full, &found);
+            let share = evaluated_fraction(&scene, &full, &found);
             println!(
                 "{count} lights, roughness {roughness}, together {together}: {:?}, 1/{:.1}, FLIP {flip:.4}, NRMSE {nrmse:.3}",
                 found.evaluated,
@@ -94,7 +94,7 @@ fn specular_of_hidden_lights_is_zero() {
     let dark: f32 = full.iter().map(|t| t[1]).sum();
     let found = scene.run(&SpecularSettings::default());
     let (flip, _) = scene.compare(&full, &found.texels);
-    let share = share(&scene, &full, &found);
+    let share = evaluated_fraction(&scene, &full, &found);
     println!(
         "{:.3} of the gloss stays, 1/{:.1}, FLIP {flip:.4}",
         dark / bright,
@@ -123,7 +123,7 @@ fn specular_rough_or_unlit_pixels_are_not_evaluated() {
     // Half-dull surfaces show a part: no step where roughness crosses the bound.
     let params = scene.params(&SpecularSettings::default()).1;
     let of = |roughness| {
-        shown(
+        specular_fraction(
             &params,
             gbuffer::with_roughness([0, 0, 0, 0], roughness, 0.5),
         )

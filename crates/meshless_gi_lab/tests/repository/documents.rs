@@ -1,6 +1,7 @@
 //! Citations, decisions, links, and tables of documents that repeat the source.
 
-use crate::{files, none, read, root};
+use crate::{files, none, pages, read, root};
+use meshless_gi_lab::report::split_sentences;
 use std::collections::BTreeSet;
 use std::fs;
 
@@ -220,16 +221,7 @@ fn readme_scripts_exist_and_stop_on_errors() {
 #[test]
 fn relative_links_of_documents_exist() {
     let mut found = Vec::new();
-    let mut pages = files("docs", &["md"]);
-    for page in [
-        "README.md",
-        "ARCHITECTURE.md",
-        "CHANGELOG.md",
-        "CONTRIBUTING.md",
-    ] {
-        pages.push((page.into(), read(page)));
-    }
-    for (path, text) in &pages {
+    for (path, text) in &pages() {
         let folder = root().join(path);
         let folder = folder.parent().expect("a folder");
         for dead in dead_links(text, |target| folder.join(target).exists()) {
@@ -248,6 +240,36 @@ fn relative_links_of_documents_exist() {
     none(found);
     let text = "[a](here.md) [b](gone.md#x) [c](https://example.org) [d](#below) ![e](later.png)";
     assert_eq!(dead_links(text, |t| t == "here.md"), ["gone.md#x"]);
+}
+
+/// Returns the lines of a page with several sentences.
+fn shared_lines(path: &str, text: &str) -> Vec<String> {
+    let has_more = |line: &&str| split_sentences(line).contains('\n');
+    // Code blocks are cut out with their text.
+    let prose = text.split("```").step_by(2);
+    let lines = prose.flat_map(|part| part.lines().filter(has_more));
+    lines.map(|line| format!("{path}: {line}")).collect()
+}
+
+/// Set `MGI_TEST_UPDATE=1` to split the lines.
+#[test]
+fn markdown_has_one_sentence_per_line() {
+    let mut found = Vec::new();
+    for (path, text) in pages() {
+        let split = split_sentences(&text);
+        if split == text {
+            continue;
+        }
+        if std::env::var_os("MGI_TEST_UPDATE").is_some() {
+            fs::write(root().join(&path), split).expect("a writable page");
+        }
+        found.extend(shared_lines(&path, &text));
+    }
+    none(found);
+    assert_eq!(
+        shared_lines("a.md", "One. Two\n```\nOne. Two\n```\nOne, two.\n").len(),
+        1
+    );
 }
 
 /// Returns the relative links of a page of the book that leave its folder, and paths of the

@@ -1,6 +1,7 @@
 //! Chapters of the book that are generated from doc comments. `MGI_TEST_UPDATE=1` writes them.
 
 use crate::{files, read, root};
+use meshless_gi_lab::report::split_sentences;
 use std::fmt::Write;
 
 /// Documented structure or enumeration.
@@ -140,7 +141,8 @@ fn generated_recipe_chapter_equals_doc_comments() {
     let folder = "crates/meshless_gi/src/bake";
     let mut text = String::from(
         "# Recipe\n\n\
-         Generated from the doc comments of `Recipe`. Do not edit.\n\n\
+         Generated from the doc comments of `Recipe`.\n\
+         Do not edit.\n\n\
          A recipe is a RON file `NAME.gi.ron`, or the structure `Recipe` in code.\n\
          Every field can be left out: `(scene: \"level.glb\")` is a recipe.\n\
          The values of the presets are in [Presets and target error](../performance/quality.md).\n\n",
@@ -173,7 +175,8 @@ fn generated_recipe_chapter_equals_doc_comments() {
 fn generated_components_chapter_equals_doc_comments() {
     let mut text = String::from(
         "# Components\n\n\
-         Generated from the doc comments of the plugin. Do not edit.\n\n",
+         Generated from the doc comments of the plugin.\n\
+         Do not edit.\n\n",
     );
     let mut all: Vec<Item> = ["src/plugin", "src/plan"]
         .iter()
@@ -188,7 +191,12 @@ fn generated_components_chapter_equals_doc_comments() {
     for (title, what) in [("Components", "Component"), ("Resources", "Resource")] {
         let _ = writeln!(text, "## {title}\n");
         for item in all.iter().filter(|item| is(item, what)) {
-            let _ = writeln!(text, "### `{}`\n\n{}\n", item.name, item.doc);
+            let _ = writeln!(
+                text,
+                "### `{}`\n\n{}\n",
+                item.name,
+                split_sentences(&item.doc)
+            );
             if !item.members.is_empty() {
                 table(&mut text, "field or value", item);
             }

@@ -3,7 +3,7 @@
 //! | module | rules |
 //! |---|---|
 //! | `imports` | dependencies between folders and crates |
-//! | `documents` | citations, decisions, links, tables that repeat the source |
+//! | `documents` | citations, decisions, links, sentences, tables that repeat the source |
 //! | `generated` | chapters of the book that repeat doc comments |
 //! | `figures` | lengths of files, functions and lines |
 //! | `surface` | public names and their list |
@@ -24,7 +24,7 @@ fn root() -> &'static Path {
 }
 
 fn read(path: &str) -> String {
-    fs::read_to_string(root().join(path)).unwrap_or_else(|why| panic!("{path}: {why}"))
+    fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
 /// Returns all files below `folder` with one of the endings: path from the root with forward
@@ -60,6 +60,22 @@ fn files(folder: &str, endings: &[&str]) -> Vec<(String, String)> {
             (name.to_string_lossy().replace('\\', "/"), text)
         })
         .collect()
+}
+
+/// Returns all Markdown files: path and text.
+fn pages() -> Vec<(String, String)> {
+    let mut all: Vec<(String, String)> = (["docs", "crates"].iter())
+        .flat_map(|folder| files(folder, &["md"]))
+        .collect();
+    for page in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+    ] {
+        all.push((page.into(), read(page)));
+    }
+    all
 }
 
 /// Returns Rust source without comments, strings and character literals. Line numbers are kept.

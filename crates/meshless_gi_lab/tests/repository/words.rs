@@ -1,6 +1,6 @@
 //! Writing rules of comments, documents and names.
 
-use crate::{files, none, read};
+use crate::{code_only, files, none, read};
 
 /// Words that do not start a documentation comment: it starts with a noun or a verb.
 const OPENERS: [&str; 9] = [
@@ -50,7 +50,7 @@ const PHRASES: [&str; 7] = [
 ];
 
 /// Words that have a standard term or are not American English.
-const BANNED: [&str; 14] = [
+const BANNED: [&str; 17] = [
     "lamp",
     "lamps",
     "colour",
@@ -65,6 +65,32 @@ const BANNED: [&str; 14] = [
     "lest",
     "bouncer",
     "bouncers",
+    "live",
+    "passage",
+    "passages",
+];
+
+/// Words before "place" or "places" as a noun. Its terms are position, sample, point and index.
+const DETERMINERS: [&str; 22] = [
+    "a", "the", "this", "that", "these", "those", "each", "every", "one", "two", "another", "any",
+    "no", "same", "all", "of", "at", "such", "many", "some", "other", "its",
+];
+
+/// Adverbs, prepositions and participles that are no names of functions.
+const VAGUE_FUNCTIONS: [&str; 13] = [
+    "of",
+    "whole",
+    "even",
+    "within",
+    "shown",
+    "turned",
+    "near",
+    "along",
+    "around",
+    "between",
+    "surprised",
+    "asked",
+    "told",
 ];
 
 /// Former identifiers with their replacements. They do not come back.
@@ -175,11 +201,9 @@ fn words(text: &str) -> impl Iterator<Item = String> + '_ {
 /// Banned words of a text. Old spellings that files and command lines may still use are exempt.
 fn banned(path: &str, text: &str) -> Vec<String> {
     let mut found = Vec::new();
-    for (i, line) in text
-        .lines()
-        .enumerate()
-        .filter(|(_, l)| !l.contains("alias"))
-    {
+    let has_old_names = path.ends_with("bake/recipe.rs");
+    let is_old_name = |l: &str| has_old_names || l.contains("alias") || l.contains("rename = ");
+    for (i, line) in text.lines().enumerate().filter(|(_, l)| !is_old_name(l)) {
         for word in words(line).filter(|w| BANNED.contains(&w.as_str())) {
             found.push(format!("{path}:{}: `{word}`", i + 1));
         }
@@ -190,9 +214,46 @@ fn banned(path: &str, text: &str) -> Vec<String> {
     found
 }
 
+/// Returns lines with "place" as a noun: an identifier in code that does not start with it, or a
+/// word after one of `DETERMINERS` in comments and documents. "Takes the place of" is exempt.
+fn places(path: &str, text: &str) -> Vec<String> {
+    let is_place = |word: &str| word == "place" || word == "places";
+    let names = |code: &str| {
+        let mut names = code.split(|c: char| !c.is_alphanumeric() && c != '_');
+        names.any(|name| {
+            let is_call = code.contains(&format!("{name}("));
+            let is_verb = name.to_lowercase().starts_with("place") && !is_place(name);
+            !is_call && !is_verb && words(&name.replace('_', " ")).any(|word| is_place(&word))
+        })
+    };
+    let nouns = |prose: &str| {
+        let prose: String = prose.split('`').step_by(2).collect();
+        let all: Vec<String> = words(&prose).filter(|word| !word.is_empty()).collect();
+        let mut pairs = all.windows(2);
+        pairs.any(|pair| DETERMINERS.contains(&pair[0].as_str()) && is_place(&pair[1]))
+            && !prose.contains("the place of")
+    };
+    let code = match path.ends_with(".md") {
+        true => String::new(),
+        false => code_only(text),
+    };
+    let code = code.lines().chain(std::iter::repeat(""));
+    let is_prose = |line: &str| path.ends_with(".md") || line.trim_start().starts_with("//");
+    text.lines()
+        .zip(code)
+        .enumerate()
+        .filter(|(_, (line, code))| names(code) || is_prose(line) && nouns(line))
+        .map(|(i, (line, _))| format!("{path}:{}: {}", i + 1, line.trim_start()))
+        .collect()
+}
+
 /// Returns `true` if `line` declares a field or function called `name`.
 fn declares(line: &str, name: &str) -> bool {
-    let line = line.trim_start().trim_start_matches("pub ");
+    let line = line.trim_start();
+    let line = match line.strip_prefix("pub(") {
+        Some(rest) => rest.split_once(") ").map_or(line, |(_, rest)| rest),
+        None => line.trim_start_matches("pub "),
+    };
     let field = line.strip_prefix(name);
     let function = line
         .strip_prefix("fn ")
@@ -218,9 +279,14 @@ fn refused(path: &str, text: &str) -> Vec<String> {
         for (old, new) in name.copied().into_iter().chain(member) {
             found.push(format!("{path}:{}: `{old}` is `{new}`", i + 1));
         }
-        // A constructor is `new` or `from_x`, an accessor has a noun (R7).
-        if declares(line, "of") {
-            found.push(format!("{path}:{}: `of` is no name", i + 1));
+        // A constructor is `new` or `from_x`, an accessor has a noun (R7), an action a verb (R9).
+        let is_function = line.contains("fn ");
+        let vague = VAGUE_FUNCTIONS.iter();
+        if let Some(name) = vague.filter(|_| is_function).find(|n| declares(line, n)) {
+            found.push(format!("{path}:{}: `{name}` is no name", i + 1));
+        }
+        if line.trim_start().starts_with("pub why:") {
+            found.push(format!("{path}:{}: `why` is `reason` or `error`", i + 1));
         }
     }
     found
@@ -270,6 +336,20 @@ fn texts_have_no_banned_words() {
 }
 
 #[test]
+fn place_is_no_noun() {
+    let found: Vec<String> = texts()
+        .iter()
+        .filter(|(path, _)| !path.ends_with(".ron") && !path.ends_with(".toml"))
+        .flat_map(|(path, text)| places(path, text))
+        .collect();
+    none(found);
+    let bad = "// At a place.\nlet light_place = 1;\nplaces: u8,\n";
+    assert_eq!(places("a.rs", bad).len(), 3);
+    let good = "// Places A in place of B, which takes the place of C.\nplace(\"a place\");\n";
+    assert_eq!(places("a.rs", good).len(), 0);
+}
+
+#[test]
 fn comments_have_no_verbs_of_people() {
     let found: Vec<String> = texts()
         .iter()
@@ -310,4 +390,7 @@ fn code_has_no_former_names() {
     );
     assert_eq!(refused("a.rs", "    pub alike: f32,").len(), 0);
     assert_eq!(refused("a.rs", "    pub fn of(x: u32) -> Self {").len(), 1);
+    assert_eq!(refused("a.rs", "pub(crate) fn shown<T>(x: T) {").len(), 1);
+    assert_eq!(refused("a.rs", "    pub why: String,").len(), 1);
+    assert_eq!(refused("a.rs", "    of: u32,\n    within(a);").len(), 0);
 }

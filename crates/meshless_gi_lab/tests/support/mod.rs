@@ -69,7 +69,7 @@ pub struct SceneOptions {
     /// Links to the terms of a sky that varies.
     pub sky: bool,
     /// Materials that change.
-    pub live: bool,
+    pub has_dynamic_materials: bool,
     /// `true` if the scene has occluders.
     pub occluded: bool,
     /// `true` if points have visibility data.
@@ -90,7 +90,7 @@ pub fn makes() -> Vec<SceneOptions> {
         triangles: 3,
         octree: None,
         sky: false,
-        live: false,
+        has_dynamic_materials: false,
         occluded: false,
         has_visibility: false,
         quantized: false,
@@ -149,7 +149,7 @@ pub fn makes() -> Vec<SceneOptions> {
         },
         SceneOptions {
             seed: 10,
-            live: true,
+            has_dynamic_materials: true,
             ..plain
         },
         SceneOptions {
@@ -187,7 +187,7 @@ fn info(triangles: u64) -> BakeInfo {
 
 /// Three materials, and none to two shares of them a sender.
 fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
-    let mut live = DynamicMaterials {
+    let mut dynamic = DynamicMaterials {
         names: ["wall", "", "sign"].map(String::from).to_vec(),
         factors: (0..3)
             .map(|_| MaterialFactors {
@@ -200,15 +200,15 @@ fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
     };
     for j in 0..senders {
         for k in 0..j % 3 {
-            live.shares.push(MaterialCoverage {
+            dynamic.shares.push(MaterialCoverage {
                 material: (j + k) % 3,
                 albedo: [0.5 * r.unit(); 3],
                 emission: [0.5 * r.unit(); 3],
             });
         }
-        live.starts.push(live.shares.len() as u32);
+        dynamic.starts.push(dynamic.shares.len() as u32);
     }
-    live
+    dynamic
 }
 
 fn row(random: &mut Random, range: std::ops::Range<u32>, max: usize) -> Vec<WeightEntry> {
@@ -365,7 +365,7 @@ pub fn build(make: &SceneOptions) -> BakedScene {
         occluders: None,
         fmm: None,
         illumination: Vec::new(),
-        materials: make.live.then(|| materials(r, senders)),
+        materials: make.has_dynamic_materials.then(|| materials(r, senders)),
         sky: make.sky.then(|| SkyVisibility {
             senders: (0..senders)
                 .map(|_| std::array::from_fn(|_| r.signed().x))
@@ -448,9 +448,9 @@ fn add_occluders(scene: &mut BakedScene) {
         .iter_mut()
         .enumerate()
     {
-        (triangle.occluder, triangle.gain) = (k as u32 + 1, 1.0);
+        (triangle.occluder, triangle.transmittance) = (k as u32 + 1, 1.0);
     }
-    let mut passages = Vec::new();
+    let mut terms = Vec::new();
     for (at, link) in scene
         .data_mut()
         .operator
@@ -461,19 +461,19 @@ fn add_occluders(scene: &mut BakedScene) {
     {
         for set in [at as u16 % 2, 2] {
             let half = Link::pack(0.5 * link.vector(), 1.0, set);
-            passages.push(PackedLinkTerm {
+            terms.push(PackedLinkTerm {
                 link: at as u32,
                 xy: half.xy,
                 z_set: half.z_sender,
             });
         }
-        let parts = passages[passages.len() - 2..].iter();
+        let parts = terms[terms.len() - 2..].iter();
         *link = link_of_parts(parts.map(|p| p.vector()), link.sender());
     }
     scene.data_mut().occluders = Some(Occluders {
         names: vec!["door".into(), "lift \"1\"".into()],
         sets: vec![0, 1, 3],
-        links: passages,
+        links: terms,
         probes: Vec::new(),
     });
 }

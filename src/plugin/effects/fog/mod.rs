@@ -36,7 +36,7 @@ pub(super) const EFFECT: Effect = Effect {
             Work::Pixels(fog.map_or(0, |f| f.pixels * f.volumes as u64))
         },
         record: Recording {
-            kernels: &[gpu::Pass::FogInscatter],
+            kernels: &[gpu::EntryPoint::FogInscatter],
             draws: Some(|counters| counters.fogs),
             how: Record::PostProcess(record),
         },

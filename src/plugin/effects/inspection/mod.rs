@@ -37,7 +37,7 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 
 fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
     let frame = ctx.runtime.frame.as_ref();
-    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::Pass::Apply)) {
+    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::EntryPoint::Apply)) {
         let (device, size) = (ctx.kernels.device(), values.size());
         let earlier = ctx.earlier.take::<CoefficientReadback>();
         let (scene, shared) = (ctx.scene.id, ctx.coefficients);

@@ -24,7 +24,7 @@ pub(super) const EFFECT: Effect = Effect {
             scene.map_or(Work::Uncounted, |s| Work::Passages(s.passages))
         },
         record: Recording {
-            kernels: &[gpu::Pass::Occlude],
+            kernels: &[gpu::EntryPoint::Occlude],
             draws: None,
             how: Record::Scene(record),
         },

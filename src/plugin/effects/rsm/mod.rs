@@ -44,9 +44,9 @@ pub(super) const EFFECT: Effect = Effect {
             },
             record: Recording {
                 kernels: &[
-                    gpu::Pass::RsmTexels,
-                    gpu::Pass::RsmShadow,
-                    gpu::Pass::RsmSelect,
+                    gpu::EntryPoint::RsmTexels,
+                    gpu::EntryPoint::RsmShadow,
+                    gpu::EntryPoint::RsmSelect,
                 ],
                 draws: None,
                 how: Record::LightMap(LightMapRecording {
@@ -62,7 +62,11 @@ pub(super) const EFFECT: Effect = Effect {
             timing: Timing::With(FrameStage::SPLAT),
             work: |state, pass| Work::Pixels(state.pixels(pass.view)),
             record: Recording {
-                kernels: &[gpu::Pass::Vpl, gpu::Pass::VplOver, gpu::Pass::VplNodes],
+                kernels: &[
+                    gpu::EntryPoint::Vpl,
+                    gpu::EntryPoint::VplOver,
+                    gpu::EntryPoint::VplNodes,
+                ],
                 draws: None,
                 how: Record::Layer(LayerRecording {
                     prepare: |ctx, _| ctx.world_states.get::<Reflections>().map(|_| ()),

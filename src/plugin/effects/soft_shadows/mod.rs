@@ -43,7 +43,7 @@ pub(super) const EFFECT: Effect = Effect {
             })
         },
         record: Recording {
-            kernels: &[gpu::Pass::SoftShadow],
+            kernels: &[gpu::EntryPoint::SoftShadow],
             draws: None,
             how: Record::Scene(record),
         },

@@ -39,7 +39,7 @@ pub(super) const EFFECT: Effect = Effect {
             volume.map_or(Work::Uncounted, |volume| Work::Voxels(volume.voxels))
         },
         record: Recording {
-            kernels: &[gpu::Pass::Volume],
+            kernels: &[gpu::EntryPoint::Volume],
             draws: None,
             how: Record::Scene(|ctx, _| {
                 SceneVolume::record(ctx);

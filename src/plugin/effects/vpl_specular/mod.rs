@@ -27,7 +27,10 @@ pub(super) const EFFECT: Effect = Effect {
         timing: Timing::With(FrameStage::VPL_SPECULAR),
         work: |state, pass| Work::Pixels(state.pixels(pass.view)),
         record: Recording {
-            kernels: &[gpu::Pass::VplSpecular, gpu::Pass::VplSpecularPixels],
+            kernels: &[
+                gpu::EntryPoint::VplSpecular,
+                gpu::EntryPoint::VplSpecularPixels,
+            ],
             draws: None,
             how: Record::View(record),
         },

@@ -52,21 +52,21 @@ fn number(bytes: &[u8], kind: ComponentType, normalized: bool) -> f32 {
     }
 }
 
-fn whole(bytes: &[u8]) -> u32 {
+fn decode_uint(bytes: &[u8]) -> u32 {
     let mut wide = [0u8; 4];
     wide[..bytes.len()].copy_from_slice(bytes);
     u32::from_le_bytes(wide)
 }
 
 /// Elements of `size` bytes, `stride` apart.
-struct Span<'a> {
+struct ElementSpan<'a> {
     bytes: &'a [u8],
     size: usize,
     stride: usize,
     count: usize,
 }
 
-impl<'a> Span<'a> {
+impl<'a> ElementSpan<'a> {
     fn iter(&self) -> impl Iterator<Item = &'a [u8]> {
         let (bytes, size, stride) = (self.bytes, self.size, self.stride);
         (0..self.count).map(move |i| &bytes[i * stride..i * stride + size])
@@ -108,7 +108,7 @@ impl Buffers<'_> {
         size: usize,
         count: u64,
         tight: bool,
-    ) -> Result<Span<'_>, String> {
+    ) -> Result<ElementSpan<'_>, String> {
         let bytes = self.view(index)?;
         let stride = match self.root.buffer_views[index.value()].byte_stride {
             Some(s) if !tight && s.0 > 0 => s.0,
@@ -132,7 +132,7 @@ impl Buffers<'_> {
                 index.value()
             ));
         }
-        Ok(Span {
+        Ok(ElementSpan {
             bytes: if count == 0 {
                 &[]
             } else {
@@ -212,7 +212,7 @@ impl Buffers<'_> {
                 )
                 .map_err(name)?;
             for (index, value) in indices.iter().zip(values.iter()) {
-                let index = whole(index) as usize;
+                let index = decode_uint(index) as usize;
                 let to = out.get_mut(index).ok_or_else(|| {
                     name(format!(
                         "its sparse part replaces element {index} of {count}"
@@ -246,6 +246,6 @@ impl Buffers<'_> {
         let span = self
             .span(view, offset, component_size(kind), accessor.count.0, false)
             .map_err(name)?;
-        Ok(span.iter().map(whole).collect())
+        Ok(span.iter().map(decode_uint).collect())
     }
 }

@@ -243,7 +243,7 @@ impl<'a> Builder<'a> {
             self.mesh(mesh.value(), &transform)?;
             let kept = self.triangles[first..]
                 .iter()
-                .filter(|t| TriangleMesh::keeps(t))
+                .filter(|t| TriangleMesh::is_valid_triangle(t))
                 .count();
             self.node_of.extend(std::iter::repeat_n(own, kept));
         }

@@ -50,7 +50,7 @@ fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
     }
 }
 
-fn usable(ray: &Ray) -> bool {
+fn is_usable(ray: &Ray) -> bool {
     ray.origin.is_finite()
         && ray.direction.is_finite()
         && ray.direction != Vec3::ZERO
@@ -66,7 +66,7 @@ impl Geometry for TriangleMesh {
         /// The traversal continues slightly beyond the closest hit, so that another triangle at the
         /// same distance is tested.
         const BEYOND: f32 = 1.0 + 8.0 * f32::EPSILON;
-        if self.faces.is_empty() || !usable(ray) {
+        if self.faces.is_empty() || !is_usable(ray) {
             return None;
         }
         let test = WatertightRay::new(ray);
@@ -83,7 +83,7 @@ impl Geometry for TriangleMesh {
                     None => hit.t < ray.max_t,
                     Some(b) => hit.t < b.t || face.index < b.primitive,
                 };
-                if !closer || !self.solid(face, &hit) {
+                if !closer || !self.is_solid(face, &hit) {
                     return f32::INFINITY;
                 }
                 best = Some(Hit {
@@ -99,7 +99,7 @@ impl Geometry for TriangleMesh {
     fn occluded(&self, from: Vec3, to: Vec3) -> bool {
         // The direction is not normalized: t runs from 0 to 1.
         let ray = Ray::segment(from, to - from, 1.0);
-        if self.faces.is_empty() || !usable(&ray) {
+        if self.faces.is_empty() || !is_usable(&ray) {
             return false;
         }
         let test = WatertightRay::new(&ray);
@@ -107,7 +107,7 @@ impl Geometry for TriangleMesh {
             let face = &self.faces[k];
             let [a, b, c] = face.corners;
             match test.intersect(a, b, c, 1.0) {
-                Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
+                Some(hit) if hit.t < 1.0 && self.is_solid(face, &hit) => 0.0,
                 _ => f32::INFINITY,
             }
         })

@@ -4,7 +4,7 @@
 //! type exactly. Lists are skipped. Their length is checked against the remaining bytes.
 
 use super::PlyError;
-use super::header::{Element, Encoding, Header, Property, Scalar, line_at, shown};
+use super::header::{Element, Encoding, Header, Property, Scalar, line_at, quote};
 
 /// Reads all elements in order. Calls `each` with the scalars of every element named
 /// `element_name`: one value per property, 0 for lists.
@@ -76,7 +76,7 @@ impl Lines<'_> {
                     line: self.line + 1,
                     what: format!(
                         "the file ends at {} {index} of {}",
-                        shown(&element.name),
+                        quote(&element.name),
                         element.count
                     ),
                 });
@@ -97,13 +97,13 @@ impl Lines<'_> {
         let mut next = |property: &Property, scalar: Scalar| -> Result<f64, PlyError> {
             let word = words
                 .next()
-                .ok_or_else(|| wrong(format!("{} is missing", shown(&property.name))))?;
+                .ok_or_else(|| wrong(format!("{} is missing", quote(&property.name))))?;
             let word = String::from_utf8_lossy(word);
             number(&word, scalar).ok_or_else(|| {
                 wrong(format!(
                     "{} is {}, not {scalar:?}",
-                    shown(&property.name),
-                    shown(&word)
+                    quote(&property.name),
+                    quote(&word)
                 ))
             })
         };
@@ -113,7 +113,7 @@ impl Lines<'_> {
                 None => out.push(next(property, property.scalar)?),
                 Some(length) => {
                     // Bounded by the line: each value takes one word.
-                    for _ in 0..whole(next(property, length)?, property).map_err(wrong)? {
+                    for _ in 0..list_length(next(property, length)?, property).map_err(wrong)? {
                         next(property, property.scalar)?;
                     }
                     out.push(0.0);
@@ -124,7 +124,7 @@ impl Lines<'_> {
             None => Ok(()),
             Some(word) => Err(wrong(format!(
                 "{} is one value more than the header declares",
-                shown(&String::from_utf8_lossy(word))
+                quote(&String::from_utf8_lossy(word))
             ))),
         }
     }
@@ -148,11 +148,11 @@ fn number(word: &str, scalar: Scalar) -> Option<f64> {
 }
 
 /// Converts the length of a list.
-fn whole(length: f64, property: &Property) -> Result<u64, String> {
+fn list_length(length: f64, property: &Property) -> Result<u64, String> {
     if length < 0.0 {
         return Err(format!(
             "list {} has the length {length}",
-            shown(&property.name)
+            quote(&property.name)
         ));
     }
     Ok(length as u64)
@@ -213,7 +213,7 @@ impl Numbers<'_> {
             .sum();
         let bytes = size.checked_mul(element.count);
         if bytes.and_then(|bytes| self.take(bytes)).is_none() {
-            return Err(self.wrong(format!("the file ends within {}", shown(&element.name))));
+            return Err(self.wrong(format!("the file ends within {}", quote(&element.name))));
         }
         Ok(())
     }
@@ -227,7 +227,7 @@ impl Numbers<'_> {
         let cut = |this: &Self| {
             this.wrong(format!(
                 "the file ends within {} {index} of {}",
-                shown(&element.name),
+                quote(&element.name),
                 element.count
             ))
         };
@@ -239,13 +239,13 @@ impl Numbers<'_> {
                 out.push(value);
                 continue;
             }
-            let length = whole(value, property).map_err(|what| self.wrong(what))?;
+            let length = list_length(value, property).map_err(|what| self.wrong(what))?;
             let bytes = length * property.scalar.size() as u64;
             if self.take(bytes).is_none() {
                 return Err(self.wrong(format!(
                     "list {} of {} {index} has {length} values, more than the rest of the file",
-                    shown(&property.name),
-                    shown(&element.name)
+                    quote(&property.name),
+                    quote(&element.name)
                 )));
             }
             out.push(0.0);

@@ -150,12 +150,12 @@ impl Header {
                         "ascii" => Encoding::Ascii,
                         "binary_little_endian" => Encoding::LittleEndian,
                         "binary_big_endian" => Encoding::BigEndian,
-                        _ => return Err(wrong(format!("format {} is not known", shown(name)))),
+                        _ => return Err(wrong(format!("format {} is not known", quote(name)))),
                     };
                     if *version != "1.0" {
                         return Err(wrong(format!(
                             "version {}, only 1.0 can be read",
-                            shown(version)
+                            quote(version)
                         )));
                     }
                     if encoding.replace(found).is_some() {
@@ -165,9 +165,9 @@ impl Header {
                 ["element", name, count] => {
                     let count = count
                         .parse()
-                        .map_err(|_| wrong(format!("{} is not a count", shown(count))))?;
+                        .map_err(|_| wrong(format!("{} is not a count", quote(count))))?;
                     if elements.iter().any(|e| e.name == *name) {
-                        return Err(wrong(format!("a second element {}", shown(name))));
+                        return Err(wrong(format!("a second element {}", quote(name))));
                     }
                     if elements.len() >= MAX_PARTS {
                         return Err(wrong(format!("more than {MAX_PARTS} elements")));
@@ -187,7 +187,7 @@ impl Header {
                     if element.properties.iter().any(|p| p.name == property.name) {
                         return Err(wrong(format!(
                             "a second property {}",
-                            shown(&property.name)
+                            quote(&property.name)
                         )));
                     }
                     if element.properties.len() >= MAX_PARTS {
@@ -196,7 +196,7 @@ impl Header {
                     element.properties.push(property);
                 }
                 ["end_header"] => break,
-                _ => return Err(wrong(format!("{} is not a header line", shown(&text)))),
+                _ => return Err(wrong(format!("{} is not a header line", quote(&text)))),
             }
             lines += 1;
         }
@@ -228,7 +228,7 @@ impl Header {
             if element.count > 0 && element.properties.is_empty() {
                 return Err(wrong(format!(
                     "element {} has no properties",
-                    shown(&element.name)
+                    quote(&element.name)
                 )));
             }
             let min = element
@@ -238,7 +238,7 @@ impl Header {
                 wrong(format!(
                     "{} of element {} do not fit into the {body} bytes behind the header",
                     element.count,
-                    shown(&element.name)
+                    quote(&element.name)
                 ))
             })?;
         }
@@ -248,7 +248,7 @@ impl Header {
 
 fn property(words: &[&str]) -> Result<Property, String> {
     let scalar = |name: &str| {
-        Scalar::named(name).ok_or_else(|| format!("type {} is not known", shown(name)))
+        Scalar::named(name).ok_or_else(|| format!("type {} is not known", quote(name)))
     };
     match words {
         ["list", length, kind, name] => {
@@ -272,7 +272,7 @@ fn property(words: &[&str]) -> Result<Property, String> {
 }
 
 /// Formats a word of the file for an error: short, and without control characters.
-pub(super) fn shown(word: &str) -> String {
+pub(super) fn quote(word: &str) -> String {
     let mut out: String = word.chars().take(40).flat_map(char::escape_debug).collect();
     if word.chars().nth(40).is_some() {
         out += "...";

@@ -14,7 +14,7 @@ const PARALLEL: usize = 1 << 14;
 
 /// Point with its index.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct IndexedPoint {
     x: Vec3,
     index: u32,
 }
@@ -31,7 +31,7 @@ pub(super) struct Neighbor {
 /// Balanced k-d tree.
 #[derive(Clone, Debug)]
 pub(super) struct PointTree {
-    entries: Vec<Entry>,
+    entries: Vec<IndexedPoint>,
     /// Split axis of the entry in the middle of a range.
     axes: Vec<u8>,
 }
@@ -39,10 +39,10 @@ pub(super) struct PointTree {
 impl PointTree {
     /// Builds a tree of finite points. The same points give the same tree.
     pub(super) fn new(points: &[Vec3]) -> Self {
-        let mut entries: Vec<Entry> = points
+        let mut entries: Vec<IndexedPoint> = points
             .iter()
             .zip(0u32..)
-            .map(|(x, index)| Entry { x: *x, index })
+            .map(|(x, index)| IndexedPoint { x: *x, index })
             .collect();
         let mut axes = vec![0; entries.len()];
         split(&mut entries, &mut axes);
@@ -75,8 +75,8 @@ impl PointTree {
         (best.index != u32::MAX).then_some(best)
     }
 
-    fn search_within(&self, entries: &[Entry], axes: &[u8], x: Vec3, best: &mut Neighbor) {
-        let offer = |entry: &Entry, best: &mut Neighbor| {
+    fn search_within(&self, entries: &[IndexedPoint], axes: &[u8], x: Vec3, best: &mut Neighbor) {
+        let offer = |entry: &IndexedPoint, best: &mut Neighbor| {
             let square = entry.x.distance_squared(x);
             if square < best.square {
                 let index = entry.index;
@@ -115,7 +115,7 @@ impl PointTree {
         without: Option<u32>,
         out: &mut Vec<Neighbor>,
     ) {
-        let offer = |entry: &Entry, out: &mut Vec<Neighbor>| {
+        let offer = |entry: &IndexedPoint, out: &mut Vec<Neighbor>| {
             let square = entry.x.distance_squared(x);
             if Some(entry.index) == without
                 || (out.len() == count && square >= out[count - 1].square)
@@ -155,7 +155,7 @@ impl PointTree {
     }
 }
 
-fn split(entries: &mut [Entry], axes: &mut [u8]) {
+fn split(entries: &mut [IndexedPoint], axes: &mut [u8]) {
     if entries.len() <= LEAF {
         return;
     }

@@ -224,7 +224,7 @@ fn point_cloud_degenerate_input_builds() {
         )
     };
     let check = |what: &str, result: Result<PointCloud, PointsError>| {
-        let cloud = result.unwrap_or_else(|why| panic!("{what}: {why}"));
+        let cloud = result.unwrap_or_else(|error| panic!("{what}: {error}"));
         for i in 0..cloud.len() {
             assert!(
                 cloud.areas[i].is_finite() && cloud.areas[i] >= 0.0,

@@ -53,7 +53,7 @@ const MAX_WORDS: usize = 1 << 29;
 #[non_exhaustive]
 pub enum VisibilityError {
     /// Canceled by the progress callback.
-    #[error("stopped")]
+    #[error("canceled")]
     Stopped,
     /// The data exceeds the size limit.
     #[error(

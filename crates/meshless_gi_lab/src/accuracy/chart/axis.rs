@@ -16,7 +16,7 @@ pub enum Format {
     /// Plain numbers. Very large and very small ones have an exponent.
     #[default]
     Number,
-    /// Fractions as per cent: 0.05 is 5 %.
+    /// Fractions as percent: 0.05 is 5 %.
     Percent,
     /// Numbers with k, M and G for thousands, millions and billions.
     Si,

@@ -9,8 +9,8 @@ pub const HEIGHT: f64 = 11.0;
 pub struct Area(pub f64, pub f64, pub f64, pub f64);
 
 impl Area {
-    /// Creates a square around a point.
-    pub fn around((x, y): (f64, f64), half: f64) -> Self {
+    /// Creates a square from its center and half its edge.
+    pub fn from_center((x, y): (f64, f64), half: f64) -> Self {
         Self(x - half, y - half, x + half, y + half)
     }
 
@@ -94,7 +94,10 @@ mod tests {
     fn chart_labels_do_not_overlap() {
         let frame = Area(0.0, 0.0, 300.0, 300.0);
         let positions = [(100.0, 100.0), (112.0, 100.0), (295.0, 150.0), (4.0, 4.0)];
-        let mut taken: Vec<Area> = positions.iter().map(|p| Area::around(*p, 5.0)).collect();
+        let mut taken: Vec<Area> = positions
+            .iter()
+            .map(|p| Area::from_center(*p, 5.0))
+            .collect();
         for position in positions {
             assert!(put("a label", position, &frame, &mut taken).is_some());
         }

@@ -358,7 +358,7 @@ fn texts(out: &mut String, placed: &[Placed]) {
         .filter(|p| p.series.style != Style::Line)
         .flat_map(|p| p.at.iter().flatten())
         .filter(|at| inside(**at))
-        .map(|at| Area::around(*at, 6.0))
+        .map(|at| Area::from_center(*at, 6.0))
         .collect();
     // Thin boxes around the steps of fronts.
     for p in placed.iter().filter(|p| p.series.style == Style::Front) {

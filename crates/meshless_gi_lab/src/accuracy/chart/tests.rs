@@ -20,7 +20,7 @@ fn numbers(svg: &str) -> Vec<f64> {
 
 /// Returns the texts of a document. Panics if it is not XML.
 fn texts(svg: &str) -> Vec<String> {
-    let document = roxmltree::Document::parse(svg).unwrap_or_else(|why| panic!("{why}: {svg}"));
+    let document = roxmltree::Document::parse(svg).unwrap_or_else(|error| panic!("{error}: {svg}"));
     assert_eq!(document.root_element().tag_name().name(), "svg");
     let nodes = document.descendants().filter(roxmltree::Node::is_text);
     nodes

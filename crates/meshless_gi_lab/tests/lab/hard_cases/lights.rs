@@ -16,7 +16,7 @@ fn light_source(x: Vec3, intensity: f32) -> FrameLight {
 /// Returns the mean of the light reflected once, relative to that of a light of 1 W/sr in a closed
 /// room. The room has 2 m edges and reflects half of the light: ρ Φ / A for any position of the
 /// light.
-fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
+fn relative_reflected_light(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
     frame.set_lights(scene, &[light_source(x, 1.0)]);
     frame.solve(scene, &FrameSettings::bounces(1));
     let right = 0.5 * 4.0 * PI / 24.0;
@@ -35,7 +35,7 @@ fn light_near_surface_conserves_energy() {
         let all: Vec<f32> = (0..32)
             .map(|k| {
                 let (a, b) = (0.0137 * k as f32, 0.0191 * k as f32);
-                share(&scene, &mut frame, Vec3::new(0.8 + a, height, 0.7 + b))
+                relative_reflected_light(&scene, &mut frame, Vec3::new(0.8 + a, height, 0.7 + b))
             })
             .collect();
         let mean = all.iter().sum::<f32>() / all.len() as f32;
@@ -62,8 +62,8 @@ fn light_in_corner_loses_only_mutual_wall_light() {
     let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
     let mut frame = CpuFrame::new(&bake.scene);
     for (off, min, max) in [(0.3, 0.95, 1.05), (0.05, 0.4, 1.1), (1e-3, 0.35, 1.1)] {
-        let [edge, corner] =
-            [Vec3::new(off, off, 0.9), Vec3::splat(off)].map(|x| share(&bake.scene, &mut frame, x));
+        let [edge, corner] = [Vec3::new(off, off, 0.9), Vec3::splat(off)]
+            .map(|x| relative_reflected_light(&bake.scene, &mut frame, x));
         eprintln!("{off} m from two walls: {edge:.3} of the light; from three: {corner:.3}");
         assert!((min..max).contains(&corner), "{off}: {corner}");
         assert!((min..max).contains(&edge), "{off}: {edge}");

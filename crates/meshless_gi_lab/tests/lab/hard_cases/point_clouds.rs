@@ -147,7 +147,7 @@ fn too_few_points_are_rejected() {
             positions: points().positions[..count].to_vec(),
             ..PlyPoints::default()
         };
-        let why = PointCloud::new(few, &[]).expect_err("no surface");
-        assert!(matches!(why, PointsError::TooFew { usable, .. } if usable == count as u64));
+        let error = PointCloud::new(few, &[]).expect_err("no surface");
+        assert!(matches!(error, PointsError::TooFew { usable, .. } if usable == count as u64));
     }
 }

@@ -125,7 +125,7 @@ impl Exact<'_> {
         let display = &self.scene.data().display;
         let (position, normal) = (x.as_dvec3(), n.as_dvec3());
         let (mut numerator, mut denominator) = (DVec3::ZERO, 0.0);
-        for &j in display.grid.near(x) {
+        for &j in display.grid.indices_near(x) {
             let point = &self.scene.data().points[j as usize];
             let n_j = point.n().as_dvec3();
             let v = position - point.x().as_dvec3();

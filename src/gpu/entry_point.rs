@@ -1,11 +1,11 @@
 //! Compute entry points by name, for dispatches and their counters.
 
-use super::kernel::Entry;
+use super::kernel::ComputeEntry;
 use super::kernels::KERNELS;
 
 /// Compute entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Pass {
+pub enum EntryPoint {
     /// `occlude`.
     Occlude,
     /// `project`.
@@ -22,12 +22,12 @@ pub enum Pass {
     Apply,
     /// `apply_one`.
     ApplyOne,
-    /// `bounce`, one live Jacobi step.
+    /// `bounce`, one Jacobi step.
     Sweep,
     /// `bounce`, baked, the coarsest points.
     Gather,
     /// `bounce`, baked, one finer level.
-    Spread,
+    Interpolate,
     /// `bounce`, baked, the sum.
     Add,
     /// `flatten`, one level of averages.
@@ -92,11 +92,11 @@ pub enum Pass {
     FogInscatter,
 }
 
-impl Pass {
-    /// Number of passes.
+impl EntryPoint {
+    /// Number of entry points.
     pub const COUNT: usize = 42;
 
-    /// All passes, in the order of the table.
+    /// All entry points, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Occlude,
         Self::Project,
@@ -108,7 +108,7 @@ impl Pass {
         Self::ApplyOne,
         Self::Sweep,
         Self::Gather,
-        Self::Spread,
+        Self::Interpolate,
         Self::Add,
         Self::Averages,
         Self::Differences,
@@ -142,14 +142,14 @@ impl Pass {
         Self::FogInscatter,
     ];
 
-    /// Returns the index of its kernel, and its entry point there.
+    /// Returns the index of its kernel, and its row in the kernel's table.
     #[must_use]
-    pub fn entry(self) -> (usize, &'static Entry) {
+    pub fn entry(self) -> (usize, &'static ComputeEntry) {
         for (at, kernel) in KERNELS.iter().enumerate() {
-            if let Some(entry) = kernel.entries.iter().find(|e| e.pass == self) {
+            if let Some(entry) = kernel.entries.iter().find(|e| e.id == self) {
                 return (at, entry);
             }
         }
-        unreachable!("every pass has an entry point; a test counts them")
+        unreachable!("every entry point is in the table; a test counts them")
     }
 }
