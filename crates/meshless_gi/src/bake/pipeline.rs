@@ -1,16 +1,20 @@
 //! Stages of a bake. Each is a function from the result of the previous stage to its own.
 
-use super::assembly::assemble;
-use super::bounces::bound_and_bounce;
+use super::assembly::{Measured, Optional, assemble, describe, estimate};
+use super::bounces::bake_bounces;
+use super::closed_form::row_deviation;
 use super::context::BakeContext;
-use super::finish::estimate;
-use super::fmm::add_octree;
+use super::costs::Costs;
+use super::energy::bound_energy;
+use super::fmm::build_octree;
+use super::packing::{Packed, pack_rows};
 use super::point_set::build_points;
 use super::quality_level::QualityParameters;
 use super::survey::survey;
 use super::transport_stage::build_transport;
-use super::visibility::add_visibility;
+use super::visibility::bake_soft_shadows;
 use super::{BakeError, BakeSource, BakeStats, Baked, Progress, Recipe};
+use crate::asset::BakedScene;
 use std::time::Instant;
 
 /// Bakes until the recipe's target error is met. Bakes once without a target.
@@ -29,13 +33,13 @@ pub(super) fn bake_to_target(
     };
     let began = Instant::now();
     let mut best: Option<Baked> = None;
-    let error = |baked: &Baked| baked.scene.data().info.estimated_nrmse;
+    let error = |baked: &Baked| baked.scene.info().estimated_nrmse;
     for quality in QualityParameters::refinement_steps(target) {
         let baked = bake_once(&context, &quality)?;
         let met = error(&baked) <= target;
         // A recipe that fixes every parameter of the quality levels repeats the same bake.
-        let repeats = best.as_ref().map(|b| &b.scene.data().info.recipe)
-            == Some(&baked.scene.data().info.recipe);
+        let repeats =
+            best.as_ref().map(|b| &b.scene.info().recipe) == Some(&baked.scene.info().recipe);
         if best.as_ref().is_none_or(|best| error(&baked) < error(best)) {
             best = Some(baked);
         }
@@ -58,22 +62,56 @@ pub(super) fn bake_to_target(
 /// Runs all stages once.
 fn bake_once(context: &BakeContext<'_>, quality: &QualityParameters) -> Result<Baked, BakeError> {
     let began = Instant::now();
-    let mut stats = BakeStats {
-        triangles: context.source.primitives,
-        threads: rayon::current_num_threads() as u64,
-        ..BakeStats::default()
-    };
-    let survey = survey(context, quality, &mut stats)?;
-    let points = build_points(context, &survey, &mut stats)?;
-    stats.seconds.points = began.elapsed().as_secs_f64();
-    let mut transport = build_transport(context, &survey, points, &mut stats)?;
-    let cells = transport.cells.take();
-    let assembled = assemble(context, &survey, transport, &mut stats)?;
+    let (survey, survey_cost) = survey(context, quality)?;
+    let (points, points_cost) = build_points(context, &survey)?;
+    let (transport, transport_cost) = build_transport(context, &survey, points)?;
+    let (octree, octree_cost) = build_octree(context, &survey, &transport)?;
+    let (packed, packing_cost) = pack_rows(context, &survey, transport, octree.as_ref())?;
+    let (bounded, energy_cost) = bound_energy(&packed, octree.as_ref());
     let settings = &survey.settings;
-    let scene = bound_and_bounce(context, settings, assembled, &mut stats)?;
-    let scene = add_octree(context, settings, cells, scene, &mut stats)?;
-    let scene = add_visibility(context, settings, scene, &mut stats)?;
-    let scene = estimate(context, scene, &mut stats)?;
-    stats.seconds.total = began.elapsed().as_secs_f64();
-    Ok(Baked { scene, stats })
+    let (bounces, bounces_cost) = bake_bounces(context, settings, &packed, &bounded)?;
+    let (visibility, visibility_cost) = bake_soft_shadows(context, settings, &packed.linked)?;
+    let octree_deviation = octree.as_ref().map_or([0.0; 2], |octree| octree.deviation);
+    let optional = Optional {
+        octree,
+        bounces,
+        visibility,
+    };
+    let Packed {
+        linked,
+        extras,
+        missed,
+        facts,
+        ..
+    } = packed;
+    let scene = assemble(context.source, linked, bounded.surfaces, extras, optional);
+    let rows = row_deviation(&scene, &missed);
+    let deviation = [0, 1].map(|k| f32::max(rows[k], octree_deviation[k]));
+    // Octree and visibility have methods of their own. Their rays do not enlarge the estimate.
+    let counted = [&survey_cost, &points_cost, &transport_cost, &packing_cost];
+    let rays = counted.iter().map(|cost| cost.rays).sum();
+    let (estimates, estimate_cost) = estimate(context, &survey, &scene, rays)?;
+    let costs = Costs {
+        survey: survey_cost,
+        points: points_cost,
+        transport: transport_cost,
+        octree: octree_cost,
+        packing: packing_cost,
+        energy: energy_cost,
+        bounces: bounces_cost,
+        visibility: visibility_cost,
+        estimate: estimate_cost,
+    };
+    let measured = Measured {
+        energy: bounded.gain.energy(deviation),
+        estimates,
+        rays: costs.rays(),
+    };
+    let info = describe(context, &survey, &scene, &facts, &measured);
+    let seconds = costs.seconds(began, facts.gather_share, facts.probe_seconds);
+    let stats = BakeStats::new(&scene, &info, facts, costs.warnings(), seconds);
+    Ok(Baked {
+        scene: BakedScene::new(scene, info),
+        stats,
+    })
 }
