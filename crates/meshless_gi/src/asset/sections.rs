@@ -305,17 +305,7 @@ impl SceneData {
                 format!("{} words instead of {SHAPE_WORDS}", shape.len()),
             ));
         };
-        let form = match form {
-            0 => SenderForm::Averages,
-            1 => SenderForm::Differences,
-            2 => SenderForm::Components,
-            other => {
-                return Err(section_error(
-                    SHAPE,
-                    format!("unknown form {other} of the operator"),
-                ));
-            }
-        };
+        let form = sender_form(form)?;
         let points: Vec<Point> = items(&file, POINTS, POINT)?;
         let surfaces: Vec<PointSurface> = items(&file, SURFACES, SURFACE)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
@@ -387,6 +377,19 @@ impl SceneData {
             bounds: info.bounds,
         };
         Ok((scene, info))
+    }
+}
+
+/// Returns the form of the operator from its number in the section "shape".
+fn sender_form(number: u32) -> Result<SenderForm, AssetError> {
+    match number {
+        0 => Ok(SenderForm::Averages),
+        1 => Ok(SenderForm::Differences),
+        2 => Ok(SenderForm::Components),
+        other => {
+            let message = format!("unknown form {other} of the operator");
+            Err(section_error(SHAPE, message))
+        }
     }
 }
 

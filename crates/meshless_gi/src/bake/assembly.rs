@@ -1,10 +1,9 @@
 //! Last stage: the scene from the results of all stages, its measured errors, and its description.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::estimate::{EstimateInputs, estimate_tiers};
 use super::fmm::Octree;
-use super::packing::{Extras, LinkedPoints, RowFacts};
+use super::packing::{Packed, RowFacts};
 use super::staleness::{fingerprint_of, hex};
 use super::survey::Survey;
 use super::{BAKE_VERSION, BakeError, BakeSource, ErrorEstimate, canonical_recipe};
@@ -13,43 +12,40 @@ use crate::transport::BounceOperator;
 use crate::transport::pca::Visibility;
 use std::time::Instant;
 
-/// Results of stages that only some bakes run.
-pub(super) struct Optional {
-    pub octree: Option<Octree>,
-    pub bounces: Option<BounceOperator>,
-    pub visibility: Option<Visibility>,
-}
-
-/// Assembles the scene.
+/// Assembles the scene with the surfaces of the energy stage. Also returns the remaining results of
+/// packing: [`Packed::missed`] and [`Packed::facts`].
 pub(super) fn assemble(
     source: &BakeSource<'_>,
-    linked: LinkedPoints,
+    packed: Packed,
     surfaces: Vec<PointSurface>,
-    extras: Extras,
-    optional: Optional,
-) -> SceneData {
+    octree: Option<Octree>,
+    bounces: Option<BounceOperator>,
+    visibility: Option<Visibility>,
+) -> (SceneData, Vec<f32>, RowFacts) {
     let bounds = source.geometry.bounds();
-    SceneData {
+    let linked = packed.linked;
+    let scene = SceneData {
         points: linked.points,
         surfaces,
         level_starts: linked.level_starts,
         sender_levels: linked.sender_levels,
-        light_samples: extras.light_samples,
+        light_samples: packed.light_samples,
         pull: linked.pull,
         parents: linked.parents,
         operator: linked.operator,
-        fmm: optional.octree.map(|octree| octree.operator),
-        bounces: optional.bounces,
+        fmm: octree.map(|octree| octree.operator),
+        bounces,
         illumination: Vec::new(),
-        visibility: optional.visibility,
-        sky: extras.sky,
-        materials: extras.materials,
-        probes: extras.probes,
-        occluders: extras.occluders,
-        display: extras.display,
+        visibility,
+        sky: packed.sky,
+        materials: packed.materials,
+        probes: packed.probes,
+        occluders: packed.occluders,
+        display: packed.display,
         bvh: source.bvh.clone(),
         bounds: [bounds.min.to_array(), bounds.max.to_array()],
-    }
+    };
+    (scene, packed.missed, packed.facts)
 }
 
 /// Estimates the error of each tier. The estimate is in proportion to a bake of `rays` rays.
@@ -71,28 +67,20 @@ pub(super) fn estimate(
     Ok((estimates, StageCost::new(began, rays)))
 }
 
-/// Measured properties of a scene.
-pub(super) struct Measured {
-    pub energy: EnergyInfo,
-    /// Errors of the tiers.
-    pub estimates: Vec<ErrorEstimate>,
-    pub rays: u64,
-}
-
-/// Describes the bake.
+/// Describes a bake that cast `rays` rays and has the measured `energy` and errors of its tiers.
 pub(super) fn describe(
     context: &BakeContext<'_>,
     survey: &Survey,
     scene: &SceneData,
     facts: &RowFacts,
-    measured: &Measured,
+    energy: EnergyInfo,
+    estimates: &[ErrorEstimate],
+    rays: u64,
 ) -> BakeInfo {
     let (source, recipe) = (context.source, context.recipe);
     let settings = survey.settings.to_ron();
-    let estimates = measured.estimates.iter().copied();
-    let all_links = estimates.clone().last().unwrap_or_default();
+    let all_links = estimates.last().copied().unwrap_or_default();
     let sizes = scene.tier_sizes().into_iter();
-    let estimates = estimates.chain(std::iter::repeat(ErrorEstimate::default()));
     BakeInfo {
         version: env!("CARGO_PKG_VERSION").into(),
         bake_version: BAKE_VERSION,
@@ -103,7 +91,7 @@ pub(super) fn describe(
         given_recipe: canonical_recipe(recipe),
         recipe: settings,
         triangles: source.primitives,
-        rays: measured.rays,
+        rays,
         bounds: scene.bounds,
         viewpoints: survey.viewpoints.iter().map(|v| v.to_array()).collect(),
         estimated_nrmse: all_links.nrmse,
@@ -120,7 +108,7 @@ pub(super) fn describe(
         link_error: facts.link_error,
         uncovered: facts.uncovered as f32,
         largest_row_sum: facts.largest_row_sum,
-        energy: measured.energy,
+        energy,
         request: String::new(),
     }
 }

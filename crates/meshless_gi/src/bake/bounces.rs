@@ -1,7 +1,6 @@
 //! Seventh stage: baked bounces.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::energy::Bounded;
 use super::packing::Packed;
 use super::{BakeError, BakeSettings, BakeStage, BounceMode};

@@ -1,6 +1,7 @@
-//! Closed form of the rows: (1/π) ∫ n·ω dω = 1 over the hemisphere. Σ_j F_ij·n_i, the sky's part and
-//! the part without a sender sum to one. Packing to half precision adds rounding errors to the sum. A
-//! room with albedo 0.99 amplifies them a hundredfold. Rows of averages are rescaled to correct this.
+//! Closed form of the rows: (1/π) ∫ n·ω dω = 1 over the hemisphere. Σ_j F_ij·n_i, the sky's part
+//! and the part without a sender sum to one. Packing to half precision adds rounding errors to the
+//! sum. A room with albedo 0.99 amplifies them a hundredfold. Rows of averages are rescaled to
+//! correct this.
 
 use super::energy_components as components;
 use super::packing::LinkedPoints;
@@ -13,8 +14,8 @@ use std::f32::consts::FRAC_1_PI;
 /// Largest deviation from the closed form that rounding explains. Such rows are rescaled.
 const ROUNDING: f64 = 0.01;
 
-/// Rescales rows of averages so that they sum to the gathered part. `missed` has, for each point, the
-/// part of its gathered light that hit a surface without a sender.
+/// Rescales rows of averages so that they sum to the gathered part. `missed` has, for each point,
+/// the part of its gathered light that hit a surface without a sender.
 pub(super) fn rescale_rows(linked: &mut LinkedPoints, missed: &[f32]) {
     if !linked.operator.form.has_independent_rows() {
         return;

@@ -18,7 +18,7 @@
 //! These represent equal areas, since they are as dense as their disks allow. The rest is noise of
 //! rays and points.
 
-use super::costs::StageCost;
+use super::context::StageCost;
 use super::energy_components as components;
 use super::energy_fmm::bound_octree;
 use super::fmm::Octree;

@@ -12,8 +12,7 @@
 //! sky and unlit back sides: (1/π) ∫ n·ω dω = 1. A factor per point corrects the errors of close
 //! disks, areas and partial visibility.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::link_method::LinkMethod;
 use super::survey::Survey;
 use super::transport_stage::Transport;

@@ -1,7 +1,7 @@
 //! Bake of a scene: from geometry and a recipe to a [`BakedScene`].
 //!
 //! A bake is a pipeline. Each stage takes the results of earlier stages and returns its own, with
-//! its cost (`costs`): survey (`survey`) → points (`point_set`) → rows (`transport_stage`) → octree
+//! its cost (`context`): survey (`survey`) → points (`point_set`) → rows (`transport_stage`) → octree
 //! (`fmm`) → packed rows (`packing`) → energy bound (`energy`) → baked bounces (`bounces`) →
 //! visibility (`visibility`) → scene, estimated error and description (`assembly`).
 //!
@@ -16,7 +16,6 @@ mod basis_training;
 mod bounces;
 mod closed_form;
 mod context;
-mod costs;
 mod energy;
 mod energy_components;
 mod energy_fmm;

@@ -1,8 +1,7 @@
 //! Fifth stage: rows as a frame reads them, and everything else that follows from points and rows.
 
 use super::closed_form::rescale_rows;
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::fmm::Octree;
 use super::point_set::PointSet;
 use super::survey::Survey;
@@ -19,12 +18,16 @@ use glam::Vec3;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Result of the stage.
+/// Result of the stage. [`SceneData`](crate::asset::SceneData) documents the fields that are not documented here.
 pub(super) struct Packed {
     pub linked: LinkedPoints,
-    /// Surfaces of all points.
     pub surfaces: Vec<PointSurface>,
-    pub extras: Extras,
+    pub light_samples: LightSamples,
+    pub materials: Option<DynamicMaterials>,
+    pub sky: Option<SkyVisibility>,
+    pub probes: Option<Probes>,
+    pub occluders: Option<Occluders>,
+    pub display: FlatBasis,
     /// Rows of all points in full precision.
     pub rows: Vec<RawRow>,
     /// Fraction of each point's hemisphere that has no sender.
@@ -63,17 +66,6 @@ impl LinkedPoints {
     pub fn has_links(&self) -> bool {
         self.operator.rows.iter().any(|row| row.tier != 0)
     }
-}
-
-/// Data that projection, display and effects of a frame read.
-/// [`SceneData`](crate::asset::SceneData) documents the fields.
-pub(super) struct Extras {
-    pub light_samples: LightSamples,
-    pub materials: Option<DynamicMaterials>,
-    pub sky: Option<SkyVisibility>,
-    pub probes: Option<Probes>,
-    pub occluders: Option<Occluders>,
-    pub display: FlatBasis,
 }
 
 /// Facts about the rows that the scene itself does not show. [`BakeStats`](super::BakeStats)
@@ -153,19 +145,9 @@ pub(super) fn pack_rows(
         probes_lost: probes.as_ref().map_or(0.0, |probes| probes.lost),
         probe_seconds: probes.as_ref().map_or(0.0, |probes| probes.seconds),
     };
-    let extras = Extras {
-        light_samples: samples,
-        materials,
-        sky: (settings.sky == SkyModel::Harmonics)
-            .then(|| sky::visibility(&sky_terms[..senders], &hierarchy.surfaces)),
-        probes: probes.map(|baked| baked.probes),
-        occluders,
-        display: FlatBasis {
-            radius: flat.radius(),
-            planes: flat.planes,
-            grid: flat.grid,
-        },
-    };
+    let sky_visibility = (settings.sky == SkyModel::Harmonics)
+        .then(|| sky::visibility(&sky_terms[..senders], &hierarchy.surfaces));
+    let radius = flat.radius();
     let mut linked = LinkedPoints {
         points: flat.points,
         level_starts: hierarchy.level_starts,
@@ -178,7 +160,16 @@ pub(super) fn pack_rows(
     let packed = Packed {
         linked,
         surfaces,
-        extras,
+        light_samples: samples,
+        materials,
+        sky: sky_visibility,
+        probes: probes.map(|baked| baked.probes),
+        occluders,
+        display: FlatBasis {
+            radius,
+            planes: flat.planes,
+            grid: flat.grid,
+        },
         rows: refined.rows,
         missed: refined.missed,
         facts,

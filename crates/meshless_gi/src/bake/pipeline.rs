@@ -1,19 +1,18 @@
 //! Stages of a bake. Each is a function from the result of the previous stage to its own.
 
-use super::assembly::{Measured, Optional, assemble, describe, estimate};
+use super::assembly::{assemble, describe, estimate};
 use super::bounces::bake_bounces;
 use super::closed_form::row_deviation;
 use super::context::BakeContext;
-use super::costs::Costs;
 use super::energy::bound_energy;
 use super::fmm::build_octree;
-use super::packing::{Packed, pack_rows};
+use super::packing::pack_rows;
 use super::point_set::build_points;
 use super::quality_level::QualityParameters;
 use super::survey::survey;
 use super::transport_stage::build_transport;
 use super::visibility::bake_soft_shadows;
-use super::{BakeError, BakeSource, BakeStats, Baked, Progress, Recipe};
+use super::{BakeError, BakeSource, BakeStats, Baked, Progress, Recipe, StageSeconds};
 use crate::asset::BakedScene;
 use std::time::Instant;
 
@@ -72,44 +71,38 @@ fn bake_once(context: &BakeContext<'_>, quality: &QualityParameters) -> Result<B
     let (bounces, bounces_cost) = bake_bounces(context, settings, &packed, &bounded)?;
     let (visibility, visibility_cost) = bake_soft_shadows(context, settings, &packed.linked)?;
     let octree_deviation = octree.as_ref().map_or([0.0; 2], |octree| octree.deviation);
-    let optional = Optional {
-        octree,
-        bounces,
-        visibility,
-    };
-    let Packed {
-        linked,
-        extras,
-        missed,
-        facts,
-        ..
-    } = packed;
-    let scene = assemble(context.source, linked, bounded.surfaces, extras, optional);
+    let (source, surfaces) = (context.source, bounded.surfaces);
+    let (scene, missed, facts) = assemble(source, packed, surfaces, octree, bounces, visibility);
     let rows = row_deviation(&scene, &missed);
-    let deviation = [0, 1].map(|k| f32::max(rows[k], octree_deviation[k]));
-    // Octree and visibility have methods of their own. Their rays do not enlarge the estimate.
-    let counted = [&survey_cost, &points_cost, &transport_cost, &packing_cost];
-    let rays = counted.iter().map(|cost| cost.rays).sum();
-    let (estimates, estimate_cost) = estimate(context, &survey, &scene, rays)?;
-    let costs = Costs {
-        survey: survey_cost,
-        points: points_cost,
-        transport: transport_cost,
-        octree: octree_cost,
-        packing: packing_cost,
-        energy: energy_cost,
-        bounces: bounces_cost,
-        visibility: visibility_cost,
-        estimate: estimate_cost,
+    let energy = (bounded.gain).energy([0, 1].map(|k| f32::max(rows[k], octree_deviation[k])));
+    // The estimate is in proportion to the bake of points and rows.
+    let row_costs = [&survey_cost, &points_cost, &transport_cost, &packing_cost];
+    let row_rays = row_costs.iter().map(|cost| cost.rays).sum();
+    let (estimates, estimate_cost) = estimate(context, &survey, &scene, row_rays)?;
+    let other_costs = [
+        &octree_cost,
+        &energy_cost,
+        &bounces_cost,
+        &visibility_cost,
+        &estimate_cost,
+    ];
+    let costs = row_costs.into_iter().chain(other_costs);
+    let rays = costs.clone().map(|cost| cost.rays).sum();
+    let warnings = costs.flat_map(|cost| cost.warnings.clone()).collect();
+    let info = describe(context, &survey, &scene, &facts, energy, &estimates, rays);
+    let seconds = StageSeconds {
+        points: survey_cost.seconds + points_cost.seconds,
+        gather: facts.gather_share * transport_cost.seconds,
+        refine: (1.0 - facts.gather_share) * transport_cost.seconds,
+        bounces: bounces_cost.seconds,
+        visibility: visibility_cost.seconds,
+        probes: facts.probe_seconds,
+        octree: octree_cost.seconds,
+        estimate: estimate_cost.seconds,
+        total: began.elapsed().as_secs_f64(),
+        ..StageSeconds::default()
     };
-    let measured = Measured {
-        energy: bounded.gain.energy(deviation),
-        estimates,
-        rays: costs.rays(),
-    };
-    let info = describe(context, &survey, &scene, &facts, &measured);
-    let seconds = costs.seconds(began, facts.gather_share, facts.probe_seconds);
-    let stats = BakeStats::new(&scene, &info, facts, costs.warnings(), seconds);
+    let stats = BakeStats::new(&scene, &info, facts, warnings, seconds);
     Ok(Baked {
         scene: BakedScene::new(scene, info),
         stats,

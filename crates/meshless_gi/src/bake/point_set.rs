@@ -1,7 +1,6 @@
 //! Second stage: points, their hierarchy, light samples of senders, and weights between levels.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::survey::Survey;
 use super::{BakeError, BakeSettings, BakeStage};
 use crate::asset::LightSamples;

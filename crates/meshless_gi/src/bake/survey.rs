@@ -1,7 +1,6 @@
 //! First stage: viewpoints, the lit area, and the settings that follow from them.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::link_method::LinkMethod;
 use super::precision_check::check_precision;
 use super::quality_level::QualityParameters;

@@ -1,7 +1,6 @@
 //! Third stage: gathered and refined rows of the operator, and of probes.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::link_method::LinkMethod;
 use super::point_set::PointSet;
 use super::probes::{BakedProbes, ProbeInput, bake_probes};

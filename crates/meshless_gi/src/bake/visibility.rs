@@ -1,7 +1,6 @@
 //! Visibility for soft shadows ([P14] §4.2): recipe and stage.
 
-use super::context::BakeContext;
-use super::costs::StageCost;
+use super::context::{BakeContext, StageCost};
 use super::packing::LinkedPoints;
 use super::recipe::{RecipeError, in_range};
 use super::{BakeError, BakeSettings, BakeStage};
