@@ -154,12 +154,9 @@ impl RecipeInputs {
     ) -> Result<BakedScene, GiRecipeLoadError> {
         let mesh = self.files.mesh(&self.recipe.viewpoints)?;
         let baked = bake_scene(&mesh, &self.recipe, threads, progress);
-        let Baked {
-            mut scene, stats, ..
-        } = baked.map_err(|error| self.failed(error))?;
-        scene.data_mut().info.scene_digest = self.files.digest();
+        let Baked { scene, stats, .. } = baked.map_err(|error| self.failed(error))?;
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
-        Ok(scene)
+        Ok(scene.with_scene_digest(self.files.digest()))
     }
 
     /// Bakes on a thread of its own. The threads that load assets and compile shaders stay free: a

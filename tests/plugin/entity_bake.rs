@@ -30,7 +30,7 @@ use std::time::Duration;
 /// Returns a bake without its request.
 fn without_request(scene: &BakedScene) -> BakedScene {
     let mut scene = scene.clone();
-    scene.data_mut().info.request.clear();
+    scene.info_mut().request.clear();
     scene
 }
 

@@ -199,8 +199,8 @@ fn bake_of_other_version_is_reported_without_scene() {
     let assets = write_scene(root.path());
     let file = assets.join("room.mgi");
     let mut scene = BakedScene::read(&file, &Limits::default()).unwrap();
-    scene.data_mut().info.bake_version -= 1;
-    scene.data_mut().info.scene = None;
+    scene.info_mut().bake_version -= 1;
+    scene.info_mut().scene = None;
     scene.write(&file).unwrap();
     let mut app = app_with(unprocessed_assets(&assets), "room.mgi", &Changes::default());
     let ((), lines) = warnings(|| load(&mut app));

@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     for path in std::iter::once(&args.output).chain(&args.output_bake) {
         check_writable(path).map_err(|error| ToolError::write(path, &error))?;
     }
-    let mut baked = input::bake(&args.bake)?;
+    let baked = input::bake(&args.bake)?;
     let mut budget = input::budget();
     let description = SceneDescription::read_within(&args.scene, &mut budget)?;
     let surface = match &args.points {
@@ -118,8 +118,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         mean.z
     );
     if let Some(path) = &args.output_bake {
-        baked.data_mut().illumination = irradiance.iter().map(Vec3::to_array).collect();
-        let size = (baked.write(path)).map_err(|error| ToolError::asset(path, &error))?;
+        let illuminated = baked.with_illumination(irradiance.iter().map(Vec3::to_array).collect());
+        let size = (illuminated.write(path)).map_err(|error| ToolError::asset(path, &error))?;
         summary += &format!("{}: {}\n", path.display(), output::bytes(size));
     }
     output::print(&summary)

@@ -20,7 +20,6 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let scene = input::bake(&args.bake)?;
     let stats = scene
-        .data()
         .validate()
         .map_err(|problems| ToolError::asset(&args.bake, &AssetError::Invalid(problems)))?;
     let size = std::fs::metadata(&args.bake)

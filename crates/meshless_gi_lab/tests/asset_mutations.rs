@@ -370,7 +370,7 @@ fn mutated_assets_are_rejected_or_harmless() {
         worst.fetch_max(taken as u64, Ordering::Relaxed);
         let outcome = match read {
             Ok(scene) => {
-                assert!(scene.data().validate().is_ok(), "mutation {i}");
+                assert!(scene.validate().is_ok(), "mutation {i}");
                 walk(&scene);
                 0
             }
@@ -418,6 +418,6 @@ fn mutation_harness_detects_memory_and_index_errors() {
     walk(&scene);
     let first = scene.data().operator.rows[0].start as usize;
     scene.data_mut().operator.links[first].z_sender |= 0xffff_0000;
-    assert!(scene.data().validate().is_err());
+    assert!(scene.validate().is_err());
     assert!(std::panic::catch_unwind(|| walk(&scene)).is_err());
 }

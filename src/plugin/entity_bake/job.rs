@@ -52,8 +52,11 @@ pub(super) fn run(
     let progress_log = log_progress(root.clone(), progress.clone());
     let baked = bake_scene(&mesh, &request.recipe, bake_threads(), progress)?;
     drop(progress_log);
-    let mut output = BakeOutput::from(baked);
-    output.scene.data_mut().info.request = key;
+    let output = BakeOutput::from(baked);
+    let mut output = BakeOutput {
+        scene: output.scene.with_request(key),
+        ..output
+    };
     let mut saved = String::new();
     if let Some(path) = save_to {
         match save(path, &output.scene) {

@@ -3,7 +3,7 @@
 //! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are inverse to each other.
 //! [`BakedScene::read`] and [`BakedScene::write`] do the same for files. No bytes cause a panic, or
 //! use of more memory than [`Limits`] allows. A scene that was read has passed
-//! [`SceneData::validate`].
+//! [`BakedScene::validate`].
 
 mod baked;
 mod codec;

@@ -3,7 +3,6 @@
 //! Points are numbered level after level, coarse first, and `level_starts` bounds the levels.
 //! Points of the first `sender_levels` levels are the senders: sender j is point j.
 
-use super::BakeInfo;
 use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
 use super::probes::Probes;
@@ -112,8 +111,8 @@ pub struct SceneData {
     pub display: FlatBasis,
     /// Shadow casters.
     pub bvh: Bvh,
-    /// Sources, settings, error estimate and statistics of the bake.
-    pub info: BakeInfo,
+    /// Box around the geometry, meters: smallest and largest corner.
+    pub bounds: [[f32; 3]; 2],
 }
 
 impl SceneData {

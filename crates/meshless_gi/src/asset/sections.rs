@@ -182,14 +182,9 @@ const ILLUMINATION: &Kind = &KINDS[ILLUMINATION_INDEX];
 const SHAPE_WORDS: usize = 8;
 
 impl SceneData {
-    /// Returns the scene as a `.mgi` file. The same scene gives the same bytes.
-    ///
-    /// # Errors
-    /// [`AssetError::Invalid`] if the file could not be read again. [`AssetError::Section`] if
-    /// `info` cannot be written as text.
-    pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
-        self.validate().map_err(AssetError::Invalid)?;
-        let info = ron::to_string(&self.info).map_err(|e| section_error(INFO, e))?;
+    /// Returns a valid scene as a `.mgi` file. See [`BakedScene::to_bytes`].
+    pub(super) fn to_bytes(&self, info: &BakeInfo) -> Result<Vec<u8>, AssetError> {
+        let info = ron::to_string(info).map_err(|e| section_error(INFO, e))?;
         if info.len() as u64 > INFO.max {
             return Err(section_error(
                 INFO,
@@ -286,12 +281,12 @@ impl SceneData {
         Ok(assemble(&sections))
     }
 
-    /// Reads a `.mgi` file from memory. Checks header, table, checksums, and everything that
-    /// [`validate`](Self::validate) checks. Allocates at most `limits`, for any bytes.
-    ///
-    /// # Errors
-    /// See [`AssetError`]. No bytes cause a panic.
-    pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, AssetError> {
+    /// Reads a `.mgi` file and its facts from memory, and does not validate them. See
+    /// [`BakedScene::from_bytes`].
+    pub(super) fn from_bytes(
+        bytes: &[u8],
+        limits: &Limits,
+    ) -> Result<(Self, BakeInfo), AssetError> {
         let file = Container::parse(bytes, &KINDS, limits)?;
         let shape: Vec<u32> = items(&file, SHAPE, COUNT)?;
         let &[
@@ -310,17 +305,7 @@ impl SceneData {
                 format!("{} words instead of {SHAPE_WORDS}", shape.len()),
             ));
         };
-        let form = match form {
-            0 => SenderForm::Averages,
-            1 => SenderForm::Differences,
-            2 => SenderForm::Components,
-            other => {
-                return Err(section_error(
-                    SHAPE,
-                    format!("unknown form {other} of the operator"),
-                ));
-            }
-        };
+        let form = sender_form(form)?;
         let points: Vec<Point> = items(&file, POINTS, POINT)?;
         let surfaces: Vec<PointSurface> = items(&file, SURFACES, SURFACE)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
@@ -349,6 +334,7 @@ impl SceneData {
         let mut triangles: Vec<BvhTriangle> = items(&file, TRIANGLES, TRIANGLE)?;
         let kinds = &KINDS[FIRST_OCCLUDER..];
         let occluders = occluders::read(&file, &mut triangles, kinds)?;
+        let info = info(&file)?;
         let scene = Self {
             points,
             surfaces,
@@ -388,10 +374,22 @@ impl SceneData {
                 triangles,
             },
             occluders,
-            info: info(&file)?,
+            bounds: info.bounds,
         };
-        scene.validate().map_err(AssetError::Invalid)?;
-        Ok(scene)
+        Ok((scene, info))
+    }
+}
+
+/// Returns the form of the operator from its number in the section "shape".
+fn sender_form(number: u32) -> Result<SenderForm, AssetError> {
+    match number {
+        0 => Ok(SenderForm::Averages),
+        1 => Ok(SenderForm::Differences),
+        2 => Ok(SenderForm::Components),
+        other => {
+            let message = format!("unknown form {other} of the operator");
+            Err(section_error(SHAPE, message))
+        }
     }
 }
 

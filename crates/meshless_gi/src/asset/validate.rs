@@ -1,6 +1,7 @@
 //! Validation of a baked scene: every index and number is in range, and every traversal is finite.
 //! No scene is used before it has passed (design D10).
 
+use super::info::TierInfo;
 use super::scene_data::{LightSamples, SceneData};
 use super::stats::BakedStats;
 use super::violation::{Check, Violation};
@@ -20,12 +21,9 @@ pub(super) const MAX_ROW_SUM: f32 = 1.01;
 pub(super) const MAX_LINK: f32 = 16.0;
 
 impl SceneData {
-    /// Checks everything that a frame requires. A scene that passes can be used without further
-    /// tests.
-    ///
-    /// # Errors
-    /// Violations, at most 32.
-    pub fn validate(&self) -> Result<BakedStats, Vec<Violation>> {
+    /// Checks the arrays, and the facts about their tiers. See
+    /// [`BakedScene::validate`](super::BakedScene::validate).
+    pub(super) fn validate(&self, tiers: &[TierInfo]) -> Result<BakedStats, Vec<Violation>> {
         let mut check = Check(Vec::new());
         self.check_shape(&mut check);
         // The other checks take their ranges from the shape.
@@ -34,7 +32,7 @@ impl SceneData {
             self.check_weights(&mut check);
             self.check_compression(&mut check);
             self.check_sky(&mut check);
-            self.check_operator(&mut check);
+            self.check_operator(&mut check, tiers);
             self.check_grid(&mut check);
             self.check_visibility(&mut check);
             self.check_probes(&mut check);
@@ -238,8 +236,8 @@ impl SceneData {
     }
 
     /// Checks the recorded sizes of the tiers against the operator.
-    fn check_tiers(&self, check: &mut Check) {
-        let (sizes, stated) = (self.tier_sizes(), &self.info.tiers);
+    fn check_tiers(&self, check: &mut Check, stated: &[TierInfo]) {
+        let sizes = self.tier_sizes();
         check.whole(sizes.len() == stated.len(), "tiers", || {
             format!("{} are listed, but there are {}", stated.len(), sizes.len())
         });
@@ -258,7 +256,7 @@ impl SceneData {
         }
     }
 
-    fn check_operator(&self, check: &mut Check) {
+    fn check_operator(&self, check: &mut Check, tiers: &[TierInfo]) {
         let (rows, links) = (&self.operator.rows, &self.operator.links);
         let coefficients = self.operator.coefficients(self.senders()) + self.sky_terms();
         let mut end = 0u64;
@@ -306,7 +304,7 @@ impl SceneData {
             format!("have {end} links, but there are {}", links.len())
         });
         if check.0.is_empty() {
-            self.check_tiers(check);
+            self.check_tiers(check, tiers);
         }
         for (i, link) in links.iter().enumerate() {
             let v = link.vector();

@@ -5,7 +5,7 @@ use super::probes::ProbeSettings;
 use super::quality_level::QualityParameters;
 use super::recipe::{BounceMode, Recipe, RecipeError, ron_options};
 use super::sky::SkyModel;
-use super::transport_method::{FmmRecipe, PcaRecipe, TransportMethod};
+use super::transport_method::TransportMethod;
 use super::visibility::VisibilityRecipe;
 use crate::samples::{DiskSettings, fill_level};
 use crate::scene::{Geometry, SkyRadiance};
@@ -80,11 +80,6 @@ pub struct BakeSettings {
 /// `PACKING_DENSITY` · area / R². Measured for dart throwing.
 const PACKING_DENSITY: f32 = 0.7;
 
-/// Approximate number of sender clusters of method `pca`, a little more than in \[P14\] §6.
-const CLUSTERS: f32 = 64.0;
-/// Smallest automatic cluster, in senders.
-const MIN_CLUSTER: f32 = 16.0;
-
 impl Recipe {
     /// Returns the settings for a scene with `area` m² of lit surfaces. The preset sets values that
     /// are left out.
@@ -102,6 +97,7 @@ impl Recipe {
         quality: &QualityParameters,
     ) -> Result<BakeSettings, RecipeError> {
         self.check()?;
+        let quality = &self.transport.defaults(quality);
         let levels = self.levels.unwrap_or(5);
         let sender_levels = self
             .sender_levels
@@ -129,19 +125,7 @@ impl Recipe {
         // Approximate number of senders of the finest sender level.
         let radius = coarse_radius / (1u32 << (sender_levels.max(1) - 1)) as f32;
         let senders = PACKING_DENSITY * area / (radius * radius);
-        let cluster_size = (senders / CLUSTERS).clamp(MIN_CLUSTER, 65_536.0) as u32;
-        let transport = match self.transport {
-            TransportMethod::Pca(pca) => TransportMethod::Pca(PcaRecipe {
-                cluster_size: Some(pca.cluster_size.unwrap_or(cluster_size)),
-                ..pca
-            }),
-            other => other,
-        };
-        // [L08] evaluates the light at the sender's own point, and ε = 0.025 in all tests (§4.2).
-        let (samples, truncation_error) = match transport {
-            TransportMethod::L08 => (1, 0.025),
-            _ => (quality.samples_per_sender, quality.truncation_error),
-        };
+        let has_quantized_links = self.transport.has_quantized_links();
         Ok(BakeSettings {
             coarse_radius,
             levels,
@@ -150,16 +134,13 @@ impl Recipe {
             max_refinement_points: (self.max_refinement_points)
                 .unwrap_or(quality.max_refinement_points as u32),
             rays_per_point: self.rays_per_point.unwrap_or(quality.rays_per_point),
-            samples_per_sender: self.samples_per_sender.unwrap_or(samples),
+            samples_per_sender: (self.samples_per_sender).unwrap_or(quality.samples_per_sender),
             bounces: self.bounces.unwrap_or(4),
             bounce_mode: self.bounce_mode,
-            transport,
-            truncation_error: self.truncation_error.unwrap_or(truncation_error),
-            link_step: match transport {
-                // Coefficients of light bases have no direction. [L08] has links as published.
-                TransportMethod::Pca(_) | TransportMethod::L08 => 0.0,
-                _ => self.link_step.unwrap_or(quality.link_step),
-            },
+            transport: self.transport.with_cluster_size(senders),
+            truncation_error: self.truncation_error.unwrap_or(quality.truncation_error),
+            link_step: (self.link_step.filter(|_| has_quantized_links))
+                .unwrap_or(quality.link_step),
             receiver_tolerance: self
                 .receiver_tolerance
                 .unwrap_or(quality.receiver_tolerance),
@@ -188,15 +169,6 @@ impl BakeSettings {
     #[must_use]
     pub fn to_ron(&self) -> String {
         ron_options().to_string(self).unwrap_or_default()
-    }
-
-    /// Returns the parameters of method `fmm`. Returns `None` for every other method.
-    #[must_use]
-    pub fn fmm(&self) -> Option<FmmRecipe> {
-        match self.transport {
-            TransportMethod::Fmm(fmm) => Some(fmm),
-            _ => None,
-        }
     }
 
     /// Returns the number of gather rays per point of a level. Added levels have many points that

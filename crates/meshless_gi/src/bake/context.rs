@@ -1,6 +1,7 @@
-//! Input that all stages of a bake share.
+//! Input that all stages of a bake share, and the cost that each returns.
 
 use super::{BakeError, BakeSource, BakeStage, Progress, Recipe};
+use std::time::Instant;
 
 /// Input of a bake.
 pub(super) struct BakeContext<'a> {
@@ -18,6 +19,25 @@ impl BakeContext<'_> {
         match self.progress.set(stage, done) {
             true => Ok(()),
             false => Err(BakeError::Canceled),
+        }
+    }
+}
+
+/// Cost of a stage, and its warnings.
+#[derive(Debug, Default)]
+pub(super) struct StageCost {
+    pub rays: u64,
+    pub seconds: f64,
+    pub warnings: Vec<String>,
+}
+
+impl StageCost {
+    /// Creates the cost of a stage that has run since `began`, without warnings.
+    pub fn new(began: Instant, rays: u64) -> Self {
+        Self {
+            rays,
+            seconds: began.elapsed().as_secs_f64(),
+            warnings: Vec::new(),
         }
     }
 }

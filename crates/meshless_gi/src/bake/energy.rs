@@ -1,6 +1,5 @@
-//! Energy checks of a packed operator: an upper bound on the gain of a bounce, the deviation of
-//! rows from the hemisphere's closed form, and the reciprocity residual. The gain is the largest of
-//! all tiers.
+//! Sixth stage: energy checks of a packed operator, an upper bound on the gain of a bounce and the
+//! reciprocity residual. The gain is the largest of all tiers.
 //!
 //! **Gain.** A bounce maps the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|. A sender
 //! that `pull` fills is a mean of others, with weights that sum to one. A is not negative. For
@@ -14,24 +13,22 @@
 //! each sender is then reduced until its row sums to at most 0.999, and the bake warns. Afterwards
 //! no bounce adds energy, and every series and sweep converges.
 //!
-//! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and the
-//! part without a sender sum to one. Packing to half precision adds rounding errors to the sum. A
-//! room with albedo 0.99 amplifies them a hundredfold. Rows of averages are rescaled to correct
-//! this.
-//!
 //! **Reciprocity.** Light from surface J to I and from I to J is equal for equal radiosity: Σ_{r ∈
 //! I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r. The sums are over the finest senders below two coarsest ones.
 //! These represent equal areas, since they are as dense as their disks allow. The rest is noise of
 //! rays and points.
 
+use super::context::StageCost;
 use super::energy_components as components;
-use crate::asset::{EnergyInfo, PointSurface, SceneData};
-use crate::frame::{CpuFrame, FrameSettings};
+use super::energy_fmm::bound_octree;
+use super::fmm::Octree;
+use super::packing::{LinkedPoints, Packed};
+use crate::asset::{EnergyInfo, PointSurface};
 use crate::transport::SenderForm;
 use crate::transport::pca::Compression;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::FRAC_1_PI;
+use std::time::Instant;
 
 /// Largest allowed gain. A thousand bounces then keep a third of the light.
 pub(super) const MAX_GAIN: f64 = 0.999;
@@ -44,48 +41,115 @@ const RETAINED_FRACTION: f64 = 0.1;
 /// Largest number of coarsest senders for the reciprocity residual.
 const MAX_COARSEST_SENDERS: usize = 128;
 
-/// Largest deviation from the closed form that rounding explains. Such rows are rescaled.
-const ROUNDING: f64 = 0.01;
+/// Result of the stage.
+pub(super) struct Bounded {
+    /// Surfaces of all points, with reduced albedos.
+    pub surfaces: Vec<PointSurface>,
+    pub gain: Gain,
+}
 
-/// Rescales rows and reduces albedos, and returns the measured energy. `missed` has, for each
-/// point, the part of its gathered light that hit a surface without a sender.
-pub(super) fn enforce_energy_bound(scene: &mut SceneData, missed: &[f32]) -> EnergyInfo {
-    renormalize_rows(scene, missed);
-    if let Some(compression) = scene.operator.compression.take() {
-        let energy = conserve_components(scene, &compression, missed);
-        scene.operator.compression = Some(compression);
-        return energy;
+/// Gain of a bounce, and the reciprocity residual. See [`EnergyInfo`] for the fields.
+#[derive(Clone, Copy)]
+pub(super) struct Gain {
+    pub estimated: bool,
+    pub bound: f32,
+    pub estimate: f32,
+    pub clamped_senders: u64,
+    pub albedo_scale: f32,
+    pub reciprocity: f32,
+}
+
+impl Default for Gain {
+    /// Creates the gain without bounces.
+    fn default() -> Self {
+        Self {
+            estimated: false,
+            bound: 0.0,
+            estimate: 0.0,
+            clamped_senders: 0,
+            albedo_scale: 1.0,
+            reciprocity: 0.0,
+        }
     }
-    let mut senders = Senders::new(scene);
+}
+
+impl Gain {
+    /// Returns the energy of a bake with the largest and the root-mean-square deviation of rows.
+    pub fn energy(self, [row_deviation, row_deviation_rms]: [f32; 2]) -> EnergyInfo {
+        EnergyInfo {
+            spectral_radius_bound: self.bound,
+            estimated: self.estimated,
+            spectral_radius_estimate: self.estimate,
+            clamped_senders: self.clamped_senders,
+            albedo_scale: self.albedo_scale,
+            row_deviation,
+            row_deviation_rms,
+            reciprocity: self.reciprocity,
+        }
+    }
+
+    /// Returns the warning about reduced albedos.
+    fn warning(&self, senders: usize) -> Option<String> {
+        (self.clamped_senders > 0).then(|| {
+            format!(
+                "closed scene with albedo near 1: the bounce series converges too slowly; reduced the albedo of {} of {senders} senders by at most {:.2} % (gain limited to {MAX_GAIN})",
+                self.clamped_senders,
+                100.0 * (1.0 - self.albedo_scale)
+            )
+        })
+    }
+}
+
+/// Reduces albedos so that no bounce adds energy.
+pub(super) fn bound_energy(packed: &Packed, octree: Option<&Octree>) -> (Bounded, StageCost) {
+    let began = Instant::now();
+    let (linked, surfaces) = (&packed.linked, packed.surfaces.clone());
+    let mut bounded = match &linked.operator.compression {
+        Some(compression) => bound_components(linked, surfaces, compression),
+        None => bound_links(linked, surfaces),
+    };
+    let mut warnings: Vec<String> = (bounded.gain.warning(linked.senders()))
+        .into_iter()
+        .collect();
+    if let Some(octree) = octree {
+        bounded = bound_octree(linked, bounded, octree);
+        warnings.extend(bounded.gain.warning(linked.senders()));
+    }
+    let cost = StageCost {
+        warnings,
+        ..StageCost::new(began, 0)
+    };
+    (bounded, cost)
+}
+
+/// Enforces the energy bound of an operator of averages or differences.
+fn bound_links(linked: &LinkedPoints, mut surfaces: Vec<PointSurface>) -> Bounded {
+    let mut senders = Senders::new(linked);
     // A frame of a low tier leaves out some rows. Each tier is measured, the whole operator last.
     let tiers: Vec<u32> = (1..=senders.tier).collect();
     let mut all_sums = Vec::new();
     let mut reciprocity = 0.0;
     for &tier in &tiers {
         senders.tier = tier;
-        let (sums, residual) = senders.sums(scene);
+        let (sums, residual) = senders.sums(linked);
         all_sums.push(sums);
         reciprocity = residual;
     }
-    let mut gains = |scene: &SceneData| -> (f64, f64) {
+    let mut gains = |surfaces: &[PointSurface]| -> (f64, f64) {
         let (mut gain, mut found) = (0.0f64, 0.0);
         for (&tier, sums) in tiers.iter().zip(&all_sums) {
             senders.tier = tier;
-            let (bound, grown) = senders.gain(scene, sums);
+            let (bound, grown) = senders.gain(linked, surfaces, sums);
             gain = gain.max(bound);
             found = grown;
         }
         (gain, found)
     };
-    let (mut gain, mut found) = gains(scene);
+    let (mut gain, mut found) = gains(&surfaces);
     let (mut clamped_senders, mut albedo_scale) = (0, 1.0);
     if gain > MAX_UNCLAMPED_GAIN {
-        for (j, surface) in scene
-            .surfaces
-            .iter_mut()
-            .enumerate()
-            .take(all_sums.first().map_or(0, Vec::len))
-        {
+        let senders = all_sums.first().map_or(0, Vec::len);
+        for (j, surface) in surfaces.iter_mut().enumerate().take(senders) {
             let sum = all_sums.iter().map(|sums| sums[j]).fold(0.0, f64::max);
             let mut lowered = false;
             for albedo in &mut surface.albedo {
@@ -100,136 +164,48 @@ pub(super) fn enforce_energy_bound(scene: &mut SceneData, missed: &[f32]) -> Ene
             }
             clamped_senders += u64::from(lowered);
         }
-        (gain, found) = gains(scene);
+        (gain, found) = gains(&surfaces);
     }
-    let (largest, rms) = deviation(scene, missed);
-    EnergyInfo {
-        // Rounded up, since it is a bound.
+    let gain = Gain {
         estimated: false,
-        spectral_radius_bound: (gain as f32).next_up(),
-        spectral_radius_estimate: found as f32,
+        // Rounded up, since it is a bound.
+        bound: (gain as f32).next_up(),
+        estimate: found as f32,
         clamped_senders,
         albedo_scale: albedo_scale as f32,
-        row_deviation: largest as f32,
-        row_deviation_rms: rms as f32,
         reciprocity: reciprocity as f32,
-    }
+    };
+    Bounded { surfaces, gain }
 }
 
 /// Enforces the energy bound of an operator of components. See
 /// [`energy_components`](super::energy_components).
-fn conserve_components(
-    scene: &mut SceneData,
+fn bound_components(
+    linked: &LinkedPoints,
+    mut surfaces: Vec<PointSurface>,
     compression: &Compression,
-    missed: &[f32],
-) -> EnergyInfo {
-    let tiers = scene.operator.tiers();
-    let gain = |scene: &SceneData| {
-        let all = (1..=tiers).map(|tier| components::gain(scene, compression, tier));
+) -> Bounded {
+    let tiers = linked.operator.tiers();
+    let gain = |surfaces: &[PointSurface]| {
+        let all = (1..=tiers).map(|tier| components::gain(linked, surfaces, compression, tier));
         all.fold(0.0, f64::max)
     };
-    let mut found = gain(scene);
+    let mut found = gain(&surfaces);
     let (mut clamped_senders, mut albedo_scale) = (0, 1.0);
     if found > MAX_UNCLAMPED_GAIN {
         albedo_scale = MAX_GAIN / found;
-        let senders = scene.senders();
-        clamped_senders = components::lower(&mut scene.surfaces[..senders], albedo_scale);
-        found = gain(scene);
+        clamped_senders = components::lower(&mut surfaces[..linked.senders()], albedo_scale);
+        found = gain(&surfaces);
     }
-    let (largest, rms) = {
-        scene.operator.compression = Some(compression.clone());
-        let found = deviation(scene, missed);
-        scene.operator.compression = None;
-        found
-    };
-    EnergyInfo {
+    let gain = Gain {
         estimated: true,
-        spectral_radius_bound: (found as f32).next_up(),
-        spectral_radius_estimate: found as f32,
+        bound: (found as f32).next_up(),
+        estimate: found as f32,
         clamped_senders,
         albedo_scale: albedo_scale as f32,
-        row_deviation: largest as f32,
-        row_deviation_rms: rms as f32,
-        reciprocity: components::reciprocity(scene, compression) as f32,
-    }
-}
-
-/// Returns the warning of a bake with reduced albedos.
-pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
-    (energy.clamped_senders > 0).then(|| {
-        format!(
-            "closed scene with albedo near 1: the bounce series converges too slowly; reduced the albedo of {} of {senders} senders by at most {:.2} % (gain limited to {MAX_GAIN})",
-            energy.clamped_senders,
-            100.0 * (1.0 - energy.albedo_scale)
-        )
-    })
-}
-
-/// Rescales rows of averages so that they sum to the gathered part.
-fn renormalize_rows(scene: &mut SceneData, missed: &[f32]) {
-    if !scene.operator.form.has_independent_rows() {
-        return;
-    }
-    let compression = scene.operator.compression.as_ref();
-    let even = compression.map(|c| components::even_sums(scene, c));
-    let max = scene.operator.coefficients(scene.senders());
-    let operator = &mut scene.operator;
-    let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
-    for (i, ((row, point), &missed)) in rows.enumerate() {
-        let links = &operator.links[row.start as usize..][..row.count as usize];
-        let n = point.n();
-        // Sky terms do not contribute under a uniform sky.
-        let even_links = links.iter().filter(|l| l.sender() as usize <= max);
-        let sum: f64 = even_links.map(|l| f64::from(l.vector().dot(n))).sum();
-        let sum = match &even {
-            Some(even) => even[i],
-            None => f64::from(row.scale) * sum,
-        };
-        let factor = (1.0 - f64::from(missed)) / sum;
-        if (factor - 1.0).abs() < ROUNDING {
-            row.scale = (f64::from(row.scale) * factor) as f32;
-        }
-    }
-}
-
-/// Computes the largest and the root-mean-square deviation from one of the rows of a white room
-/// under a white sky.
-fn deviation(scene: &mut SceneData, missed: &[f32]) -> (f64, f64) {
-    let white = PointSurface {
-        emission: [1.0; 3],
-        ..PointSurface::default()
+        reciprocity: components::reciprocity(linked, compression) as f32,
     };
-    let white = vec![white; scene.surfaces.len()];
-    let surfaces = std::mem::replace(&mut scene.surfaces, white);
-    let mut frame = CpuFrame::from_data(scene);
-    let settings = FrameSettings {
-        sky: Vec3::splat(FRAC_1_PI).into(),
-        baked_bounces: false,
-        ..FrameSettings::bounces(1)
-    };
-    frame.solve_data(scene, &settings);
-    scene.surfaces = surfaces;
-    let (mut largest, mut squares, mut count) = (0.0f64, 0.0, 0u64);
-    let rows = scene.operator.rows.iter().zip(&scene.points);
-    let rows = rows
-        .zip(&scene.surfaces)
-        .zip(frame.vector_irradiance())
-        .zip(missed);
-    for ((((row, point), surface), value), &missed) in rows {
-        if row.tier == 0 {
-            continue;
-        }
-        // Rows of differences have no link to the sky.
-        let sky = match scene.operator.form {
-            SenderForm::Averages | SenderForm::Components => 0.0,
-            SenderForm::Differences => Vec3::from_array(surface.sky).dot(point.n()),
-        };
-        let d = f64::from(value.dot(point.n()).x) + f64::from(sky) + f64::from(missed) - 1.0;
-        largest = largest.max(d.abs());
-        squares += d * d;
-        count += 1;
-    }
-    (largest, (squares / count.max(1) as f64).sqrt())
+    Bounded { surfaces, gain }
 }
 
 /// Entries of one bounce, for the senders that `pull` does not fill.
@@ -244,11 +220,11 @@ struct Senders {
 }
 
 impl Senders {
-    fn new(scene: &SceneData) -> Self {
-        let count = scene.senders();
-        let finest = scene.finest_senders().start;
+    fn new(linked: &LinkedPoints) -> Self {
+        let count = linked.senders();
+        let finest = linked.finest_senders().start;
         let own = (0..count)
-            .map(|j| j >= finest || scene.pull.row(j).is_empty())
+            .map(|j| j >= finest || linked.pull.row(j).is_empty())
             .collect();
         // A sender with several parents belongs to the one with the largest weight.
         let mut best: Vec<(f32, u32)> = (0..count as u32).map(|j| (0.0, j)).collect();
@@ -258,14 +234,14 @@ impl Senders {
                 parent if parent as usize == k => k as u32,
                 parent => root[parent as usize],
             };
-            for w in scene.pull.row(k) {
+            for w in linked.pull.row(k) {
                 let child = &mut best[w.index as usize];
                 if w.weight > child.0 {
                     *child = (w.weight, k as u32);
                 }
             }
         }
-        let rows = scene.operator.rows[..count].iter();
+        let rows = linked.operator.rows[..count].iter();
         let tier = rows.map(|r| r.tier).max().unwrap_or(0).max(1);
         Self {
             count,
@@ -279,22 +255,22 @@ impl Senders {
     /// the sky. Operators of averages only.
     fn links(
         &self,
-        scene: &SceneData,
+        linked: &LinkedPoints,
         j: usize,
         n: Vec3,
         weight: f64,
         each: &mut impl FnMut(usize, f64),
     ) {
-        let row = &scene.operator.rows[j];
+        let row = &linked.operator.rows[j];
         if row.tier == 0 || row.tier > self.tier {
             // Parents have lower indices, so the loop ends.
-            for w in scene.parents.row(j) {
+            for w in linked.parents.row(j) {
                 let weight = weight * f64::from(w.weight);
-                self.links(scene, w.index as usize, n, weight, each);
+                self.links(linked, w.index as usize, n, weight, each);
             }
             return;
         }
-        let links = &scene.operator.links[row.start as usize..][..row.count as usize];
+        let links = &linked.operator.links[row.start as usize..][..row.count as usize];
         let scale = weight * f64::from(row.scale);
         for link in links {
             let k = link.sender() as usize;
@@ -306,12 +282,12 @@ impl Senders {
 
     /// Computes row `j` of a whole step in the form of differences, over the senders that `pull`
     /// does not fill: apply, flatten, push and pull in reverse.
-    fn resolve_row(&self, scene: &SceneData, j: usize, row: &mut [f64]) {
+    fn resolve_row(&self, linked: &LinkedPoints, j: usize, row: &mut [f64]) {
         row.fill(0.0);
-        let n = scene.points[j].n();
+        let n = linked.points[j].n();
         let mut add = |i: usize, weight: f64| {
-            let r = &scene.operator.rows[i];
-            for link in &scene.operator.links[r.start as usize..][..r.count as usize] {
+            let r = &linked.operator.rows[i];
+            for link in &linked.operator.links[r.start as usize..][..r.count as usize] {
                 let k = link.sender() as usize;
                 if k < self.count {
                     row[k] += weight * f64::from(r.scale) * f64::from(link.vector().dot(n));
@@ -319,14 +295,14 @@ impl Senders {
             }
         };
         add(j, 1.0);
-        for w in scene.parents.row(j) {
+        for w in linked.parents.row(j) {
             add(w.index as usize, f64::from(w.weight));
         }
         // α_k = f_k − Σ w α_parent: fine to coarse.
         for k in (0..self.count).rev() {
             let value = row[k];
             if value != 0.0 {
-                for w in scene.parents.row(k) {
+                for w in linked.parents.row(k) {
                     row[w.index as usize] -= value * f64::from(w.weight);
                 }
             }
@@ -334,7 +310,7 @@ impl Senders {
         for k in 0..self.count {
             if !self.own[k] {
                 let value = std::mem::take(&mut row[k]);
-                for w in scene.pull.row(k) {
+                for w in linked.pull.row(k) {
                     row[w.index as usize] += value * f64::from(w.weight);
                 }
             }
@@ -343,15 +319,15 @@ impl Senders {
 
     /// Computes Σ_k |F_jk·n_j| of every sender, and the reciprocity residual. In the form of
     /// differences the sum has only the senders that `pull` does not fill.
-    fn sums(&self, scene: &SceneData) -> (Vec<f64>, f64) {
-        let coarsest = scene.level(0).len().min(self.count);
+    fn sums(&self, linked: &LinkedPoints) -> (Vec<f64>, f64) {
+        let coarsest = linked.level(0).len().min(self.count);
         let stride = coarsest.div_ceil(MAX_COARSEST_SENDERS).max(1);
         let chosen = coarsest.div_ceil(stride);
         let index_of = |j: usize| {
             let root = self.root[j] as usize;
             (root < coarsest && root.is_multiple_of(stride)).then_some(root / stride)
         };
-        let averages = scene.operator.form == SenderForm::Averages;
+        let averages = linked.operator.form == SenderForm::Averages;
         let dense = if averages { 0 } else { self.count };
         // Sum, and the part from each selected surface if there is one above the sender.
         let rows: Vec<(f64, Vec<f64>)> = (0..self.count)
@@ -372,9 +348,9 @@ impl Senders {
                         }
                     };
                     if averages {
-                        self.links(scene, j, scene.points[j].n(), 1.0, &mut add);
+                        self.links(linked, j, linked.points[j].n(), 1.0, &mut add);
                     } else {
-                        self.resolve_row(scene, j, row);
+                        self.resolve_row(linked, j, row);
                         row.iter().enumerate().for_each(|(k, &f)| add(k, f));
                     }
                     (sum, from)
@@ -385,8 +361,8 @@ impl Senders {
         for (j, (_, from)) in rows.iter().enumerate() {
             if let (false, Some(index)) = (from.is_empty(), index_of(j)) {
                 // A sender of a coarser level represents four times the area.
-                let level = scene.level_starts.partition_point(|&s| s as usize <= j);
-                let area = 4f64.powi(scene.sender_levels as i32 - level as i32);
+                let level = linked.level_starts.partition_point(|&s| s as usize <= j);
+                let area = 4f64.powi(linked.sender_levels as i32 - level as i32);
                 for (sum, f) in between[index].iter_mut().zip(from) {
                     *sum += area * f;
                 }
@@ -408,13 +384,13 @@ impl Senders {
     }
 
     /// Computes the proved bound on the gain of a bounce, and an estimate of the gain.
-    fn gain(&self, scene: &SceneData, sums: &[f64]) -> (f64, f64) {
-        let albedo = |j: usize| scene.surfaces[j].albedo.map(f64::from);
+    fn gain(&self, linked: &LinkedPoints, surfaces: &[PointSurface], sums: &[f64]) -> (f64, f64) {
+        let albedo = |j: usize| surfaces[j].albedo.map(f64::from);
         let owners = (0..self.count).filter(|&j| self.own[j]);
         let mut bound = owners
             .flat_map(|j| albedo(j).map(|a| a * sums[j]))
             .fold(0.0, f64::max);
-        if scene.operator.form == SenderForm::Differences {
+        if linked.operator.form == SenderForm::Differences {
             // With signs, only the row sums give a bound.
             return (bound, bound);
         }
@@ -424,8 +400,8 @@ impl Senders {
             .map(|j| {
                 let mut row = Vec::new();
                 if self.own[j] {
-                    let n = scene.points[j].n();
-                    self.links(scene, j, n, 1.0, &mut |k, f| row.push((k as u32, f.abs())));
+                    let n = linked.points[j].n();
+                    self.links(linked, j, n, 1.0, &mut |k, f| row.push((k as u32, f.abs())));
                 }
                 row
             })
@@ -437,7 +413,7 @@ impl Senders {
             for k in (0..self.count).rev() {
                 if !self.own[k] {
                     let mut mean = [0.0; 3];
-                    for w in scene.pull.row(k) {
+                    for w in linked.pull.row(k) {
                         for (m, v) in mean.iter_mut().zip(x[w.index as usize]) {
                             *m += f64::from(w.weight) * v;
                         }

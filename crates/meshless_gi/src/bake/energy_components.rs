@@ -13,7 +13,8 @@
 //! **Reciprocity** is measured for pairs of clusters: uniform light of each one on the senders of
 //! the other.
 
-use crate::asset::{PointSurface, SceneData};
+use super::packing::LinkedPoints;
+use crate::asset::PointSurface;
 use crate::frame::{VectorIrradiance, apply, compress};
 use crate::transport::pca::Compression;
 use rayon::prelude::*;
@@ -22,10 +23,10 @@ use rayon::prelude::*;
 const STEPS: usize = 24;
 
 /// Computes the normal component of every packed row under uniform light, including the sky.
-pub(super) fn even_sums(scene: &SceneData, compression: &Compression) -> Vec<f64> {
+pub(super) fn even_sums(linked: &LinkedPoints, compression: &Compression) -> Vec<f64> {
     let ones = compression.of_ones();
-    let operator = &scene.operator;
-    (operator.rows.par_iter().zip(&scene.points))
+    let operator = &linked.operator;
+    (operator.rows.par_iter().zip(&linked.points))
         .map(|(row, point)| {
             let links = &operator.links[row.start as usize..][..row.count as usize];
             let sum = |l: &crate::transport::Link| {
@@ -38,14 +39,19 @@ pub(super) fn even_sums(scene: &SceneData, compression: &Compression) -> Vec<f64
 
 /// Estimates the largest eigenvalue of a bounce in a frame of this tier by power iteration. Returns
 /// the largest of all color channels.
-pub(super) fn gain(scene: &SceneData, compression: &Compression, tier: u32) -> f64 {
-    let senders = scene.senders();
+pub(super) fn gain(
+    linked: &LinkedPoints,
+    surfaces: &[PointSurface],
+    compression: &Compression,
+    tier: u32,
+) -> f64 {
+    let senders = linked.senders();
     let mut own = vec![false; senders];
     let sky = senders as u32;
     for &j in compression.members.iter().filter(|&&j| j != sky) {
         own[j as usize] = true;
     }
-    let (rows, links) = (&scene.operator.rows, &scene.operator.links);
+    let (rows, links) = (&linked.operator.rows, &linked.operator.links);
     let mut light = vec![[0.0f32; 4]; senders + 1];
     for (light, own) in light.iter_mut().zip(&own) {
         *light = if *own { [1.0, 1.0, 1.0, 0.0] } else { [0.0; 4] };
@@ -65,7 +71,7 @@ pub(super) fn gain(scene: &SceneData, compression: &Compression, tier: u32) -> f
         for i in 0..senders {
             if !rows[i].used(tier) {
                 let mut sum = VectorIrradiance::default();
-                for w in scene.parents.row(i) {
+                for w in linked.parents.row(i) {
                     sum.add_scaled(w.weight, &values[w.index as usize]);
                 }
                 values[i] = sum;
@@ -73,11 +79,11 @@ pub(super) fn gain(scene: &SceneData, compression: &Compression, tier: u32) -> f
         }
         let (mut before, mut after) = ([0.0f64; 3], [0.0f64; 3]);
         for j in (0..senders).filter(|&j| own[j]) {
-            let e = values[j].dot(scene.points[j].n());
+            let e = values[j].dot(linked.points[j].n());
             for c in 0..3 {
                 before[c] += f64::from(light[j][c]).powi(2);
                 // Like a sweep: negative radiosity is clamped to zero.
-                light[j][c] = scene.surfaces[j].albedo[c] * e[c].max(0.0);
+                light[j][c] = surfaces[j].albedo[c] * e[c].max(0.0);
                 after[c] += f64::from(light[j][c]).powi(2);
             }
         }
@@ -112,13 +118,13 @@ pub(super) fn lower(surfaces: &mut [PointSurface], factor: f64) -> u64 {
 }
 
 /// Computes the reciprocity residual between clusters, relative to the exchanged light.
-pub(super) fn reciprocity(scene: &SceneData, compression: &Compression) -> f64 {
+pub(super) fn reciprocity(linked: &LinkedPoints, compression: &Compression) -> f64 {
     let ones = compression.of_ones();
     let sky = compression.columns.len() - 1;
     // Cluster of each column and of each sender.
     let mut cluster_of_column = vec![0; sky];
     let mut clusters = 0;
-    let mut cluster_of = vec![usize::MAX; scene.senders()];
+    let mut cluster_of = vec![usize::MAX; linked.senders()];
     for (c, column) in compression.columns[..sky].iter().enumerate() {
         if c == 0 || column.member != compression.columns[c - 1].member {
             clusters += 1;
@@ -130,13 +136,13 @@ pub(super) fn reciprocity(scene: &SceneData, compression: &Compression) -> f64 {
         cluster_of_column[c] = clusters - 1;
     }
     let mut between = vec![0.0f64; clusters * clusters];
-    let operator = &scene.operator;
+    let operator = &linked.operator;
     for (j, &s) in cluster_of.iter().enumerate().filter(|c| *c.1 != usize::MAX) {
         let row = &operator.rows[j];
         let links = &operator.links[row.start as usize..][..row.count as usize];
         for link in links.iter().filter(|l| (l.sender() as usize) < sky) {
             let c = link.sender() as usize;
-            let f = f64::from(row.scale * link.vector().dot(scene.points[j].n()));
+            let f = f64::from(row.scale * link.vector().dot(linked.points[j].n()));
             between[s * clusters + cluster_of_column[c]] += f * ones[c];
         }
     }

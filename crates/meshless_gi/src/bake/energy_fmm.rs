@@ -8,75 +8,59 @@
 //! **Reciprocity** is measured for groups of neighboring senders: uniform light of one group on
 //! another, times the area.
 
-use super::energy::{MAX_GAIN, MAX_UNCLAMPED_GAIN};
+use super::energy::{Bounded, Gain, MAX_GAIN, MAX_UNCLAMPED_GAIN};
 use super::energy_components::lower;
-use super::fmm::unit_response;
-use crate::asset::{EnergyInfo, SceneData};
+use super::fmm::Octree;
+use super::packing::LinkedPoints;
+use crate::asset::PointSurface;
+use crate::transport::fmm::Passes;
 use crate::transport::fmm::passes::{Field, along};
-use crate::transport::fmm::{FmmOperator, Passes};
-use glam::Vec3;
 
 /// Number of steps of the power iteration.
 const STEPS: usize = 12;
 /// Number of sender groups for the reciprocity residual, three at a time.
 const SENDER_GROUPS: usize = 12;
 
-/// Reduces albedos and returns the measured energy of the octree, combined with that of the links.
-/// `unlit` is the fraction of each point's hemisphere with unlit back sides, `areas` the area of
-/// each sender.
-pub(super) fn enforce_energy_bound(
-    scene: &mut SceneData,
-    unlit: &[f32],
-    areas: &[f32],
-) -> EnergyInfo {
-    let before = match scene.link_tiers() {
-        0 => EnergyInfo {
-            albedo_scale: 1.0,
-            ..EnergyInfo::default()
-        },
-        _ => scene.info.energy,
+/// Reduces the albedos that the links left, and returns the gain of the octree, combined with that
+/// of the links.
+pub(super) fn bound_octree(linked: &LinkedPoints, links: Bounded, octree: &Octree) -> Bounded {
+    let mut surfaces = links.surfaces;
+    let before = match linked.has_links() {
+        true => links.gain,
+        false => Gain::default(),
     };
-    let Some(octree) = scene.fmm.take() else {
-        return before;
-    };
-    let mut passes = Passes::new(Field::from_operator(&octree));
-    let mut found = gain(scene, &octree, &mut passes);
+    let mut passes = Passes::new(Field::from_operator(&octree.operator));
+    let mut found = gain(linked, &surfaces, octree, &mut passes);
     let (mut clamped_senders, mut albedo_scale) =
         (before.clamped_senders, f64::from(before.albedo_scale));
     if found > MAX_UNCLAMPED_GAIN {
         albedo_scale *= MAX_GAIN / found;
-        let senders = scene.senders();
-        clamped_senders = lower(&mut scene.surfaces[..senders], MAX_GAIN / found);
-        found = gain(scene, &octree, &mut passes);
+        clamped_senders = lower(&mut surfaces[..linked.senders()], MAX_GAIN / found);
+        found = gain(linked, &surfaces, octree, &mut passes);
     }
-    let reciprocity = reciprocity(scene, &octree, &mut passes, areas);
-    let (largest, rms) = deviation(scene, &octree, unlit);
-    drop(passes);
-    scene.fmm = Some(octree);
-    EnergyInfo {
+    let reciprocity = reciprocity(linked, octree, &mut passes);
+    let gain = Gain {
         estimated: true,
-        spectral_radius_bound: before.spectral_radius_bound.max((found as f32).next_up()),
-        spectral_radius_estimate: before.spectral_radius_estimate.max(found as f32),
+        bound: before.bound.max((found as f32).next_up()),
+        estimate: before.estimate.max(found as f32),
         clamped_senders,
         albedo_scale: albedo_scale as f32,
-        row_deviation: before.row_deviation.max(largest as f32),
-        row_deviation_rms: before.row_deviation_rms.max(rms as f32),
         reciprocity: before.reciprocity.max(reciprocity as f32),
-    }
+    };
+    Bounded { surfaces, gain }
 }
 
 /// Computes the irradiance at the senders along their normals, clamped to zero.
 fn arriving_sums(
-    scene: &SceneData,
-    octree: &FmmOperator,
+    octree: &Octree,
     passes: &mut Passes<'_, f32>,
     light: &[[f32; 4]],
 ) -> Vec<[f32; 4]> {
     passes.run(light);
-    let mut out = vec![[0.0; 4]; scene.senders()];
-    for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
+    let mut out = vec![[0.0; 4]; light.len()];
+    for node in octree.operator.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
-            let point = &octree.points[i];
+            let point = &octree.operator.points[i];
             if let Some(out) = out.get_mut(point.point as usize) {
                 *out = along(point.normal, &passes.values[i]).map(|e| point.factor * e);
             }
@@ -87,18 +71,23 @@ fn arriving_sums(
 
 /// Estimates the largest eigenvalue of a bounce by power iteration. Returns the largest of all
 /// color channels.
-fn gain(scene: &SceneData, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
-    let finest = scene.finest_senders();
-    let mut light = vec![[0.0f32; 4]; scene.senders()];
+fn gain(
+    linked: &LinkedPoints,
+    surfaces: &[PointSurface],
+    octree: &Octree,
+    passes: &mut Passes<'_, f32>,
+) -> f64 {
+    let finest = linked.finest_senders();
+    let mut light = vec![[0.0f32; 4]; linked.senders()];
     light[finest.clone()].fill([1.0, 1.0, 1.0, 0.0]);
     let mut found = 0.0;
     for _ in 0..STEPS {
-        let e = arriving_sums(scene, octree, passes, &light);
+        let e = arriving_sums(octree, passes, &light);
         let (mut before, mut after) = ([0.0f64; 3], [0.0f64; 3]);
         for j in finest.clone() {
             for c in 0..3 {
                 before[c] += f64::from(light[j][c]).powi(2);
-                light[j][c] = scene.surfaces[j].albedo[c] * e[j][c];
+                light[j][c] = surfaces[j].albedo[c] * e[j][c];
                 after[c] += f64::from(light[j][c]).powi(2);
             }
         }
@@ -120,24 +109,19 @@ fn gain(scene: &SceneData, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -
 }
 
 /// Computes the reciprocity residual between groups of senders, relative to the exchanged light.
-fn reciprocity(
-    scene: &SceneData,
-    octree: &FmmOperator,
-    passes: &mut Passes<'_, f32>,
-    areas: &[f32],
-) -> f64 {
-    let finest = scene.finest_senders();
+fn reciprocity(linked: &LinkedPoints, octree: &Octree, passes: &mut Passes<'_, f32>) -> f64 {
+    let finest = linked.finest_senders();
     let run = |j: usize| (j - finest.start) * SENDER_GROUPS / finest.len().max(1);
     let mut between = [[0.0f64; SENDER_GROUPS]; SENDER_GROUPS];
     for three in 0..SENDER_GROUPS / 3 {
-        let mut light = vec![[0.0f32; 4]; scene.senders()];
+        let mut light = vec![[0.0f32; 4]; linked.senders()];
         for j in finest.clone().filter(|&j| run(j) / 3 == three) {
             light[j][run(j) % 3] = 1.0;
         }
-        let e = arriving_sums(scene, octree, passes, &light);
+        let e = arriving_sums(octree, passes, &light);
         for j in finest.clone() {
             for c in 0..3 {
-                between[run(j)][3 * three + c] += f64::from(areas[j]) * f64::from(e[j][c]);
+                between[run(j)][3 * three + c] += f64::from(octree.areas[j]) * f64::from(e[j][c]);
             }
         }
     }
@@ -154,18 +138,4 @@ fn reciprocity(
     } else {
         0.0
     }
-}
-
-/// Computes the largest and the root-mean-square deviation of the senders' irradiance from one,
-/// under uniform light and a uniform sky.
-fn deviation(scene: &SceneData, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
-    let (mut largest, mut squares) = (0.0f64, 0.0);
-    let even = unit_response(octree, scene);
-    for (i, (e, point)) in even.iter().zip(&scene.points).enumerate() {
-        let sky = Vec3::from_array(scene.surfaces[i].sky).dot(point.n());
-        let d = f64::from(e + sky.max(0.0) + unlit[i]) - 1.0;
-        largest = largest.max(d.abs());
-        squares += d * d;
-    }
-    (largest, (squares / even.len().max(1) as f64).sqrt())
 }

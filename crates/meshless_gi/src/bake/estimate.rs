@@ -22,17 +22,20 @@
 //! - **Independent halves.** Ground truth is computed twice with independent noise. The product of
 //!   the two differences has the squared error as its mean.
 
+mod summary;
+
 use super::Progress;
 use super::progress::BakeStage;
-use crate::asset::BakedScene;
+use crate::asset::{BakedScene, SceneData};
 use crate::eval::{
     NonEmissive, RAYS_PER_POSITION, ReferenceSettings, irradiance, sample_open_positions,
 };
-use crate::frame::{CpuFrame, FrameLight, FrameSettings};
+use crate::frame::{CpuFrame, FrameLight, FrameSettings, splat};
 use crate::samples::{Candidate, Random, morton, tangents, trace_particles};
 use crate::scene::{Geometry, Light};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use summary::{LightError, summarize};
 
 /// Fraction of the bake's rays that the estimate casts, between the limits of
 /// [`SampleBudget::paths`].
@@ -46,9 +49,6 @@ const PARTICLES: u64 = 4096;
 const CANDIDATES_PER_LIGHT: usize = 4;
 /// Smallest mean number of paths per position.
 const MIN_PATHS: u32 = 384;
-/// Threshold of the returned light, relative to the median. Lights below it get a proportionally
-/// smaller weight.
-const MIN_RETURNED_FRACTION: f64 = 0.1;
 /// Number of parts of the sampling mixture. All have equal weight.
 const PARTS: f64 = 4.0;
 
@@ -69,9 +69,9 @@ impl SampleBudget {
     /// Computes the budget in proportion to the bake, with a lower limit. A small bake gets fewer
     /// lights and positions and the same number of paths. The noise of the reference enters with
     /// its fourth power if it exceeds the error.
-    fn from_scene(scene: &BakedScene) -> Self {
-        let rays_per_path = (RAYS_PER_BOUNCE * u64::from(scene.info().bounces)) as f64;
-        let paths = RAY_FRACTION * scene.info().rays as f64 / rays_per_path;
+    fn new(inputs: &EstimateInputs) -> Self {
+        let rays_per_path = (RAYS_PER_BOUNCE * u64::from(inputs.bounces)) as f64;
+        let paths = RAY_FRACTION * inputs.rays as f64 / rays_per_path;
         let (triples, positions) = if paths >= f64::from(8 * 96 * MIN_PATHS) {
             (8, 96)
         } else {
@@ -87,6 +87,17 @@ impl SampleBudget {
     }
 }
 
+/// Facts about a bake that its estimate depends on.
+pub(super) struct EstimateInputs {
+    /// Origins of importance particles, in meters.
+    pub viewpoints: Vec<Vec3>,
+    /// Number of diffuse bounces.
+    pub bounces: u32,
+    /// Number of rays of the bake.
+    pub rays: u64,
+    pub seed: u64,
+}
+
 /// Path continuation, and a shadow ray per light.
 const RAYS_PER_BOUNCE: u64 = 1 + COLORS as u64;
 
@@ -100,17 +111,6 @@ pub struct ErrorEstimate {
     pub interval: f32,
 }
 
-/// Error of one tier under one light.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct LightError {
-    /// Squared NRMSE. Its noise can make it negative.
-    square: f64,
-    /// Variance of the square by the reference paths alone.
-    noise: f64,
-    /// Mean square of the indirect light relative to that of the direct light.
-    returns: f64,
-}
-
 /// Estimates the error of each tier of `scene` on `geometry`, tier 1 first. Returns the estimates
 /// and the number of rays cast, or `None` if canceled.
 #[must_use]
@@ -120,13 +120,25 @@ pub fn estimate_errors(
     seed: u64,
     progress: &Progress,
 ) -> Option<(Vec<ErrorEstimate>, u64)> {
-    let (sources, rays) = light_errors(
-        scene,
-        geometry,
-        &SampleBudget::from_scene(scene),
+    let info = scene.info();
+    let inputs = EstimateInputs {
+        viewpoints: info.viewpoints.iter().map(|&v| v.into()).collect(),
+        bounces: info.bounces,
+        rays: info.rays,
         seed,
-        progress,
-    )?;
+    };
+    estimate_tiers(scene.data(), geometry, &inputs, progress)
+}
+
+/// Estimates the error of each tier. See [`estimate_errors`].
+pub(super) fn estimate_tiers(
+    scene: &SceneData,
+    geometry: &dyn Geometry,
+    inputs: &EstimateInputs,
+    progress: &Progress,
+) -> Option<(Vec<ErrorEstimate>, u64)> {
+    let budget = SampleBudget::new(inputs);
+    let (sources, rays) = light_errors(scene, geometry, &budget, inputs, progress)?;
     let estimates = sources.iter().map(|l| summarize(l)).collect();
     Some((estimates, rays))
 }
@@ -134,16 +146,15 @@ pub fn estimate_errors(
 /// Computes the error of each tier under each light with a given budget. Leaves out lights without
 /// indirect light.
 fn light_errors(
-    scene: &BakedScene,
+    scene: &SceneData,
     geometry: &dyn Geometry,
     budget: &SampleBudget,
-    seed: u64,
+    inputs: &EstimateInputs,
     progress: &Progress,
 ) -> Option<(Vec<Vec<LightError>>, u64)> {
     // Differs from the seeds of the points and training lights of the bake.
-    let seed = seed ^ 0x65_73_74_69_6d;
-    let viewpoints: Vec<Vec3> = scene.info().viewpoints.iter().map(|&v| v.into()).collect();
-    let traced = trace_particles(geometry, &viewpoints, 0..PARTICLES, seed, false);
+    let seed = inputs.seed ^ 0x65_73_74_69_6d;
+    let traced = trace_particles(geometry, &inputs.viewpoints, 0..PARTICLES, seed, false);
     let mut candidates = traced.candidates;
     let mut random = Random::new(seed, 0, 0);
     let count = COLORS * budget.triples;
@@ -158,16 +169,17 @@ fn light_errors(
     // Morton order: equal steps spread over the surface.
     let bounds = geometry.bounds();
     candidates.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
-    let radii = scene.data().points.iter().map(|p| p.radius);
+    let radii = scene.points.iter().map(|p| p.radius);
     let mut estimator = TripleEstimator {
         scene,
         geometry,
         budget,
+        bounces: inputs.bounces,
         seed,
-        frame: CpuFrame::new(scene),
+        frame: CpuFrame::from_data(scene),
         reach: 2.0 * radii.fold(f32::INFINITY, f32::min),
     };
-    let mut all: Vec<Vec<LightError>> = vec![Vec::new(); scene.data().tiers() as usize];
+    let mut all: Vec<Vec<LightError>> = vec![Vec::new(); scene.tiers() as usize];
     for (k, three) in sources.chunks_exact(COLORS).enumerate() {
         if !progress.set(BakeStage::ErrorEstimate, k as f32 / budget.triples as f32) {
             return None;
@@ -191,9 +203,10 @@ fn light_errors(
 
 /// Estimate for three lights. Vectors of three have one number per light.
 struct TripleEstimator<'a> {
-    scene: &'a BakedScene,
+    scene: &'a SceneData,
     geometry: &'a dyn Geometry,
     budget: &'a SampleBudget,
+    bounces: u32,
     seed: u64,
     frame: CpuFrame,
     /// Distance in meters within which a change of the light is a change within a basis function.
@@ -218,12 +231,12 @@ impl TripleEstimator<'_> {
         pool: &[Candidate],
         random: &mut Random,
     ) -> (Vec<Vec<LightError>>, u64) {
-        let tiers = self.scene.data().tiers();
+        let tiers = self.scene.tiers();
         let slots: Vec<FrameLight> = sources
             .iter()
             .flat_map(|l| FrameLight::expand(l, 1))
             .collect();
-        self.frame.set_lights(self.scene, &slots);
+        self.frame.set_lights_of_data(self.scene, &slots);
         let values: Vec<Vec<DVec3>> = (1..=tiers).map(|tier| self.values(pool, tier)).collect();
         let Some((whole, lower)) = values.split_last() else {
             return (Vec::new(), 0);
@@ -277,16 +290,20 @@ impl TripleEstimator<'_> {
         let settings = FrameSettings {
             emission: 0.0,
             tier,
-            ..FrameSettings::bounces(self.scene.info().bounces)
+            ..FrameSettings::bounces(self.bounces)
         };
-        self.frame.solve(self.scene, &settings);
+        self.frame.solve_data(self.scene, &settings);
         let at = |c: &Candidate| {
-            let found = self
-                .frame
-                .irradiance(self.scene, c.surface.position, c.surface.normal);
+            let found = self.irradiance(c.surface.position, c.surface.normal);
             found.unwrap_or(Vec3::ZERO).as_dvec3()
         };
         pool.par_iter().map(at).collect()
+    }
+
+    /// Returns the irradiance of the bake at (x, n) after a solve.
+    fn irradiance(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
+        let (scene, values) = (self.scene, self.frame.vector_irradiance());
+        splat::splat(&scene.points, &scene.display, values, x, n)
     }
 
     /// Computes the relative sampling probability of each point, with mean one. The frame has the
@@ -306,7 +323,7 @@ impl TripleEstimator<'_> {
                 let (x, n) = (c.surface.position, c.surface.normal);
                 let (t, b) = tangents(n);
                 let step = (t * libm::cosf(angle) + b * libm::sinf(angle)) * self.reach;
-                let change = |x: Vec3| match self.frame.irradiance(self.scene, x, n) {
+                let change = |x: Vec3| match self.irradiance(x, n) {
                     Some(v) => (v.as_dvec3() - value) * (v.as_dvec3() - value),
                     None => DVec3::ZERO,
                 };
@@ -353,7 +370,7 @@ impl TripleEstimator<'_> {
         let lit = NonEmissive {
             geometry: self.geometry,
         };
-        let bounces = self.scene.info().bounces;
+        let bounces = self.bounces;
         let noise = |i: usize| (whole[i].length_squared() / scores[i]).sqrt();
         let usual = drawn.iter().map(|&i| noise(i)).sum::<f64>() / drawn.len().max(1) as f64;
         let found: Vec<(IndependentPair, u64)> = drawn
@@ -415,66 +432,6 @@ fn systematic(scores: &[f64], count: usize, random: &mut Random) -> Vec<usize> {
         }
     }
     out
-}
-
-/// Returns the median, or 0 without values.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
-/// Computes the error estimate from the errors under single lights.
-///
-/// The spread of the squared errors has two causes: lights differ, and each is sampled at few
-/// points. Both also affect one more light. Only the noise of the reference paths is subtracted.
-/// Let m be the mean and s² the variance, and assume that squares are normal. Then 95 % of lights
-/// stay below m + t s √(1 + 1/n), with Student's t for n − 1 degrees of freedom. Squares are skewed
-/// to larger errors, so the upper end gives the width on both sides.
-fn summarize(sources: &[LightError]) -> ErrorEstimate {
-    let usual = MIN_RETURNED_FRACTION * median(sources.iter().map(|l| l.returns));
-    let weights: Vec<f64> = sources
-        .iter()
-        .map(|l| (l.returns / usual).min(1.0))
-        .collect();
-    let total: f64 = weights.iter().sum();
-    if total <= 0.0 {
-        return ErrorEstimate::default();
-    }
-    let mean = |of: &dyn Fn(&LightError) -> f64| {
-        let parts = sources
-            .iter()
-            .zip(&weights)
-            .map(|(l, weight)| weight * of(l));
-        parts.sum::<f64>() / total
-    };
-    let m = mean(&|l| l.square).max(0.0);
-    // Effective number of lights of equal weight.
-    let count = total * total / weights.iter().map(|w| w * w).sum::<f64>();
-    let nrmse = m.sqrt();
-    if count < 1.5 {
-        return ErrorEstimate {
-            nrmse: nrmse as f32,
-            // One light does not predict the errors of others.
-            interval: nrmse as f32,
-        };
-    }
-    let observed = mean(&|l| (l.square - m).powi(2)) * count / (count - 1.0);
-    // The median, since a single light with large noise often has a large error.
-    let noise = median(sources.iter().map(|l| l.noise)).clamp(0.0, observed);
-    let width = student(count - 1.0) * (observed - noise + observed / count).sqrt();
-    ErrorEstimate {
-        nrmse: nrmse as f32,
-        interval: ((m + width).sqrt() - nrmse) as f32,
-    }
-}
-
-/// Returns the 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (at
-/// least 2), by the first terms of its expansion in 1 / `freedom`.
-fn student(freedom: f64) -> f64 {
-    const Z: f64 = 1.959_964;
-    let (f, z3, z5) = (freedom.max(2.0), Z.powi(3), Z.powi(5));
-    Z + (z3 + Z) / (4.0 * f) + (5.0 * z5 + 16.0 * z3 + 3.0 * Z) / (96.0 * f * f)
 }
 
 #[cfg(test)]

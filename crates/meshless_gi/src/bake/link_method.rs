@@ -1,7 +1,7 @@
-//! Kind of links that a transport method computes. It is selected once, before points are
-//! scattered.
+//! Kind of links that a transport method computes, with its parameters. It is selected once, before
+//! points are scattered.
 
-use super::{BakeSettings, PcaRecipe, TransportMethod};
+use super::{FmmRecipe, PcaRecipe};
 use crate::transport::{Deposit, SenderForm};
 
 /// C of the senders' functions: the smallest overlap that covers a saturated Poisson-disk set (C =
@@ -17,19 +17,23 @@ pub(super) enum LinkMethod {
     Components(PcaRecipe),
     /// Links to differences of senders, see [`crate::transport::l08_truncation`].
     Differences,
-    /// Octree without links.
-    Octree,
+    /// Octree, with links to averages if the recipe has fallback links, see
+    /// [`crate::transport::fmm`].
+    Octree(FmmRecipe),
 }
 
 impl LinkMethod {
-    pub fn new(settings: &BakeSettings) -> Self {
-        match settings.transport {
-            TransportMethod::Bounded => Self::Averages,
-            TransportMethod::L08 => Self::Differences,
-            TransportMethod::Pca(pca) => Self::Components(pca),
-            TransportMethod::Fmm(fmm) if fmm.fallback_links => Self::Averages,
-            TransportMethod::Fmm(_) => Self::Octree,
+    /// Returns `false` for an octree without links.
+    pub fn has_links(self) -> bool {
+        match self {
+            Self::Octree(fmm) => fmm.fallback_links,
+            Self::Averages | Self::Components(_) | Self::Differences => true,
         }
+    }
+
+    /// Returns `true` if senders on emitters have functions of their own.
+    pub fn separates_emitters(self) -> bool {
+        self == Self::Averages
     }
 
     /// Returns the overlap of the senders' functions. Returns `None` for the functions of the
@@ -42,7 +46,7 @@ impl LinkMethod {
     pub fn deposit(self) -> Deposit {
         match self {
             Self::Differences => Deposit::All,
-            Self::Averages | Self::Components(_) | Self::Octree => Deposit::Finest,
+            Self::Averages | Self::Components(_) | Self::Octree(_) => Deposit::Finest,
         }
     }
 
@@ -53,13 +57,13 @@ impl LinkMethod {
 
     /// Returns `true` if coarse senders are means over a tree of senders.
     pub fn has_sender_tree(self) -> bool {
-        matches!(self, Self::Averages | Self::Components(_))
+        self != Self::Differences && self.has_links()
     }
 
     /// Returns the form of the operator's rows.
     pub fn form(self) -> SenderForm {
         match self {
-            Self::Averages | Self::Octree => SenderForm::Averages,
+            Self::Averages | Self::Octree(_) => SenderForm::Averages,
             Self::Components(_) => SenderForm::Components,
             Self::Differences => SenderForm::Differences,
         }

@@ -1,9 +1,9 @@
 //! Bake of a scene: from geometry and a recipe to a [`BakedScene`].
 //!
-//! A bake is a pipeline. Each stage takes the results of earlier stages and returns its own: survey
-//! (`survey`) → points (`point_set`) → rows (`transport_stage`) → packed scene (`assembly`)
-//! → energy bound and baked bounces (`bounces`) → octree (`fmm`) → visibility (`visibility`)
-//! → estimated error (`finish`).
+//! A bake is a pipeline. Each stage takes the results of earlier stages and returns its own, with
+//! its cost (`context`): survey (`survey`) → points (`point_set`) → rows (`transport_stage`) → octree
+//! (`fmm`) → packed rows (`packing`) → energy bound (`energy`) → baked bounces (`bounces`) →
+//! visibility (`visibility`) → scene, estimated error and description (`assembly`).
 //!
 //! Equal input gives equal bytes for any number of threads (design D5). Chunks are fixed, sums are
 //! ordered and random numbers are counted. The bake uses the rayon pool of its caller.
@@ -14,16 +14,17 @@ mod bake_scene;
 mod bake_settings;
 mod basis_training;
 mod bounces;
+mod closed_form;
 mod context;
 mod energy;
 mod energy_components;
 mod energy_fmm;
 mod estimate;
-mod finish;
 mod fmm;
 mod link_method;
 mod materials;
 mod occluders;
+mod packing;
 mod pipeline;
 mod point_set;
 mod precision_check;

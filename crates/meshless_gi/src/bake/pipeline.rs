@@ -1,16 +1,19 @@
 //! Stages of a bake. Each is a function from the result of the previous stage to its own.
 
-use super::assembly::assemble;
-use super::bounces::bound_and_bounce;
+use super::assembly::{assemble, describe, estimate};
+use super::bounces::bake_bounces;
+use super::closed_form::row_deviation;
 use super::context::BakeContext;
-use super::finish::estimate;
-use super::fmm::add_octree;
+use super::energy::bound_energy;
+use super::fmm::build_octree;
+use super::packing::pack_rows;
 use super::point_set::build_points;
 use super::quality_level::QualityParameters;
 use super::survey::survey;
 use super::transport_stage::build_transport;
-use super::visibility::add_visibility;
-use super::{BakeError, BakeSource, BakeStats, Baked, Progress, Recipe};
+use super::visibility::bake_soft_shadows;
+use super::{BakeError, BakeSource, BakeStats, Baked, Progress, Recipe, StageSeconds};
+use crate::asset::BakedScene;
 use std::time::Instant;
 
 /// Bakes until the recipe's target error is met. Bakes once without a target.
@@ -29,13 +32,13 @@ pub(super) fn bake_to_target(
     };
     let began = Instant::now();
     let mut best: Option<Baked> = None;
-    let error = |baked: &Baked| baked.scene.data().info.estimated_nrmse;
+    let error = |baked: &Baked| baked.scene.info().estimated_nrmse;
     for quality in QualityParameters::refinement_steps(target) {
         let baked = bake_once(&context, &quality)?;
         let met = error(&baked) <= target;
         // A recipe that fixes every parameter of the quality levels repeats the same bake.
-        let repeats = best.as_ref().map(|b| &b.scene.data().info.recipe)
-            == Some(&baked.scene.data().info.recipe);
+        let repeats =
+            best.as_ref().map(|b| &b.scene.info().recipe) == Some(&baked.scene.info().recipe);
         if best.as_ref().is_none_or(|best| error(&baked) < error(best)) {
             best = Some(baked);
         }
@@ -58,22 +61,50 @@ pub(super) fn bake_to_target(
 /// Runs all stages once.
 fn bake_once(context: &BakeContext<'_>, quality: &QualityParameters) -> Result<Baked, BakeError> {
     let began = Instant::now();
-    let mut stats = BakeStats {
-        triangles: context.source.primitives,
-        threads: rayon::current_num_threads() as u64,
-        ..BakeStats::default()
-    };
-    let survey = survey(context, quality, &mut stats)?;
-    let points = build_points(context, &survey, &mut stats)?;
-    stats.seconds.points = began.elapsed().as_secs_f64();
-    let mut transport = build_transport(context, &survey, points, &mut stats)?;
-    let cells = transport.cells.take();
-    let assembled = assemble(context, &survey, transport, &mut stats)?;
+    let (survey, survey_cost) = survey(context, quality)?;
+    let (points, points_cost) = build_points(context, &survey)?;
+    let (transport, transport_cost) = build_transport(context, &survey, points)?;
+    let (octree, octree_cost) = build_octree(context, &survey, &transport)?;
+    let (packed, packing_cost) = pack_rows(context, &survey, transport, octree.as_ref())?;
+    let (bounded, energy_cost) = bound_energy(&packed, octree.as_ref());
     let settings = &survey.settings;
-    let scene = bound_and_bounce(context, settings, assembled, &mut stats)?;
-    let scene = add_octree(context, settings, cells, scene, &mut stats)?;
-    let scene = add_visibility(context, settings, scene, &mut stats)?;
-    let scene = estimate(context, scene, &mut stats)?;
-    stats.seconds.total = began.elapsed().as_secs_f64();
-    Ok(Baked { scene, stats })
+    let (bounces, bounces_cost) = bake_bounces(context, settings, &packed, &bounded)?;
+    let (visibility, visibility_cost) = bake_soft_shadows(context, settings, &packed.linked)?;
+    let octree_deviation = octree.as_ref().map_or([0.0; 2], |octree| octree.deviation);
+    let (source, surfaces) = (context.source, bounded.surfaces);
+    let (scene, missed, facts) = assemble(source, packed, surfaces, octree, bounces, visibility);
+    let rows = row_deviation(&scene, &missed);
+    let energy = (bounded.gain).energy([0, 1].map(|k| f32::max(rows[k], octree_deviation[k])));
+    // The estimate is in proportion to the bake of points and rows.
+    let row_costs = [&survey_cost, &points_cost, &transport_cost, &packing_cost];
+    let row_rays = row_costs.iter().map(|cost| cost.rays).sum();
+    let (estimates, estimate_cost) = estimate(context, &survey, &scene, row_rays)?;
+    let other_costs = [
+        &octree_cost,
+        &energy_cost,
+        &bounces_cost,
+        &visibility_cost,
+        &estimate_cost,
+    ];
+    let costs = row_costs.into_iter().chain(other_costs);
+    let rays = costs.clone().map(|cost| cost.rays).sum();
+    let warnings = costs.flat_map(|cost| cost.warnings.clone()).collect();
+    let info = describe(context, &survey, &scene, &facts, energy, &estimates, rays);
+    let seconds = StageSeconds {
+        points: survey_cost.seconds + points_cost.seconds,
+        gather: facts.gather_share * transport_cost.seconds,
+        refine: (1.0 - facts.gather_share) * transport_cost.seconds,
+        bounces: bounces_cost.seconds,
+        visibility: visibility_cost.seconds,
+        probes: facts.probe_seconds,
+        octree: octree_cost.seconds,
+        estimate: estimate_cost.seconds,
+        total: began.elapsed().as_secs_f64(),
+        ..StageSeconds::default()
+    };
+    let stats = BakeStats::new(&scene, &info, facts, warnings, seconds);
+    Ok(Baked {
+        scene: BakedScene::new(scene, info),
+        stats,
+    })
 }

@@ -1,12 +1,12 @@
 //! Second stage: points, their hierarchy, light samples of senders, and weights between levels.
 
-use super::context::BakeContext;
-use super::link_method::LinkMethod;
+use super::context::{BakeContext, StageCost};
 use super::survey::Survey;
-use super::{BakeError, BakeSettings, BakeStage, BakeStats};
+use super::{BakeError, BakeSettings, BakeStage};
 use crate::asset::LightSamples;
 use crate::basis::{Hierarchy, HierarchySettings, SenderLevel, Weights, place_light_samples};
 use crate::scene::Geometry;
+use std::time::Instant;
 
 /// Result of the stage.
 pub(super) struct PointSet {
@@ -31,8 +31,8 @@ pub(super) struct PointSet {
 pub(super) fn build_points(
     context: &BakeContext<'_>,
     survey: &Survey,
-    stats: &mut BakeStats,
-) -> Result<PointSet, BakeError> {
+) -> Result<(PointSet, StageCost), BakeError> {
+    let began = Instant::now();
     let Survey {
         viewpoints,
         settings,
@@ -49,30 +49,28 @@ pub(super) fn build_points(
         sender_overlap: method.sender_overlap(),
         clip: settings.clip_planes,
         drop_first: survey.drop_first,
-        separate_emitters: *method == LinkMethod::Averages && settings.fmm().is_none(),
+        separate_emitters: method.separates_emitters(),
     };
     let mut hierarchy = Hierarchy::build(geometry, viewpoints, &building, &|done| {
         context.progress.set(BakeStage::Points, 0.9 * done)
     })
     .ok_or(BakeError::Canceled)?;
-    stats.rays += hierarchy.rays;
     if hierarchy.is_empty() {
         return Err(BakeError::NoReachableSurface {
             viewpoints: viewpoints.len(),
         });
     }
-    let (light_samples, rays) = sample_senders(geometry, &mut hierarchy, settings);
-    stats.rays += rays;
+    let (light_samples, sample_rays) = sample_senders(geometry, &mut hierarchy, settings);
     let tree = hierarchy.tree();
-    let (pull, visible_areas) = if method.has_sender_tree() {
+    let (pull, visible_areas, area_rays) = if method.has_sender_tree() {
         let (areas, rays) = hierarchy.visible_areas(geometry, viewpoints, &tree, &building);
-        stats.rays += rays;
-        (hierarchy.tree_pull(&tree, &areas), areas)
+        (hierarchy.tree_pull(&tree, &areas), areas, rays)
     } else {
-        (hierarchy.pull(), Vec::new())
+        (hierarchy.pull(), Vec::new(), 0)
     };
     let parents = hierarchy.parents(method.has_all_parents());
-    Ok(PointSet {
+    let cost = StageCost::new(began, hierarchy.rays + sample_rays + area_rays);
+    let points = PointSet {
         hierarchy,
         building,
         light_samples,
@@ -80,7 +78,8 @@ pub(super) fn build_points(
         parents,
         tree,
         visible_areas,
-    })
+    };
+    Ok((points, cost))
 }
 
 /// Computes the light samples of the finest senders. Also returns the number of rays cast. Surfaces

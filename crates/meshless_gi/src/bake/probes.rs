@@ -1,7 +1,7 @@
 //! Probes: recipe, placement and gathered rows.
 
 use super::recipe::{RecipeError, in_range};
-use super::{BakeError, BakeStage, BakeStats, Progress};
+use super::{BakeError, BakeStage, Progress};
 use crate::asset::Probes;
 use crate::basis::{Hierarchy, probe_basis};
 use crate::samples::{ProbePlacementSettings as PlaceSettings, place_probes};
@@ -87,13 +87,17 @@ pub(super) struct BakedProbes {
     pub probes: Probes,
     /// Terms of the links that cross occluders.
     pub occluded: Vec<UnindexedLinkTerm>,
+    /// See [`BakeStats::probes_lost`](super::BakeStats::probes_lost).
+    pub lost: f64,
+    pub rays: u64,
+    pub seconds: f64,
+    pub warning: Option<String>,
 }
 
 /// Distributes probes in open space and gathers their rows.
 pub(super) fn bake_probes(
     recipe: &ProbeSettings,
     input: &ProbeInput<'_>,
-    stats: &mut BakeStats,
     progress: &Progress,
 ) -> Result<BakedProbes, BakeError> {
     let began = Instant::now();
@@ -112,13 +116,11 @@ pub(super) fn bake_probes(
             drop_first: input.drop_first,
         },
     );
-    if placement.truncated {
-        stats.warnings.push(format!(
-            "probes: a spacing of {} m needs more than {} probes, some of the open space has none; increase `probes.spacing`",
-            settings.spacing,
-            Probes::MAX
-        ));
-    }
+    let warning = placement.truncated.then(|| format!(
+        "probes: a spacing of {} m needs more than {} probes, some of the open space has none; increase `probes.spacing`",
+        settings.spacing,
+        Probes::MAX
+    ));
     let (basis, rays) = probe_basis(
         geometry,
         &placement.probes,
@@ -149,11 +151,6 @@ pub(super) fn bake_probes(
     };
     let (rows, sky, terms) = (&gathered.rows, &gathered.sky, &gathered.terms);
     let packed = pack(rows, &tiers, sky, terms, &settings);
-    stats.rays += placement.rays + rays + gathered.rays;
-    stats.probes = basis.points.len() as u64;
-    stats.probe_links = packed.operator.links.len() as u64;
-    stats.probes_lost = gathered.lost;
-    stats.seconds.probes = began.elapsed().as_secs_f64();
     Ok(BakedProbes {
         probes: Probes {
             points: basis.points,
@@ -163,5 +160,9 @@ pub(super) fn bake_probes(
             links: packed.operator.links,
         },
         occluded: packed.link_terms,
+        lost: gathered.lost,
+        rays: placement.rays + rays + gathered.rays,
+        seconds: began.elapsed().as_secs_f64(),
+        warning,
     })
 }

@@ -1,8 +1,9 @@
 //! Sky model of a recipe, and the links of a sky that is not uniform.
 
 use super::BakeSettings;
+use crate::asset::SkyVisibility;
 use crate::basis::Hierarchy;
-use crate::scene::{Geometry, SkyRadiance};
+use crate::scene::{Geometry, SkyRadiance, Surface};
 use crate::transport::{LinkTerm, RawRow, ReceiverRays, gather_sky_harmonics, merge_parts};
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
@@ -72,4 +73,17 @@ pub(super) fn terms(
     }
     let active = (0..rows.len()).filter(|&i| rows[i].active);
     (found, active.map(|i| u64::from(rays_of(i))).sum())
+}
+
+/// Returns the visibility of the sky's `terms` at the senders.
+pub(super) fn visibility(
+    terms: &[[Vec3; SkyRadiance::TERMS]],
+    surfaces: &[Surface],
+) -> SkyVisibility {
+    let senders = terms.iter().zip(surfaces);
+    SkyVisibility {
+        senders: senders
+            .map(|(terms, s)| terms.map(|t| t.dot(s.normal)))
+            .collect(),
+    }
 }

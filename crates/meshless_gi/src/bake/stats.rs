@@ -1,6 +1,9 @@
 //! Statistics of a bake: the tool's `--stats` file.
 
-use crate::asset::{EnergyInfo, TierInfo};
+use super::packing::RowFacts;
+use crate::asset::{BakeInfo, EnergyInfo, SceneData, TierInfo};
+use crate::transport::fmm::FmmOperator;
+use crate::transport::pca::Visibility;
 use serde::{Deserialize, Serialize};
 
 /// Wall-clock time of each stage, in seconds. Gather and refinement run together on all threads.
@@ -110,4 +113,53 @@ pub struct BakeStats {
     pub truncated_levels: Vec<u64>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
+}
+
+impl BakeStats {
+    /// Collects the statistics of a bake from its results.
+    pub(super) fn new(
+        scene: &SceneData,
+        info: &BakeInfo,
+        facts: RowFacts,
+        warnings: Vec<String>,
+        seconds: StageSeconds,
+    ) -> Self {
+        let (octree, visibility) = (scene.fmm.as_ref(), scene.visibility.as_ref());
+        let probes = scene.probes.as_ref();
+        let levels = scene.level_starts.windows(2);
+        let rows = scene.operator.rows.iter();
+        Self {
+            seconds,
+            rays: info.rays,
+            gather_rays: facts.gather_rays,
+            triangles: info.triangles,
+            points_per_level: levels.map(|w| u64::from(w[1] - w[0])).collect(),
+            senders: scene.senders() as u64,
+            gathered: facts.gathered,
+            active_rows: rows.filter(|row| row.tier != 0).count() as u64,
+            links: scene.operator.links.len() as u64,
+            clusters: facts.basis.clusters,
+            components: facts.basis.components,
+            basis_missed: facts.basis.missed,
+            bytes: 0,
+            threads: rayon::current_num_threads() as u64,
+            estimated_nrmse: info.estimated_nrmse.into(),
+            estimated_nrmse_interval: info.estimated_nrmse_interval.into(),
+            tiers: info.tiers.clone(),
+            uncovered: facts.uncovered,
+            largest_row_sum: info.largest_row_sum.into(),
+            energy: info.energy,
+            link_error: info.link_error.into(),
+            probes: probes.map_or(0, |p| p.points.len() as u64),
+            probe_links: probes.map_or(0, |p| p.links.len() as u64),
+            probes_lost: facts.probes_lost,
+            visibility_bytes: visibility.map_or(0, |v| v.bytes() as u64),
+            visibility_kept: visibility.map_or(0.0, Visibility::kept),
+            octree_bytes: octree.map_or(0, FmmOperator::bytes),
+            octree_entries: octree.map_or(0, |o| o.entries.len() as u64),
+            clip_planes: scene.display.planes.len() as u64,
+            truncated_levels: facts.truncated_levels,
+            warnings,
+        }
+    }
 }

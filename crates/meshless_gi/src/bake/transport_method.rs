@@ -1,9 +1,16 @@
 //! Representation of light transport: the method of a recipe, with its parameters.
 
+use super::link_method::LinkMethod;
+use super::quality_level::QualityParameters;
 use super::recipe::{RecipeError, in_range};
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;
 use serde::{Deserialize, Serialize};
+
+/// Approximate number of sender clusters of method `pca`, a little more than in \[P14\] §6.
+const CLUSTERS: f32 = 64.0;
+/// Smallest automatic cluster, in senders.
+const MIN_CLUSTER: f32 = 16.0;
 
 /// Representation of the transport operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -56,6 +63,48 @@ impl TransportMethod {
             Self::Pca(_) => "Pca",
             Self::Fmm(_) => "Fmm",
         }
+    }
+
+    /// Returns the links of the method, with its parameters.
+    pub(super) fn link_method(self) -> LinkMethod {
+        match self {
+            Self::Bounded => LinkMethod::Averages,
+            Self::L08 => LinkMethod::Differences,
+            Self::Pca(pca) => LinkMethod::Components(pca),
+            Self::Fmm(fmm) => LinkMethod::Octree(fmm),
+        }
+    }
+
+    /// Returns the method with the cluster size for `senders` senders if it has none.
+    pub(super) fn with_cluster_size(self, senders: f32) -> Self {
+        let Self::Pca(pca) = self else {
+            return self;
+        };
+        let usual = (senders / CLUSTERS).clamp(MIN_CLUSTER, 65_536.0) as u32;
+        Self::Pca(PcaRecipe {
+            cluster_size: Some(pca.cluster_size.unwrap_or(usual)),
+            ..pca
+        })
+    }
+
+    /// Returns `true` if links are quantized. Coefficients of light bases have no direction, and
+    /// [L08] has links as published.
+    pub(super) fn has_quantized_links(self) -> bool {
+        matches!(self, Self::Bounded | Self::Fmm(_))
+    }
+
+    /// Returns the quality level with the defaults of the method.
+    pub(super) fn defaults(self, quality: &QualityParameters) -> QualityParameters {
+        let mut defaults = *quality;
+        if !self.has_quantized_links() {
+            defaults.link_step = 0.0;
+        }
+        if self == Self::L08 {
+            // [L08] evaluates the light at the sender's own point, and ε = 0.025 in all tests
+            // (§4.2).
+            (defaults.samples_per_sender, defaults.truncation_error) = (1, 0.025);
+        }
+        defaults
     }
 
     /// Checks the parameters.

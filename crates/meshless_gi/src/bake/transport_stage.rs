@@ -1,16 +1,13 @@
 //! Third stage: gathered and refined rows of the operator, and of probes.
 
-use super::context::BakeContext;
-use super::fmm::SenderCells;
+use super::context::{BakeContext, StageCost};
 use super::link_method::LinkMethod;
 use super::point_set::PointSet;
 use super::probes::{BakedProbes, ProbeInput, bake_probes};
 use super::survey::Survey;
-use super::{
-    BakeError, BakeStage, BakeStats, PcaRecipe, SkyModel, basis_training, training_lights,
-};
+use super::{BakeError, BakeStage, PcaRecipe, SkyModel, basis_training, training_lights};
 use crate::basis::LevelBasis;
-use crate::transport::pca::{Compression, LightBasis};
+use crate::transport::pca::Compression;
 use crate::transport::{
     BoundedSettings, GatherSettings, Receivers, RefinedOperator, SenderTree, Training,
     l08_truncation, precision_of, refine_bounded,
@@ -22,34 +19,41 @@ pub(super) struct Transport {
     /// Points, with the levels that refinement added.
     pub points: PointSet,
     /// Rows of all points.
+    pub rows: Rows,
+    /// Flat basis of all points.
+    pub flat: LevelBasis,
+}
+
+/// Rows of one method, and results that only some methods have.
+#[derive(Default)]
+pub(super) struct Rows {
     pub refined: RefinedOperator,
     /// Light bases of method `pca`.
     pub compression: Option<Compression>,
+    pub basis: BasisCounts,
     /// Probes, if the recipe has any.
     pub probes: Option<BakedProbes>,
     /// Precision of links to each sender, the sky last.
     pub precision: Vec<u8>,
-    /// Flat basis of all points.
-    pub flat: LevelBasis,
-    /// Cells of the senders, for method `fmm`.
-    pub cells: Option<SenderCells>,
+    /// Number of rays of the training.
+    training_rays: u64,
 }
 
-/// Rows of one method, and results that only some methods have.
-struct Rows {
-    refined: RefinedOperator,
-    compression: Option<Compression>,
-    probes: Option<BakedProbes>,
-    precision: Vec<u8>,
+/// Counts of the light bases of method `pca`.
+#[derive(Clone, Copy, Default)]
+pub(super) struct BasisCounts {
+    pub clusters: u64,
+    pub components: u64,
+    /// See [`BakeStats::basis_missed`](super::BakeStats::basis_missed).
+    pub missed: f64,
 }
 
 /// Gathers and refines the rows of all points.
 pub(super) fn build_transport(
     context: &BakeContext<'_>,
     survey: &Survey,
-    mut points: PointSet,
-    stats: &mut BakeStats,
-) -> Result<Transport, BakeError> {
+    points: PointSet,
+) -> Result<(Transport, StageCost), BakeError> {
     let began = Instant::now();
     context.report(BakeStage::Transport, 0.0)?;
     let geometry = context.source.geometry;
@@ -66,34 +70,31 @@ pub(super) fn build_transport(
         survey,
         gathering,
     };
-    let rows = match survey.method {
-        LinkMethod::Averages => stage.averages(&mut points, None, stats)?,
-        LinkMethod::Components(pca) => stage.averages(&mut points, Some(&pca), stats)?,
-        LinkMethod::Differences => stage.differences(&points)?,
-        LinkMethod::Octree => Rows {
-            refined: RefinedOperator::without_rows(points.hierarchy.len()),
-            compression: None,
-            probes: None,
-            precision: Vec::new(),
-        },
+    let (points, rows) = match survey.method {
+        LinkMethod::Differences => stage.differences(points)?,
+        LinkMethod::Components(pca) => stage.averages(points, Some(&pca))?,
+        method if method.has_links() => stage.averages(points, None)?,
+        _ => {
+            let refined = RefinedOperator::without_rows(points.hierarchy.len());
+            let rows = Rows {
+                refined,
+                ..Rows::default()
+            };
+            (points, rows)
+        }
     };
-    let (flat, rays) = points
+    let (flat, flat_rays) = points
         .hierarchy
         .flat(geometry, &survey.viewpoints, &points.building);
-    stats.rays += rays;
-    let seconds = began.elapsed().as_secs_f64();
-    stats.seconds.gather = seconds * rows.refined.gather_share;
-    stats.seconds.refine = seconds - stats.seconds.gather;
-    let cells = SenderCells::find(geometry, &points.hierarchy, settings);
-    Ok(Transport {
-        points,
-        refined: rows.refined,
-        compression: rows.compression,
-        probes: rows.probes,
-        precision: rows.precision,
-        flat,
-        cells,
-    })
+    let probes = rows.probes.as_ref();
+    let probe_rays = probes.map_or(0, |probes| probes.rays);
+    let rays = rows.training_rays + rows.refined.rays + probe_rays + flat_rays;
+    let cost = StageCost {
+        warnings: probes.and_then(|p| p.warning.clone()).into_iter().collect(),
+        ..StageCost::new(began, rays)
+    };
+    let transport = Transport { points, rows, flat };
+    Ok((transport, cost))
 }
 
 /// Input of the methods.
@@ -112,20 +113,21 @@ impl TransportStage<'_> {
     /// components of light bases.
     fn averages(
         &self,
-        points: &mut PointSet,
+        mut points: PointSet,
         pca: Option<&PcaRecipe>,
-        stats: &mut BakeStats,
-    ) -> Result<Rows, BakeError> {
+    ) -> Result<(PointSet, Rows), BakeError> {
         let settings = &self.survey.settings;
         let sender_levels = settings.sender_levels as usize;
         let starts = &points.hierarchy.level_starts[..=sender_levels];
         let tree = SenderTree::new(&points.tree, starts);
-        let (training, rays) = training_lights::train(&self.gathering, points, self.survey, &tree);
-        stats.rays += rays;
-        let basis = pca.map(|pca| self.light_basis(points, pca, stats));
-        let compression = basis
-            .as_ref()
-            .map(|basis| Compression::new(basis, points.pull.len()));
+        let (training, mut training_rays) =
+            training_lights::train(&self.gathering, &points, self.survey, &tree);
+        let basis = pca.map(|pca| {
+            let (basis, rays) =
+                basis_training::light_basis(&self.gathering, &points, self.survey, pca);
+            training_rays += rays;
+            basis
+        });
         let refined = refine_bounded(
             &self.gathering,
             &mut Receivers {
@@ -147,27 +149,26 @@ impl TransportStage<'_> {
             &|done| self.report(done),
         )
         .ok_or(BakeError::Canceled)?;
-        let probes = self.probes(points, &tree, &training, stats)?;
+        let probes = self.probes(&points, &tree, &training)?;
+        let basis = basis.as_ref();
+        let compression = basis.map(|basis| Compression::new(basis, points.pull.len()));
         if let Some(mass) = &refined.truncation_mass {
             points.pull = mass.pull(&tree, &points.visible_areas);
         }
         let exposures = training.exposure.iter().chain([&training.sky]);
-        Ok(Rows {
+        let rows = Rows {
             refined,
             compression,
+            basis: basis.map_or_else(BasisCounts::default, |basis| BasisCounts {
+                clusters: basis.clusters() as u64,
+                components: basis.columns() as u64,
+                missed: basis.missed(),
+            }),
             probes,
             precision: exposures.map(|&e| precision_of(e)).collect(),
-        })
-    }
-
-    /// Computes the light bases of the sender clusters.
-    fn light_basis(&self, points: &PointSet, pca: &PcaRecipe, stats: &mut BakeStats) -> LightBasis {
-        let (basis, rays) = basis_training::light_basis(&self.gathering, points, self.survey, pca);
-        stats.rays += rays;
-        stats.clusters = basis.clusters() as u64;
-        stats.components = basis.columns() as u64;
-        stats.basis_missed = basis.missed();
-        basis
+            training_rays,
+        };
+        Ok((points, rows))
     }
 
     /// Bakes the probes, if the recipe has any.
@@ -176,7 +177,6 @@ impl TransportStage<'_> {
         points: &PointSet,
         tree: &SenderTree,
         training: &Training,
-        stats: &mut BakeStats,
     ) -> Result<Option<BakedProbes>, BakeError> {
         let settings = &self.survey.settings;
         let Some(probes) = &settings.probes else {
@@ -192,11 +192,11 @@ impl TransportStage<'_> {
             sky_terms: settings.sky == SkyModel::Harmonics,
             drop_first: self.survey.drop_first,
         };
-        bake_probes(probes, &input, stats, self.context.progress).map(Some)
+        bake_probes(probes, &input, self.context.progress).map(Some)
     }
 
     /// Computes rows of differences, as published in \[L08\].
-    fn differences(&self, points: &PointSet) -> Result<Rows, BakeError> {
+    fn differences(&self, points: PointSet) -> Result<(PointSet, Rows), BakeError> {
         let settings = &self.survey.settings;
         let neighbors =
             l08_truncation::neighbors(&points.hierarchy, settings.sender_levels as usize);
@@ -207,11 +207,10 @@ impl TransportStage<'_> {
             settings.truncation_error,
             &|done| self.report(done),
         );
-        Ok(Rows {
+        let rows = Rows {
             refined: refined.ok_or(BakeError::Canceled)?,
-            compression: None,
-            probes: None,
-            precision: Vec::new(),
-        })
+            ..Rows::default()
+        };
+        Ok((points, rows))
     }
 }

@@ -1,9 +1,9 @@
 //! Visibility for soft shadows ([P14] §4.2): recipe and stage.
 
-use super::context::BakeContext;
+use super::context::{BakeContext, StageCost};
+use super::packing::LinkedPoints;
 use super::recipe::{RecipeError, in_range};
-use super::{BakeError, BakeSettings, BakeStage, BakeStats};
-use crate::asset::SceneData;
+use super::{BakeError, BakeSettings, BakeStage};
 use crate::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
 };
@@ -80,21 +80,20 @@ impl VisibilityRecipe {
     }
 }
 
-/// Adds the visibility of the senders and of one finer level, if the recipe has soft shadows.
+/// Bakes the visibility of the senders and of one finer level, if the recipe has soft shadows.
 /// Shadow edges are finer than the spacing of senders.
-pub(super) fn add_visibility(
+pub(super) fn bake_soft_shadows(
     context: &BakeContext<'_>,
     settings: &BakeSettings,
-    scene: SceneData,
-    stats: &mut BakeStats,
-) -> Result<SceneData, BakeError> {
+    linked: &LinkedPoints,
+) -> Result<(Option<Visibility>, StageCost), BakeError> {
     let Some(soft) = &settings.soft_shadows else {
-        return Ok(scene);
+        return Ok(Default::default());
     };
     let began = Instant::now();
-    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
-    let count = scene.level_starts[levels] as usize;
-    let points: Vec<(Vec3, Vec3)> = (scene.points[..count].iter())
+    let levels = (linked.sender_levels as usize + 1).min(linked.level_starts.len() - 1);
+    let count = linked.level_starts[levels] as usize;
+    let points: Vec<(Vec3, Vec3)> = (linked.points[..count].iter())
         .map(|p| (p.x(), p.n()))
         .collect();
     let (visibility, rays) = bake_visibility(
@@ -107,16 +106,10 @@ pub(super) fn add_visibility(
         VisibilityError::Stopped => BakeError::Canceled,
         VisibilityError::TooLarge { max } => BakeError::VisibilityTooLarge { max },
     })?;
-    stats.rays += rays;
-    stats.visibility_bytes = visibility.bytes() as u64;
-    stats.visibility_kept = visibility.kept();
-    stats.seconds.visibility = began.elapsed().as_secs_f64();
+    let mut cost = StageCost::new(began, rays);
     if !context.source.occluders.is_empty() {
         let note = "soft shadows: visibility is baked with all occluders open; direct light of soft lights passes closed occluders";
-        stats.warnings.push(note.into());
+        cost.warnings.push(note.into());
     }
-    Ok(SceneData {
-        visibility: Some(visibility),
-        ..scene
-    })
+    Ok((Some(visibility), cost))
 }

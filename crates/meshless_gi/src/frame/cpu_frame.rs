@@ -80,7 +80,7 @@ impl CpuFrame {
         Self::from_data(scene.data())
     }
 
-    /// Creates a frame of an unfinished bake. See [`new`](Self::new).
+    /// Creates a frame of a scene without its facts. See [`new`](Self::new).
     pub(crate) fn from_data(scene: &SceneData) -> Self {
         let (points, senders) = (
             scene.points.len(),
@@ -100,10 +100,22 @@ impl CpuFrame {
         }
     }
 
+    /// Creates a frame with other surfaces than the scene's.
+    pub(crate) fn with_surfaces(scene: &SceneData, surfaces: Vec<PointSurface>) -> Self {
+        Self {
+            surfaces,
+            ..Self::from_data(scene)
+        }
+    }
+
     /// Sets the lights, slot by slot, in the bake's local space. Projects the slots with another
     /// geometry than at their last projection. Returns the number of projected slots.
     pub fn set_lights(&mut self, scene: &BakedScene, lights: &[FrameLight]) -> usize {
-        let scene = scene.data();
+        self.set_lights_of_data(scene.data(), lights)
+    }
+
+    /// Sets the lights of a scene without its facts. See [`set_lights`](Self::set_lights).
+    pub(crate) fn set_lights_of_data(&mut self, scene: &SceneData, lights: &[FrameLight]) -> usize {
         self.check(scene);
         if self.lights != lights {
             self.solved = None;
@@ -223,7 +235,7 @@ impl CpuFrame {
         self.solve_data(scene.data(), settings)
     }
 
-    /// Solves a frame of an unfinished bake. See [`solve`](Self::solve).
+    /// Solves a frame of a scene without its facts. See [`solve`](Self::solve).
     pub(crate) fn solve_data(&mut self, scene: &SceneData, settings: &FrameSettings) -> bool {
         self.check(scene);
         if self.solved == Some(*settings) {

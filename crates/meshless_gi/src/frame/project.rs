@@ -17,7 +17,7 @@ pub const FAR: f32 = 1e30;
 /// Returns the largest edge of the box around the geometry, meters, or 0 without geometry.
 #[must_use]
 pub fn extent(scene: &SceneData) -> f32 {
-    let [min, max] = scene.info.bounds.map(Vec3::from_array);
+    let [min, max] = scene.bounds.map(Vec3::from_array);
     let size = (max - min).max_element();
     if size.is_finite() { size.max(0.0) } else { 0.0 }
 }

@@ -74,7 +74,7 @@ impl VoxelGrid {
         let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
         let edge = voxel.filter(|e| e.is_finite() && *e > 0.0);
         let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
-        let [low, high] = scene.info.bounds.map(Vec3::from_array);
+        let [low, high] = scene.bounds.map(Vec3::from_array);
         // Walls at the edge of the scene lie inside.
         let (low, high) = (low - edge, high + edge);
         Self::new([low, high], voxels_of(high - low, edge, max_voxels))

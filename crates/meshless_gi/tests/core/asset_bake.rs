@@ -78,8 +78,8 @@ fn bake_of_one_version_has_recorded_hash() {
     let mut scene = baked(&small(), 2);
     // The digest excludes the facts about the bake.
     let tiers = TierInfo::from_scene(scene.data());
-    scene.data_mut().info = BakeInfo::default();
-    scene.data_mut().info.tiers = tiers;
+    *scene.info_mut() = BakeInfo::default();
+    scene.info_mut().tiers = tiers;
     let digest = fingerprint(&[&scene.to_bytes().unwrap()]);
     assert_eq!(
         (BAKE_VERSION, digest.as_str()),
@@ -106,7 +106,6 @@ fn bake_file_round_trips() {
     ] {
         let scene = baked(&recipe, 2);
         let stats = scene
-            .data()
             .validate()
             .unwrap_or_else(|v| panic!("{:?}: {}", recipe.transport, v[0]));
         assert!(stats.links > 100 && stats.senders > 10, "{stats:?}");

@@ -504,7 +504,7 @@ fn damaged_occluder_bake_is_rejected() {
         ..recipe(vec![door()])
     };
     let scene = baked(&rooms(Opening::Open), &small);
-    scene.data().validate().expect("a sound bake");
+    scene.validate().expect("a sound bake");
     type Damage = fn(&mut BakedScene);
     let damages: [(&str, Damage); 14] = [
         ("occluder triangles", |s| s.data_mut().occluders = None),
@@ -557,7 +557,7 @@ fn damaged_occluder_bake_is_rejected() {
     for (location, damage) in damages {
         let mut broken = scene.clone();
         damage(&mut broken);
-        let found = broken.data().validate().expect_err(location);
+        let found = broken.validate().expect_err(location);
         assert!(
             found.iter().any(|v| v.location == location),
             "{location}: {found:?}"
@@ -575,7 +575,7 @@ fn damaged_occluder_bake_is_rejected() {
         let at = occluders.links.partition_point(|p| p.link < row.start);
         let one = 0x3c00_3c00;
         occluders.links[at].xy = one;
-        assert!(bright.data().validate().is_err());
+        assert!(bright.validate().is_err());
     }
     // Every damaged byte of the new sections is detected.
     let bytes = scene.to_bytes().unwrap();

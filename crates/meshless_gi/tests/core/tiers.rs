@@ -152,8 +152,8 @@ fn tier_operator_is_prefix_of_links() {
             rows.iter().filter(|row| row.tier > 0).count() as u64,
             info.rows
         );
-        part.data_mut().info.tiers.truncate(tier as usize);
-        part.data().validate().unwrap();
+        part.info_mut().tiers.truncate(tier as usize);
+        part.validate().unwrap();
         let values = |scene: &BakedScene, t: u32| -> Vec<VectorIrradiance> {
             solve(scene, &test.lights, t).vector_irradiance().to_vec()
         };

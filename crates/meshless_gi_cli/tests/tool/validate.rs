@@ -64,10 +64,10 @@ fn validate_with_scene_names_each_difference() {
 
     // The version of the bake counts, not that of the crate.
     let mut scene = BakedScene::read(&bake, &Limits::default()).unwrap();
-    scene.data_mut().info.version = "0.0.0".into();
+    scene.info_mut().version = "0.0.0".into();
     scene.write(&bake).unwrap();
     assert_eq!(kinds(&tool(1, &by_level)), ["content"]);
-    scene.data_mut().info.bake_version += 1;
+    scene.info_mut().bake_version += 1;
     scene.write(&bake).unwrap();
     assert_eq!(kinds(&tool(1, &by_level)), ["content", "version"]);
     fs::copy(data("cornell/cornell.glb"), &scene_file).unwrap();

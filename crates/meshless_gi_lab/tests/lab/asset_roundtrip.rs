@@ -12,7 +12,7 @@ use meshless_gi::{AssetError, BakedScene, Limits};
 fn scenes_round_trip_bitwise() {
     for make in makes() {
         let scene = build(&make);
-        let stats = scene.data().validate().unwrap();
+        let stats = scene.validate().unwrap();
         assert_eq!(stats.links, scene.data().operator.links.len() as u64);
         assert_eq!(stats.points_per_level.len(), make.levels.len());
         let bytes = scene.to_bytes().unwrap();
@@ -87,11 +87,11 @@ fn validation_detects_each_broken_field() {
         ("rows", |s| {
             s.data_mut().operator.rows.last_mut().unwrap().tier = 17;
         }),
-        ("tiers", |s| s.data_mut().info.tiers[0].links += 1),
+        ("tiers", |s| s.info_mut().tiers[0].links += 1),
         ("tiers", |s| {
-            s.data_mut().info.tiers[0].estimated_nrmse = f32::NAN
+            s.info_mut().tiers[0].estimated_nrmse = f32::NAN
         }),
-        ("tiers", |s| s.data_mut().info.tiers.truncate(1)),
+        ("tiers", |s| s.info_mut().tiers.truncate(1)),
         ("links", |s| {
             s.data_mut().operator.links[0].z_sender |= 0xffff_0000
         }),
@@ -138,9 +138,9 @@ fn validation_detects_each_broken_field() {
     ];
     for (location, broken) in breaks {
         let mut scene = build(&makes()[1]);
-        assert!(scene.data().validate().is_ok());
+        assert!(scene.validate().is_ok());
         broken(&mut scene);
-        let found = scene.data().validate().expect_err(location);
+        let found = scene.validate().expect_err(location);
         assert!(
             found.iter().any(|v| v.location == *location),
             "{location}: {found:?}"
@@ -220,10 +220,10 @@ fn validation_detects_broken_octree() {
     }
     for (k, (location, broken)) in breaks.iter().enumerate() {
         let mut scene = good();
-        let sound = scene.data().validate();
+        let sound = scene.validate();
         assert!(sound.is_ok(), "{sound:?}");
         broken(scene.data_mut().fmm.as_mut().unwrap());
-        let found = match scene.data().validate() {
+        let found = match scene.validate() {
             Err(found) => found,
             Ok(_) => panic!("break {k}: {location}"),
         };
@@ -265,9 +265,9 @@ fn validation_detects_broken_columns() {
     let good = || build(&makes()[5]);
     for (k, (location, broken)) in breaks.iter().enumerate() {
         let mut scene = good();
-        assert!(scene.data().validate().is_ok());
+        assert!(scene.validate().is_ok());
         broken(scene.data_mut().operator.compression.as_mut().unwrap());
-        let found = match scene.data().validate() {
+        let found = match scene.validate() {
             Err(found) => found,
             Ok(_) => panic!("break {k}: {location}"),
         };
@@ -280,7 +280,6 @@ fn validation_detects_broken_columns() {
     scene.data_mut().operator.compression = None;
     assert!(
         scene
-            .data()
             .validate()
             .unwrap_err()
             .iter()
@@ -290,7 +289,6 @@ fn validation_detects_broken_columns() {
     scene.data_mut().operator.compression = good().data().operator.compression.clone();
     assert!(
         scene
-            .data()
             .validate()
             .unwrap_err()
             .iter()
@@ -302,7 +300,6 @@ fn validation_detects_broken_columns() {
     *link = Link::pack(link.vector(), 1.0, beyond as u16);
     assert!(
         scene
-            .data()
             .validate()
             .unwrap_err()
             .iter()
@@ -317,7 +314,6 @@ fn validation_detects_broken_columns() {
         .for_each(|row| row.scale *= 15.0);
     assert!(
         scene
-            .data()
             .validate()
             .unwrap_err()
             .iter()

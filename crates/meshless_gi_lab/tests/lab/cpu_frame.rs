@@ -36,7 +36,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         let sender = if to_sky { SENDERS } else { (i + 1) % SENDERS };
         Link::pack(normal(i), 1.0, sender as u16)
     };
-    let mut scene = BakedScene::from(SceneData {
+    let data = SceneData {
         surfaces: vec![
             PointSurface {
                 albedo: [ALBEDO; 3],
@@ -80,10 +80,11 @@ fn furnace(to_sky: bool) -> BakedScene {
         },
         points,
         bvh: Bvh::default(),
-        info: BakeInfo::default(),
-    });
-    scene.data_mut().info.tiers = TierInfo::from_scene(scene.data());
-    scene
+        bounds: [[0.0; 3]; 2],
+    };
+    let mut info = BakeInfo::default();
+    info.tiers = TierInfo::from_scene(&data);
+    BakedScene::new(data, info)
 }
 
 /// A sender's light is the mean over its positions: with one of four in shadow it is three
@@ -98,7 +99,7 @@ fn sender_light_is_mean_over_samples() {
             .map(|k| LightSample::new(position(k), Vec3::Y))
             .collect(),
     };
-    scene.data().validate().expect("valid");
+    scene.validate().expect("valid");
     // A blocker above the first position of the first sender alone.
     let above = position(0) + 0.5 * Vec3::Y;
     let corners = [
@@ -341,7 +342,7 @@ fn direct_light_is_blocked_by_geometry() {
             ..BvhTriangle::default()
         }],
     };
-    scene.data_mut().info.bounds = [[-1.0, 0.0, -1.0], [1.0, 3.0, 1.0]];
+    scene.data_mut().bounds = [[-1.0, 0.0, -1.0], [1.0, 3.0, 1.0]];
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(
         &scene,

@@ -552,7 +552,7 @@ fn probe_data_round_trips_and_damage_is_detected() {
     let perturb = |what: &str, perturb: &dyn Fn(&mut Probes)| {
         let mut wrong = scene.clone();
         perturb(wrong.data_mut().probes.as_mut().unwrap());
-        assert!(wrong.data().validate().is_err(), "{what} is not detected");
+        assert!(wrong.validate().is_err(), "{what} is not detected");
     };
     perturb("no probe", &|p| {
         p.points.clear();

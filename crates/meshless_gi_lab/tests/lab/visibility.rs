@@ -149,7 +149,7 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
     let perturb = |what: &str, perturb: &dyn Fn(&mut Visibility)| {
         let mut wrong = scene.clone();
         perturb(wrong.data_mut().visibility.as_mut().unwrap());
-        assert!(wrong.data().validate().is_err(), "{what} is not detected");
+        assert!(wrong.validate().is_err(), "{what} is not detected");
     };
     perturb("a grid of zero columns", &|v| v.grid.columns = 0);
     perturb("a grid above the limit", &|v| {

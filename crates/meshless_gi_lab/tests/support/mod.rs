@@ -359,7 +359,8 @@ pub fn build(make: &SceneOptions) -> BakedScene {
         compression,
         ..operator(make.form, rows, &links)
     };
-    let mut scene = BakedScene::from(SceneData {
+    let info = info(make.triangles as u64);
+    let data = SceneData {
         visibility: None,
         probes: None,
         occluders: None,
@@ -383,14 +384,15 @@ pub fn build(make: &SceneOptions) -> BakedScene {
         pull: Weights::from_rows(pull),
         parents: Weights::from_rows(parents),
         bounces,
-        info: info(make.triangles as u64),
+        bounds: info.bounds,
         operator,
         display: FlatBasis {
             radius,
             planes,
             grid,
         },
-    });
+    };
+    let mut scene = BakedScene::new(data, info);
     if let Some(linked) = make.octree {
         scene.data_mut().fmm = Some(octree(&scene));
         scene.data_mut().illumination = scene
@@ -422,7 +424,7 @@ pub fn build(make: &SceneOptions) -> BakedScene {
         scene.data_mut().visibility =
             Some(compute_visibility(&scene.data().points[..known], &mesh));
     }
-    scene.data_mut().info.tiers = TierInfo::from_scene(scene.data());
+    scene.info_mut().tiers = TierInfo::from_scene(scene.data());
     scene
 }
 

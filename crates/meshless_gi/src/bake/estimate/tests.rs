@@ -1,5 +1,6 @@
 //! Tests of `estimate`.
 
+use super::summary::student;
 use super::*;
 
 fn source(square: f64, noise: f64, returns: f64) -> LightError {

@@ -26,12 +26,12 @@ impl CpuFrame {
         };
         self.solved = None;
         self.solve(scene, &one);
+        let gain = scene.info().energy.spectral_radius_bound;
         let scene = scene.data();
         let shape = SceneDimensions::new(scene);
         let params = shape.params(&one, self.lights.len());
         let steps = SolveSchedule::new(&shape, &one);
         let mut octree = octree(scene, &steps);
-        let gain = scene.info.energy.spectral_radius_bound;
         let gain = if gain.is_finite() { gain } else { 1.0 };
         let enough = f64::from(tolerance) * f64::from(1.0 - gain.clamp(0.0, 0.9995));
         // Rounding error of sums of a few hundred links.
