@@ -155,7 +155,7 @@ fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
 /// Returns the distance from a position to the first surface in a direction, to 0.1 % of `far`.
 /// Returns `far` if there is none.
 fn free_distance(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
-    let meets = |distance| bvh.occluded(&Ray::segment(from, toward, distance));
+    let meets = |distance| bvh.is_occluded(&Ray::segment(from, toward, distance));
     if !meets(far) {
         return far;
     }
@@ -208,7 +208,7 @@ impl LitPoints {
             // Front side, without an occluder except the surface itself in the last 1 %.
             let clear = || {
                 let ray = Ray::segment(from, toward, 0.99 * distance);
-                !scene.data().bvh.occluded(&ray)
+                !scene.data().bvh.is_occluded(&ray)
             };
             (toward.dot(*n) < 0.0 && clear()).then_some((toward, *luminance))
         };

@@ -118,10 +118,10 @@ impl BounceSelector {
 /// covers one hemisphere at most.
 fn max_spectral_radius(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     let baked = bake.info().energy.spectral_radius_bound;
-    let Some(live) = &bake.data().materials else {
+    let Some(dynamic) = &bake.data().materials else {
         return baked;
     };
-    let pairs = live.factors.iter().zip(factors);
+    let pairs = dynamic.factors.iter().zip(factors);
     let colors = pairs.flat_map(|(baked, now)| baked.base_color.into_iter().zip(now.base_color));
     let growth = colors
         .filter(|(baked, now)| now > baked)

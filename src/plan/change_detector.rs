@@ -24,7 +24,7 @@ pub struct ChangeDetector<K, V = ()> {
     /// Uploaded factors of the materials. Empty for those of the bake.
     pub factors: Vec<MaterialFactors>,
     /// Transmittance of the occluders. Empty if all are open.
-    pub gains: Vec<f32>,
+    pub transmittances: Vec<f32>,
     /// Lights with soft shadows, as shadowed. `None` if the device holds no shadows.
     pub soft_lights: Option<Vec<SoftLight>>,
     /// Volume with the light of the last solve. `None` if there is none.
@@ -38,7 +38,7 @@ impl<K: Copy + Ord, V> Default for ChangeDetector<K, V> {
             slots: SlotTable::new(),
             solved: None,
             factors: Vec::new(),
-            gains: Vec::new(),
+            transmittances: Vec::new(),
             soft_lights: None,
             volume: None,
         }
@@ -60,7 +60,7 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
         self.slots.reset();
         self.solved = None;
         self.factors.clear();
-        self.gains.clear();
+        self.transmittances.clear();
         self.soft_lights = None;
         self.volume = None;
     }
@@ -75,11 +75,11 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
     /// whose materials are fixed.
     #[must_use]
     pub fn materials_changed(&self, bake: &BakedScene, factors: &[MaterialFactors]) -> bool {
-        let Some(live) = &bake.data().materials else {
+        let Some(dynamic) = &bake.data().materials else {
             return false;
         };
         let uploaded = match self.factors.is_empty() {
-            true => &live.factors,
+            true => &dynamic.factors,
             false => &self.factors,
         };
         *uploaded != factors
@@ -87,10 +87,10 @@ impl<K: Copy + Ord, V: PartialEq> ChangeDetector<K, V> {
 
     /// Number of occluders whose transmittance differs from the device's.
     #[must_use]
-    pub fn changed_occluders(&self, gains: &[f32]) -> usize {
-        let known = |k: usize| self.gains.get(k).copied().unwrap_or(1.0);
-        let now = gains.iter().enumerate();
-        now.filter(|&(k, &gain)| gain != known(k)).count()
+    pub fn changed_occluders(&self, transmittances: &[f32]) -> usize {
+        let known = |k: usize| self.transmittances.get(k).copied().unwrap_or(1.0);
+        let now = transmittances.iter().enumerate();
+        now.filter(|&(k, &t)| t != known(k)).count()
     }
 
     /// Returns `true` if the shadows of `lights` differ from the device's, in a scene with these
@@ -233,11 +233,11 @@ mod tests {
         assert!(changes.settings_changed(&one, GiColorMode::Auto, true));
         // Unknown occluders are open.
         assert_eq!(changes.changed_occluders(&[1.0, 0.5]), 1);
-        changes.gains = vec![1.0, 0.5];
+        changes.transmittances = vec![1.0, 0.5];
         assert_eq!(changes.changed_occluders(&[1.0, 0.5]), 0);
         assert_eq!(changes.changed_occluders(&[0.0, 0.25]), 2);
         changes.reset();
-        assert!(changes.solved.is_none() && changes.gains.is_empty());
+        assert!(changes.solved.is_none() && changes.transmittances.is_empty());
     }
 
     #[test]

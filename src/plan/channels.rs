@@ -29,7 +29,7 @@ pub struct ColorModeSelection {
     /// `true` if a setting fixes the channels.
     pub forced: bool,
     /// Reason of the choice.
-    pub why: &'static str,
+    pub reason: &'static str,
 }
 
 impl ColorModeSelection {
@@ -45,7 +45,7 @@ impl ColorModeSelection {
 
 impl fmt::Display for ColorModeSelection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.choice(), self.why)
+        write!(f, "{}: {}", self.choice(), self.reason)
     }
 }
 
@@ -86,7 +86,7 @@ impl ColorModeSelector {
                 false
             }
         };
-        let (channels, why) = match requested {
+        let (channels, reason) = match requested {
             GiColorMode::Rgb => (Channels::Three, "requested"),
             GiColorMode::Monochrome => (Channels::One(found.hue), "requested"),
             GiColorMode::Auto => match (self.now, found.colors) {
@@ -109,7 +109,7 @@ impl ColorModeSelector {
         ColorModeSelection {
             channels,
             forced: requested != GiColorMode::Auto,
-            why,
+            reason,
         }
     }
 }
@@ -126,7 +126,7 @@ mod tests {
 
     fn auto(selector: &mut ColorModeSelector, colors: ColorUniformity) -> Channels {
         let picked = selector.select(GiColorMode::Auto, chromaticity_of(colors));
-        assert!(!picked.forced && !picked.why.is_empty());
+        assert!(!picked.forced && !picked.reason.is_empty());
         picked.channels
     }
 

@@ -86,7 +86,7 @@ pub enum Work {
     /// Shadow rays.
     Rays(u64),
     /// Number of link terms that occluders intersect.
-    Passages(u64),
+    OccludedLinkTerms(u64),
     /// Number of lights with soft shadows times the number of points with baked visibility.
     Sights(u64),
     /// Number of voxels of a volume.
@@ -108,7 +108,7 @@ impl Work {
             | Self::OneChannel(n)
             | Self::Rays(n)
             | Self::Pixels(n)
-            | Self::Passages(n)
+            | Self::OccludedLinkTerms(n)
             | Self::Sights(n)
             | Self::Voxels(n)
             | Self::Texels(n) => (n > 0).then_some(n as f64),
@@ -123,7 +123,7 @@ impl Work {
             Self::OneChannel(_) => Unit::OneChannel,
             Self::Rays(_) => Unit::Rays,
             Self::Pixels(_) => Unit::Pixels,
-            Self::Passages(_) => Unit::Passages,
+            Self::OccludedLinkTerms(_) => Unit::OccludedLinkTerms,
             Self::Sights(_) => Unit::Sights,
             Self::Voxels(_) => Unit::Voxels,
             Self::Texels(_) => Unit::Texels,
@@ -150,7 +150,7 @@ enum Unit {
     OneChannel,
     Rays,
     Pixels,
-    Passages,
+    OccludedLinkTerms,
     Sights,
     Voxels,
     Texels,
@@ -164,7 +164,7 @@ impl fmt::Display for Work {
             Self::OneChannel(n) => write!(f, "{n} links in one channel"),
             Self::Rays(n) => write!(f, "{n} rays"),
             Self::Pixels(n) => write!(f, "{n} pixels"),
-            Self::Passages(n) => write!(f, "{n} occluded link terms"),
+            Self::OccludedLinkTerms(n) => write!(f, "{n} occluded link terms"),
             Self::Sights(n) => write!(f, "{n} pairs of light and point"),
             Self::Voxels(n) => write!(f, "{n} voxels"),
             Self::Texels(n) => write!(f, "{n} texels of maps"),

@@ -80,7 +80,7 @@ pub struct Decision {
     /// The choice.
     pub choice: String,
     /// The reason. Figures in it may change from frame to frame.
-    pub why: String,
+    pub reason: String,
     /// Setting that decided alone. `None` if the plan decided.
     pub forced: Option<&'static str>,
     /// Cost of the passes that this decision causes, with all passes in the same timing scope.
@@ -93,7 +93,12 @@ impl Decision {
     /// nor measured are left out.
     #[must_use]
     pub fn words(&self, name: NameOf<'_>) -> String {
-        let mut out = format!("{}: {} ({})", self.kind.words(name), self.choice, self.why);
+        let mut out = format!(
+            "{}: {} ({})",
+            self.kind.words(name),
+            self.choice,
+            self.reason
+        );
         for (timed, cost) in self.costs.iter().filter(|(_, cost)| cost.is_known()) {
             out += &format!("; {}: {cost}", timed.stage.name());
         }
@@ -128,13 +133,13 @@ impl Plan {
     #[must_use]
     pub fn decisions(&self) -> Vec<Decision> {
         let mut out: Vec<Decision> = Vec::new();
-        let mut push = |kind: DecisionKind, choice: String, why: String, forced| {
+        let mut push = |kind: DecisionKind, choice: String, reason: String, forced| {
             if !out.iter().any(|d: &Decision| d.kind == kind) {
                 let costs = self.costs_of(&kind);
                 out.push(Decision {
                     kind,
                     choice,
-                    why,
+                    reason,
                     forced,
                     costs,
                 });
@@ -146,27 +151,27 @@ impl Plan {
             push(
                 DecisionKind::Tier(*scene),
                 choice,
-                picked.why.clone(),
+                picked.reason.clone(),
                 forced,
             );
         }
         for (scene, picked) in &self.channels {
             let kind = DecisionKind::Channels(*scene);
             let forced = picked.forced.then_some("the channel setting");
-            push(kind, picked.choice().into(), picked.why.into(), forced);
+            push(kind, picked.choice().into(), picked.reason.into(), forced);
         }
         for (scene, picked) in &self.reflections {
             let kind = DecisionKind::Bounces(*scene);
             let forced = picked.forced.then_some("the bounce setting");
             push(kind, picked.bounces.to_string(), picked.reason(), forced);
         }
-        for (scene, why) in &self.linked {
+        for (scene, reason) in &self.linked {
             let kind = DecisionKind::Octree(*scene);
-            push(kind, "links".into(), why.to_string(), None);
+            push(kind, "links".into(), reason.to_string(), None);
         }
         for (scene, sky) in &self.skies {
-            let why = "the sky of the scene".into();
-            push(DecisionKind::Sky(*scene), sky.to_string(), why, None);
+            let reason = "the sky of the scene".into();
+            push(DecisionKind::Sky(*scene), sky.to_string(), reason, None);
         }
         for &(view, display) in &self.displays {
             let forced = (display == DisplayUse::Full).then_some("the display setting");
@@ -182,10 +187,15 @@ impl Plan {
             let kind = DecisionKind::Effect(pass.effect, pass.scene, pass.view);
             push(kind, "runs".into(), pass.reason.to_string(), None);
         }
-        for &(scene, view, why) in &self.skipped {
-            if why != SkipReason::AtRest {
-                let kind = DecisionKind::Skipped(scene, view, why);
-                push(kind, "off".into(), why.to_string(), why.forced_reason());
+        for &(scene, view, reason) in &self.skipped {
+            if reason != SkipReason::AtRest {
+                let kind = DecisionKind::Skipped(scene, view, reason);
+                push(
+                    kind,
+                    "off".into(),
+                    reason.to_string(),
+                    reason.forced_reason(),
+                );
             }
         }
         out

@@ -73,6 +73,6 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
 /// to replace it.
 #[must_use]
 pub fn fmm_fallback_reason(scene: &BakedScene, largest: u64) -> Option<FmmLimit> {
-    let why = octree_fits(scene.data().fmm.as_ref()?, largest).err();
-    why.filter(|_| scene.data().link_tiers() > 0)
+    let reason = octree_fits(scene.data().fmm.as_ref()?, largest).err();
+    reason.filter(|_| scene.data().link_tiers() > 0)
 }

@@ -164,12 +164,12 @@ impl fmt::Display for Plan {
                 (None, None) => writeln!(f)?,
             }
         }
-        for (scene, view, why) in &self.skipped {
+        for (scene, view, reason) in &self.skipped {
             write!(f, "skip {scene}")?;
             if let Some(view) = view {
                 write!(f, " in view {:x}", view.0)?;
             }
-            writeln!(f, ": {why}")?;
+            writeln!(f, ": {reason}")?;
         }
         for (light, reason) in &self.without_maps {
             writeln!(f, "skip maps of light {light}: {reason}")?;
@@ -183,15 +183,15 @@ impl fmt::Display for Plan {
         for (scene, picked) in &self.reflections {
             writeln!(f, "use  {scene} with {picked}")?;
         }
-        for (scene, why) in &self.linked {
-            writeln!(f, "use  {scene} with its links: {why}")?;
+        for (scene, reason) in &self.linked {
+            writeln!(f, "use  {scene} with its links: {reason}")?;
         }
         for (scene, sky) in &self.skies {
             writeln!(f, "use  {scene} with {sky}")?;
         }
         for (view, display) in &self.displays {
-            let (choice, why) = (display.choice(), display.description());
-            writeln!(f, "use  view {:x} with {choice}: {why}", view.0)?;
+            let (choice, reason) = (display.choice(), display.description());
+            writeln!(f, "use  view {:x} with {choice}: {reason}", view.0)?;
         }
         for scene in &self.release {
             writeln!(f, "free {scene}")?;

@@ -27,7 +27,7 @@ pub struct SceneSnapshot<'a> {
     /// Factors of its materials. Empty if they cannot change.
     pub materials: &'a [MaterialFactors],
     /// Transmittance of its occluders.
-    pub gains: &'a [f32],
+    pub transmittances: &'a [f32],
     /// Indices of the [`WorldSnapshot::lights`] that do not light it, in ascending order. These
     /// lights are on other layers, or their range ends before it.
     pub unlit_by: Vec<usize>,
@@ -154,15 +154,15 @@ impl BakeColors {
         for (j, surface) in bake.data().surfaces.iter().enumerate() {
             let own = [surface.albedo, surface.emission];
             add(&mut bake_colors.all, own);
-            let covers = |live: &DynamicMaterials| !live.row(j).is_empty();
+            let covers = |dynamic: &DynamicMaterials| !dynamic.row(j).is_empty();
             // Points that do not send light have no row.
             if j < bake.data().senders() && !bake.data().materials.as_ref().is_some_and(covers) {
                 add(&mut bake_colors.rest, own);
             }
         }
-        if let Some(live) = &bake.data().materials {
-            bake_colors.shares = vec![[Chromaticity::None; 2]; live.factors.len()];
-            for share in &live.shares {
+        if let Some(dynamic) = &bake.data().materials {
+            bake_colors.shares = vec![[Chromaticity::None; 2]; dynamic.factors.len()];
+            for share in &dynamic.shares {
                 if let Some(hues) = bake_colors.shares.get_mut(share.material as usize) {
                     add(hues, [share.albedo, share.emission]);
                 }
@@ -200,7 +200,7 @@ struct PreviousScene {
     sky: SkyRadiance,
     emission: f32,
     materials: Vec<MaterialFactors>,
-    gains: Vec<f32>,
+    transmittances: Vec<f32>,
     bake_colors: Option<BakeColors>,
 }
 
@@ -374,7 +374,7 @@ fn count_scene(
     };
     out.skies = out.skies.max(skies);
     out.dynamic_materials += scene.materials.len() as u32;
-    out.doors += scene.gains.len() as u32;
+    out.doors += scene.transmittances.len() as u32;
     let bake_colors = match (scene.bake, was.as_ref().and_then(|w| w.bake_colors.clone())) {
         (Some(bake), Some(bake_colors)) if bake_colors.bake.as_ptr() == Arc::as_ptr(bake) => {
             Some(bake_colors)
@@ -400,11 +400,11 @@ fn count_scene(
             let same = was.materials.iter().zip(scene.materials);
             let same = same.filter(|(a, b)| a == b).count();
             out.materials_changed += (scene.materials.len() - same) as u32;
-            out.doors_moved += differ(scene.gains, &was.gains);
+            out.doors_moved += differ(scene.transmittances, &was.transmittances);
         }
         None => {
             out.bakes_moved += 1;
-            out.doors_moved += scene.gains.len() as u32;
+            out.doors_moved += scene.transmittances.len() as u32;
             out.materials_changed += scene.materials.len() as u32;
             out.skies_changed += u32::from(skies != SkyKind::None);
             out.emissions_changed += u32::from(glow != Chromaticity::None);
@@ -415,7 +415,7 @@ fn count_scene(
         sky: scene.sky,
         emission: scene.emission,
         materials: scene.materials.to_vec(),
-        gains: scene.gains.to_vec(),
+        transmittances: scene.transmittances.to_vec(),
         bake_colors,
     };
     // A bake for a uniform sky uses the mean of any other sky.

@@ -16,7 +16,7 @@ impl FrameStage {
     pub const OCCLUDE: Self = Self::new(30, "occlude");
     /// Projection of lights onto the points, slot by slot.
     pub const PROJECT: Self = Self::new(40, "project");
-    /// Radiosity of the lit points, pull-push to the senders, and the live bounces between them.
+    /// Radiosity of the lit points, pull-push to the senders, and the bounces between them.
     pub const PULL_PUSH: Self = Self::new(50, "pull_push");
     /// Product of the operator and the senders' coefficients.
     pub const APPLY: Self = Self::new(60, "apply");

@@ -108,7 +108,7 @@ pub struct SceneState {
     /// Number of occluders that differ from the device's.
     pub occluders_changed: usize,
     /// Number of link terms that occluders intersect.
-    pub passages: u64,
+    pub occluded_link_terms: u64,
     /// `true` if the bake has probes.
     pub probes: bool,
     /// Number of links in the rows of the probes.
@@ -152,7 +152,7 @@ impl SceneState {
             read_back: false,
             materials_changed: false,
             occluders_changed: 0,
-            passages: 0,
+            occluded_link_terms: 0,
             probes: false,
             probe_links: 0,
             volume: VolumeState::default(),

@@ -195,7 +195,7 @@ impl TierController {
         let percent = |error: f32| 100.0 * error;
         let here = self.tiers.get(self.tier as usize - 1);
         let error = here.map_or(f32::INFINITY, |t| t.error);
-        let why = match (self.request, self.cost.mean()) {
+        let reason = match (self.request, self.cost.mean()) {
             (GiQuality::Full, _) => "full quality is requested".into(),
             (GiQuality::Tier(n), _) if n == self.tier => "requested".into(),
             (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which does not exist"),
@@ -234,7 +234,7 @@ impl TierController {
             octree: here.is_some_and(|t| t.octree),
             work: here.map_or(0, |t| t.work),
             forced: matches!(self.request, GiQuality::Tier(_)),
-            why,
+            reason,
         }
     }
 

@@ -17,7 +17,7 @@ pub struct TierSelection {
     /// `true` if a setting names the tier.
     pub forced: bool,
     /// Reason of the choice.
-    pub why: String,
+    pub reason: String,
 }
 
 impl fmt::Display for TierSelection {
@@ -26,7 +26,7 @@ impl fmt::Display for TierSelection {
         write!(
             f,
             "tier {} of {}{octree}: {}",
-            self.tier, self.tiers, self.why
+            self.tier, self.tiers, self.reason
         )
     }
 }

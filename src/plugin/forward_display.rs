@@ -196,7 +196,7 @@ pub(crate) fn prepare(
     device: Res<RenderDevice>,
     views: Query<Prepared>,
 ) {
-    let mut live = Vec::new();
+    let mut used = Vec::new();
     for (entity, view, camera, settings, bound) in &views {
         let id = view.retained_view_entity;
         let camera_id = ViewId(id.main_entity.to_bits());
@@ -210,7 +210,7 @@ pub(crate) fn prepare(
             }
             continue;
         };
-        live.push(id);
+        used.push(id);
         let size = size.to_array();
         let own = forward
             .views
@@ -230,8 +230,8 @@ pub(crate) fn prepare(
             });
         }
     }
-    forward.views.retain(|id, _| live.contains(id));
-    if live.is_empty() {
+    forward.views.retain(|id, _| used.contains(id));
+    if used.is_empty() {
         forward.pipelines = None;
     } else if forward.pipelines.is_none() {
         forward.pipelines = Some(Pipelines::new(device.wgpu_device()));

@@ -128,7 +128,7 @@ pub(crate) fn take_inventory(
                 sky: scene.sky,
                 emission: scene.emissive_luminance,
                 materials: &scene.materials,
-                gains: &scene.transmittances,
+                transmittances: &scene.transmittances,
                 unlit_by: (world.lights.iter().enumerate())
                     .filter(|(_, light)| !lights(light, scene))
                     .map(|(k, _)| k)

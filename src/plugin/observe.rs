@@ -88,7 +88,7 @@ fn describe_scene(scene: &ExtractedScene, largest_binding: u64, read_back: bool)
         channels: scene.channels,
         bounces: scene.bounces,
         rays: bake.map_or(0, |bake| bake.data().rays_per_slot()),
-        passages: occluders.map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
+        occluded_link_terms: occluders.map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
         sky: match (bake, scene.sky.is_uniform()) {
             (_, true) | (None, _) => SkyUse::Uniform,
             (Some(bake), false) if bake.data().sky.is_some() => SkyUse::Terms,

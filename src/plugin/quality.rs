@@ -46,7 +46,7 @@ pub struct GiActiveTier {
     /// The quality setting names the tier.
     pub forced: bool,
     /// The reason.
-    pub why: String,
+    pub reason: String,
     /// Number of changes of the tier since the quality, the bake or the bounces changed.
     pub changes: u64,
 }
@@ -62,7 +62,7 @@ impl GiActiveTier {
             octree: self.octree,
             work: self.work,
             forced: self.forced,
-            why: self.why.clone(),
+            reason: self.reason.clone(),
         })
     }
 
@@ -82,7 +82,7 @@ impl From<&TierController> for GiActiveTier {
             octree: picked.octree,
             work: picked.work,
             forced: picked.forced,
-            why: picked.why,
+            reason: picked.reason,
             changes: controller.changes(),
         }
     }

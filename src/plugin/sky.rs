@@ -151,7 +151,7 @@ impl From<SkyRadiance> for GiSky {
 fn texels(image: &Image) -> Result<Vec<Vec3>, GiSkyError> {
     let descriptor = &image.texture_descriptor;
     let format = descriptor.format;
-    let wrong = |why: String| GiSkyError::Format(why);
+    let wrong = |problem: String| GiSkyError::Format(problem);
     let bytes = format.pixel_size().map_err(|e| wrong(e.to_string()))?;
     let data = image.data.as_deref().ok_or(GiSkyError::NoData)?;
     let n = descriptor.size.width as usize;

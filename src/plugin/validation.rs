@@ -61,7 +61,7 @@ pub enum GiWarning {
     /// lights it too.
     FogAmbient,
     /// A material of [`GiDynamicMaterials`](super::GiDynamicMaterials) got another texture.
-    LiveTexture,
+    DynamicMaterialTexture,
     /// Bevy's shader module for irradiance volumes is not the supported one.
     VolumeShader,
     /// An entity uses a bake whose scene, recipe or bake version has changed, see
@@ -150,7 +150,7 @@ impl GiWarning {
                  fog: both are added; set `ambient_intensity` to 0, or \
                  `GiVolumetricFog::intensity` to 0"
             }
-            Self::LiveTexture => {
+            Self::DynamicMaterialTexture => {
                 "a material of `GiDynamicMaterials` got another texture for its base color or \
                  its emission: indirect light keeps the baked one; change `base_color` or \
                  `emissive`, which multiply it, or bake the scene again"

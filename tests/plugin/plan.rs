@@ -227,7 +227,7 @@ fn forced_tier_changes_only_tier_decision() {
     let found = plan(&app);
     assert!(found.is_empty(), "{found}");
     assert!(
-        (found.skipped.iter()).any(|(_, _, why)| *why == SkipReason::NotInView),
+        (found.skipped.iter()).any(|(_, _, reason)| *reason == SkipReason::NotInView),
         "{found}"
     );
 }

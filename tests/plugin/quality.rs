@@ -46,7 +46,7 @@ fn set_quality(app: &mut App, stage: &Stage, quality: GiQuality) {
 fn tier(app: &App, stage: &Stage) -> (u32, String) {
     let found = app.world().get::<GiActiveTier>(stage.root).unwrap();
     let picked = found.selection().unwrap();
-    (picked.tier, picked.why)
+    (picked.tier, picked.reason)
 }
 
 /// Each requested tier matches the CPU's picture of that tier, and the plan contains the tier and
@@ -113,10 +113,10 @@ fn requested_tier_matches_cpu() {
             .iter()
             .position(|&e| e <= max)
             .map_or(4, |at| at as u32 + 1);
-        let (found, why) = tier(&app, &stage);
-        assert_eq!(found, expected, "{max}: {why}");
+        let (found, reason) = tier(&app, &stage);
+        assert_eq!(found, expected, "{max}: {reason}");
         let met = max > 1e-3;
-        assert!(why.starts_with("none") != met, "{why}");
+        assert!(reason.starts_with("none") != met, "{reason}");
     }
 }
 
@@ -249,13 +249,13 @@ fn gpu_timings_reach_tier_controller() {
     let timed = store.iter().any(|d| {
         d.path().as_str().ends_with("elapsed_gpu") && d.path().as_str().contains("/solve_")
     });
-    let (found, why) = tier(&app, &stage);
-    println!("timestamps: {timed}; tier {found}: {why}");
+    let (found, reason) = tier(&app, &stage);
+    println!("timestamps: {timed}; tier {found}: {reason}");
     if timed {
-        assert_eq!(found, 1, "{why}");
-        assert!(why.contains("over"), "{why}");
+        assert_eq!(found, 1, "{reason}");
+        assert!(reason.contains("over"), "{reason}");
     } else {
-        assert_eq!(found, 4, "{why}");
-        assert!(why.contains("not measured"), "{why}");
+        assert_eq!(found, 4, "{reason}");
+        assert!(reason.contains("not measured"), "{reason}");
     }
 }

@@ -338,7 +338,7 @@ fn reflected_components_expose_every_field() {
     for (path, value) in [
         ("GiCamera.intensity", "1.0"),
         ("GiSolver.bounces", "Fixed"),
-        ("GiActiveTier.why", "\"full quality is requested\""),
+        ("GiActiveTier.reason", "\"full quality is requested\""),
         ("GiDynamicMaterials.0.0.0", "\"wall\""),
     ] {
         let component = path.split('.').next().expect("a first part");

@@ -228,5 +228,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!((work(&c), c.dispatches_of(FrameStage::MATERIALS)), none);
-    assert_eq!(findings(&app)[before.len()..], [GiWarning::LiveTexture]);
+    assert_eq!(
+        findings(&app)[before.len()..],
+        [GiWarning::DynamicMaterialTexture]
+    );
 }

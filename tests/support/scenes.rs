@@ -222,7 +222,7 @@ impl Geometry for Room {
         best
     }
 
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
         let offset = to - from;
         self.cast(&Ray::segment(from, offset.normalize(), offset.length()))
             .is_some()

@@ -181,7 +181,7 @@ fn cost_rate_of_monochrome_is_separate() {
         state.scenes[0].channels = Some(ColorModeSelection {
             channels: Channels::One(glam::Vec3::ONE),
             forced: false,
-            why: "",
+            reason: "",
         });
         state
     };
@@ -236,7 +236,7 @@ fn cost_rate_of_monochrome_is_separate() {
 fn cost_of_occluders_volumes_and_soft_shadows_has_own_units() {
     let mut state = state();
     let scene = &mut state.scenes[0];
-    (scene.occluders_changed, scene.passages) = (1, 5000);
+    (scene.occluders_changed, scene.occluded_link_terms) = (1, 5000);
     scene.probes = true;
     scene.volume = VolumeState {
         requested: true,
@@ -251,7 +251,10 @@ fn cost_of_occluders_volumes_and_soft_shadows_has_own_units() {
         ..SoftShadowState::default()
     };
     let plan = plan_frame(&state);
-    assert_eq!(cost(&plan, FrameStage::OCCLUDE).work, Work::Passages(5000));
+    assert_eq!(
+        cost(&plan, FrameStage::OCCLUDE).work,
+        Work::OccludedLinkTerms(5000)
+    );
     assert_eq!(cost(&plan, FrameStage::VOLUME).work, Work::Voxels(4096));
     assert_eq!(cost(&plan, FrameStage::SOFT_SHADOW).work, Work::Sights(600));
     assert_eq!(

@@ -18,7 +18,7 @@ fn state() -> FrameState {
             tier: Some(TierSelection {
                 tier: 2,
                 tiers: 4,
-                why: "requested".into(),
+                reason: "requested".into(),
                 forced: true,
                 ..TierSelection::default()
             }),
@@ -191,7 +191,7 @@ fn decision_with_changed_figures_is_not_logged() {
     let mut log = DecisionLog::new();
     let mut now = state();
     log.observe(decisions(&now), &|_| None);
-    now.scenes[0].tier.as_mut().expect("a tier").why = "4.31 ms a solve".into();
+    now.scenes[0].tier.as_mut().expect("a tier").reason = "4.31 ms a solve".into();
     assert!(log.observe(decisions(&now), &|_| None).is_empty());
 }
 
@@ -221,7 +221,7 @@ fn decision_of_color_mode_requires_links() {
     let picked = ColorModeSelection {
         channels: Channels::One(glam::Vec3::ONE),
         forced: true,
-        why: "requested",
+        reason: "requested",
     };
     now.scenes[0].channels = Some(picked);
     let kind = DecisionKind::Channels(A);

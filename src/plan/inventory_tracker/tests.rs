@@ -52,7 +52,7 @@ fn scene<'a>(bake: &'a Arc<BakedScene>) -> SceneSnapshot<'a> {
         sky: SkyRadiance::BLACK,
         emission: 0.0,
         materials: &[],
-        gains: &[],
+        transmittances: &[],
         unlit_by: Vec::new(),
     }
 }
@@ -226,7 +226,7 @@ fn scene_snapshot_reports_changes() {
         sky: Vec3::ONE.into(),
         emission: 2.0,
         materials: &red,
-        gains: &[0.5, 1.0],
+        transmittances: &[0.5, 1.0],
         ..scene(&gray)
     };
     let found = observe(vec![changed.clone()]);
@@ -239,7 +239,7 @@ fn scene_snapshot_reports_changes() {
     assert_eq!(found.colors, ColorUniformity::Surfaces);
     assert!(observe(vec![changed.clone()]).at_rest());
     let shut = SceneSnapshot {
-        gains: &[0.5, 0.0],
+        transmittances: &[0.5, 0.0],
         ..changed
     };
     let found = observe(vec![shut]);

@@ -46,7 +46,7 @@ fn tier_is_selected_by_number_or_error() {
     for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
         let picked = of(GiQuality::Tier(n));
         assert_eq!(picked.tier, tier);
-        assert_eq!(picked.why == "requested", n == tier, "{picked}");
+        assert_eq!(picked.reason == "requested", n == tier, "{picked}");
     }
     for (error, tier) in [
         (1.0, 1),
@@ -59,7 +59,7 @@ fn tier_is_selected_by_number_or_error() {
         let picked = of(GiQuality::MaxError(error));
         assert_eq!(picked.tier, tier, "{error}: {picked}");
         let met = error >= 0.04;
-        assert!(picked.why.starts_with("none") != met, "{picked}");
+        assert!(picked.reason.starts_with("none") != met, "{picked}");
     }
     // Only a budget uses the measured cost.
     let mut controller = TierController::new(GiQuality::Tier(4), tiers());
@@ -70,13 +70,13 @@ fn tier_is_selected_by_number_or_error() {
 #[test]
 fn tier_within_budget_stays_full() {
     let mut controller = budget(10.0);
-    assert!(controller.selection().why.contains("not measured"));
+    assert!(controller.selection().reason.contains("not measured"));
     run(&mut controller, 5000, |i, work| (8.0 + noise(i)) * work);
     assert_eq!((controller.tier(), controller.changes()), (4, 0));
-    let why = controller.selection().why;
+    let reason = controller.selection().reason;
     assert!(
-        why.contains("within 10 ms") && why.contains("no higher"),
-        "{why}"
+        reason.contains("within 10 ms") && reason.contains("no higher"),
+        "{reason}"
     );
 }
 
@@ -93,7 +93,7 @@ fn tier_above_budget_steps_down_once() {
     );
     assert_eq!((controller.tier(), controller.changes()), (2, 1));
     assert!(
-        controller.selection().why.contains("tier 3 would take"),
+        controller.selection().reason.contains("tier 3 would take"),
         "{}",
         controller.selection()
     );
@@ -144,7 +144,7 @@ fn tier_trials_after_wrong_prediction_become_rare() {
     let mut controller = budget(4.0);
     run(&mut controller, 5000, |_, work| 5.0 + 0.1 * work);
     assert_eq!(controller.tier(), 1);
-    assert!(controller.changes() <= 3 && controller.selection().why.contains("over 4 ms"));
+    assert!(controller.changes() <= 3 && controller.selection().reason.contains("over 4 ms"));
     // Most of the cost does not depend on the links. After the first step down, the controller can
     // raise the tier until it fits.
     let mut controller = budget(10.0);

@@ -146,7 +146,7 @@ fn empty_plan_runs_no_pass() {
             },
         ),
     ];
-    for (change, why) in cases {
+    for (change, reason) in cases {
         // Neither for a scene on the device with a light that moved, nor for one that was never
         // uploaded.
         for resident in [true, false] {
@@ -155,8 +155,8 @@ fn empty_plan_runs_no_pass() {
             state.scenes[0].slots[0] = SlotChange::Geometry;
             change(&mut state);
             let plan = plan_frame(&state);
-            assert!(plan.is_empty(), "{why}: {plan}");
-            assert_eq!(plan.skipped, [(A, None, why)]);
+            assert!(plan.is_empty(), "{reason}: {plan}");
+            assert_eq!(plan.skipped, [(A, None, reason)]);
         }
     }
 }
@@ -356,12 +356,12 @@ fn plan_without_reflectors_skips_rsm_with_reason() {
         (|s| s.views[0].enabled = false, SkipReason::NotInView),
         (|s| s.views[0].has_gbuffer = false, SkipReason::NotInView),
     ];
-    for (change, why) in cases {
+    for (change, reason) in cases {
         let mut state = state_with_dynamic_objects();
         change(&mut state);
         let plan = plan_frame(&state);
-        assert!(plan.is_empty(), "{why}: {plan}");
-        assert_eq!(plan.without_maps, [(LightId(5, 0), why)]);
+        assert!(plan.is_empty(), "{reason}: {plan}");
+        assert_eq!(plan.without_maps, [(LightId(5, 0), reason)]);
         assert!(plan.to_string().contains("skip maps of light 5.0"));
     }
     let mut nobody_asks = state_with_dynamic_objects();
@@ -396,10 +396,10 @@ fn coefficients_are_read_back_only_on_request() {
 fn plan_reports_octree_above_device_limit() {
     let mut state = static_state();
     assert!(plan_frame(&state).linked.is_empty());
-    let why = FmmLimit::Order { have: 6, need: 9 };
-    state.scenes[0].no_octree = Some(why);
+    let reason = FmmLimit::Order { have: 6, need: 9 };
+    state.scenes[0].no_octree = Some(reason);
     let plan = plan_frame(&state);
-    assert_eq!(plan.linked, [(A, why)]);
+    assert_eq!(plan.linked, [(A, reason)]);
     let text = plan.to_string();
     assert!(text.contains("order is 9, the kernels take 6"), "{text}");
 }

@@ -26,7 +26,7 @@ const LZ4: u16 = 1;
 
 /// Content of a section: the required entry of the table, and the size in memory.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Kind {
+pub(super) struct SectionKind {
     /// Number in the table. Sections are in ascending order of it.
     pub code: u32,
     /// Name for messages.
@@ -43,7 +43,7 @@ pub(super) struct Kind {
 
 /// Section of a file to write.
 pub(super) struct Section {
-    pub kind: &'static Kind,
+    pub kind: &'static SectionKind,
     pub items: usize,
     pub raw: Vec<u8>,
 }
@@ -97,8 +97,8 @@ fn header_crc(header: &[u8]) -> u32 {
 }
 
 /// Row of the table, and the bytes of its section.
-struct Entry<'a> {
-    kind: &'static Kind,
+struct TableEntry<'a> {
+    kind: &'static SectionKind,
     compression: u16,
     items: u64,
     raw: u64,
@@ -111,7 +111,7 @@ pub(super) type Content<'a> = (usize, Cow<'a, [u8]>);
 
 /// File with a valid header and table, within the memory limit.
 pub(super) struct Container<'a> {
-    entries: Vec<Entry<'a>>,
+    entries: Vec<TableEntry<'a>>,
     /// Largest memory of the decoded items and the decoding, bytes.
     pub memory: u64,
 }
@@ -135,10 +135,10 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
 fn read_table<'a>(
     table: &[u8],
     mut rest: &'a [u8],
-    kinds: &'static [Kind],
-) -> Result<Vec<Entry<'a>>, AssetError> {
+    kinds: &'static [SectionKind],
+) -> Result<Vec<TableEntry<'a>>, AssetError> {
     let header = |problem: String| AssetError::Header { problem };
-    let mut entries: Vec<Entry<'a>> = Vec::with_capacity(table.len() / ENTRY);
+    let mut entries: Vec<TableEntry<'a>> = Vec::with_capacity(table.len() / ENTRY);
     for row in table.chunks_exact(ENTRY) {
         let code = u32_at(row, 0);
         let Some(kind) = kinds.iter().find(|k| k.code == code) else {
@@ -184,7 +184,7 @@ fn read_table<'a>(
         }
         let (body, behind) = rest.split_at(stored as usize);
         rest = behind;
-        entries.push(Entry {
+        entries.push(TableEntry {
             kind,
             compression,
             items,
@@ -203,7 +203,7 @@ impl<'a> Container<'a> {
     /// Reads header and table, and checks both against the bytes, `kinds` and `limits`.
     pub fn parse(
         bytes: &'a [u8],
-        kinds: &'static [Kind],
+        kinds: &'static [SectionKind],
         limits: &Limits,
     ) -> Result<Self, AssetError> {
         let header = |problem: String| AssetError::Header { problem };
@@ -257,13 +257,13 @@ impl<'a> Container<'a> {
     }
 
     /// Returns `true` if the file has a section of this kind.
-    pub fn has(&self, kind: &Kind) -> bool {
+    pub fn has(&self, kind: &SectionKind) -> bool {
         self.entries.iter().any(|e| e.kind.code == kind.code)
     }
 
     /// Returns the number of items and the raw bytes of a section. `None` if the file has no
     /// section of this kind.
-    pub fn section(&self, kind: &Kind) -> Result<Option<Content<'a>>, AssetError> {
+    pub fn section(&self, kind: &SectionKind) -> Result<Option<Content<'a>>, AssetError> {
         let Some(entry) = self.entries.iter().find(|e| e.kind.code == kind.code) else {
             return Ok(None);
         };

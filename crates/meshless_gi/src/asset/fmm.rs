@@ -3,14 +3,14 @@
 //! their surfaces, and not twice.
 
 use super::codec::{Field, Layout};
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::scene_data::{PointSurface, SceneData};
 use super::section_io::{items, section, section_error};
 use super::sections::kind;
 use super::violation::Check;
-use crate::transport::fmm::lists::Entry;
+use crate::transport::fmm::lists::ListEntry;
 use crate::transport::fmm::terms::MAX_ORDER;
 use crate::transport::fmm::{FmmNode, FmmOperator, FmmOperatorPoint};
 use glam::Vec3;
@@ -58,8 +58,8 @@ const OCTREE_POINT: Layout = Layout::rows(&[
 ]);
 
 /// Kinds of sections, ascending.
-pub(super) const KINDS: [Kind; 5] = [
-    Kind {
+pub(super) const KINDS: [SectionKind; 5] = [
+    SectionKind {
         // Order, disks, and the starts of the levels.
         max: 3 + MAX_LEVELS as u64,
         // Twice in memory while they are split.
@@ -68,8 +68,8 @@ pub(super) const KINDS: [Kind; 5] = [
     },
     kind::<FmmNode>(30, "octree nodes", NODE),
     kind::<[u32; 4]>(31, "octree lists", LENGTHS),
-    kind::<Entry>(32, "octree entries", ENTRY),
-    Kind {
+    kind::<ListEntry>(32, "octree entries", ENTRY),
+    SectionKind {
         // Validation marks the points that have a value.
         memory: size_of::<FmmOperatorPoint>() as u64 + 1,
         ..kind::<FmmOperatorPoint>(33, "octree points", OCTREE_POINT)
@@ -77,7 +77,7 @@ pub(super) const KINDS: [Kind; 5] = [
 ];
 
 /// Returns the sections of an octree. `kinds` are the entries of [`KINDS`] in the table.
-pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Section> {
+pub(super) fn sections(octree: &FmmOperator, kinds: &'static [SectionKind]) -> Vec<Section> {
     let mut shape = vec![octree.order, u32::from(octree.disks)];
     shape.extend(&octree.level_starts);
     let lengths: Vec<[u32; 4]> = (octree.nodes.iter())
@@ -96,7 +96,7 @@ pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Sect
 /// none.
 pub(super) fn read(
     file: &Container<'_>,
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
     surfaces: &[PointSurface],
 ) -> Result<Option<FmmOperator>, AssetError> {
     if !file.has(&kinds[0]) {
@@ -175,10 +175,10 @@ impl SceneData {
     /// list uses points.
     pub(super) fn check_fmm(&self, check: &mut Check) {
         let Some(octree) = &self.fmm else { return };
-        check.whole(octree.order as usize <= MAX_ORDER, "octree", || {
+        check.section(octree.order as usize <= MAX_ORDER, "octree", || {
             format!("order {}, at most {MAX_ORDER}", octree.order)
         });
-        check.whole(octree.disks, "octree", || {
+        check.section(octree.disks, "octree", || {
             "`disks` must be true: sources without an area amplify light".into()
         });
         let starts = &octree.level_starts;
@@ -188,7 +188,7 @@ impl SceneData {
             && starts.last() == Some(&(nodes as u32))
             && starts.is_sorted()
             && (nodes == 0 || starts.get(1) == Some(&1));
-        check.whole(sound, "octree", || {
+        check.section(sound, "octree", || {
             format!("the levels do not cover the {nodes} nodes from one root")
         });
         if sound {
@@ -284,11 +284,11 @@ impl SceneData {
                 }
             }
             let end = octree.level_starts.get(l + 2);
-            check.whole(end.is_none_or(|&e| e == next), "octree", || {
+            check.section(end.is_none_or(|&e| e == next), "octree", || {
                 format!("level {} has nodes without a parent", l + 1)
             });
         }
-        check.whole(
+        check.section(
             at as usize == octree.entries.len(),
             "octree entries",
             || format!("{} instead of {at}", octree.entries.len()),
@@ -341,7 +341,7 @@ impl SceneData {
             }
         }
         let dark = receiving.iter().position(|receiving| !receiving);
-        check.whole(dark.is_none(), "octree points", || {
+        check.section(dark.is_none(), "octree points", || {
             format!("sender {} is not a receiver of any leaf", dark.unwrap_or(0))
         });
     }

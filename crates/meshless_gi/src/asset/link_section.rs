@@ -6,7 +6,7 @@
 //!
 //! A link that does not follow from its coordinates is stored in halves, with its whole row.
 
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::{AssetError, Limits};
 use super::section_io::{limit_error, section_error};
 use crate::samples::Point;
@@ -68,7 +68,7 @@ impl<'a> Chunks<'a> {
 /// # Errors
 /// [`AssetError::Section`] if a stream cannot be coded.
 pub(super) fn section(
-    kind: &'static Kind,
+    kind: &'static SectionKind,
     operator: &Operator,
     points: &[Point],
     senders: usize,
@@ -113,7 +113,7 @@ struct RowGeometry<'a> {
 /// [`AssetError::Section`] if the bytes are not those of these rows.
 pub(super) fn read(
     file: &Container<'_>,
-    kind: &Kind,
+    kind: &SectionKind,
     rows: &[Row],
     points: &[Point],
     senders: usize,

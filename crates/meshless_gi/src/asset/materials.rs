@@ -3,7 +3,7 @@
 //! present together or not at all.
 
 use super::codec::{Field, Layout};
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::scene_data::SceneData;
@@ -81,8 +81,8 @@ const SHARE: Layout = Layout::columns(&[
 ]);
 
 /// Kinds of sections, ascending.
-pub(super) const KINDS: [Kind; 4] = [
-    Kind {
+pub(super) const KINDS: [SectionKind; 4] = [
+    SectionKind {
         code: 46,
         name: "material names",
         version: 1,
@@ -92,7 +92,7 @@ pub(super) const KINDS: [Kind; 4] = [
         memory: 32,
         max: 1 << 20,
     },
-    Kind {
+    SectionKind {
         code: 47,
         name: "material factors",
         version: 1,
@@ -100,7 +100,7 @@ pub(super) const KINDS: [Kind; 4] = [
         memory: size_of::<MaterialFactors>() as u64,
         max: u32::MAX as u64,
     },
-    Kind {
+    SectionKind {
         code: 48,
         name: "material counts",
         version: 1,
@@ -108,7 +108,7 @@ pub(super) const KINDS: [Kind; 4] = [
         memory: 8,
         max: u32::MAX as u64,
     },
-    Kind {
+    SectionKind {
         code: 49,
         name: "material shares",
         version: 1,
@@ -121,7 +121,7 @@ pub(super) const KINDS: [Kind; 4] = [
 /// Returns the sections of `materials`. `kinds` are the entries of [`KINDS`] in the table.
 pub(super) fn sections(
     materials: &DynamicMaterials,
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
 ) -> Result<Vec<Section>, AssetError> {
     let names = ron::to_string(&materials.names).map_err(|e| section_error(&kinds[0], e))?;
     if names.len() as u64 > kinds[0].max {
@@ -143,7 +143,7 @@ pub(super) fn sections(
 /// Reads the materials of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
 ) -> Result<Option<DynamicMaterials>, AssetError> {
     let Some((_, names)) = file.section(&kinds[0])? else {
         return match kinds.iter().find(|k| file.has(k)) {
@@ -172,20 +172,20 @@ impl SceneData {
         };
         let senders = self.senders();
         let (starts, count) = (&materials.starts, materials.factors.len());
-        check.whole(materials.names.len() == count, "material names", || {
+        check.section(materials.names.len() == count, "material names", || {
             format!("{} for {count} materials", materials.names.len())
         });
         let sound = starts.len() == senders + 1
             && starts.first() == Some(&0)
             && starts.is_sorted()
             && starts.last().map(|&s| s as usize) == Some(materials.shares.len());
-        check.whole(sound, "material counts", || {
+        check.section(sound, "material counts", || {
             "do not ascend over the senders to the end of the shares".into()
         });
-        let live_form = self.operator.form == SenderForm::Averages
+        let dynamic_form = self.operator.form == SenderForm::Averages
             && self.bounces.is_none()
             && self.fmm.is_none();
-        check.whole(live_form, "material shares", || {
+        check.section(dynamic_form, "material shares", || {
             "are present, but require method `bounded` and bounce mode `runtime`".into()
         });
         for (i, f) in materials.factors.iter().enumerate() {

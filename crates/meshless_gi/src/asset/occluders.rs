@@ -3,7 +3,7 @@
 //! probes is empty without probes. The occluders' triangles are the last of the BVH.
 
 use super::codec::{Field, Layout};
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::probes::MAX_PROBE_COEFFICIENT;
@@ -53,8 +53,8 @@ const LINK_TERM: Layout = Layout::columns(&[
 ]);
 
 /// Kinds of sections, ascending.
-pub(super) const KINDS: [Kind; 5] = [
-    Kind {
+pub(super) const KINDS: [SectionKind; 5] = [
+    SectionKind {
         code: 50,
         name: "occluder names",
         version: 1,
@@ -64,7 +64,7 @@ pub(super) const KINDS: [Kind; 5] = [
         max: 1 << 16,
     },
     kind::<u32>(51, "occluder triangles", COUNT),
-    Kind {
+    SectionKind {
         max: PackedLinkTerm::MAX_SETS as u64,
         ..kind::<u64>(52, "occluder sets", SET)
     },
@@ -77,7 +77,7 @@ pub(super) const KINDS: [Kind; 5] = [
 pub(super) fn sections(
     occluders: &Occluders,
     bvh: &Bvh,
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
 ) -> Result<Vec<Section>, AssetError> {
     let names = ron::to_string(&occluders.names).map_err(|e| section_error(&kinds[0], e))?;
     if names.len() as u64 > kinds[0].max {
@@ -104,7 +104,7 @@ pub(super) fn sections(
 pub(super) fn read(
     file: &Container<'_>,
     triangles: &mut [BvhTriangle],
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
 ) -> Result<Option<Occluders>, AssetError> {
     let Some((_, names)) = file.section(&kinds[0])? else {
         return match kinds.iter().find(|k| file.has(k)) {
@@ -156,7 +156,7 @@ impl SceneData {
             return;
         };
         let names = &occluders.names;
-        check.whole(
+        check.section(
             (1..=Bvh::MAX_OCCLUDERS).contains(&known),
             "occluder names",
             || format!("{known}, expected 1 to {}", Bvh::MAX_OCCLUDERS),
@@ -170,7 +170,7 @@ impl SceneData {
         let sets = &occluders.sets;
         let count = sets.len();
         let ascend = sets.first() == Some(&0) && sets.windows(2).all(|w| w[0] < w[1]);
-        check.whole(
+        check.section(
             ascend && count <= PackedLinkTerm::MAX_SETS,
             "occluder sets",
             || format!("{count} sets are too many, or do not ascend from the empty set"),
@@ -187,7 +187,7 @@ impl SceneData {
         let form = self.operator.form == SenderForm::Averages
             && self.bounces.is_none()
             && self.fmm.is_none();
-        check.whole(form, "occluded link terms", || {
+        check.section(form, "occluded link terms", || {
             "are present, but require method `bounded` and bounce mode `runtime`".into()
         });
         check_link_terms(

@@ -3,7 +3,7 @@
 //! grid follow from the other data, and are not stored.
 
 use super::codec::{Field, Layout};
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::{AssetError, Limits};
 use super::layouts::{COUNT, LINK, PLANE, ROW};
 use super::scene_data::SceneData;
@@ -64,17 +64,17 @@ const SHAPE_WORDS: usize = 1;
 pub(super) const MAX_PROBE_COEFFICIENT: f32 = 2.0;
 
 /// Kinds of sections, ascending.
-pub(super) const KINDS: [Kind; 5] = [
-    Kind {
+pub(super) const KINDS: [SectionKind; 5] = [
+    SectionKind {
         max: SHAPE_WORDS as u64,
         ..kind::<u32>(40, "probes", COUNT)
     },
-    Kind {
+    SectionKind {
         max: Probes::MAX as u64,
         ..kind::<Point>(41, "probe points", POINT)
     },
     kind::<[f32; 4]>(42, "probe planes", PLANE),
-    Kind {
+    SectionKind {
         // Reading and validation also store the order of the rows.
         memory: size_of::<Row>() as u64 + 4,
         ..kind::<Row>(43, "probe rows", ROW)
@@ -83,7 +83,7 @@ pub(super) const KINDS: [Kind; 5] = [
 ];
 
 /// Returns the sections of `probes`. `kinds` are the entries of [`KINDS`] in the table.
-pub(super) fn sections(probes: &Probes, kinds: &'static [Kind]) -> Vec<Section> {
+pub(super) fn sections(probes: &Probes, kinds: &'static [SectionKind]) -> Vec<Section> {
     vec![
         section(&kinds[0], COUNT, &[probes.grid.cell_size.to_bits()]),
         section(&kinds[1], POINT, &probes.points),
@@ -96,7 +96,7 @@ pub(super) fn sections(probes: &Probes, kinds: &'static [Kind]) -> Vec<Section> 
 /// Reads the probes of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
     limits: &Limits,
 ) -> Result<Option<Probes>, AssetError> {
     if !file.has(&kinds[0]) {
@@ -136,7 +136,7 @@ impl SceneData {
     pub(super) fn check_probes(&self, check: &mut Check) {
         let Some(probes) = &self.probes else { return };
         let count = probes.points.len();
-        check.whole((1..=Probes::MAX).contains(&count), "probes", || {
+        check.section((1..=Probes::MAX).contains(&count), "probes", || {
             format!("{count}, expected 1 to {}", Probes::MAX)
         });
         for (i, p) in probes.points.iter().enumerate() {
@@ -163,7 +163,7 @@ impl SceneData {
                 || format!("{plane:?}"),
             );
         }
-        check.whole(
+        check.section(
             probes.rows.len() == PROBE_ROWS * count,
             "probe rows",
             || format!("{} instead of {}", probes.rows.len(), PROBE_ROWS * count),
@@ -182,7 +182,7 @@ impl SceneData {
                 return;
             }
         }
-        check.whole(end == probes.links.len() as u64, "probe rows", || {
+        check.section(end == probes.links.len() as u64, "probe rows", || {
             format!("have {end} links, but there are {}", probes.links.len())
         });
         let senders = self.operator.coefficients(self.senders()) + self.sky_terms();
@@ -218,7 +218,7 @@ impl SceneData {
             }
         }
         let again = rebuild_grid(&probes.points, probes.grid.cell_size, u64::MAX);
-        check.whole(again.as_ref() == Some(&probes.grid), "probes", || {
+        check.section(again.as_ref() == Some(&probes.grid), "probes", || {
             "the grid differs from that of the points".into()
         });
     }

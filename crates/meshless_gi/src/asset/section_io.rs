@@ -1,21 +1,21 @@
 //! Functions that the readers and writers of all sections share.
 
 use super::codec::Layout;
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::{AssetError, Limits};
 use super::layouts::COUNT;
 use crate::basis::support_bounds;
 use crate::samples::{HashedGrid, Point};
 use bytemuck::Pod;
 
-pub(super) fn section_error(kind: &Kind, problem: impl ToString) -> AssetError {
+pub(super) fn section_error(kind: &SectionKind, problem: impl ToString) -> AssetError {
     AssetError::Section {
         section: kind.name,
         problem: problem.to_string(),
     }
 }
 
-pub(super) fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section {
+pub(super) fn section<T: Pod>(kind: &'static SectionKind, layout: Layout, items: &[T]) -> Section {
     Section {
         kind,
         items: items.len(),
@@ -25,7 +25,7 @@ pub(super) fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) 
 
 pub(super) fn items<T: Pod>(
     file: &Container<'_>,
-    kind: &Kind,
+    kind: &SectionKind,
     layout: Layout,
 ) -> Result<Vec<T>, AssetError> {
     let (count, raw) = file
@@ -40,7 +40,7 @@ pub(super) fn counts(starts: &[u32]) -> Vec<u32> {
 }
 
 /// Returns the starts of rows from their lengths.
-pub(super) fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
+pub(super) fn starts(file: &Container<'_>, kind: &SectionKind) -> Result<Vec<u32>, AssetError> {
     let (count, raw) = file
         .section(kind)?
         .ok_or_else(|| section_error(kind, "is missing"))?;

@@ -6,7 +6,7 @@
 //! only if a rebuild gives another one.
 
 use super::codec::Layout;
-use super::container::{Container, Kind, Section, assemble};
+use super::container::{Container, Section, SectionKind, assemble};
 use super::error::{AssetError, Limits};
 use super::fmm;
 use super::info::BakeInfo;
@@ -27,8 +27,8 @@ use crate::transport::{BounceLink, BounceOperator, Operator, Row, SenderForm, pl
 const MAX: u64 = u32::MAX as u64;
 
 /// Returns a kind of section in its first version, with at most 2³² − 1 items.
-pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
-    Kind {
+pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> SectionKind {
+    SectionKind {
         code,
         name,
         version: 1,
@@ -39,16 +39,16 @@ pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Ki
 }
 
 /// Returns a kind of section of counts. They are in memory twice during conversion to starts.
-const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
-    Kind {
+const fn kind_of_counts(code: u32, name: &'static str) -> SectionKind {
+    SectionKind {
         memory: 8,
         ..kind::<u32>(code, name, COUNT)
     }
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 49] = [
-    Kind {
+static KINDS: [SectionKind; 49] = [
+    SectionKind {
         code: 1,
         name: "info",
         version: 1,
@@ -57,11 +57,11 @@ static KINDS: [Kind; 49] = [
         memory: 8,
         max: 1 << 20,
     },
-    Kind {
+    SectionKind {
         max: SHAPE_WORDS as u64,
         ..kind::<u32>(2, "shape", COUNT)
     },
-    Kind {
+    SectionKind {
         max: 32,
         ..kind::<u32>(3, "levels", INDEX)
     },
@@ -71,12 +71,12 @@ static KINDS: [Kind; 49] = [
     kind::<WeightEntry>(7, "pull weights", WEIGHT),
     kind_of_counts(8, "parent counts"),
     kind::<WeightEntry>(9, "parent weights", WEIGHT),
-    Kind {
+    SectionKind {
         // Reading also stores the order of the rows.
         memory: size_of::<Row>() as u64 + 4,
         ..kind::<Row>(10, "rows", ROW)
     },
-    Kind {
+    SectionKind {
         code: 11,
         name: "links",
         version: 2,
@@ -89,12 +89,12 @@ static KINDS: [Kind; 49] = [
     kind::<BounceLink>(13, "bounce links", BOUNCE),
     kind::<[f32; 4]>(14, "planes", PLANE),
     kind::<GridSlot>(15, "grid slots", SLOT),
-    Kind {
+    SectionKind {
         // Validation stores the starts of the lists.
         memory: 8,
         ..kind::<u32>(16, "grid entries", INDEX)
     },
-    Kind {
+    SectionKind {
         // One more byte: validation stores the depth of each node.
         memory: size_of::<BvhNode>() as u64 + 1,
         ..kind::<BvhNode>(17, "bvh nodes", NODE)
@@ -103,7 +103,7 @@ static KINDS: [Kind; 49] = [
     kind::<LightSample>(19, "light samples", LIGHT_SAMPLE),
     kind::<Column>(20, "columns", COLUMN),
     // One more word: validation marks each sender that occurs.
-    Kind {
+    SectionKind {
         memory: 8,
         ..kind::<u32>(21, "column senders", INDEX)
     },
@@ -136,47 +136,47 @@ static KINDS: [Kind; 49] = [
     OCCLUDERS[3],
     OCCLUDERS[4],
 ];
-const OCCLUDERS: [Kind; 5] = occluders::KINDS;
+const OCCLUDERS: [SectionKind; 5] = occluders::KINDS;
 /// Index of the first section of the occluders.
 const FIRST_OCCLUDER: usize = 44;
-const MATERIALS: [Kind; 4] = materials::KINDS;
+const MATERIALS: [SectionKind; 4] = materials::KINDS;
 /// Index of the first section of the materials.
 const FIRST_MATERIAL: usize = 40;
-const PROBES: [Kind; 5] = probes::KINDS;
+const PROBES: [SectionKind; 5] = probes::KINDS;
 /// Index of the first section of the probes.
 const FIRST_PROBES: usize = 34;
 /// Index of the section of the sky's terms.
 const SKY_INDEX: usize = 39;
-const SKY: &Kind = &KINDS[SKY_INDEX];
-const VISIBILITY: [Kind; 6] = visibility::KINDS;
+const SKY: &SectionKind = &KINDS[SKY_INDEX];
+const VISIBILITY: [SectionKind; 6] = visibility::KINDS;
 /// Index of the first section of the visibility.
 const FIRST_VISIBILITY: usize = 22;
-const OCTREE: [Kind; 5] = fmm::KINDS;
+const OCTREE: [SectionKind; 5] = fmm::KINDS;
 /// Index of the first section of the octree.
 const FIRST_OCTREE: usize = 28;
 /// Index of the section of the illumination.
 const ILLUMINATION_INDEX: usize = 33;
 
-const INFO: &Kind = &KINDS[0];
-const SHAPE: &Kind = &KINDS[1];
-const LEVELS: &Kind = &KINDS[2];
-const POINTS: &Kind = &KINDS[3];
-const SURFACES: &Kind = &KINDS[4];
-const PULL: [&Kind; 2] = [&KINDS[5], &KINDS[6]];
-const PARENTS: [&Kind; 2] = [&KINDS[7], &KINDS[8]];
-const ROWS: &Kind = &KINDS[9];
-const LINKS: &Kind = &KINDS[10];
-const BOUNCES: [&Kind; 2] = [&KINDS[11], &KINDS[12]];
-const PLANES: &Kind = &KINDS[13];
-const SLOTS: &Kind = &KINDS[14];
-const ENTRIES: &Kind = &KINDS[15];
-const NODES: &Kind = &KINDS[16];
-const TRIANGLES: &Kind = &KINDS[17];
-const LIGHT_SAMPLES: &Kind = &KINDS[18];
-const COLUMNS: &Kind = &KINDS[19];
-const MEMBERS: &Kind = &KINDS[20];
-const VALUES: &Kind = &KINDS[21];
-const ILLUMINATION: &Kind = &KINDS[ILLUMINATION_INDEX];
+const INFO: &SectionKind = &KINDS[0];
+const SHAPE: &SectionKind = &KINDS[1];
+const LEVELS: &SectionKind = &KINDS[2];
+const POINTS: &SectionKind = &KINDS[3];
+const SURFACES: &SectionKind = &KINDS[4];
+const PULL: [&SectionKind; 2] = [&KINDS[5], &KINDS[6]];
+const PARENTS: [&SectionKind; 2] = [&KINDS[7], &KINDS[8]];
+const ROWS: &SectionKind = &KINDS[9];
+const LINKS: &SectionKind = &KINDS[10];
+const BOUNCES: [&SectionKind; 2] = [&KINDS[11], &KINDS[12]];
+const PLANES: &SectionKind = &KINDS[13];
+const SLOTS: &SectionKind = &KINDS[14];
+const ENTRIES: &SectionKind = &KINDS[15];
+const NODES: &SectionKind = &KINDS[16];
+const TRIANGLES: &SectionKind = &KINDS[17];
+const LIGHT_SAMPLES: &SectionKind = &KINDS[18];
+const COLUMNS: &SectionKind = &KINDS[19];
+const MEMBERS: &SectionKind = &KINDS[20];
+const VALUES: &SectionKind = &KINDS[21];
+const ILLUMINATION: &SectionKind = &KINDS[ILLUMINATION_INDEX];
 
 /// Words of the section "shape".
 const SHAPE_WORDS: usize = 8;
@@ -443,7 +443,7 @@ fn bounce_operator(
     }
 }
 
-fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
+fn absent(file: &Container<'_>, kinds: [&SectionKind; 2]) -> Result<(), AssetError> {
     for kind in kinds {
         if file.has(kind) {
             return Err(section_error(
@@ -455,7 +455,10 @@ fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
     Ok(())
 }
 
-fn weights(file: &Container<'_>, [counts, entries]: [&Kind; 2]) -> Result<Weights, AssetError> {
+fn weights(
+    file: &Container<'_>,
+    [counts, entries]: [&SectionKind; 2],
+) -> Result<Weights, AssetError> {
     Ok(Weights {
         starts: starts(file, counts)?,
         entries: items(file, entries, WEIGHT)?,

@@ -3,7 +3,7 @@
 //! terms is here.
 
 use super::codec::{Field, Layout};
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::scene_data::SceneData;
 use super::section_io::{items, section};
@@ -31,7 +31,7 @@ const TERMS: Layout = Layout::rows(&[
 ]);
 
 /// Kind of section.
-pub(super) const KIND: Kind = Kind {
+pub(super) const KIND: SectionKind = SectionKind {
     code: 45,
     name: "sky terms",
     version: 1,
@@ -41,14 +41,14 @@ pub(super) const KIND: Kind = Kind {
 };
 
 /// Returns the section of `sky`. `kind` is the entry of [`KIND`] in the table.
-pub(super) fn sections(sky: &SkyVisibility, kind: &'static Kind) -> Section {
+pub(super) fn sections(sky: &SkyVisibility, kind: &'static SectionKind) -> Section {
     section(kind, TERMS, &sky.senders)
 }
 
 /// Reads the sky visibility of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
-    kind: &'static Kind,
+    kind: &'static SectionKind,
 ) -> Result<Option<SkyVisibility>, AssetError> {
     if !file.has(kind) {
         return Ok(None);
@@ -72,11 +72,11 @@ impl SceneData {
     pub(super) fn check_sky(&self, check: &mut Check) {
         let Some(sky) = &self.sky else { return };
         let (found, senders) = (sky.senders.len(), self.senders());
-        check.whole(found == senders, "sky terms", || {
+        check.section(found == senders, "sky terms", || {
             format!("{found} instead of {senders}")
         });
         let averages = self.operator.form == SenderForm::Averages && self.fmm.is_none();
-        check.whole(averages, "sky terms", || {
+        check.section(averages, "sky terms", || {
             "are present, but the operator has no links to them".into()
         });
         for (i, terms) in sky.senders.iter().enumerate() {

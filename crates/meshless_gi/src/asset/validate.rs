@@ -52,11 +52,11 @@ impl SceneData {
     /// Checks the lengths of arrays and levels.
     fn check_shape(&self, check: &mut Check) {
         let (points, starts) = (self.points.len(), &self.level_starts);
-        check.whole(starts.len() >= 2, "levels", || {
+        check.section(starts.len() >= 2, "levels", || {
             "at least one is required".into()
         });
-        check.whole(starts.is_sorted(), "levels", || "do not ascend".into());
-        check.whole(
+        check.section(starts.is_sorted(), "levels", || "do not ascend".into());
+        check.section(
             starts.first() == Some(&0) && starts.last().map(|&s| s as usize) == Some(points),
             "levels",
             || format!("do not cover the {points} points"),
@@ -64,7 +64,7 @@ impl SceneData {
         let levels = starts.len().saturating_sub(1);
         let sender_levels = self.sender_levels as usize;
         let sound = (1..=levels).contains(&sender_levels);
-        check.whole(sound, "sender levels", || {
+        check.section(sound, "sender levels", || {
             format!("{sender_levels} of {levels} levels")
         });
         let senders = if sound {
@@ -73,15 +73,15 @@ impl SceneData {
             0
         };
         let per_sender = self.light_samples.per_sender;
-        check.whole(per_sender <= LightSamples::MAX, "light samples", || {
+        check.section(per_sender <= LightSamples::MAX, "light samples", || {
             format!("{per_sender} per sender, at most {}", LightSamples::MAX)
         });
         let max_senders = Link::MAX_SENDERS - self.sky_terms();
-        check.whole(senders <= max_senders, "senders", || {
+        check.section(senders <= max_senders, "senders", || {
             format!("{senders}, at most {max_senders}")
         });
         let mut length = |location, found: usize, expected: usize| {
-            check.whole(found == expected, location, || {
+            check.section(found == expected, location, || {
                 format!("{found} instead of {expected}")
             });
         };
@@ -110,7 +110,7 @@ impl SceneData {
 
     fn check_points(&self, check: &mut Check) {
         let radius = self.display.radius;
-        check.whole(
+        check.section(
             radius.is_finite() && radius >= 0.0,
             "display radius",
             || format!("{radius} m"),
@@ -167,7 +167,7 @@ impl SceneData {
     /// Checks that there is one irradiance per point, or none.
     fn check_illumination(&self, check: &mut Check) {
         let (found, points) = (self.illumination.len(), self.points.len());
-        check.whole(found == 0 || found == points, "illumination", || {
+        check.section(found == 0 || found == points, "illumination", || {
             format!("{found} instead of {points}")
         });
         for (i, e) in self.illumination.iter().enumerate() {
@@ -180,12 +180,12 @@ impl SceneData {
     /// levels. Both traversals then end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
-        check.whole(
+        check.section(
             all && has_valid_starts(&self.parents),
             "parent rows",
             || "do not ascend to the end of the weights".into(),
         );
-        check.whole(has_valid_starts(&self.pull), "pull rows", || {
+        check.section(has_valid_starts(&self.pull), "pull rows", || {
             "do not ascend to the end of the weights".into()
         });
         if !check.0.is_empty() {
@@ -238,7 +238,7 @@ impl SceneData {
     /// Checks the recorded sizes of the tiers against the operator.
     fn check_tiers(&self, check: &mut Check, stated: &[TierInfo]) {
         let sizes = self.tier_sizes();
-        check.whole(sizes.len() == stated.len(), "tiers", || {
+        check.section(sizes.len() == stated.len(), "tiers", || {
             format!("{} are listed, but there are {}", stated.len(), sizes.len())
         });
         for (t, (tier, (rows, links))) in stated.iter().zip(sizes).enumerate() {
@@ -282,7 +282,7 @@ impl SceneData {
             });
         }
         let (steps, precision) = (&self.operator.steps, &self.operator.precision);
-        check.whole(
+        check.section(
             steps.is_empty() || steps.len() == rows.len(),
             "link steps",
             || format!("{} items, but {} rows", steps.len(), rows.len()),
@@ -295,12 +295,12 @@ impl SceneData {
             SenderForm::Components => 0,
             _ => self.senders(),
         };
-        check.whole(
+        check.section(
             precision.is_empty() || precision.len() == senders + 1,
             "sender precision",
             || format!("{} items, but {senders} senders", precision.len()),
         );
-        check.whole(end == links.len() as u64, "rows", || {
+        check.section(end == links.len() as u64, "rows", || {
             format!("have {end} links, but there are {}", links.len())
         });
         if check.0.is_empty() {
@@ -326,7 +326,7 @@ impl SceneData {
             return;
         };
         let starts = &bounces.starts;
-        check.whole(
+        check.section(
             starts.is_sorted()
                 && starts.first() == Some(&0)
                 && starts.last().map(|&s| s as usize) == Some(bounces.links.len()),
@@ -372,11 +372,11 @@ impl SceneData {
         let grid = &self.display.grid;
         let (slots, entries) = (&grid.slots, &grid.entries);
         let size = grid.cell_size;
-        check.whole(size.is_finite() && size > 0.0, "grid", || {
+        check.section(size.is_finite() && size > 0.0, "grid", || {
             format!("cells of {size} m")
         });
         let taken = slots.iter().filter(|s| s.start != GridSlot::EMPTY).count();
-        check.whole(
+        check.section(
             slots.len().is_power_of_two() && 2 * taken <= slots.len(),
             "grid",
             || format!("{taken} of {} slots are taken", slots.len()),

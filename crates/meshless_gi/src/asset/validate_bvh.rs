@@ -12,7 +12,7 @@ impl SceneData {
     /// each node and each triangle at most once. Returns the depth.
     pub(super) fn check_bvh(&self, check: &mut Check) -> u64 {
         let (nodes, triangles) = (&self.bvh.nodes, &self.bvh.triangles);
-        check.whole(!nodes.is_empty() || triangles.is_empty(), "bvh", || {
+        check.section(!nodes.is_empty() || triangles.is_empty(), "bvh", || {
             format!("{} triangles, but no node", triangles.len())
         });
         // Depth plus one of each node that a parent refers to.
@@ -60,7 +60,7 @@ impl SceneData {
                 return 0;
             }
         }
-        check.whole(leaves <= triangles.len() as u64, "bvh", || {
+        check.section(leaves <= triangles.len() as u64, "bvh", || {
             format!(
                 "leaves have {leaves} triangles, but there are {}",
                 triangles.len()

@@ -15,16 +15,16 @@ impl SceneData {
         let senders = self.senders();
         let form = self.operator.form;
         let Some(c) = &self.operator.compression else {
-            check.whole(form != SenderForm::Components, "columns", || {
+            check.section(form != SenderForm::Components, "columns", || {
                 "are missing".into()
             });
             return;
         };
-        check.whole(form == SenderForm::Components, "columns", || {
+        check.section(form == SenderForm::Components, "columns", || {
             format!("are present, but the operator has the form {form:?}")
         });
         let coefficients = c.components();
-        check.whole(coefficients <= Link::MAX_SENDERS, "columns", || {
+        check.section(coefficients <= Link::MAX_SENDERS, "columns", || {
             format!("{coefficients}, at most {}", Link::MAX_SENDERS)
         });
         let (mut member, mut value) = ([0u64; 2], 0u64);
@@ -54,15 +54,15 @@ impl SceneData {
                 return;
             }
         }
-        check.whole(!c.columns.is_empty(), "columns", || {
+        check.section(!c.columns.is_empty(), "columns", || {
             "the column of the sky is missing".into()
         });
-        check.whole(
+        check.section(
             member[1] == c.members.len() as u64,
             "column senders",
             || format!("{} instead of {}", c.members.len(), member[1]),
         );
-        check.whole(value == c.values.len() as u64, "column values", || {
+        check.section(value == c.values.len() as u64, "column values", || {
             format!("{} words instead of {value}", c.values.len())
         });
         let mut used = vec![false; senders];

@@ -50,7 +50,7 @@ impl Check {
         }
     }
 
-    pub(super) fn whole(
+    pub(super) fn section(
         &mut self,
         ok: bool,
         location: &'static str,

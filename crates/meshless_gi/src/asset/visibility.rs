@@ -3,7 +3,7 @@
 //! before, and are not stored.
 
 use super::codec::{Field, Layout};
-use super::container::{Container, Kind, Section};
+use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
 use super::scene_data::SceneData;
@@ -41,27 +41,27 @@ const MAX_DIRECTIONS: u64 = 1 << 16;
 const MAX_SCALE: f32 = 1024.0;
 
 /// Kinds of sections, ascending.
-pub(super) const KINDS: [Kind; 6] = [
-    Kind {
+pub(super) const KINDS: [SectionKind; 6] = [
+    SectionKind {
         max: SHAPE_WORDS as u64,
         // Version 1 also had the unit of all depths. Now each cluster has its own.
         version: 2,
         ..kind::<u32>(23, "visibility", COUNT)
     },
-    Kind {
+    SectionKind {
         version: 2,
         // Validation compares them with a copy.
         memory: 2 * size_of::<VisibilityCluster>() as u64 + 4,
         ..kind::<VisibilityCluster>(24, "visibility clusters", CLUSTER)
     },
-    Kind {
+    SectionKind {
         // Validation compares them with a copy.
         memory: 2 * size_of::<VisiblePoint>() as u64,
         // Version 1 had no error per point.
         version: 2,
         ..kind::<VisiblePoint>(25, "visibility points", POINT)
     },
-    Kind {
+    SectionKind {
         // Components have 8 bits. Version 1 had 16.
         version: 2,
         ..kind::<u32>(26, "visibility basis", PAIR)
@@ -71,7 +71,7 @@ pub(super) const KINDS: [Kind; 6] = [
 ];
 
 /// Returns the sections of `visibility`. `kinds` are the entries of [`KINDS`] in the table.
-pub(super) fn sections(visibility: &Visibility, kinds: &'static [Kind]) -> Vec<Section> {
+pub(super) fn sections(visibility: &Visibility, kinds: &'static [SectionKind]) -> Vec<Section> {
     let grid = visibility.grid;
     let shape = [grid.columns, grid.rows];
     vec![
@@ -87,7 +87,7 @@ pub(super) fn sections(visibility: &Visibility, kinds: &'static [Kind]) -> Vec<S
 /// Reads the visibility of a file. Returns `None` if it has none.
 pub(super) fn read(
     file: &Container<'_>,
-    kinds: &'static [Kind],
+    kinds: &'static [SectionKind],
 ) -> Result<Option<Visibility>, AssetError> {
     if !file.has(&kinds[0]) {
         return match kinds.iter().find(|k| file.has(k)) {
@@ -130,7 +130,7 @@ impl SceneData {
     pub(super) fn check_visibility(&self, check: &mut Check) {
         let Some(v) = &self.visibility else { return };
         let directions = u64::from(v.grid.columns) * u64::from(v.grid.rows);
-        check.whole(
+        check.section(
             (1..=MAX_DIRECTIONS).contains(&directions),
             "visibility",
             || format!("{} × {} directions", v.grid.columns, v.grid.rows),
@@ -139,14 +139,14 @@ impl SceneData {
         // parents.
         let whole = (self.sender_levels as usize..=self.levels())
             .any(|l| self.level_starts.get(l).map(|&s| s as usize) == Some(v.points.len()));
-        check.whole(whole, "visibility points", || {
+        check.section(whole, "visibility points", || {
             format!(
                 "{}, but must be all points of complete levels, at least the {} senders",
                 v.points.len(),
                 self.senders()
             )
         });
-        check.whole(
+        check.section(
             v.clusters.len() <= v.points.len(),
             "visibility clusters",
             || format!("{} for {} points", v.clusters.len(), v.points.len()),
@@ -203,11 +203,11 @@ impl SceneData {
         };
         let ends = placed.layout();
         let starts = placed.clusters == v.clusters && placed.points == v.points;
-        check.whole(starts, "visibility", || {
+        check.section(starts, "visibility", || {
             "the data of clusters or points is not contiguous".into()
         });
         let found = (v.basis.len(), v.scales.len(), v.coefficients.len());
-        check.whole(ends == Some(found), "visibility", || {
+        check.section(ends == Some(found), "visibility", || {
             format!("basis, scales and coefficients have the lengths {found:?} instead of {ends:?}")
         });
     }

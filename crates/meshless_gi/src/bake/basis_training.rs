@@ -192,7 +192,7 @@ fn irradiance_of_light(
         TrainingLight::Point(source) => {
             let to = source - start;
             let (square, cosine) = (to.length_squared(), to.dot(n));
-            let lit = cosine > 0.0 && square > 0.0 && !geometry.occluded(start, source);
+            let lit = cosine > 0.0 && square > 0.0 && !geometry.is_occluded(start, source);
             if lit {
                 cosine / (square * square.sqrt())
             } else {
@@ -201,7 +201,7 @@ fn irradiance_of_light(
         }
         TrainingLight::Sun(to) => {
             let cosine = to.dot(n);
-            let lit = cosine > 0.0 && !geometry.occluded(start, start + far * to);
+            let lit = cosine > 0.0 && !geometry.is_occluded(start, start + far * to);
             if lit { cosine } else { 0.0 }
         }
     }

@@ -14,7 +14,7 @@ use super::fmm::Octree;
 use super::packing::LinkedPoints;
 use crate::asset::PointSurface;
 use crate::transport::fmm::Passes;
-use crate::transport::fmm::passes::{Field, along};
+use crate::transport::fmm::passes::{Field, component_along};
 
 /// Number of steps of the power iteration.
 const STEPS: usize = 12;
@@ -62,7 +62,7 @@ fn arriving_sums(
         for i in node.receiver_range() {
             let point = &octree.operator.points[i];
             if let Some(out) = out.get_mut(point.point as usize) {
-                *out = along(point.normal, &passes.values[i]).map(|e| point.factor * e);
+                *out = component_along(point.normal, &passes.values[i]).map(|e| point.factor * e);
             }
         }
     }

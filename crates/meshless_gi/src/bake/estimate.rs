@@ -191,7 +191,7 @@ fn light_errors(
                 range: f32::INFINITY,
             })
             .collect();
-        let pool = spread(&candidates, budget.pool, &mut random);
+        let pool = select_evenly(&candidates, budget.pool, &mut random);
         let (found, cast) = estimator.errors(&sources, k as u64, &pool, &mut random);
         rays += cast;
         for (all, found) in all.iter_mut().zip(found) {
@@ -408,7 +408,7 @@ fn mean(values: impl ExactSizeIterator<Item = DVec3>) -> DVec3 {
 }
 
 /// Draws `count` candidates evenly along their order.
-fn spread(candidates: &[Candidate], count: usize, random: &mut Random) -> Vec<Candidate> {
+fn select_evenly(candidates: &[Candidate], count: usize, random: &mut Random) -> Vec<Candidate> {
     let start = f64::from(random.unit());
     let step = candidates.len() as f64 / count as f64;
     (0..count)

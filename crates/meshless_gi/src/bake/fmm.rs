@@ -19,7 +19,7 @@ use super::transport_stage::Transport;
 use super::{BakeError, BakeStage, FmmRecipe};
 use crate::basis::{CellPart, find_cells};
 use crate::samples::Point;
-use crate::transport::fmm::passes::{Field, along};
+use crate::transport::fmm::passes::{Field, component_along};
 use crate::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 use crate::transport::{ReceiverRays, gather_sky_visibility};
 use glam::Vec3;
@@ -161,7 +161,7 @@ fn unit_response(operator: &FmmOperator, senders: usize) -> Vec<f32> {
     for node in operator.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
             let point = &operator.points[i];
-            let e = along(point.normal, &passes.values[i])[0];
+            let e = component_along(point.normal, &passes.values[i])[0];
             out[point.point as usize] = point.factor * e;
         }
     }

@@ -60,17 +60,17 @@ pub(super) fn cover(
         })
         .collect();
     let rays = rows.iter().map(|r| r.1).sum();
-    let mut live = DynamicMaterials {
+    let mut dynamic = DynamicMaterials {
         names,
         factors,
         starts: vec![0],
         shares: Vec::new(),
     };
     for (shares, _) in rows {
-        live.shares.extend(shares);
-        live.starts.push(live.shares.len() as u32);
+        dynamic.shares.extend(shares);
+        dynamic.starts.push(dynamic.shares.len() as u32);
     }
-    (Some(live), rays)
+    (Some(dynamic), rays)
 }
 
 /// Returns the material at a surface point, on its front side.

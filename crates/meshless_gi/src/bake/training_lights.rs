@@ -209,7 +209,7 @@ fn add_irradiance(
         let to = source - start;
         let square = to.length_squared();
         let cosine = to.dot(n);
-        if cosine > 0.0 && square > 0.0 && !geometry.occluded(start, source) {
+        if cosine > 0.0 && square > 0.0 && !geometry.is_occluded(start, source) {
             *value += share * cosine / (square * square.sqrt());
         }
     }

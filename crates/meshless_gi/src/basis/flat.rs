@@ -148,7 +148,7 @@ impl Hierarchy {
             let point = &self.levels[l].points[(i - self.level_starts[l]) as usize];
             rays += 1;
             let from = viewer.origin(point.radius);
-            let is_reached = !geometry.occluded(from, self.origins[i as usize])
+            let is_reached = !geometry.is_occluded(from, self.origins[i as usize])
                 && (d <= own
                     || !nearest.is_empty()
                     || has_same_layer(geometry, point, x, n, &mut rays));

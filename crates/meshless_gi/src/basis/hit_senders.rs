@@ -149,7 +149,7 @@ impl Hierarchy {
             let origin = viewer.origin(level.radius());
             let is_visible = |&(_, j): &(f32, u32)| {
                 let end = self.origins[(first + j) as usize];
-                !geometry.occluded(origin, end)
+                !geometry.is_occluded(origin, end)
             };
             near.into_iter().find(is_visible).map(|(_, j)| WeightEntry {
                 index: first + j,
@@ -169,7 +169,7 @@ impl Hierarchy {
     ) {
         let origin = viewer.origin(self.senders[l].radius());
         let origins = &self.origins[self.level_starts[l] as usize..];
-        out.retain(|w| !geometry.occluded(origin, origins[w.index as usize]));
+        out.retain(|w| !geometry.is_occluded(origin, origins[w.index as usize]));
         super::hierarchy::normalize(out);
     }
 

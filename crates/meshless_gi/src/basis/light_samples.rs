@@ -135,7 +135,7 @@ fn sample_support(
             }
             rays += 1;
             let above = there.position + there.normal * up;
-            if geometry.occluded(eye, above) {
+            if geometry.is_occluded(eye, above) {
                 continue;
             }
             weights.clear();

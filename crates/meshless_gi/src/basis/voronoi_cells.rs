@@ -88,7 +88,7 @@ fn trace_cell(
         // under a ceiling.
         let open = [height.max(lift), lift].into_iter().any(|up| {
             rays += 1;
-            !geometry.occluded(x + n * up, there.position + there.normal * up)
+            !geometry.is_occluded(x + n * up, there.position + there.normal * up)
         });
         if open {
             seen.push(CellPart {

@@ -80,7 +80,7 @@ pub fn direct_irradiance(
         Some((e, -to / distance, position))
     };
     let shadowed = |found: Option<(Vec3, Vec3, Vec3)>| match found {
-        Some((e, _, position)) if e != Vec3::ZERO && !geometry.occluded(start, position) => e,
+        Some((e, _, position)) if e != Vec3::ZERO && !geometry.is_occluded(start, position) => e,
         _ => Vec3::ZERO,
     };
     match *light {
@@ -338,8 +338,8 @@ mod tests {
             self.0.cast(ray)
         }
 
-        fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-            self.0.occluded(from, to)
+        fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
+            self.0.is_occluded(from, to)
         }
 
         fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {

@@ -61,8 +61,8 @@ impl Geometry for NonEmissive<'_> {
         self.geometry.cast(ray)
     }
 
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        self.geometry.occluded(from, to)
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
+        self.geometry.is_occluded(from, to)
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {

@@ -6,7 +6,7 @@ use crate::transport::fmm::tensor::NONE;
 use crate::transport::fmm::tree::COINCIDENT;
 use bytemuck::{Pod, Zeroable};
 
-pub use crate::transport::fmm::lists::Entry as FmmEntry;
+pub use crate::transport::fmm::lists::ListEntry as FmmEntry;
 pub use crate::transport::fmm::{FmmNode, FmmOperatorPoint};
 
 /// Highest order that the kernels support, limited by the memory of a workgroup.

@@ -223,7 +223,7 @@ impl VisibilityQuery for RayVisibility<'_> {
     fn visibility_toward(&self, direction: Vec3, distance: f32, _: Vec3) -> f32 {
         let end = self.start + direction * distance;
         let end = end - direction * self.geometry.ray_offset(end);
-        if self.geometry.occluded(self.start, end) {
+        if self.geometry.is_occluded(self.start, end) {
             0.0
         } else {
             1.0

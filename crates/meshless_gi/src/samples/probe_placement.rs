@@ -84,7 +84,7 @@ pub fn place_probes(
                 }
                 let length = square.sqrt();
                 out.rays += 1;
-                known = length < 1e-3 * spacing || !shut.occluded(x, out.probes[i as usize]);
+                known = length < 1e-3 * spacing || !shut.is_occluded(x, out.probes[i as usize]);
                 if known {
                     break;
                 }
@@ -198,14 +198,14 @@ mod tests {
         assert!(found.probes.iter().all(|&x| inside(x)));
         for (i, &a) in found.probes.iter().enumerate() {
             for &b in &found.probes[..i] {
-                assert!(a.distance(b) >= 0.25 || mesh.occluded(a, b), "{a} {b}");
+                assert!(a.distance(b) >= 0.25 || mesh.is_occluded(a, b), "{a} {b}");
             }
         }
         // Every lit position has a visible probe within the spacing plus a margin.
         let eight = |k: i32| Vec3::new((k % 2) as f32, (k / 2 % 2) as f32, (k / 4) as f32);
         let far = (0..8).filter(|&k| {
             let x = Vec3::new(-0.95, 0.05, -0.95) + eight(k) * 1.9;
-            let seen = |&p: &Vec3| p.distance(x) < 0.33 && !mesh.occluded(x, p);
+            let seen = |&p: &Vec3| p.distance(x) < 0.33 && !mesh.is_occluded(x, p);
             !found.probes.iter().any(seen)
         });
         assert_eq!(far.count(), 0);

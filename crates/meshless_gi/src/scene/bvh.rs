@@ -105,7 +105,7 @@ impl Bvh {
 
     /// Returns `true` if no light passes along `ray` with t in (0, `ray.max_t`).
     #[must_use]
-    pub fn occluded(&self, ray: &Ray) -> bool {
+    pub fn is_occluded(&self, ray: &Ray) -> bool {
         self.transmittance(ray) <= 0.0
     }
 

@@ -22,7 +22,7 @@ pub(super) type Corners = [Vec3; 3];
 /// Padding of a box on each side, relative to the scene's largest coordinate. The vertices of the
 /// triangle test and the slabs of the box test are both rounded relative to that coordinate.
 const PADDING: f32 = 4.0 * f32::EPSILON;
-/// Largest depth of a binary tree that fits the traversal stack of [`Bvh::occluded`].
+/// Largest depth of a binary tree that fits the traversal stack of [`Bvh::is_occluded`].
 const MAX_DEPTH: usize = 60;
 /// Largest number of triangles in a leaf of the frame's tree.
 const LEAF: u32 = 4;
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(bvh.transmittance(&from(1.1, 3.0)), 0.5);
         assert_eq!(bvh.transmittance(&from(1.1, 9.0)), 0.125);
         bvh.set_transmittances(&[0.0]);
-        assert!(bvh.occluded(&from(1.1, 3.0)) && bvh.occluded(&from(1.1, 9.0)));
+        assert!(bvh.is_occluded(&from(1.1, 3.0)) && bvh.is_occluded(&from(1.1, 9.0)));
         let alone = Bvh::default().with_occluders(&doors);
         assert_eq!(alone.crossed_occluders(&from(1.1, 9.0)), 0b11);
         assert_eq!(

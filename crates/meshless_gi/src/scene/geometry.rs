@@ -153,7 +153,7 @@ pub trait Geometry: Sync {
 
     /// Returns `true` if any geometry lies strictly between `from` and `to`. Callers must offset
     /// both ends from the surfaces.
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool;
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool;
 
     /// Returns the surface at `hit` of `ray`.
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface;

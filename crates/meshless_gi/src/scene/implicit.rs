@@ -283,7 +283,7 @@ impl Geometry for ImplicitScene {
         })
     }
 
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
         let length = (to - from).length();
         length > 0.0
             && self
@@ -402,7 +402,7 @@ mod tests {
             let start = s.position + s.normal * room.ray_offset(s.position);
             assert!(room.distance(start).0 > 0.0, "the ray origin is inside");
             assert!(
-                room.occluded(start, start - s.normal * 0.01),
+                room.is_occluded(start, start - s.normal * 0.01),
                 "the surface does not block"
             );
             let mut r = Random::new(2, 0, k);
@@ -460,15 +460,15 @@ mod tests {
                 half: Vec3::splat(0.25),
             }),
         ]);
-        assert!(floor.occluded(Vec3::new(3.0, 1.0, 0.0), Vec3::new(3.0, -1.0, 0.0)));
-        assert!(!floor.occluded(Vec3::new(3.0, 1.0, 0.0), Vec3::new(3.0, 0.1, 0.0)));
-        assert!(floor.occluded(Vec3::new(-1.0, 1.0, 0.0), Vec3::new(1.0, 1.0, 0.0)));
+        assert!(floor.is_occluded(Vec3::new(3.0, 1.0, 0.0), Vec3::new(3.0, -1.0, 0.0)));
+        assert!(!floor.is_occluded(Vec3::new(3.0, 1.0, 0.0), Vec3::new(3.0, 0.1, 0.0)));
+        assert!(floor.is_occluded(Vec3::new(-1.0, 1.0, 0.0), Vec3::new(1.0, 1.0, 0.0)));
         let hit = floor
             .cast(&Ray::new(Vec3::new(0.1, 2.0, 0.1), -Vec3::Y))
             .unwrap();
         assert!(hit.primitive == 1 && (hit.t - 0.75).abs() < 1e-5);
         let nothing = ImplicitScene::new(Vec::new());
         assert!(nothing.cast(&Ray::new(Vec3::ZERO, Vec3::X)).is_none());
-        assert!(!nothing.occluded(Vec3::ZERO, Vec3::X));
+        assert!(!nothing.is_occluded(Vec3::ZERO, Vec3::X));
     }
 }

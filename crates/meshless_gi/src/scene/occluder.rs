@@ -273,8 +273,8 @@ impl Geometry for OccluderGeometry<'_> {
         self.closed.open.cast(ray)
     }
 
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        self.closed.open.occluded(from, to)
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
+        self.closed.open.is_occluded(from, to)
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
@@ -330,8 +330,8 @@ impl Geometry for ClosedGeometry<'_> {
         door.map(marked).or(hit)
     }
 
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
-        self.open.occluded(from, to) || self.doors.occluded(from, to)
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
+        self.open.is_occluded(from, to) || self.doors.is_occluded(from, to)
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {

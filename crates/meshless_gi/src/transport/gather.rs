@@ -176,7 +176,7 @@ impl Gathered {
     }
 
     /// Adds `value` to the part of the link to `sender` that crossed occluders.
-    fn part(&mut self, sender: u32, crossed: u64, value: Vec3A) {
+    fn add_term(&mut self, sender: u32, crossed: u64, value: Vec3A) {
         self.parts.push(LinkTerm {
             sender,
             crossed,
@@ -208,7 +208,7 @@ impl Gathered {
             let value = value * entry.weight;
             self.deposit(entry.index, sample.half, value);
             if sample.crossed != 0 {
-                self.part(entry.index, sample.crossed, value);
+                self.add_term(entry.index, sample.crossed, value);
             }
         }
         if !covered {
@@ -259,7 +259,7 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
             None => {
                 out.sky += value;
                 if sample.crossed != 0 {
-                    out.part(out.sums.len() as u32, sample.crossed, value);
+                    out.add_term(out.sums.len() as u32, sample.crossed, value);
                 }
             }
         }

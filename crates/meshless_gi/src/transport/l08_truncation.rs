@@ -11,7 +11,7 @@
 //! processed in parallel. Figure 5 permits this, since its queue is in the order of levels.
 
 use super::gather::{GatherScene, Gathered, gather};
-use super::refine::{RawRow, RefinedOperator, share};
+use super::refine::{RawRow, RefinedOperator, first_fraction};
 use crate::basis::Weights;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
@@ -180,7 +180,7 @@ pub fn refine_l08(
     }
     out.rays = out.gathered * u64::from(scene.rays);
     out.uncovered = uncovered / out.gathered.max(1) as f64;
-    out.gather_share = share(times);
+    out.gather_share = first_fraction(times);
     Some(out)
 }
 

@@ -152,14 +152,14 @@ pub fn number_sets<const N: usize>(
         return None;
     }
     let numbered = parts.map(|own| {
-        let passages = own.iter().map(|p| {
+        let terms = own.iter().map(|p| {
             let set = sets.partition_point(|&s| s < p.crossed) as u32;
             PackedLinkTerm {
                 z_set: p.packed.z_set & 0xffff | set << 16,
                 ..p.packed
             }
         });
-        passages.collect()
+        terms.collect()
     });
     Some((sets, numbered))
 }
@@ -168,7 +168,7 @@ pub fn number_sets<const N: usize>(
 mod tests {
     use super::*;
 
-    fn part(sender: u32, crossed: u64, value: f32) -> LinkTerm {
+    fn term(sender: u32, crossed: u64, value: f32) -> LinkTerm {
         LinkTerm {
             sender,
             crossed,
@@ -181,26 +181,26 @@ mod tests {
         // Two roots, two children each.
         let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1], &[0, 2, 6]);
         let found = [
-            part(3, 1, 0.25),
-            part(6, 2, 1.0),
-            part(2, 1, 0.5),
-            part(4, 1, 0.125),
-            part(3, 3, 0.5),
-            part(2, 1, 1.0),
+            term(3, 1, 0.25),
+            term(6, 2, 1.0),
+            term(2, 1, 0.5),
+            term(4, 1, 0.125),
+            term(3, 3, 0.5),
+            term(2, 1, 1.0),
         ];
         let cut = cut_parts(&tree, &found, |k| k == 0 || k == 3);
         let right = [
-            part(0, 1, 1.5),
-            part(3, 1, 0.25),
-            part(3, 3, 0.5),
-            part(6, 2, 1.0),
+            term(0, 1, 1.5),
+            term(3, 1, 0.25),
+            term(3, 3, 0.5),
+            term(6, 2, 1.0),
         ];
         assert_eq!(cut, right);
     }
 
     #[test]
     fn packed_link_is_sum_of_terms() {
-        let parts = [part(3, 1, 0.25), part(3, 5, 0.125)];
+        let parts = [term(3, 1, 0.25), term(3, 5, 0.125)];
         let whole = Vec3::new(0.5, 0.0, 1.0);
         let packed = pack_parts(7, whole, &parts, 1.0);
         assert_eq!(

@@ -100,7 +100,7 @@ impl ReceiverRays {
             let there = geometry.hit_point(&down, &hit);
             let above = there.position + there.normal * geometry.ray_offset(there.position);
             let belongs = weight(own, &level.planes, there.position, there.normal) > 0.0;
-            if there.lit && belongs && !geometry.occluded(center, above) {
+            if there.lit && belongs && !geometry.is_occluded(center, above) {
                 *start = above;
             }
         }

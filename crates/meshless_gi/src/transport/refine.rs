@@ -307,7 +307,7 @@ impl Refinement<'_> {
 
     fn finish(mut self) -> RefinedOperator {
         self.out.uncovered = self.uncovered / self.out.gathered.max(1) as f64;
-        self.out.gather_share = share(self.times);
+        self.out.gather_share = first_fraction(self.times);
         RefinedOperator {
             truncation_mass: self.basis.is_none().then_some(self.truncation),
             ..self.out
@@ -316,6 +316,6 @@ impl Refinement<'_> {
 }
 
 /// Returns the ratio of the first duration to the sum of both.
-pub(super) fn share([first, second]: [Duration; 2]) -> f64 {
+pub(super) fn first_fraction([first, second]: [Duration; 2]) -> f64 {
     first.as_secs_f64() / (first + second).as_secs_f64().max(1e-9)
 }

@@ -110,8 +110,8 @@ fn misses(triangles: &Triangles, center: Vec3, count: u64) -> [u64; 3] {
                 let ray = ray(triangles, center, k);
                 missed[0] += u64::from(mesh.cast(&ray).is_none());
                 missed[1] +=
-                    u64::from(!mesh.occluded(ray.origin, ray.origin + 4.0 * ray.direction));
-                missed[2] += u64::from(!bvh.occluded(&ray));
+                    u64::from(!mesh.is_occluded(ray.origin, ray.origin + 4.0 * ray.direction));
+                missed[2] += u64::from(!bvh.is_occluded(&ray));
             }
             missed
         })
@@ -215,8 +215,8 @@ fn degenerate_meshes_and_rays_do_not_panic() {
             assert!(empty.cast(&ray).is_none() && empty.bvh().nodes.is_empty());
             let _ = mesh.cast(&ray);
             let _ = (
-                mesh.occluded(ray.origin, ray.direction),
-                mesh.bvh().occluded(&ray),
+                mesh.is_occluded(ray.origin, ray.direction),
+                mesh.bvh().is_occluded(&ray),
             );
         }
     }
@@ -282,10 +282,10 @@ fn surface_near_ray_origin_is_hit() {
             let hit = mesh.cast(&Ray::new(from, -Vec3::Y)).expect("a hit");
             assert_eq!(hit.primitive, 1, "scale {scale}, height {height}");
             assert!(
-                mesh.occluded(from, v(0.0, -0.9, 0.0)),
+                mesh.is_occluded(from, v(0.0, -0.9, 0.0)),
                 "scale {scale}, height {height}"
             );
-            assert!(!mesh.occluded(from, v(0.0, 0.9, 0.0)));
+            assert!(!mesh.is_occluded(from, v(0.0, 0.9, 0.0)));
         }
     }
 }

@@ -138,7 +138,7 @@ fn is_reached(scene: &TestScene, x: Vec3, n: Vec3, stream: u64) -> bool {
         let (mut position, mut normal) = (x + n * mesh.ray_offset(x), n);
         for _ in 0..steps {
             let is_visible =
-                |eye: Vec3| (eye - position).dot(normal) > 0.0 && !mesh.occluded(position, eye);
+                |eye: Vec3| (eye - position).dot(normal) > 0.0 && !mesh.is_occluded(position, eye);
             if scene.views.iter().any(|&(eye, _)| is_visible(eye)) {
                 return true;
             }

@@ -93,7 +93,7 @@ impl ExtractedFogs {
 }
 
 /// Returns the factor of the light in a camera's fog. `None` if the camera shows no such light.
-fn shown(camera: &Camera, parts: DisplayItem<'_>) -> Option<f32> {
+fn display_intensity(camera: &Camera, parts: DisplayItem<'_>) -> Option<f32> {
     let intensity = match parts.0 {
         None => 1.0,
         Some(ours) if ours.debug_view == GiDebugView::Final && displays(parts) => {
@@ -216,7 +216,7 @@ pub(crate) fn extract_fogs(
         }
     }
     for (id, camera, settings, frustum, layers, parts) in &cameras {
-        let Some(intensity) = shown(camera, parts) else {
+        let Some(intensity) = display_intensity(camera, parts) else {
             continue;
         };
         let layers = layers.cloned().unwrap_or_default();
@@ -271,7 +271,7 @@ pub(crate) fn check_fog(
     let there = !volumes.is_empty() && !fogs.is_empty() && !light_sources.is_empty();
     let shines = |(camera, fog, parts): (&Camera, &VolumetricFog, _)| {
         let ambient = fog.ambient_intensity > 0.0 && rgb(fog.ambient_color) != Vec3::ZERO;
-        ambient && shown(camera, parts).is_some()
+        ambient && display_intensity(camera, parts).is_some()
     };
     if settings.warn_double_counting
         && there

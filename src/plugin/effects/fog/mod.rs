@@ -350,7 +350,7 @@ mod tests {
         // A bake without probes skips the effect with a reason.
         let mut state = static_state();
         state.scenes[0].probes = false;
-        let why = (A, None, SkipReason::NoProbes);
-        assert!(plan_frame(&state).skipped.contains(&why));
+        let reason = (A, None, SkipReason::NoProbes);
+        assert!(plan_frame(&state).skipped.contains(&reason));
     }
 }

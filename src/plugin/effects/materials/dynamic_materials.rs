@@ -1,5 +1,5 @@
-//! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in
-//! the frame in which they change.
+//! Dynamic materials: base colors and emission of [`StandardMaterial`]s that indirect light follows
+//! in the frame in which they change.
 
 use crate::plugin::validation::{GiWarning, GiWarnings, add_warnings};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
@@ -45,8 +45,8 @@ impl ResolvedMaterials {
             return;
         }
         let mut known: HashMap<&str, Vec<usize>> = HashMap::default();
-        if let Some(live) = &bake.data().materials {
-            for (at, name) in live.names.iter().enumerate() {
+        if let Some(dynamic) = &bake.data().materials {
+            for (at, name) in dynamic.names.iter().enumerate() {
                 known.entry(name).or_default().push(at);
             }
         }
@@ -71,10 +71,10 @@ impl ResolvedMaterials {
         assets: Option<&Assets<StandardMaterial>>,
     ) -> (Vec<MaterialFactors>, &[String]) {
         self.resolve(bake, named);
-        let Some(live) = &bake.data().materials else {
+        let Some(dynamic) = &bake.data().materials else {
             return (Vec::new(), &self.unknown);
         };
-        let mut out = live.factors.clone();
+        let mut out = dynamic.factors.clone();
         for &(k, at) in &self.at {
             let Some(material) = assets.and_then(|a| a.get(&self.named[k].1)) else {
                 continue;
@@ -84,7 +84,7 @@ impl ResolvedMaterials {
                 emissive: material.emissive.to_vec3().to_array(),
             };
         }
-        (sanitize_factors(live, &out), &self.unknown)
+        (sanitize_factors(dynamic, &out), &self.unknown)
     }
 }
 
@@ -118,9 +118,9 @@ pub(crate) fn check_textures(
             of(&material.emissive_texture),
         ];
         let was = before.insert(id, now);
-        let live = || named.iter().any(|n| n.0.iter().any(|(_, h)| h.id() == id));
-        if !new && was.is_some_and(|was| was != now) && live() {
-            add_warnings(vec![GiWarning::LiveTexture], &mut findings);
+        let is_named = || named.iter().any(|n| n.0.iter().any(|(_, h)| h.id() == id));
+        if !new && was.is_some_and(|was| was != now) && is_named() {
+            add_warnings(vec![GiWarning::DynamicMaterialTexture], &mut findings);
         }
     }
 }

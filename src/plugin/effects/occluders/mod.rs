@@ -21,7 +21,9 @@ pub(super) const EFFECT: Effect = Effect {
         timing: Timing::With(FrameStage::OCCLUDE),
         work: |state, pass| {
             let scene = state.scene(pass.scene);
-            scene.map_or(Work::Uncounted, |s| Work::Passages(s.passages))
+            scene.map_or(Work::Uncounted, |s| {
+                Work::OccludedLinkTerms(s.occluded_link_terms)
+            })
         },
         record: Recording {
             kernels: &[gpu::EntryPoint::Occlude],
@@ -39,11 +41,14 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 }
 
 fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
-    let gains = &ctx.scene.transmittances;
+    let transmittances = &ctx.scene.transmittances;
     if let Some(frame) = &mut ctx.runtime.frame {
         let bake = &ctx.runtime.bake;
-        frame.set_occluders(ctx.kernels, ctx.queue, ctx.encoder, bake, gains);
-        ctx.runtime.changes.gains.clone_from(gains);
+        frame.set_occluders(ctx.kernels, ctx.queue, ctx.encoder, bake, transmittances);
+        ctx.runtime
+            .changes
+            .transmittances
+            .clone_from(transmittances);
     }
     Ok(())
 }

@@ -69,12 +69,12 @@ impl EffectState for MapChanges {
 /// Returns the baked scenes that shadow reflected light.
 fn shadowers(world: &ExtractedGi, scenes: &BTreeMap<SceneId, SceneRuntime>) -> Vec<Shadower> {
     let address = |id: &SceneId| (scenes.get(id)).map_or(0, |s| Arc::as_ptr(&s.bake) as usize);
-    let gains = |id: &SceneId| {
+    let transmittances = |id: &SceneId| {
         let scene = world.scenes.iter().find(|s| s.id == *id);
         scene.map_or_else(Vec::new, |s| s.transmittances.clone())
     };
     bakes(world, scenes)
-        .map(|(id, local, _)| (id, address(&id), local, gains(&id)))
+        .map(|(id, local, _)| (id, address(&id), local, transmittances(&id)))
         .collect()
 }
 

@@ -338,7 +338,7 @@ mod tests {
             ),
             (|s| s.views[0].lit = false, None),
         ];
-        for (change, why) in cases {
+        for (change, reason) in cases {
             let mut state = static_state();
             state.scenes[0].soft = requested;
             change(&mut state);
@@ -348,7 +348,7 @@ mod tests {
                 [FrameStage::SPLAT, FrameStage::COMPOSITE],
                 "{plan}"
             );
-            let is_skipped = why.is_none_or(|why| plan.skipped.contains(&(A, None, why)));
+            let is_skipped = reason.is_none_or(|reason| plan.skipped.contains(&(A, None, reason)));
             assert!(is_skipped, "{plan}");
         }
     }

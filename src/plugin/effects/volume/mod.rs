@@ -198,8 +198,8 @@ impl SceneVolume {
         }
         match VolumeBuffers::new(kernels.device(), queue, &weights) {
             Ok(buffers) => self.buffers = Some(buffers),
-            Err(why) => {
-                warn!("a volume for forward cameras and fog is disabled: {why}");
+            Err(error) => {
+                warn!("a volume for forward cameras and fog is disabled: {error}");
                 self.refused = Some(shape);
             }
         }
@@ -340,7 +340,7 @@ mod tests {
         state.scenes[0].probes = false;
         state.scenes[0].volume.held = false;
         assert_eq!(stages(&state), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
-        let why = (A, None, SkipReason::NoProbes);
-        assert!(plan_frame(&state).skipped.contains(&why));
+        let reason = (A, None, SkipReason::NoProbes);
+        assert!(plan_frame(&state).skipped.contains(&reason));
     }
 }

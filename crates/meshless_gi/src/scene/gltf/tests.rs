@@ -202,7 +202,7 @@ fn gltf_materials_textures_and_mirrored_nodes_load() {
     let shadow = |x: f32, from: f32, to: f32| {
         scene
             .mesh
-            .occluded(Vec3::new(x, 0.5, from), Vec3::new(x, 0.5, to))
+            .is_occluded(Vec3::new(x, 0.5, from), Vec3::new(x, 0.5, to))
     };
     assert!(shadow(0.2, 9.0, 1.0) && !shadow(0.9, 9.0, 1.0) && shadow(-0.5, 1.0, 9.0));
     assert!(!shadow(0.2, 9.0, 5.5));

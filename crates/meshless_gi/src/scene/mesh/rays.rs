@@ -96,7 +96,7 @@ impl Geometry for TriangleMesh {
         best
     }
 
-    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+    fn is_occluded(&self, from: Vec3, to: Vec3) -> bool {
         // The direction is not normalized: t runs from 0 to 1.
         let ray = Ray::segment(from, to - from, 1.0);
         if self.faces.is_empty() || !is_usable(&ray) {

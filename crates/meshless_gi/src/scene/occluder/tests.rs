@@ -61,8 +61,8 @@ fn occluder_geometry_is_open_to_rays_and_closed_on_request() {
     let hit = shut.cast(&ray).unwrap();
     assert_eq!(hit.t, 0.5);
     assert_eq!(shut.surface(&ray, &hit).normal, Vec3::Z);
-    assert!(shut.occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
-    assert!(!doorways.occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
+    assert!(shut.is_occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
+    assert!(!doorways.is_occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
     assert!(rest.with_occluders_closed().is_none());
 }
 

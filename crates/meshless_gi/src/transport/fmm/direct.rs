@@ -106,5 +106,5 @@ fn hidden(geometry: &dyn Geometry, x: &FmmPoint, y: &FmmPoint) -> bool {
         (p.position + p.normal.normalize() * lift, lift)
     };
     let ((from, la), (to, lb)) = (lifted(x), lifted(y));
-    from.distance(to) > 2.0 * (la + lb) && geometry.occluded(from, to)
+    from.distance(to) > 2.0 * (la + lb) && geometry.is_occluded(from, to)
 }

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 /// Source of a node. 8 bytes, `FmmEntry` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct Entry {
+pub struct ListEntry {
     /// Node of the source.
     pub source: u32,
     /// Unoccluded fraction of its light: 1 if nothing occludes it.
@@ -39,17 +39,17 @@ pub struct List {
     /// Start of each node's entries, and the end of the last.
     pub starts: Vec<u32>,
     /// The entries.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<ListEntry>,
 }
 
 impl List {
     /// Returns the entries of one node.
     #[must_use]
-    pub fn entries_of(&self, node: usize) -> &[Entry] {
+    pub fn entries_of(&self, node: usize) -> &[ListEntry] {
         &self.entries[self.starts[node] as usize..self.starts[node + 1] as usize]
     }
 
-    fn new(nodes: usize, found: impl Iterator<Item = (u32, Entry)> + Clone) -> Self {
+    fn new(nodes: usize, found: impl Iterator<Item = (u32, ListEntry)> + Clone) -> Self {
         let mut starts = vec![0u32; nodes + 1];
         for (receiver, _) in found.clone() {
             starts[receiver as usize + 1] += 1;
@@ -58,7 +58,7 @@ impl List {
             starts[i + 1] += starts[i];
         }
         let mut next = starts.clone();
-        let mut entries = vec![Entry::default(); starts[nodes] as usize];
+        let mut entries = vec![ListEntry::default(); starts[nodes] as usize];
         for (receiver, entry) in found {
             let at = &mut next[receiver as usize];
             entries[*at as usize] = entry;
@@ -115,7 +115,7 @@ impl ListCounts {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum ListKind {
     Far,
     Local,
     Multipole,
@@ -124,7 +124,7 @@ enum Kind {
 
 #[derive(Default)]
 struct InteractionLists {
-    entries: Vec<(Kind, u32, Entry)>,
+    entries: Vec<(ListKind, u32, ListEntry)>,
     counts: ListCounts,
 }
 
@@ -193,7 +193,7 @@ pub fn lists(
     if entries > u64::from(u32::MAX) {
         return Err(FmmError::TooManyPairs(entries));
     }
-    let of = |kind: Kind| {
+    let of = |kind: ListKind| {
         let all = parts.iter().flat_map(|part| &part.entries);
         List::new(
             tree.nodes.len(),
@@ -203,10 +203,10 @@ pub fn lists(
     let mut counts = ListCounts::default();
     parts.iter().for_each(|part| counts.add(&part.counts));
     Ok(Lists {
-        far: of(Kind::Far),
-        local: of(Kind::Local),
-        multipole: of(Kind::Multipole),
-        near: of(Kind::Near),
+        far: of(ListKind::Far),
+        local: of(ListKind::Local),
+        multipole: of(ListKind::Multipole),
+        near: of(ListKind::Near),
         counts,
     })
 }
@@ -246,7 +246,7 @@ impl Search<'_> {
         }
         if leaves {
             if any_light(tree, t as usize, s as usize) {
-                self.take(Kind::Near, (t, s), true, out);
+                self.take(ListKind::Near, (t, s), true, out);
             } else {
                 out.counts.away += 1;
             }
@@ -262,7 +262,7 @@ impl Search<'_> {
     }
 
     /// Returns the cheapest list that the distances of the pair allow.
-    fn cheapest(&self, nt: &TreeNode, ns: &TreeNode, distance: f64) -> Option<Kind> {
+    fn cheapest(&self, nt: &TreeNode, ns: &TreeNode, distance: f64) -> Option<ListKind> {
         let limit = f64::from(self.settings.separation);
         let (lt, ls) = (f64::from(nt.receivers), f64::from(ns.sources));
         let apart = nt.radius + ns.radius <= limit * distance;
@@ -271,14 +271,14 @@ impl Search<'_> {
             gap > COINCIDENT && radius <= limit * gap
         };
         let options = [
-            (Kind::Far, self.s_to_r, apart),
+            (ListKind::Far, self.s_to_r, apart),
             (
-                Kind::Multipole,
+                ListKind::Multipole,
                 lt * self.point,
                 nt.is_leaf() && (apart || beside(ns.center, ns.radius, nt)),
             ),
             (
-                Kind::Local,
+                ListKind::Local,
                 ls * self.point,
                 ns.is_leaf() && (apart || beside(nt.center, nt.radius, ns)),
             ),
@@ -298,10 +298,10 @@ impl Search<'_> {
 
     /// Adds a pair to a list, or drops it if it is fully occluded. Returns `false` if partial
     /// occlusion requires a division.
-    fn take(&self, kind: Kind, (t, s): Pair, whole: bool, out: &mut InteractionLists) -> bool {
+    fn take(&self, kind: ListKind, (t, s): Pair, whole: bool, out: &mut InteractionLists) -> bool {
         let mut weight = 1.0;
         if let Some(visibility) = &self.visibility {
-            let (part, rays) = visibility.part(self.tree, t as usize, s as usize);
+            let (part, rays) = visibility.visible_fraction(self.tree, t as usize, s as usize);
             out.counts.rays += rays;
             if part <= 0.0 {
                 out.counts.hidden += 1;
@@ -315,12 +315,12 @@ impl Search<'_> {
             }
             weight = part;
         }
-        if kind == Kind::Near {
+        if kind == ListKind::Near {
             let nodes = &self.tree.nodes;
             out.counts.point_pairs +=
                 u64::from(nodes[t as usize].receivers) * u64::from(nodes[s as usize].sources);
         }
-        let entry = Entry { source: s, weight };
+        let entry = ListEntry { source: s, weight };
         out.entries.push((kind, t, entry));
         true
     }

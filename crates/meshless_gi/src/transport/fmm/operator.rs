@@ -3,7 +3,7 @@
 //! on the scene's size.
 
 use super::expansion::Expansions;
-use super::lists::{Entry, Lists};
+use super::lists::{ListEntry, Lists};
 use super::tree::Tree;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -112,7 +112,7 @@ pub struct FmmOperator {
     /// Nodes, sorted by level from the root.
     pub nodes: Vec<FmmNode>,
     /// List entries, sorted by node: far, local, multipole, near.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<ListEntry>,
     /// Points, sorted by leaf.
     pub points: Vec<FmmOperatorPoint>,
 }
@@ -129,7 +129,7 @@ impl FmmOperator {
         point: impl Fn(u32) -> u32,
     ) -> Self {
         let mut entries = Vec::new();
-        let mut put = |list: &[Entry]| {
+        let mut put = |list: &[ListEntry]| {
             let first = entries.len() as u32;
             entries.extend_from_slice(list);
             first
@@ -230,7 +230,7 @@ impl FmmOperator {
             let [far, local, multipole, near] = node.lists();
             let receivers = node.receiver_range().len() as f64;
             let sources = |range: Range<usize>| -> f64 {
-                let of = |e: &Entry| self.nodes[e.source as usize].source_range().len() as f64;
+                let of = |e: &ListEntry| self.nodes[e.source as usize].source_range().len() as f64;
                 self.entries[range].iter().map(of).sum()
             };
             // Six different numbers per derivative, nine products. Includes the translations to the

@@ -9,7 +9,7 @@
 //! | down | [`Field::evaluate`] | §3.1.4 to §3.1.6: R-expansion, near, multipole list, per point |
 
 use super::expansion::{Expansions, Scratch, Term};
-use super::lists::{Entry, Lists};
+use super::lists::{ListEntry, Lists};
 use super::operator::{FmmNode, FmmOperator};
 use super::real::Real;
 use super::tree::{COINCIDENT, Tree};
@@ -37,7 +37,7 @@ pub struct Field<'a, T> {
     /// First node of each level, and one past the last node.
     pub level_starts: &'a [u32],
     /// Entries of the nodes' lists.
-    pub entries: Cow<'a, [Entry]>,
+    pub entries: Cow<'a, [ListEntry]>,
     /// Tables.
     pub expansions: Cow<'a, Expansions>,
     /// Points in the tree's order.
@@ -146,7 +146,7 @@ impl<'a, T: Real> Field<'a, T> {
         self.centers[node].1
     }
 
-    fn list(&self, node: usize, which: usize) -> &[Entry] {
+    fn list(&self, node: usize, which: usize) -> &[ListEntry] {
         &self.entries[self.nodes[node].lists()[which].clone()]
     }
 
@@ -281,14 +281,19 @@ impl<'a, T: Real> Field<'a, T> {
             let (points, radiosity) = (&self.points[range.clone()], &radiosity[range]);
             let weight = T::from_f64(f64::from(entry.weight));
             for (x, e) in receivers.iter().zip(out.iter_mut()) {
-                add(e, weight, &self.near(x, points, radiosity));
+                add(e, weight, &self.evaluate_near(x, points, radiosity));
             }
         }
     }
 
     /// Evaluates the near list: \[G08\] Eq. (4) with max(0, ·), between points.
     #[inline(always)]
-    fn near(&self, x: &FieldPoint<T>, sources: &[FieldPoint<T>], radiosity: &[[T; 4]]) -> Term<T> {
+    fn evaluate_near(
+        &self,
+        x: &FieldPoint<T>,
+        sources: &[FieldPoint<T>],
+        radiosity: &[[T; 4]],
+    ) -> Term<T> {
         let zero = T::default();
         let nearest = T::from_f64(COINCIDENT * COINCIDENT);
         let mut sum = Term::default();
@@ -321,7 +326,7 @@ fn add<T: Real>(out: &mut Term<T>, factor: T, value: &Term<T>) {
 
 /// Returns n·F per color, clamped to zero. NaN becomes zero.
 #[must_use]
-pub fn along<T: Real>(n: [T; 3], f: &Term<T>) -> [T; 4] {
+pub fn component_along<T: Real>(n: [T; 3], f: &Term<T>) -> [T; 4] {
     std::array::from_fn(|c| {
         let e = n[0] * f[0][c] + n[1] * f[1][c] + n[2] * f[2][c];
         if e > T::default() { e } else { T::default() }

@@ -9,7 +9,7 @@
 use super::expansion::Expansions;
 use super::lists::{Lists, lists};
 use super::operator::FmmOperator;
-use super::passes::{Field, along};
+use super::passes::{Field, component_along};
 use super::settings::{FmmError, FmmPoint, FmmSettings, check_points};
 use super::threads::{PassTimes, Passes};
 use super::tree::{Tree, TreePoint};
@@ -157,7 +157,7 @@ impl Fmm {
         let times = passes.run(&radiosity);
         let mut out = vec![Vec3::ZERO; self.points];
         for (f, p) in passes.values.iter().zip(&passes.field.points) {
-            let (e, max) = (along(p.normal, f), f64::from(f32::MAX));
+            let (e, max) = (component_along(p.normal, f), f64::from(f32::MAX));
             out[p.point as usize] = Vec3::from_array([0, 1, 2].map(|c| e[c].min(max) as f32));
         }
         (out, times)

@@ -165,7 +165,7 @@ fn face(n: DVec3) -> usize {
 
 /// Returns the ninth of the face that a direction hits. The middle one contains the axis, so that
 /// walls along the axes are not divided.
-fn part(n: DVec3) -> usize {
+fn ninth_of_face(n: DVec3) -> usize {
     let axis = face(n) / 2;
     let of = |c: f64| {
         let t = c / n[axis].abs();
@@ -297,7 +297,7 @@ impl Tree {
             }
             let key = |p: &TreePoint| match stage {
                 Division::Faces => face(p.normal),
-                Division::Parts => part(p.normal),
+                Division::Parts => ninth_of_face(p.normal),
                 Division::Space(corner, side, _) => octant(p.position, corner, side),
             };
             let mut counts = [0usize; 10];

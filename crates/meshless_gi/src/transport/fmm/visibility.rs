@@ -24,7 +24,7 @@ pub struct Visibility<'a> {
 impl Visibility<'_> {
     /// Returns `true` if the segment between two points of the tree is not occluded. Points closer
     /// than twice the sum of their ray offsets are always mutually visible.
-    fn open(&self, tree: &Tree, a: usize, b: usize) -> bool {
+    fn is_visible(&self, tree: &Tree, a: usize, b: usize) -> bool {
         let lifted = |i: usize| {
             let p = &self.points[tree.order[i] as usize];
             let n = tree.points[i].normal.as_vec3();
@@ -32,7 +32,7 @@ impl Visibility<'_> {
             (p.position + n * lift, lift)
         };
         let ((from, la), (to, lb)): ((Vec3, f32), (Vec3, f32)) = (lifted(a), lifted(b));
-        from.distance(to) <= 2.0 * (la + lb) || !self.geometry.occluded(from, to)
+        from.distance(to) <= 2.0 * (la + lb) || !self.geometry.is_occluded(from, to)
     }
 
     /// Returns the fraction of the light from the sources of node `b` that arrives at the receivers
@@ -40,7 +40,7 @@ impl Visibility<'_> {
     /// mutually visible pairs of points over its mean over all pairs. 0 if the unoccluded light is
     /// zero. The result does not depend on the order of calls.
     #[must_use]
-    pub fn part(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
+    pub fn visible_fraction(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
         let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
         let node_pairs = u64::from(na.receivers) * u64::from(nb.sources);
         let range =
@@ -101,7 +101,7 @@ impl Visibility<'_> {
         };
         sum.rays += 1;
         sum.whole += weight;
-        if self.open(tree, i, j) {
+        if self.is_visible(tree, i, j) {
             sum.seen += weight;
         }
     }

@@ -94,7 +94,7 @@ fn octree_splits_differing_directions_but_not_directions_near_an_axis() {
             .collect();
         assert!(
             near.iter()
-                .all(|n| face(*n) == face(near[0]) && part(*n) == 4)
+                .all(|n| face(*n) == face(near[0]) && ninth_of_face(*n) == 4)
         );
     }
     let input = points(5000, |v| v.normalize());
