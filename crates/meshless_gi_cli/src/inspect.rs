@@ -3,7 +3,7 @@
 use super::error::ToolError;
 use super::input;
 use super::output::{self, Table};
-use meshless_gi::internals::asset::BakedStats;
+use meshless_gi::internals::asset::{BakedStats, SectionInfo, list_sections};
 use meshless_gi::{AssetError, BakeInfo, BakedScene, TierInfo};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -18,25 +18,32 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
+    let asset_error = |error: AssetError| ToolError::asset(&args.bake, &error);
     let scene = input::bake(&args.bake)?;
+    let bytes = input::bytes(&args.bake)?;
+    let sections = list_sections(&bytes, &input::limits()).map_err(asset_error)?;
     let stats = scene
         .validate()
-        .map_err(|problems| ToolError::asset(&args.bake, &AssetError::Invalid(problems)))?;
-    let size = std::fs::metadata(&args.bake)
-        .map_err(|error| ToolError::read(&args.bake, &error))?
-        .len();
+        .map_err(AssetError::Invalid)
+        .map_err(asset_error)?;
     output::print(&if args.json {
-        format!("{:#}\n", as_json(&scene, &stats, size))
+        format!("{:#}\n", as_json(&scene, &stats, &sections, bytes.len()))
     } else {
-        as_table(&args.bake, &scene, &stats, size)
+        as_table(&args.bake, &scene, &stats, &sections, bytes.len())
     })
 }
 
-fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Value {
+fn as_json(
+    scene: &BakedScene,
+    stats: &BakedStats,
+    sections: &[SectionInfo],
+    size: usize,
+) -> serde_json::Value {
     json!({
         "info": scene.info(),
         "stats": stats,
         "bytes": size,
+        "sections": sections,
         "levels": scene.levels(),
         "sender_levels": scene.data().sender_levels,
         "points": scene.data().points.len(),
@@ -73,14 +80,21 @@ fn link_fraction(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
     }
 }
 
-fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> String {
+fn as_table(
+    path: &Path,
+    scene: &BakedScene,
+    stats: &BakedStats,
+    sections: &[SectionInfo],
+    size: usize,
+) -> String {
     let mut table = Table::default();
-    add_source(&mut table, path, scene, stats, size);
+    add_source(&mut table, path, scene, stats, size as u64);
     add_operator(&mut table, scene, stats);
     add_optional_data(&mut table, scene, stats);
     add_display(&mut table, scene, stats);
     add_errors(&mut table, scene.info());
     add_tiers(&mut table, scene);
+    add_sections(&mut table, sections, size);
     table.text()
 }
 
@@ -320,6 +334,25 @@ fn add_tiers(table: &mut Table, scene: &BakedScene) {
                     f64::from(tier.estimated_nrmse),
                     f64::from(tier.estimated_nrmse_interval)
                 ),
+            ),
+        );
+    }
+}
+
+/// Adds one row per section that takes at least a thousandth of the file, large ones first.
+fn add_sections(table: &mut Table, sections: &[SectionInfo], size: usize) {
+    let mut large: Vec<_> = (sections.iter())
+        .filter(|section| 1000 * section.bytes >= size as u64)
+        .collect();
+    large.sort_by_key(|section| std::cmp::Reverse(section.bytes));
+    for (i, section) in large.into_iter().enumerate() {
+        table.row(
+            if i == 0 { "sections" } else { "" },
+            format!(
+                "{}: {}, {:.1} %",
+                section.name,
+                output::bytes(section.bytes),
+                100.0 * section.bytes as f64 / size as f64
             ),
         );
     }

@@ -2,6 +2,7 @@
 //! scenes. `docs/FORMAT.md` has the layout.
 
 use super::error::{AssetError, Limits};
+use super::section_info::SectionInfo;
 use std::borrow::Cow;
 
 /// First eight bytes. They are not text, and any conversion of text damages them.
@@ -254,6 +255,21 @@ impl<'a> Container<'a> {
             });
         }
         Ok(Self { entries, memory })
+    }
+
+    /// Returns sizes and digests of all sections, in the order of the file.
+    pub fn list(&self) -> Result<Vec<SectionInfo>, AssetError> {
+        let info = |entry: &TableEntry<'a>| {
+            let (_, raw) = self.section(entry.kind)?.unwrap_or_default();
+            Ok(SectionInfo {
+                name: entry.kind.name,
+                items: entry.items,
+                bytes: entry.body.len() as u64,
+                raw_bytes: entry.raw,
+                digest: blake3::hash(&raw).to_hex().to_string(),
+            })
+        };
+        self.entries.iter().map(info).collect()
     }
 
     /// Returns `true` if the file has a section of this kind.

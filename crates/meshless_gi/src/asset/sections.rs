@@ -15,6 +15,7 @@ use super::layouts::{
     TRIANGLE, VALUE, WEIGHT,
 };
 use super::scene_data::{FlatBasis, LightSamples, PointSurface, SceneData};
+use super::section_info::SectionInfo;
 use super::section_io::{counts, items, limit_error, rebuild_grid, section, section_error, starts};
 use super::{link_section, materials, occluders, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights};
@@ -180,6 +181,14 @@ const ILLUMINATION: &SectionKind = &KINDS[ILLUMINATION_INDEX];
 
 /// Words of the section "shape".
 const SHAPE_WORDS: usize = 8;
+
+/// Returns sizes and digests of the sections of a file, in their order.
+///
+/// # Errors
+/// [`AssetError`] if the container is invalid. Contents are not checked.
+pub fn list_sections(bytes: &[u8], limits: &Limits) -> Result<Vec<SectionInfo>, AssetError> {
+    Container::parse(bytes, &KINDS, limits)?.list()
+}
 
 impl SceneData {
     /// Returns a valid scene as a `.mgi` file. See [`BakedScene::to_bytes`].

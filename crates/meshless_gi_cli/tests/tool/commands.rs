@@ -493,8 +493,24 @@ fn inspect_prints_sections() {
     assert_eq!(json["info"]["triangles"], 30);
     let fingerprint = json["info"]["fingerprint"].as_str().unwrap();
     assert_eq!(fingerprint.len(), 64);
+    // Header, table and sections are the file.
+    let sections = json["sections"].as_array().unwrap();
+    let bytes = |section: &Value| section["bytes"].as_u64().unwrap();
+    let all: u64 = sections.iter().map(bytes).sum();
+    let table = 32 + 40 * sections.len() as u64;
+    assert_eq!(all + table, json["bytes"].as_u64().unwrap());
+    let links = sections.iter().find(|s| s["name"] == "links").unwrap();
+    assert_eq!(links["digest"].as_str().unwrap().len(), 64);
+    assert!(bytes(links) > all / 4);
     let (table, _) = expect(DONE, &["inspect", text(bake)]);
-    for word in [fingerprint, "estimated error", "recipe", "links", "memory"] {
+    for word in [
+        fingerprint,
+        "estimated error",
+        "recipe",
+        "links",
+        "memory",
+        "points: ",
+    ] {
         assert!(table.contains(word), "no {word}: {table}");
     }
 }
