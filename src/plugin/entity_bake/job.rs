@@ -52,11 +52,8 @@ pub(super) fn run(
     let progress_log = log_progress(root.clone(), progress.clone());
     let baked = bake_scene(&mesh, &request.recipe, bake_threads(), progress)?;
     drop(progress_log);
-    let output = BakeOutput::from(baked);
-    let mut output = BakeOutput {
-        scene: output.scene.with_request(key),
-        ..output
-    };
+    let mut output = BakeOutput::from(baked);
+    output.scene = output.scene.with_request(key);
     let mut saved = String::new();
     if let Some(path) = save_to {
         match save(path, &output.scene) {

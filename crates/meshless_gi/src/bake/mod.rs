@@ -1,9 +1,9 @@
 //! Bake of a scene: from geometry and a recipe to a [`BakedScene`].
 //!
 //! A bake is a pipeline. Each stage takes the results of earlier stages and returns its own, with
-//! its cost (`context`): survey (`survey`) → points (`point_set`) → rows (`transport_stage`) → octree
-//! (`fmm`) → packed rows (`packing`) → energy bound (`energy`) → baked bounces (`bounces`) →
-//! visibility (`visibility`) → scene, estimated error and description (`assembly`).
+//! its cost (`context`): survey (`survey`) → points (`point_set`) → rows (`transport_stage`) →
+//! octree (`fmm`) → packed rows (`packing`) → energy bound (`energy`) → baked bounces (`bounces`)
+//! → visibility (`visibility`) → scene, estimated error and description (`assembly`).
 //!
 //! Equal input gives equal bytes for any number of threads (design D5). Chunks are fixed, sums are
 //! ordered and random numbers are counted. The bake uses the rayon pool of its caller.

@@ -18,7 +18,7 @@ use glam::Vec3;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Result of the stage. [`SceneData`](crate::asset::SceneData) documents the fields that are not documented here.
+/// Result of the stage. [`SceneData`](crate::asset::SceneData) documents the other fields.
 pub(super) struct Packed {
     pub linked: LinkedPoints,
     pub surfaces: Vec<PointSurface>,
