@@ -34,10 +34,6 @@ impl ToolError {
         }
     }
 
-    pub fn read(path: &Path, error: &dyn std::fmt::Display) -> Self {
-        Self::Io(format!("{}: cannot be read: {error}", path.display()))
-    }
-
     /// Returns the error of a file that was not read.
     pub fn reading(path: &Path, error: &ReadError) -> Self {
         let text = format!("{}: {error}", path.display());
