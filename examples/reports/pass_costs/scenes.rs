@@ -313,12 +313,8 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
                 }],
             }];
         }
-        let made = bake_scene(
-            &TriangleMesh::from_quads(&quads(gray)),
-            &recipe,
-            0,
-            &Progress::default(),
-        );
+        let mesh = TriangleMesh::from_quads(&quads(gray));
+        let made = bake_scene(&mesh, &recipe, 0, &Progress::default());
         made.map(|b| Arc::new(b.scene)).map_err(|e| e.to_string())
     };
     Ok(Bakes {

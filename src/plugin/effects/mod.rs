@@ -1,9 +1,9 @@
 //! The effects, one file or folder each.
 //!
 //! A file or folder holds everything about its effect: its components and their extraction, the
-//! part of the [`FrameState`](crate::plan::FrameState) that it reads, when it is active and why, its
-//! passes, their work (the unit of the cost model), their recording, and their kernels by name. The
-//! shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
+//! part of the [`FrameState`](crate::plan::FrameState) that it reads, when it is active and why,
+//! its passes, their work (the unit of the cost model), their recording, and their kernels by name.
+//! The shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
 //! `crates/meshless_gi/src/frame/k.rs`.
 //!
 //! A new effect is a file here and a row of [`EFFECTS`]. The test

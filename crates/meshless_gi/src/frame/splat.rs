@@ -8,8 +8,8 @@
 //! within a radius, such as next to a lit ledge.
 //!
 //! If a scene has probes, surfaces and probes blend without a seam: the share of surface functions
-//! goes to zero with their cover ([`surface_fraction`]), and kernel `probe` adds the rest. \[L08\] has no such
-//! blend: all its receivers are baked.
+//! goes to zero with their cover ([`surface_fraction`]), and kernel `probe` adds the rest. \[L08\]
+//! has no such blend: all its receivers are baked.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -116,8 +116,8 @@ pub fn splat(
 }
 
 /// Returns the texel that the shader writes for a pixel with this depth and G-buffer. RGB is
-/// irradiance × `scale`. Alpha is the [`surface_fraction`] of functions on surfaces, 1 for all of the light.
-/// All zero if no function covers the pixel.
+/// irradiance × `scale`. Alpha is the [`surface_fraction`] of functions on surfaces, 1 for all of
+/// the light. All zero if no function covers the pixel.
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,

@@ -6,8 +6,8 @@
 //! shadow maps, \[N09\] §3). Each map has its own camera ([`GiRsmCamera`]). This file spawns,
 //! positions ([`map_views`]) and deactivates the cameras. `rsm_render` runs them.
 //!
-//! The cameras select dynamic objects by the [`RenderLayers`] layer [`GiRsmCamera::RENDER_LAYER`], which is
-//! added to the meshes below a reflector.
+//! The cameras select dynamic objects by the [`RenderLayers`] layer [`GiRsmCamera::RENDER_LAYER`],
+//! which is added to the meshes below a reflector.
 
 use crate::plan::LightKind;
 use crate::plan::{Lens, MapView, SkipReason, map_views};

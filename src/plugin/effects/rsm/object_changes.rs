@@ -66,7 +66,8 @@ impl DynamicChanges<'_, '_> {
 
 /// Stores whether objects may look different in the maps, for the plan's
 /// [`MapChangeDetector`](crate::plan::MapChangeDetector). Runs after
-/// [`update_rsm_cameras`](super::map_cameras::update_rsm_cameras) and after the frame's asset events.
+/// [`update_rsm_cameras`](super::map_cameras::update_rsm_cameras) and after the frame's asset
+/// events.
 pub(crate) fn detect_dynamic_changes(
     mut requests: ResMut<RsmRequests>,
     mut motion: DynamicChanges,
