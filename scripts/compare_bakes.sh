@@ -4,7 +4,7 @@
 # Bakes the scenes of tests/data at preset `Draft` by all transport methods with the tool of this
 # checkout and with OTHER_TOOL, which writes the same version of the format, and prints the sections
 # that differ. A change without an effect on bakes changes no section. The first section has the
-# recipe, the version and the fingerprint, and is left out.
+# description (recipe, versions, fingerprint, estimates), and is left out.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 other="$(realpath "$1")"
@@ -15,7 +15,10 @@ folder="$(mktemp -d)"
 trap 'rm -rf "$folder"' EXIT
 # Prints digest and name of each section of a bake: digests TOOL FILE SCENE METHOD [BAKE_OPTION …]
 digests() {
-    "$1" bake "$3" -o "$folder/$2" --preset draft --transport "$4" "${@:5}" > /dev/null 2>&1
+    if ! "$1" bake "$3" -o "$folder/$2" --preset draft --transport "$4" "${@:5}" > "$folder/log.txt" 2>&1; then
+        cat "$folder/log.txt" >&2
+        exit 1
+    fi
     "$own" inspect "$folder/$2" --json |
         awk '/"sections"/ { on = 1 } on && /"digest"/ { digest = $2 } on && /"name"/ { print digest, $0 }' |
         tail -n +2

@@ -201,13 +201,6 @@ impl<L: Clone + PartialEq, S: PartialEq> MapChangeDetector<L, S> {
         }
         self.shadowers = shadowers;
     }
-
-    /// Clears the virtual lights, after the device released them.
-    pub fn reset(&mut self) {
-        self.complete.clear();
-        self.complete_frames = 0;
-        self.shadowers.clear();
-    }
 }
 
 #[cfg(test)]
@@ -288,7 +281,5 @@ mod tests {
         assert!(draw(&mut maps, 1, true, false) && settle(&mut maps) >= SETTLE_FRAMES as usize);
         assert!(maps.changed([id].into_iter(), || vec![8]));
         assert!(maps.changed([].into_iter(), || vec![7]));
-        maps.reset();
-        assert!(changed(&maps));
     }
 }

@@ -26,13 +26,13 @@ pub(crate) trait EffectState: Any + Send + Sync {
     }
 
     /// Returns `true` if a pass uses the state. A state of the world is released in the first frame
-    /// without such a pass.
+    /// without such a pass. The default is `true` for every pass.
     fn is_used_by(&self, _pass: &Pass) -> bool {
         true
     }
 
-    /// Maps buffers that were copied for the CPU, and frees those that one frame used. Called after
-    /// the submission of each frame.
+    /// Maps buffers that were copied for the CPU, and makes those of the frame available for the
+    /// next one. Called after the submission of each frame.
     fn finish_frame(&mut self) {}
 }
 
@@ -114,6 +114,7 @@ impl EffectStates {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::{FrameStage, RunReason, SceneId};
 
     #[derive(Default)]
     struct Kept(u32);
@@ -145,6 +146,38 @@ mod tests {
         fn is_transient(&self) -> bool {
             true
         }
+
+        fn is_used_by(&self, pass: &Pass) -> bool {
+            pass.effect == "fog"
+        }
+    }
+
+    #[test]
+    fn state_without_pass_is_taken() {
+        let states = || {
+            let mut states = EffectStates::default();
+            states.insert(Kept(0));
+            states.insert(Transient);
+            states
+        };
+        let taken = |effects: &[&'static str]| {
+            let mut plan = Plan::default();
+            for effect in effects {
+                plan.push(effect, FrameStage::FOG, SceneId(1), RunReason::InView);
+            }
+            let (mut all, mut unused) = (states(), states().take_unused(&plan));
+            let _ = all.take_unused(&plan);
+            let is_held = |states: &mut EffectStates| {
+                [
+                    states.take::<Kept>().is_some(),
+                    states.take::<Transient>().is_some(),
+                ]
+            };
+            (is_held(&mut all), is_held(&mut unused))
+        };
+        assert_eq!(taken(&[]), ([false, false], [true, true]));
+        assert_eq!(taken(&["rsm"]), ([true, false], [false, true]));
+        assert_eq!(taken(&["rsm", "fog"]), ([true, true], [false, false]));
     }
 
     #[test]

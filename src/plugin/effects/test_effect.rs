@@ -1,5 +1,5 @@
 //! Effects of the tests `effect_row_is_planned_counted_and_recorded` and
-//! `layer_row_is_composited_without_a_scene`.
+//! `layer_row_is_planned_without_a_scene`.
 //!
 //! `blackout` clears the irradiance of each scene. Reads: the active scenes. Copies a buffer of
 //! zeros that it keeps for each scene, without a kernel. `ambient` adds a layer to each view.

@@ -5,7 +5,7 @@ use crate::gpu::{HeadlessDevice, KernelPipelines};
 use crate::plan::LightKind;
 use crate::plan::{
     BounceState, CostModel, DisplayUse, FmmLimit, LightId, RunReason, SceneId, SceneState,
-    SkipReason, SlotChange, ViewId, ViewState, Work,
+    SkipReason, SlotChange, Timing, ViewId, ViewState, Work,
 };
 use crate::plugin::effect_states::EffectStates;
 use crate::plugin::effects::inspection::coefficients::SharedCoefficients;
@@ -548,10 +548,25 @@ fn effect_row_is_planned_counted_and_recorded() {
     assert!(super::stages(&table).contains(&test_effect::BLACKOUT));
 }
 
-/// A table of effects with a layer as its first row. The layer is evaluated with those of other
-/// effects, in the order of the stages, and its view is composited without a scene.
+/// All layers are recorded in one span, that of the first.
 #[test]
-fn layer_row_is_composited_without_a_scene() {
+fn layers_are_timed_with_the_splat() {
+    let kinds = EFFECTS.iter().flat_map(|effect| effect.passes);
+    let layers = kinds.filter(|kind| matches!(kind.record.how, Record::Layer(_)));
+    let timings: Vec<Timing> = layers.map(|kind| kind.timing).collect();
+    assert_eq!(timings, [Timing::With(FrameStage::SPLAT); 3]);
+    // No pass of a view comes between its layers.
+    let kinds = EFFECTS.iter().flat_map(|effect| effect.passes);
+    let mut of_views: Vec<_> = kinds.filter(|kind| kind.per_view).collect();
+    of_views.sort_by_key(|kind| kind.stage);
+    let is_layer = |kind: &&PassKind| matches!(kind.record.how, Record::Layer(_));
+    assert_eq!(of_views.iter().copied().take_while(is_layer).count(), 3);
+}
+
+/// A table of effects with a layer as its first row. The layer is planned and timed with those of
+/// other effects, in the order of the stages, and its view has a composite without a scene.
+#[test]
+fn layer_row_is_planned_without_a_scene() {
     let table: Vec<Effect> = [test_effect::LAYER]
         .into_iter()
         .chain(EFFECTS.iter().copied())

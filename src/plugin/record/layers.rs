@@ -79,28 +79,32 @@ struct Outputs {
 }
 
 impl Outputs {
-    /// Returns the next output, and the one before it.
-    fn next(
-        &mut self,
-        ctx: &mut ViewContext<'_>,
-    ) -> (wgpu::TextureView, Option<wgpu::TextureView>) {
-        let output = (ctx.runtime).irradiance(self.count % 2, ctx.kernels.device());
+    /// Returns the texture of the next output.
+    fn next(&self, ctx: &mut ViewContext<'_>) -> wgpu::TextureView {
+        (ctx.runtime).irradiance(self.count % 2, ctx.kernels.device())
+    }
+
+    /// Stores an output that was written.
+    fn push(&mut self, output: wgpu::TextureView) {
         self.count += 1;
-        let before = self.last.replace(output.clone());
-        (output, before)
+        self.last = Some(output);
     }
 }
 
 fn splat_layers(ctx: &mut ViewContext<'_>, layers: &[&PlannedLayer<'_>], outputs: &mut Outputs) {
     for (pass, layer) in layers {
-        let (output, earlier) = outputs.next(ctx);
+        let output = outputs.next(ctx);
         let targets = SplatTargets {
             depth: ctx.input.surfaces.depth,
             gbuffer: ctx.input.surfaces.gbuffer,
-            earlier: earlier.as_ref(),
+            earlier: outputs.last.as_ref(),
             output: &output,
         };
-        super::report_missing((layer.splat)(ctx, pass, &targets), pass);
+        let written = (layer.splat)(ctx, pass, &targets);
+        super::report_missing(written, pass);
+        if written.is_some() {
+            outputs.push(output);
+        }
     }
 }
 
@@ -113,7 +117,7 @@ fn evaluate_subsplats(
     let Some((mut subsplats, params)) = subsplats(ctx) else {
         return false;
     };
-    let (output, _) = outputs.next(ctx);
+    let output = outputs.next(ctx);
     let input = LayerInput {
         view: ctx.input,
         scenes: ctx.scenes,
@@ -141,6 +145,7 @@ fn evaluate_subsplats(
     let recorded = subsplats.record(ctx.kernels, ctx.queue, ctx.encoder, &view);
     ctx.counters.add(&recorded);
     ctx.runtime.states.insert(subsplats);
+    outputs.push(output);
     true
 }
 

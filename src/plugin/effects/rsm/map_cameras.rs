@@ -4,7 +4,7 @@
 //! A bake has the light that static surfaces reflect. [`GiReflector`] marks dynamic objects. A
 //! light with [`GiReflectiveShadowMap`] draws only these objects into small G-buffers (reflective
 //! shadow maps, \[N09\] §3). Each map has its own camera ([`GiRsmCamera`]). This file spawns,
-//! positions ([`map_views`]) and deactivates the cameras. `rsm_render` runs them.
+//! positions ([`map_views`]) and deactivates the cameras. `map_schedule` runs them.
 //!
 //! The cameras select dynamic objects by the [`RenderLayers`] layer [`GiRsmCamera::RENDER_LAYER`],
 //! which is added to the meshes below a reflector.
@@ -396,7 +396,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
     let at = transform(view);
     (
         Camera3d {
-            // `capture` binds it itself, which saves a depth prepass and its copy.
+            // `map_schedule` binds it itself, which saves a depth prepass and its copy.
             depth_texture_usages: Camera3dDepthTextureUsage::from(
                 TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
             ),

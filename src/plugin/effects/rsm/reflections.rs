@@ -260,7 +260,7 @@ impl EffectState for Reflections {
         pass.effect == EFFECT.name
     }
 
-    /// Frees the uniform buffers of the frame. The virtual lights stay.
+    /// Makes the uniform buffers of the frame available for the next one. The virtual lights stay.
     fn finish_frame(&mut self) {
         self.maps.reuse_frame();
     }
