@@ -13,7 +13,7 @@
 @group(0) @binding(8) var<uniform> screen: SubsplatParams;
 @group(0) @binding(9) var<uniform> span: Span;
 @group(0) @binding(10) var<uniform> specular_params: SpecularParams;
-@group(0) @binding(11) var<storage, read_write> shines: array<SpecularNode>;
+@group(0) @binding(11) var<storage, read_write> specular_nodes: array<SpecularNode>;
 // Refine masks of the nodes of the levels from 2, one bit per group of lights.
 @group(0) @binding(12) var<storage, read_write> refine_masks: array<vec4u>;
 
@@ -178,7 +178,7 @@ fn predict(k: u32, cell: vec2u, here: Glossy) -> Prediction {
         if any(step > odd) || any(at >= grid) {
             continue;
         }
-        let node = shines[cell_index(k + 1u, at)];
+        let node = specular_nodes[cell_index(k + 1u, at)];
         if node.words[3] == 0u {
             continue;
         }
@@ -232,7 +232,7 @@ fn combined_refine_masks(k: u32, cell: vec2u) -> vec4u {
 }
 
 fn keep(k: u32, cell: vec2u, node: SpecularNode, bits: vec4u) {
-    shines[cell_index(k, cell)] = node;
+    specular_nodes[cell_index(k, cell)] = node;
     if k > 1u {
         refine_masks[refine_mask_index(k, cell)] = bits;
     }
@@ -257,7 +257,7 @@ fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     if all((cell & vec2u(1u)) == vec2u(0u)) {
-        keep(k, cell, shines[cell_index(k + 1u, cell / 2u)], vec4u(0u));
+        keep(k, cell, specular_nodes[cell_index(k + 1u, cell / 2u)], vec4u(0u));
         return;
     }
     let before = predict(k, cell, here);
@@ -325,7 +325,7 @@ fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
     var light: SpecularRadiance;
     var known = false;
     if all((pixel & vec2u(1u)) == vec2u(0u)) {
-        let node = shines[cell_index(1u, pixel / 2u)];
+        let node = specular_nodes[cell_index(1u, pixel / 2u)];
         light = unpack_radiance(node);
         known = node.words[3] == 1u;
     } else {

@@ -286,7 +286,7 @@ pub(super) const KERNELS: [Kernel; 16] = [
             bind(8, "screen", SCREEN),
             bind(9, "span", Span),
             bind(10, "specular_params", Uniform(size_of::<SpecularParams>())),
-            bind(11, "shines", Write(size_of::<SpecularNode>())),
+            bind(11, "specular_nodes", Write(size_of::<SpecularNode>())),
             bind(12, "refine_masks", Write(VEC4)),
         ],
         entries: &[

@@ -42,7 +42,7 @@ pub(super) const EFFECT: Effect = Effect {
                     prepare,
                     splat,
                     // The subsplats of the scene read its probes.
-                    add_to_subsplats: Some(|_, _, _| Some(())),
+                    add_to_subsplats: |_, _, _| Some(()),
                 }),
             },
         },

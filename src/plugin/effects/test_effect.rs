@@ -57,7 +57,7 @@ pub(super) const LAYER: Effect = Effect {
             how: Record::Layer(LayerRecording {
                 prepare: |_, _| Some(()),
                 splat: |_, _, _| Some(()),
-                add_to_subsplats: None,
+                add_to_subsplats: |_, _, _| Some(()),
             }),
         },
     }],

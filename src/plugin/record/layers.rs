@@ -22,12 +22,9 @@ pub(crate) struct LayerRecording {
     /// Adds the irradiance of every pixel to that of earlier layers. Returns `None` if the pass
     /// lacks an input.
     pub splat: fn(&mut ViewContext<'_>, &Pass, &SplatTargets<'_>) -> Option<()>,
-    /// Adds the layer to those that subsplats evaluate. `None` for a layer that is evaluated at
-    /// every pixel of any view.
-    pub add_to_subsplats: Option<AddToSubsplats>,
+    /// Adds the layer to those that subsplats evaluate. Returns `None` if the pass lacks an input.
+    pub add_to_subsplats: for<'a> fn(&LayerInput<'a>, &Pass, &mut SubsplatLayers<'a>) -> Option<()>,
 }
-
-type AddToSubsplats = for<'a> fn(&LayerInput<'a>, &Pass, &mut SubsplatLayers<'a>) -> Option<()>;
 
 /// Layer of a view, as planned and as recorded.
 pub(super) type PlannedLayer<'a> = (&'a Pass, &'static LayerRecording);
@@ -51,73 +48,55 @@ pub(crate) struct SubsplatLayers<'a> {
     pub lights: Option<ViewLights<'a>>,
 }
 
-/// Evaluates the layers of a view: its irradiance. Each layer adds to the output of the one before.
+/// Evaluates the layers of a view: its irradiance.
 pub(super) fn evaluate_layers(ctx: &mut ViewContext<'_>, layers: &[PlannedLayer<'_>]) {
     let display = layers.first().and_then(|(pass, _)| pass.display);
-    let (together, alone): (Vec<_>, Vec<_>) = match display {
-        Some(DisplayUse::Subsplats) => {
-            (layers.iter()).partition(|(_, layer)| layer.add_to_subsplats.is_some())
-        }
-        _ => (Vec::new(), layers.iter().collect()),
+    let subsplats = match display {
+        Some(DisplayUse::Subsplats) => subsplats(ctx),
+        _ => None,
     };
-    let mut outputs = Outputs::default();
-    if !together.is_empty() && !evaluate_subsplats(ctx, &together, &mut outputs) {
-        splat_layers(ctx, &together, &mut outputs);
-    }
-    splat_layers(ctx, &alone, &mut outputs);
-    if outputs.count < 2 {
-        ctx.runtime.irradiance[1] = None;
-    }
-    ctx.irradiance = outputs.last;
+    ctx.irradiance = match subsplats {
+        Some((subsplats, params)) => Some(evaluate_subsplats(ctx, layers, subsplats, &params)),
+        None => splat_layers(ctx, layers),
+    };
 }
 
-/// Outputs of the layers of a view, in two textures by turns.
-#[derive(Default)]
-struct Outputs {
-    count: usize,
-    last: Option<wgpu::TextureView>,
-}
-
-impl Outputs {
-    /// Returns the texture of the next output.
-    fn next(&self, ctx: &mut ViewContext<'_>) -> wgpu::TextureView {
-        (ctx.runtime).irradiance(self.count % 2, ctx.kernels.device())
-    }
-
-    /// Stores an output that was written.
-    fn push(&mut self, output: wgpu::TextureView) {
-        self.count += 1;
-        self.last = Some(output);
-    }
-}
-
-fn splat_layers(ctx: &mut ViewContext<'_>, layers: &[&PlannedLayer<'_>], outputs: &mut Outputs) {
+/// Evaluates the layers at every pixel, in two textures by turns. Each adds to the output of the
+/// one before. Returns the last output.
+fn splat_layers(
+    ctx: &mut ViewContext<'_>,
+    layers: &[PlannedLayer<'_>],
+) -> Option<wgpu::TextureView> {
+    let (mut written, mut last) = (0, None);
     for (pass, layer) in layers {
-        let output = outputs.next(ctx);
+        let output = (ctx.runtime).irradiance(written % 2, ctx.kernels.device());
         let targets = SplatTargets {
             depth: ctx.input.surfaces.depth,
             gbuffer: ctx.input.surfaces.gbuffer,
-            earlier: outputs.last.as_ref(),
+            earlier: last.as_ref(),
             output: &output,
         };
-        let written = (layer.splat)(ctx, pass, &targets);
-        super::report_missing(written, pass);
-        if written.is_some() {
-            outputs.push(output);
+        let recorded = (layer.splat)(ctx, pass, &targets);
+        super::report_missing(recorded, pass);
+        if recorded.is_some() {
+            written += 1;
+            last = Some(output);
         }
     }
+    if written < 2 {
+        ctx.runtime.irradiance[1] = None;
+    }
+    last
 }
 
-/// Evaluates layers by subsplats. Returns `false` if the device cannot hold the subsplats.
+/// Evaluates the layers by subsplats. Returns the output.
 fn evaluate_subsplats(
     ctx: &mut ViewContext<'_>,
-    layers: &[&PlannedLayer<'_>],
-    outputs: &mut Outputs,
-) -> bool {
-    let Some((mut subsplats, params)) = subsplats(ctx) else {
-        return false;
-    };
-    let output = outputs.next(ctx);
+    layers: &[PlannedLayer<'_>],
+    mut subsplats: ViewSubsplats,
+    params: &SubsplatParams,
+) -> wgpu::TextureView {
+    let output = ctx.runtime.irradiance(0, ctx.kernels.device());
     let input = LayerInput {
         view: ctx.input,
         scenes: ctx.scenes,
@@ -127,9 +106,7 @@ fn evaluate_subsplats(
     };
     let mut all = SubsplatLayers::default();
     for (pass, layer) in layers {
-        if let Some(add) = layer.add_to_subsplats {
-            super::report_missing(add(&input, pass, &mut all), pass);
-        }
+        super::report_missing((layer.add_to_subsplats)(&input, pass, &mut all), pass);
     }
     let targets = SubsplatTargets {
         depth: ctx.input.surfaces.depth,
@@ -137,7 +114,7 @@ fn evaluate_subsplats(
         output: &output,
     };
     let view = SubsplatView {
-        params: &params,
+        params,
         targets: &targets,
         scenes: &all.scenes,
         lights: all.lights.as_ref(),
@@ -145,11 +122,12 @@ fn evaluate_subsplats(
     let recorded = subsplats.record(ctx.kernels, ctx.queue, ctx.encoder, &view);
     ctx.counters.add(&recorded);
     ctx.runtime.states.insert(subsplats);
-    outputs.push(output);
-    true
+    ctx.runtime.irradiance[1] = None;
+    output
 }
 
-/// Returns the view's subsplats and their parameters. `None` if the device cannot hold them.
+/// Returns the view's subsplats and their parameters. `None` if its settings request every pixel,
+/// or if the device cannot hold the subsplats.
 fn subsplats(ctx: &mut ViewContext<'_>) -> Option<(ViewSubsplats, SubsplatParams)> {
     let before = ctx.earlier.take::<ViewSubsplats>();
     let surfaces = ctx.input.surfaces;

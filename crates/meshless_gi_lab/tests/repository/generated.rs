@@ -43,7 +43,7 @@ fn items(source: &str) -> Vec<Item> {
             let name = head.split([' ', '(', ';', '<']).next().unwrap_or_default();
             found.push(Item {
                 name: name.into(),
-                doc: plain(&doc),
+                doc: paragraphs(&doc),
                 attributes: attributes.clone(),
                 members: Vec::new(),
             });
@@ -79,9 +79,31 @@ fn member(line: &str) -> Option<String> {
     }
 }
 
-/// Doc comment as one line of Markdown, without links to items.
+/// Doc comment as Markdown, without links to items: paragraphs with one sentence per line, tables,
+/// and headings below those of items.
+fn paragraphs(doc: &[String]) -> String {
+    let blocks = doc.split(|line| line.is_empty());
+    let blocks = blocks.filter(|block| !block.is_empty()).map(|block| {
+        if block[0].starts_with('|') {
+            let rows = block.iter().map(|row| without_links(row));
+            return rows.collect::<Vec<_>>().join("\n");
+        }
+        match block[0].strip_prefix("# ") {
+            Some(heading) => format!("#### {heading}"),
+            None => split_sentences(&plain(block)),
+        }
+    });
+    blocks.collect::<Vec<_>>().join("\n\n")
+}
+
+/// Doc comment as one line in a table of Markdown, without links to items.
 fn plain(doc: &[String]) -> String {
-    let joined = doc.join(" ").replace("\\[", "[").replace("\\]", "]");
+    without_links(&doc.join(" ")).replace('|', "\\|")
+}
+
+/// Text without links to items.
+fn without_links(text: &str) -> String {
+    let joined = text.replace("\\[", "[").replace("\\]", "]");
     let mut text = joined.split_whitespace().collect::<Vec<_>>().join(" ");
     // [`Name`](target) and [`Name`] become `Name`, [words](target) becomes words.
     while let Some(start) = text.find("](") {
@@ -94,10 +116,7 @@ fn plain(doc: &[String]) -> String {
         text.replace_range(start..=end, "");
         text.remove(open);
     }
-    let mut text = text
-        .replace("[`", "`")
-        .replace("`]", "`")
-        .replace('|', "\\|");
+    let mut text = text.replace("[`", "`").replace("`]", "`");
     // Private modules have no page that the book could link.
     while let Some(start) = text.find(" See `crate::") {
         let end = text[start..]
@@ -191,12 +210,7 @@ fn generated_components_chapter_equals_doc_comments() {
     for (title, what) in [("Components", "Component"), ("Resources", "Resource")] {
         let _ = writeln!(text, "## {title}\n");
         for item in all.iter().filter(|item| is(item, what)) {
-            let _ = writeln!(
-                text,
-                "### `{}`\n\n{}\n",
-                item.name,
-                split_sentences(&item.doc)
-            );
+            let _ = writeln!(text, "### `{}`\n\n{}\n", item.name, item.doc);
             if !item.members.is_empty() {
                 table(&mut text, "field or value", item);
             }
@@ -210,10 +224,22 @@ fn generated_components_chapter_equals_doc_comments() {
 }
 
 #[test]
-fn doc_comments_become_one_line() {
+fn doc_comments_become_markdown() {
     let source = "/// See [`A`](super::A), [`B`] and\n/// \\[L08\\].\n#[derive(\n    Component,\n)]\npub struct C {\n    /// Value.\n    pub d: u8,\n    e: u8,\n}\n";
     let found = items(source);
     assert_eq!(found[0].doc, "See `A`, `B` and [L08].");
     assert_eq!(found[0].members.len(), 1);
     assert!(found[0].attributes.contains("Component"));
+    let doc = [
+        "One. Two",
+        "lines.",
+        "",
+        "# Head",
+        "",
+        "| [`A`](b) | c |",
+        "|---|---|",
+    ];
+    let doc = doc.map(String::from);
+    let expected = "One.\nTwo lines.\n\n#### Head\n\n| `A` | c |\n|---|---|";
+    assert_eq!(paragraphs(&doc), expected);
 }

@@ -62,20 +62,24 @@ fn files(folder: &str, endings: &[&str]) -> Vec<(String, String)> {
         .collect()
 }
 
+/// Markdown files of the top level.
+const ROOT_PAGES: [&str; 4] = [
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+];
+
+/// Returns the files with these extensions below folders, and `ROOT_PAGES`: path and text.
+fn files_and_pages(folders: &[&str], extensions: &[&str]) -> Vec<(String, String)> {
+    let below = folders.iter().flat_map(|folder| files(folder, extensions));
+    let pages = ROOT_PAGES.iter().map(|page| ((*page).into(), read(page)));
+    below.chain(pages).collect()
+}
+
 /// Returns all Markdown files: path and text.
 fn pages() -> Vec<(String, String)> {
-    let mut all: Vec<(String, String)> = (["docs", "crates"].iter())
-        .flat_map(|folder| files(folder, &["md"]))
-        .collect();
-    for page in [
-        "README.md",
-        "ARCHITECTURE.md",
-        "CHANGELOG.md",
-        "CONTRIBUTING.md",
-    ] {
-        all.push((page.into(), read(page)));
-    }
-    all
+    files_and_pages(&["docs", "crates"], &["md"])
 }
 
 /// Returns Rust source without comments, strings and character literals. Line numbers are kept.

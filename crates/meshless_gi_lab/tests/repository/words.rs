@@ -1,6 +1,6 @@
 //! Writing rules of comments, documents and names.
 
-use crate::{code_only, files, none, read};
+use crate::{code_only, files_and_pages, none};
 
 /// Words that do not start a documentation comment: it starts with a noun or a verb.
 const OPENERS: [&str; 9] = [
@@ -294,18 +294,8 @@ fn refused(path: &str, text: &str) -> Vec<String> {
 
 /// Returns all texts that the writing rules apply to. This file has the words as examples.
 fn texts() -> Vec<(String, String)> {
-    let mut all = Vec::new();
-    for folder in ["src", "crates", "shaders", "examples", "tests", "docs"] {
-        all.extend(files(folder, &["rs", "wgsl", "md", "toml", "ron"]));
-    }
-    for page in [
-        "README.md",
-        "ARCHITECTURE.md",
-        "CHANGELOG.md",
-        "CONTRIBUTING.md",
-    ] {
-        all.push((page.into(), read(page)));
-    }
+    let folders = ["src", "crates", "shaders", "examples", "tests", "docs"];
+    let mut all = files_and_pages(&folders, &["rs", "wgsl", "md", "toml", "ron"]);
     all.retain(|(path, _)| {
         !path.contains("tests/repository/words.rs") && !path.ends_with("migration.md")
     });

@@ -45,7 +45,7 @@ pub(super) const EFFECT: Effect = Effect {
                 how: Record::Layer(LayerRecording {
                     prepare,
                     splat,
-                    add_to_subsplats: Some(add_to_subsplats),
+                    add_to_subsplats,
                 }),
             },
         },

@@ -80,13 +80,13 @@ impl ExtractedFogs {
 
     /// Returns the states of fog for the plan.
     pub fn describe(&self) -> Vec<FogState> {
-        let of = |view: &ExtractedFogView, level: usize| FogState {
+        let of = |view: &ExtractedFogView, scene: usize| FogState {
             view: view.id,
-            scene: self.scenes[level].scene,
-            volumes: view.lit.iter().filter(|f| f.scene == level).count(),
+            scene: self.scenes[scene].scene,
+            volumes: view.lit.iter().filter(|f| f.scene == scene).count(),
             pixels: view.pixels,
         };
-        let every = |view| (0..self.scenes.len()).map(move |level| of(view, level));
+        let every = |view| (0..self.scenes.len()).map(move |scene| of(view, scene));
         let all = self.views.iter().flat_map(every);
         all.filter(|state| state.volumes > 0).collect()
     }
@@ -178,11 +178,8 @@ pub(crate) fn extract_fogs(
     light_sources: Extract<Query<(), With<VolumetricLight>>>,
     cameras: Extract<FogCameras>,
 ) {
-    let ExtractedFogs {
-        scenes: levels,
-        views,
-    } = &mut *out;
-    levels.clear();
+    let ExtractedFogs { scenes, views } = &mut *out;
+    scenes.clear();
     views.clear();
     if volumes.is_empty() || fogs.is_empty() || light_sources.is_empty() {
         return;
@@ -206,7 +203,7 @@ pub(crate) fn extract_fogs(
             if cube.matrix3.determinant() == 0.0 {
                 continue;
             }
-            levels.push(FogScene {
+            scenes.push(FogScene {
                 scene: scene.id,
                 bounds,
                 cube,
@@ -232,12 +229,12 @@ pub(crate) fn extract_fogs(
             if !frustum.intersects_obb(&cube, &affine, true, false) {
                 continue;
             }
-            for (level, k) in at.iter().enumerate() {
+            for (index, k) in at.iter().enumerate() {
                 if in_view(&world.scenes[*k], frustum, &layers)
-                    && cubes_overlap(&levels[level].cube, &affine)
+                    && cubes_overlap(&scenes[index].cube, &affine)
                 {
                     lit.push(LitFog {
-                        scene: level,
+                        scene: index,
                         fog,
                         density: volume.density_texture.as_ref().map(|image| image.id()),
                     });

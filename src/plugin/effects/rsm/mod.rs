@@ -71,7 +71,7 @@ pub(super) const EFFECT: Effect = Effect {
                 how: Record::Layer(LayerRecording {
                     prepare: |ctx, _| ctx.world_states.get::<Reflections>().map(|_| ()),
                     splat: |ctx, _, targets| Reflections::splat(ctx, targets),
-                    add_to_subsplats: Some(add_to_subsplats),
+                    add_to_subsplats,
                 }),
             },
         },
