@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Compares the bakes of two tools, section by section:
 # scripts/compare_bakes.sh OTHER_TOOL [BAKE_OPTION …]
-# Bakes the scenes of tests/data at preset `Draft` by all transport methods with the tool of this
-# checkout and with OTHER_TOOL, which writes the same version of the format, and prints the sections
-# that differ, and the facts of `inspect` (estimates, energy, counts). A change without an effect on
-# bakes changes neither. Texts of recipe, version and fingerprint are left out.
+# Bakes the scenes of tests/data and the built-in statue of points at preset `Draft` by all
+# transport methods with the tool of this checkout and with OTHER_TOOL, which writes the same
+# version of the format, and prints the sections that differ, and the facts of `inspect` (estimates,
+# energy, counts). A change without an effect on bakes changes neither. Texts of recipe, version and
+# fingerprint are left out.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 other="$(realpath "$1")"
@@ -27,8 +28,9 @@ facts() {
         /"digest":/ { digest = $2 }
         /"name":/ && sections++ > 1 { print digest, $0 }'
 }
+"$own" scatter -o "$folder/statue.ply" > /dev/null
 same=0 bakes=0
-for scene in tests/data/*/*.glb; do
+for scene in tests/data/*/*.glb "$folder/statue.ply"; do
     for method in bounded l08 pca fmm; do
         bakes=$((bakes + 1))
         facts "$other" other.mgi "$scene" "$method" "$@" > "$folder/other.txt"

@@ -37,6 +37,10 @@ for packages in "bevy_meshless_gi" "bevy_meshless_gi meshless_gi"; do
     done
     cargo clean --quiet "${names[@]}"
     echo "$packages:"
-    time cargo build --quiet
+    # The last report of timings in `target/cargo-timings` has both packages.
+    time cargo build --quiet --timings
 done
-echo "$(cargo tree --edges normal --prefix none --no-dedupe | awk '{ print $1 }' | sort -u | wc -l) packages"
+tree() {
+    cargo tree --edges normal --prefix none --no-dedupe "$@" | awk '{ print $1, $2 }' | sort -u
+}
+echo "$(tree | wc -l) packages, of which $(comm -23 <(tree) <(tree -p bevy) | grep -vc empty_game) are not among Bevy's"

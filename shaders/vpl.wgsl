@@ -1,13 +1,6 @@
 // vpl: irradiance of pixels and subsplats from virtual point lights, added to that of baked scenes.
 // Twin: crates/meshless_gi/src/frame/vpl.rs. Entry points: lib/pixel_pass and lib/listed.
 
-@group(0) @binding(0) var<uniform> params: VplViewParams;
-@group(0) @binding(1) var depths: texture_depth_2d;
-@group(0) @binding(2) var gbuffer: texture_2d<u32>;
-@group(0) @binding(3) var<uniform> lit: VplParams;
-@group(0) @binding(4) var<storage, read> vpls: array<Vpl>;
-@group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
-@group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
 @group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(9) var earlier: texture_2d<f32>;
 

@@ -2,13 +2,6 @@
 // Twin: crates/meshless_gi/src/frame/vpl_specular.rs. `vpl_specular` fills the nodes of a level
 // from the next coarser one, `vpl_specular_pixels` evaluates every pixel.
 
-@group(0) @binding(0) var<uniform> params: VplViewParams;
-@group(0) @binding(1) var depths: texture_depth_2d;
-@group(0) @binding(2) var gbuffer: texture_2d<u32>;
-@group(0) @binding(3) var<uniform> lit: VplParams;
-@group(0) @binding(4) var<storage, read> vpls: array<Vpl>;
-@group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
-@group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
 @group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(8) var<uniform> screen: SubsplatParams;
 @group(0) @binding(9) var<uniform> span: Span;

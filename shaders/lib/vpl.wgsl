@@ -1,7 +1,14 @@
 // Irradiance from virtual point lights, [N09] Eq. (2). Twin: crates/meshless_gi/src/frame/vpl.rs,
-// which documents the differences. Needs `vpls`, `lit` (a VplParams), `nodes`, `triangles`, and
-// lib/bvh and lib/shadow. Positions and normals are in the space of the lights: the world's axes,
-// an origin near the view.
+// which documents the differences. Needs lib/bvh and lib/shadow. Positions and normals are in the
+// space of the lights: the world's axes, an origin near the view.
+
+@group(0) @binding(0) var<uniform> params: VplViewParams;
+@group(0) @binding(1) var depths: texture_depth_2d;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(3) var<uniform> lit: VplParams;
+@group(0) @binding(4) var<storage, read> vpls: array<Vpl>;
+@group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
+@group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
 
 const FRAC_1_PI: f32 = 0.318309886;
 const PI: f32 = 3.14159265;

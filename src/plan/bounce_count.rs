@@ -161,17 +161,21 @@ mod tests {
 
     #[test]
     fn bounce_reason_states_truncated_fraction() {
-        let picked = |bounces, forced, gain| BounceSelection {
+        let selection = |bounces, forced, gain| BounceSelection {
             bounces,
             forced,
             gain,
         };
         assert_eq!(
-            picked(7, false, Some(0.58)).to_string(),
+            selection(7, false, Some(0.58)).to_string(),
             "7 reflections: surfaces return 58 % of the light at most, and more would add 2.2 % at most"
         );
-        let requested = picked(2, true, Some(0.58)).to_string();
+        let requested = selection(2, true, Some(0.58)).to_string();
         assert_eq!(requested, "2 reflections: requested");
-        assert!(picked(4, false, None).reason().contains("stores no gain"));
+        assert!(
+            selection(4, false, None)
+                .reason()
+                .contains("stores no gain")
+        );
     }
 }

@@ -125,9 +125,9 @@ mod tests {
     }
 
     fn auto(selector: &mut ColorModeSelector, colors: ColorUniformity) -> Channels {
-        let picked = selector.select(GiColorMode::Auto, chromaticity_of(colors));
-        assert!(!picked.forced && !picked.reason.is_empty());
-        picked.channels
+        let selection = selector.select(GiColorMode::Auto, chromaticity_of(colors));
+        assert!(!selection.forced && !selection.reason.is_empty());
+        selection.channels
     }
 
     #[test]

@@ -145,25 +145,35 @@ impl Plan {
                 });
             }
         };
-        for (scene, picked) in &self.tiers {
-            let choice = format!("{} of {}", picked.tier, picked.tiers);
-            let forced = picked.forced.then_some("the quality setting");
+        for (scene, selection) in &self.tiers {
+            let choice = format!("{} of {}", selection.tier, selection.tiers);
+            let forced = selection.forced.then_some("the quality setting");
             push(
                 DecisionKind::Tier(*scene),
                 choice,
-                picked.reason.clone(),
+                selection.reason.clone(),
                 forced,
             );
         }
-        for (scene, picked) in &self.channels {
+        for (scene, selection) in &self.channels {
             let kind = DecisionKind::Channels(*scene);
-            let forced = picked.forced.then_some("the channel setting");
-            push(kind, picked.choice().into(), picked.reason.into(), forced);
+            let forced = selection.forced.then_some("the channel setting");
+            push(
+                kind,
+                selection.choice().into(),
+                selection.reason.into(),
+                forced,
+            );
         }
-        for (scene, picked) in &self.reflections {
+        for (scene, selection) in &self.reflections {
             let kind = DecisionKind::Bounces(*scene);
-            let forced = picked.forced.then_some("the bounce setting");
-            push(kind, picked.bounces.to_string(), picked.reason(), forced);
+            let forced = selection.forced.then_some("the bounce setting");
+            push(
+                kind,
+                selection.bounces.to_string(),
+                selection.reason(),
+                forced,
+            );
         }
         for (scene, reason) in &self.linked {
             let kind = DecisionKind::Octree(*scene);

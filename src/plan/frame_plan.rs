@@ -174,14 +174,14 @@ impl fmt::Display for Plan {
         for (light, reason) in &self.without_maps {
             writeln!(f, "skip maps of light {light}: {reason}")?;
         }
-        for (scene, picked) in &self.tiers {
-            writeln!(f, "use  {scene} with {picked}")?;
+        for (scene, selection) in &self.tiers {
+            writeln!(f, "use  {scene} with {selection}")?;
         }
-        for (scene, picked) in &self.channels {
-            writeln!(f, "use  {scene} in {picked}")?;
+        for (scene, selection) in &self.channels {
+            writeln!(f, "use  {scene} in {selection}")?;
         }
-        for (scene, picked) in &self.reflections {
-            writeln!(f, "use  {scene} with {picked}")?;
+        for (scene, selection) in &self.reflections {
+            writeln!(f, "use  {scene} with {selection}")?;
         }
         for (scene, reason) in &self.linked {
             writeln!(f, "use  {scene} with its links: {reason}")?;

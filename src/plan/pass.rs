@@ -24,9 +24,9 @@ pub enum RunReason {
     /// The scene is in this view.
     InView,
     /// The coefficients were requested on the CPU.
-    Asked,
+    ReadBackRequested,
     /// Number of reflective shadow maps with a dynamic object in the light's reach.
-    Moving(u32),
+    ObjectsInRange(u32),
     /// Number of lights with soft shadows, after one was added, removed, moved or recolored.
     SoftLightsChanged(usize),
     /// A volume is new, or has another transform.
@@ -46,11 +46,11 @@ impl fmt::Display for RunReason {
             Self::OccludersMoved(n) => write!(f, "{n} occluder(s) opened or shut"),
             Self::LightRemoved => f.write_str("a light was removed"),
             Self::InView => f.write_str("the scene is in the view"),
-            Self::Asked => f.write_str("the coefficients are inspected"),
+            Self::ReadBackRequested => f.write_str("the coefficients are inspected"),
             Self::SoftLightsChanged(n) => write!(f, "soft shadows changed, {n} light(s) cast them"),
             Self::NewVolume => f.write_str("the volume is new or was moved"),
             Self::FogInView(n) => write!(f, "{n} fog volume(s) of the view lie in the scene"),
-            Self::Moving(maps) => {
+            Self::ObjectsInRange(maps) => {
                 write!(f, "dynamic objects are in range, {maps} map(s) show them")
             }
         }
@@ -76,6 +76,8 @@ pub enum SkipReason {
     },
     /// The device lacks another limit that the scene needs.
     BeyondLimits,
+    /// The device cannot hold the buffers of an effect at the size of the view.
+    ViewBeyondLimits,
     /// The scene is in the view of no camera with indirect light.
     NotInView,
     /// The view's settings turn indirect light off.
@@ -112,6 +114,9 @@ impl fmt::Display for SkipReason {
             }
             Self::BeyondLimits => {
                 f.write_str("the scene exceeds a limit of the device, see the log")
+            }
+            Self::ViewBeyondLimits => {
+                f.write_str("the view exceeds a limit of the device, see the log")
             }
             Self::NotInView => {
                 f.write_str("the scene is in the view of no camera with indirect light")

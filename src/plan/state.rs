@@ -1,6 +1,9 @@
 //! Description of a frame for the plan, without an engine and without a device.
 
-use super::{BounceSelection, ColorModeSelection, FmmLimit, Inventory, SkipReason, TierSelection};
+use super::{
+    BounceSelection, ColorModeSelection, FmmLimit, FrameStage, Inventory, SkipReason, TierSelection,
+};
+use std::collections::BTreeSet;
 use std::fmt;
 
 /// Identifier of a baked scene's instance. The caller chooses the number. The plugin takes the
@@ -236,15 +239,37 @@ pub struct ViewState {
     /// `true` if it shows the full picture with direct light, from which soft shadows are
     /// subtracted.
     pub lit: bool,
+    /// `true` if its irradiance is added to a picture. `false` for a forward camera, whose surfaces
+    /// read the irradiance.
+    pub has_picture: bool,
     /// Number of pixels that it draws.
     pub pixels: u64,
     /// Pixels at which it evaluates indirect light.
     pub display: DisplayUse,
+    /// Stages whose buffers the device cannot hold at the size of the view.
+    pub refused: BTreeSet<FrameStage>,
     /// Scenes whose box meets its frustum.
     pub sees: Vec<SceneId>,
 }
 
 impl ViewState {
+    /// Creates a deferred view of no pixels that shows the final picture and contains no scene.
+    #[must_use]
+    pub fn new(id: ViewId) -> Self {
+        Self {
+            id,
+            enabled: true,
+            has_gbuffer: true,
+            specular: false,
+            lit: true,
+            has_picture: true,
+            pixels: 0,
+            display: DisplayUse::Subsplats,
+            refused: BTreeSet::new(),
+            sees: Vec::new(),
+        }
+    }
+
     /// Returns `true` if it shows indirect light over its surfaces.
     #[must_use]
     pub fn displays(&self) -> bool {

@@ -176,7 +176,8 @@ struct IssuedWarnings {
 
 impl IssuedWarnings {
     fn check_scale(&mut self, root: Entity, placement: Option<&SimilarityTransform>) {
-        if placement.is_some_and(|p| p.distorted) && self.non_uniform_scale.insert(root) {
+        if placement.is_some_and(|p| p.has_non_uniform_scale) && self.non_uniform_scale.insert(root)
+        {
             warn!(
                 "baked scene {root}: non-uniform scale or shear; indirect light uses the mean \
                  scale, bake the scene in its final shape"

@@ -68,7 +68,7 @@ fn paths(scope: &TimingScope, frame: &FrameRecord) -> Vec<DiagnosticPath> {
         let names = [kind.record.how.point().span()].into_iter().chain(names);
         return vec![path(&names.collect::<Vec<_>>())];
     }
-    let RunReason::Moving(maps) = pass.reason else {
+    let RunReason::ObjectsInRange(maps) = pass.reason else {
         return Vec::new();
     };
     let maps = (0..maps as usize).map(|i| map_spans(pass, i));

@@ -74,7 +74,7 @@ fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
 pub(crate) struct SceneSelectors {
     channels: ColorModeSelector,
     bounces: BounceSelector,
-    /// The bake that reflections are picked for.
+    /// The bake that reflections are selected for.
     bake: usize,
 }
 

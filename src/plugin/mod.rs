@@ -177,6 +177,7 @@ impl Plugin for MeshlessGiPlugin {
         registration::register_types(app);
         registration::add_resources(app);
         main_schedule::add_systems(app);
+        effects::add_to_app(app);
         if self.deferred_by_default {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }

@@ -11,10 +11,12 @@ use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedGiView, ExtractedSc
 use super::render_state::{GiRender, SceneRuntime, bounds};
 use super::transform::SimilarityTransform;
 use crate::plan::{
-    DisplayUse, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState, fmm_fallback_reason,
+    DisplayUse, FrameStage, FrameState, SceneId, SceneState, SkyUse, Slots, ViewState,
+    fmm_fallback_reason,
 };
 use bevy::ecs::prelude::*;
 use meshless_gi::FrameLight;
+use std::collections::BTreeSet;
 
 /// Resources of [`ExtractedWorld`], as the parameter of a system.
 pub(crate) type ExtractedResources<'w> = (
@@ -50,8 +52,9 @@ impl<'w> From<ExtractedResources<'w>> for ExtractedWorld<'w> {
 }
 
 /// Describes a view.
-fn describe_view(view: &ExtractedGiView, too_large: bool) -> ViewState {
+fn describe_view(view: &ExtractedGiView, refused: BTreeSet<FrameStage>) -> ViewState {
     let settings = &view.settings;
+    let too_large = refused.contains(&FrameStage::SPLAT);
     ViewState {
         id: view.id,
         // Irradiance is shown for a white, rough surface.
@@ -63,12 +66,14 @@ fn describe_view(view: &ExtractedGiView, too_large: bool) -> ViewState {
         lit: settings.debug_view == GiDebugView::Final && !view.forward,
         enabled: settings.enabled,
         has_gbuffer: view.has_gbuffer,
+        has_picture: !view.forward,
         pixels: view.pixels,
         display: match view.display {
             GiSplatting::PerPixel => DisplayUse::Full,
             GiSplatting::Multiresolution(_) if too_large => DisplayUse::BuffersTooLarge,
             GiSplatting::Multiresolution(_) => DisplayUse::Subsplats,
         },
+        refused,
         sees: view.sees.clone(),
     }
 }
@@ -103,9 +108,9 @@ impl GiRender {
     /// Removes scenes that are gone, and describes the frame for the plan.
     pub fn observe(&mut self, world: &ExtractedWorld, largest_binding: u64) -> FrameState {
         self.remove_gone(&world.gi);
-        let too_large = |id| self.views.get(id).is_some_and(|v| v.too_large);
+        let refused = |id| (self.views.get(id)).map_or_else(BTreeSet::new, |v| v.refused.clone());
         let views = (world.gi.views.iter())
-            .map(|view| describe_view(view, too_large(&view.id)))
+            .map(|view| describe_view(view, refused(&view.id)))
             .collect();
         let mut state = FrameState {
             is_device_supported: !self.is_device_unsupported,
@@ -169,7 +174,7 @@ impl GiRender {
             self.retired.add(&counted);
             volume::observe(runtime, scene, placement, world, &mut state);
         }
-        let forced = scene.channels.is_some_and(|picked| picked.forced);
+        let forced = scene.channels.is_some_and(|selection| selection.forced);
         let (now, mode) = (scene.frame_settings(), scene.solver.color_mode);
         state.resident = runtime.frame.is_some();
         state.materials_changed = (runtime.changes).materials_changed(bake, &scene.materials);

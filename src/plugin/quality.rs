@@ -75,14 +75,14 @@ impl GiActiveTier {
 
 impl From<&TierController> for GiActiveTier {
     fn from(controller: &TierController) -> Self {
-        let picked = controller.selection();
+        let selection = controller.selection();
         Self {
-            tier: picked.tier,
-            tiers: picked.tiers,
-            octree: picked.octree,
-            work: picked.work,
-            forced: picked.forced,
-            reason: picked.reason,
+            tier: selection.tier,
+            tiers: selection.tiers,
+            octree: selection.octree,
+            work: selection.work,
+            forced: selection.forced,
+            reason: selection.reason,
             changes: controller.changes(),
         }
     }

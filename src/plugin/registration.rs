@@ -1,10 +1,9 @@
-//! Types, resources and assets of the main world.
+//! Types, resources and assets of the main world. Effects add their own.
 
-use super::effects::rsm;
 use super::*;
 use bevy::app::App;
 
-/// Registers the plugin's types for reflection.
+/// Registers the types of the plugin without those of effects for reflection.
 pub(super) fn register_types(app: &mut App) {
     app.register_type::<GiScene>()
         .register_type::<GiBakeExclude>()
@@ -14,31 +13,22 @@ pub(super) fn register_types(app: &mut App) {
         .register_type::<GiBakeFinished>()
         .register_type::<GiBakeTask>()
         .register_type::<GiFrameStats>()
-        .register_type::<GiReflector>()
         .register_type::<GiCamera>()
-        .register_type::<GiRsmCamera>()
         .register_type::<SolveCostSource>()
         .register_type::<GiSplatting>()
         .register_type::<GiWarnings>()
         .register_type::<GiGizmos>()
         .register_type::<GiForwardCamera>()
-        .register_type::<GiSpecular>()
         .register_type::<GiLight>()
         .register_type::<GiEnvironment>()
         .register_type::<GiSolver>()
         .register_type::<GiBakedSceneLoaderSettings>()
-        .register_type::<GiDynamicMaterials>()
-        .register_type::<GiOccluder>()
         .register_type::<GiColorMode>()
         .register_type::<GiQuality>()
-        .register_type::<GiReflectiveShadowMap>()
         .register_type::<GiSettings>()
         .register_type::<GiSky>()
-        .register_type::<GiSoftShadow>()
         .register_type::<GiActiveTier>()
-        .register_type::<GiDebugView>()
-        .register_type::<GiIrradianceVolume>()
-        .register_type::<GiVolumetricFog>();
+        .register_type::<GiDebugView>();
     #[cfg(feature = "gltf")]
     app.register_type::<GiBakeProcessorSettings>()
         .register_type::<GiProcessAssetsOptions>()
@@ -53,7 +43,6 @@ pub(super) fn add_resources(app: &mut App) {
         .init_resource::<SolveCostSource>()
         .init_resource::<deferred::ReadyDisplays>()
         .init_resource::<SharedCoefficients>()
-        .init_resource::<rsm::map_cameras::RsmRequests>()
         .init_resource::<inventory::NormalMaps>()
         .init_resource::<gpu_timings::DeviceCosts>()
         .add_plugins(asset::BakedAssetPlugin);

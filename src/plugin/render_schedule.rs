@@ -1,6 +1,5 @@
-//! Systems of the render world and their order.
+//! Systems of the render world and their order. Effects add their own.
 
-use super::effects::{fog, rsm, soft_shadows, volume};
 use super::*;
 use bevy::app::{App, SubApp};
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
@@ -40,6 +39,7 @@ pub(super) fn build(app: &mut App) {
         .insert_resource(coefficients)
         .insert_resource(ready);
     add_extraction(render_app);
+    effects::add_to_render_app(render_app);
     add_solve(render_app);
     add_camera_passes(render_app);
 }
@@ -47,24 +47,11 @@ pub(super) fn build(app: &mut App) {
 fn add_extraction(render_app: &mut SubApp) {
     render_app
         .init_resource::<extract::ExtractedGi>()
-        .init_resource::<soft_shadows::soft_lights::ExtractedSoft>()
-        .init_resource::<volume::irradiance_volume::ExtractedVolumes>()
-        .init_resource::<fog::fog_volumes::ExtractedFogs>()
         .init_resource::<render_state::GiRender>()
-        .init_resource::<rsm::map_schedule::LightMaps>()
-        .add_schedule(rsm::map_schedule::schedule())
         .add_systems(
             ExtractSchedule,
             (
                 extract::extract,
-                rsm::map_schedule::extract_maps,
-                soft_shadows::soft_lights::extract_soft,
-                (
-                    fog::fog_volumes::extract_fogs,
-                    volume::irradiance_volume::extract_volumes,
-                )
-                    .chain()
-                    .after(extract::extract),
                 inventory::take_inventory.after(extract::extract),
             )
                 .in_set(GiRenderSystems::Extract),
@@ -103,9 +90,6 @@ fn add_camera_passes(render_app: &mut SubApp) {
                 .before(main_transmissive_pass_3d)
                 .before(main_transparent_pass_3d),
         )
-        .edit_schedule(Core3d, |schedule| {
-            schedule.add_build_pass(fog::order::FogFirst::default());
-        })
         .add_systems(
             Core3d,
             post_process::post_process

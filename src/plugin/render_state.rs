@@ -103,11 +103,11 @@ impl ExtractedScene {
     /// Settings of a solve of the scene.
     pub fn frame_settings(&self) -> FrameSettings {
         FrameSettings {
-            tier: (self.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |picked| picked.tier),
+            tier: (self.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |selection| selection.tier),
             sky: self.sky,
             emission: self.emissive_luminance,
-            channels: (self.channels).map_or(Channels::Three, |picked| picked.channels),
-            ..FrameSettings::bounces(self.bounces.map_or(1, |picked| picked.bounces))
+            channels: (self.channels).map_or(Channels::Three, |selection| selection.channels),
+            ..FrameSettings::bounces(self.bounces.map_or(1, |selection| selection.bounces))
         }
     }
 }

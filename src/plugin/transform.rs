@@ -17,7 +17,7 @@ pub struct SimilarityTransform {
     /// World meters per local meter.
     pub scale: f32,
     /// The transform that it came from was not such a one.
-    pub distorted: bool,
+    pub has_non_uniform_scale: bool,
 }
 
 impl SimilarityTransform {
@@ -53,7 +53,7 @@ impl SimilarityTransform {
                 translation: affine.translation,
             },
             scale,
-            distorted: off.iter().any(|d| d.length() > 1e-3 * scale),
+            has_non_uniform_scale: off.iter().any(|d| d.length() > 1e-3 * scale),
         })
     }
 
@@ -113,7 +113,7 @@ mod tests {
             rotation: Quat::from_euler(bevy::math::EulerRot::XYZ, 0.3, 1.1, -0.7),
             scale: Vec3::splat(2.5),
         });
-        assert!(!at.distorted);
+        assert!(!at.has_non_uniform_scale);
         let light = FrameLight::point(Vec3::new(6.0, 0.0, 9.0), Vec3::splat(30.0), 12.0);
         let (p, n) = (Vec3::new(5.5, -3.0, 8.0), Vec3::new(0.36, 0.8, 0.48));
         let inverse = at.local_from_world();
@@ -131,10 +131,13 @@ mod tests {
     #[test]
     fn non_uniform_scale_is_detected_and_averaged() {
         let at = placement(Transform::from_scale(Vec3::new(1.0, 2.0, 3.0)));
-        assert!(at.distorted);
+        assert!(at.has_non_uniform_scale);
         assert_eq!(at.scale, 2.0);
         let mirror = placement(Transform::from_scale(Vec3::new(-2.0, 2.0, 2.0)));
-        assert!(!mirror.distorted, "a reflection is not a distortion");
+        assert!(
+            !mirror.has_non_uniform_scale,
+            "a reflection is not a distortion"
+        );
         assert!(
             SimilarityTransform::new(&GlobalTransform::from(Transform::from_scale(Vec3::new(
                 1.0, 0.0, 1.0

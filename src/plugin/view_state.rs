@@ -1,9 +1,10 @@
 //! State of a view on the device.
 
 use super::effect_states::EffectStates;
-use crate::gpu::ViewBuffers;
-use crate::plan::{SceneId, ViewId};
-use std::collections::BTreeMap;
+use crate::gpu::{GpuError, ViewBuffers};
+use crate::plan::{FrameStage, SceneId, ViewId};
+use bevy::log::warn;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Buffers and textures of a view: the irradiance of its pixels (two textures for several layers),
 /// parameters, and the states of its effects.
@@ -12,8 +13,8 @@ pub(crate) struct ViewRuntime {
     pub(super) irradiance: [Option<wgpu::TextureView>; 2],
     pub(super) buffers: BTreeMap<SceneId, ViewBuffers>,
     pub(super) states: EffectStates,
-    /// The device cannot hold subsplats of this size.
-    pub(super) too_large: bool,
+    /// Stages whose buffers the device cannot hold at this size.
+    pub(super) refused: BTreeSet<FrameStage>,
 }
 
 impl ViewRuntime {
@@ -32,7 +33,15 @@ impl ViewRuntime {
             irradiance: [None, None],
             buffers: BTreeMap::new(),
             states: EffectStates::default(),
-            too_large: false,
+            refused: BTreeSet::new(),
+        }
+    }
+
+    /// Excludes a stage from later frames of this size, and warns. `effect` states what the view
+    /// does without it.
+    pub fn refuse(&mut self, stage: FrameStage, effect: &str, error: &GpuError) {
+        if self.refused.insert(stage) {
+            warn!("a view {effect}: {error}");
         }
     }
 

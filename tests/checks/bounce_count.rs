@@ -43,11 +43,11 @@ fn automatic_bounce_count_truncation_is_small() {
         frame.set_lights(&scene, &lights);
         frame.converge(&scene, &FrameSettings::default(), 1e-4);
         let all = light(&frame, &scene);
-        let picked = BounceSelector::new()
+        let selection = BounceSelector::new()
             .select(GiBounceCount::Auto, &scene, &[])
             .unwrap();
-        println!("{name}: {picked}");
-        let missing: Vec<f64> = (1..=picked.bounces)
+        println!("{name}: {selection}");
+        let missing: Vec<f64> = (1..=selection.bounces)
             .map(|bounces| {
                 let mut frame = CpuFrame::new(&scene);
                 frame.set_lights(&scene, &lights);
@@ -104,7 +104,7 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
         bounces_for_spectral_radius(scene.info().energy.spectral_radius_bound)
     );
     for (requested, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
-        let picked = select(GiBounceCount::Fixed(requested));
-        assert_eq!((picked.bounces, picked.forced), (taken, true));
+        let selection = select(GiBounceCount::Fixed(requested));
+        assert_eq!((selection.bounces, selection.forced), (taken, true));
     }
 }

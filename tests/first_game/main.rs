@@ -13,6 +13,7 @@ mod screen;
 
 use bevy_meshless_gi::loader::{GiProcessAssetsOptions, process_assets};
 use executable::Executable;
+use meshless_gi::Recipe;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -127,6 +128,17 @@ fn first_game_from_shipped_assets_is_lit() {
     drop(root);
     let text = assert_lit("shipped", &program, None);
     assert!(!text.contains("baked `"), "{text}");
+}
+
+#[test]
+fn readme_recipes_are_valid() {
+    let recipes: Vec<Recipe> = readme::recipes()
+        .map(|text| Recipe::from_ron(text).unwrap_or_else(|error| panic!("{text}: {error}")))
+        .collect();
+    assert!(recipes.len() >= 2);
+    assert!(recipes.iter().all(|r| r.scene.is_some()));
+    let all = recipes.last().expect("a recipe");
+    assert!(all.probes.is_some() && all.occluders.len() == 1 && all.dynamic_materials);
 }
 
 #[test]

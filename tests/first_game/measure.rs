@@ -271,10 +271,10 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     let local_from_world = root.to_matrix().inverse();
     let assets = world.resource::<Assets<GiBakedScene>>();
     let scene: &BakedScene = &assets.get(&gi.0).expect("the bake is loaded").scene;
-    let picked = BounceSelector::new().select(solver.bounces, scene, &[]);
+    let selection = BounceSelector::new().select(solver.bounces, scene, &[]);
     let settings = FrameSettings {
         emission: environment.emissive_luminance,
-        ..FrameSettings::bounces(picked.map_or(1, |picked| picked.bounces))
+        ..FrameSettings::bounces(selection.map_or(1, |selection| selection.bounces))
     };
     let lights: Vec<FrameLight> = lights.iter().map(|l| l.to_local(&local_from_world)).collect();
     let mut frame = CpuFrame::new(scene);

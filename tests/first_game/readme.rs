@@ -26,8 +26,13 @@ pub fn program(part: &str) -> String {
 /// Scene that the README copies into `assets/`, relative to the repository.
 pub const SCENE: &str = "tests/data/rooms_open/rooms_open.glb";
 
+/// Returns the recipes in order.
+pub fn recipes() -> impl Iterator<Item = &'static str> {
+    blocks("ron")
+}
+
 /// Returns the first recipe.
 pub fn recipe() -> &'static str {
     assert!(README.contains(&format!("cp ../bevy_meshless_gi/{SCENE} assets/level.glb")));
-    blocks("ron").next().expect("README.md has a recipe")
+    recipes().next().expect("README.md has a recipe")
 }

@@ -96,6 +96,12 @@ fn points_example_lights_statue() {
 }
 
 #[test]
+fn load_gltf_example_lights_box() {
+    let scene = "tests/data/cornell/cornell.glb";
+    assert_runs("load_gltf", &[scene, "draft", "--press", "P"]);
+}
+
+#[test]
 fn headless_example_writes_picture() {
     assert_lit("headless", &drawn("headless", &[]));
 }

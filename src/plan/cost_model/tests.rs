@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::plan::{
-    ColorModeSelection, DisplayUse, SceneState, SlotChange, SoftShadowState, TierSelection,
-    ViewState, VolumeState,
+    ColorModeSelection, SceneState, SlotChange, SoftShadowState, TierSelection, ViewState,
+    VolumeState,
 };
 use crate::plugin::effects::plan_frame;
 use meshless_gi::Channels;
@@ -23,14 +23,9 @@ fn state() -> FrameState {
     FrameState {
         scenes: vec![scene(1, 50_000), scene(2, 200_000)],
         views: vec![ViewState {
-            id: ViewId(7),
-            specular: false,
-            lit: true,
-            enabled: true,
-            has_gbuffer: true,
             pixels: 10_000,
-            display: DisplayUse::Subsplats,
             sees: vec![SceneId(1), SceneId(2)],
+            ..ViewState::new(ViewId(7))
         }],
         ..FrameState::default()
     }

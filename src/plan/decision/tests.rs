@@ -25,14 +25,9 @@ fn state() -> FrameState {
             ..SceneState::new(A)
         }],
         views: vec![ViewState {
-            id: ViewId(7),
-            specular: false,
-            lit: true,
-            enabled: true,
-            has_gbuffer: true,
             pixels: 100,
-            display: DisplayUse::Subsplats,
             sees: vec![A],
+            ..ViewState::new(ViewId(7))
         }],
         ..FrameState::default()
     }
@@ -218,12 +213,12 @@ fn decision_line_with_names_has_no_numbers() {
 #[test]
 fn decision_of_color_mode_requires_links() {
     let mut now = state();
-    let picked = ColorModeSelection {
+    let selection = ColorModeSelection {
         channels: Channels::One(glam::Vec3::ONE),
         forced: true,
         reason: "requested",
     };
-    now.scenes[0].channels = Some(picked);
+    now.scenes[0].channels = Some(selection);
     let kind = DecisionKind::Channels(A);
     let found = decisions(&now);
     let decision = found.iter().find(|d| d.kind == kind);

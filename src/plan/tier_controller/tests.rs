@@ -44,9 +44,9 @@ fn tier_is_selected_by_number_or_error() {
     let of = |requested| TierController::new(requested, tiers()).selection();
     assert_eq!(of(GiQuality::Full).tier, 4);
     for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
-        let picked = of(GiQuality::Tier(n));
-        assert_eq!(picked.tier, tier);
-        assert_eq!(picked.reason == "requested", n == tier, "{picked}");
+        let selection = of(GiQuality::Tier(n));
+        assert_eq!(selection.tier, tier);
+        assert_eq!(selection.reason == "requested", n == tier, "{selection}");
     }
     for (error, tier) in [
         (1.0, 1),
@@ -56,10 +56,10 @@ fn tier_is_selected_by_number_or_error() {
         (0.01, 4),
         (f32::NAN, 4),
     ] {
-        let picked = of(GiQuality::MaxError(error));
-        assert_eq!(picked.tier, tier, "{error}: {picked}");
+        let selection = of(GiQuality::MaxError(error));
+        assert_eq!(selection.tier, tier, "{error}: {selection}");
         let met = error >= 0.04;
-        assert!(picked.reason.starts_with("none") != met, "{picked}");
+        assert!(selection.reason.starts_with("none") != met, "{selection}");
     }
     // Only a budget uses the measured cost.
     let mut controller = TierController::new(GiQuality::Tier(4), tiers());
@@ -192,8 +192,12 @@ fn tier_ignores_spikes_and_invalid_times() {
 fn tier_above_links_is_named_octree() {
     let mut all = tiers();
     all[3].octree = true;
-    let picked = TierController::new(GiQuality::Full, all.clone()).selection();
-    assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
+    let selection = TierController::new(GiQuality::Full, all.clone()).selection();
+    assert!(
+        selection
+            .to_string()
+            .starts_with("tier 4 of 4, the octree: ")
+    );
     let mut controller = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
     run(&mut controller, 20, |_, work| 8.0 * work);
     let text = controller.selection().to_string();

@@ -1,13 +1,14 @@
 //! The effects, one file or folder each.
 //!
-//! A file or folder holds everything about its effect: its components and their extraction, the
-//! part of the [`FrameState`](crate::plan::FrameState) that it reads, when it is active and why,
-//! its passes, their work (the unit of the cost model), their recording, and their kernels by name.
-//! The shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
+//! A file or folder holds the components of its effect, their extraction and their systems. It
+//! states which part of the [`FrameState`](crate::plan::FrameState) the effect reads, when it is
+//! active and why. It holds its passes, their work (the unit of the cost model), their recording,
+//! and their kernels by name. The shader of kernel `k` is `shaders/k.wgsl`, its twin on the CPU is
 //! `crates/meshless_gi/src/frame/k.rs`.
 //!
-//! A new effect is a file here and a row of [`EFFECTS`]. The test
-//! `effect_row_is_planned_counted_and_recorded` adds the file `test_effect.rs` and a row.
+//! A new effect is a file here and a row of [`EFFECTS`]. With systems of its own it is also in
+//! [`add_to_app`] or [`add_to_render_app`]. The test `effect_row_is_planned_counted_and_recorded`
+//! adds the file `test_effect.rs` and a row. docs/DECISIONS.md D23 lists what effects share.
 
 pub(crate) mod display;
 pub(crate) mod fog;
@@ -36,6 +37,7 @@ use crate::gpu::{GpuCounters, GpuError};
 use crate::plan::{FrameStage, Pass, Plan, Timing};
 #[cfg(test)]
 use crate::plan::{FrameState, SceneId};
+use bevy::app::{App, SubApp};
 use std::collections::BTreeMap;
 
 /// Row of the table of effects.
@@ -58,8 +60,9 @@ pub(crate) struct Recording {
 /// [point of the frame](super::record::FramePoint) at which the plan's walk calls it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Record {
-    /// Records a pass that all views share.
-    Scene(fn(&mut SceneContext<'_>, &Pass) -> Result<(), GpuError>),
+    /// Records a pass that all views share. Returns `None` if it lacks an input, which the walk
+    /// reports.
+    Scene(fn(&mut SceneContext<'_>, &Pass) -> Result<Option<()>, GpuError>),
     /// Adds a layer of irradiance to a view. The layers of a view are evaluated together, and are
     /// timed with [`FrameStage::SPLAT`].
     Layer(LayerRecording),
@@ -91,6 +94,33 @@ pub(crate) const EFFECTS: &[Effect] = &[
     fog::EFFECT,
     inspection::EFFECT,
 ];
+
+/// Registers the types of the effects, and adds their resources and systems to the main world.
+pub(crate) fn add_to_app(app: &mut App) {
+    for add in [
+        materials::add_to_app,
+        occluders::add_to_app,
+        volume::add_to_app,
+        soft_shadows::add_to_app,
+        rsm::add_to_app,
+        vpl_specular::add_to_app,
+        fog::add_to_app,
+    ] {
+        add(app);
+    }
+}
+
+/// Adds the resources and systems of the effects to the render world.
+pub(crate) fn add_to_render_app(render_app: &mut SubApp) {
+    for add in [
+        volume::add_to_render_app,
+        soft_shadows::add_to_render_app,
+        rsm::add_to_render_app,
+        fog::add_to_render_app,
+    ] {
+        add(render_app);
+    }
+}
 
 /// Plans a frame with [`EFFECTS`].
 #[cfg(test)]

@@ -60,11 +60,12 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
-    if let Some(frame) = &mut ctx.runtime.frame {
-        frame.apply_probes(ctx.kernels, ctx.encoder, &ctx.scene.frame_settings());
-    }
-    Ok(())
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
+    frame.apply_probes(ctx.kernels, ctx.encoder, &ctx.scene.frame_settings());
+    Ok(Some(()))
 }
 
 /// Checks that the view shows the scene, whose layer has written the parameters.

@@ -48,13 +48,14 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<Option<()>, GpuError> {
     upload(ctx)?;
-    if let Some(frame) = &mut ctx.runtime.frame {
-        frame.project(ctx.kernels, ctx.queue, ctx.encoder, &pass.slots);
-        ctx.runtime.changes.slots.mark_projected(&pass.slots);
-    }
-    Ok(())
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
+    frame.project(ctx.kernels, ctx.queue, ctx.encoder, &pass.slots);
+    ctx.runtime.changes.slots.mark_projected(&pass.slots);
+    Ok(Some(()))
 }
 
 /// Uploads the lights with their colors, slot by slot.

@@ -43,9 +43,9 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
     let slots = ctx.runtime.changes.slots.len() as u32;
     let frame = GpuFrame::new(ctx.kernels, ctx.queue, &ctx.runtime.bake, slots)?;
     ctx.runtime.frame = Some(frame);
-    Ok(())
+    Ok(Some(()))
 }

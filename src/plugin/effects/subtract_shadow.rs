@@ -11,11 +11,13 @@ use crate::gpu::{
     Draw, GpuCounters, GpuError, SceneBuffers, SoftShadowBuffers, SplatTargets,
     SubtractShadowBuffers, ViewBuffers,
 };
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Timing, Work};
+use crate::plan::{
+    FrameStage, FrameState, Pass, Plan, RunReason, SceneId, SkipReason, Timing, Work,
+};
 use crate::plugin::effect_states::EffectState;
-use crate::plugin::record::ViewContext;
+use crate::plugin::record::{ViewContext, report_missing};
+use crate::plugin::render_state::SceneRuntime;
 use crate::plugin::view_state::screen_texture;
-use bevy::log::warn_once;
 use meshless_gi::internals::frame::SoftLight;
 use std::collections::BTreeMap;
 
@@ -40,24 +42,32 @@ pub(super) const EFFECT: Effect = Effect {
 };
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
+    let stage = FrameStage::SUBTRACT_SHADOW;
     for view in state.views.iter().filter(|view| view.lit) {
         for scene in state.active_scenes().filter(|s| s.soft.lights > 0) {
-            if view.shows(scene.id) && check_supported(state, scene).is_ok() {
-                let (stage, reason) = (FrameStage::SUBTRACT_SHADOW, RunReason::InView);
-                plan.push(EFFECT.name, stage, scene.id, reason).view = Some(view.id);
+            if !view.shows(scene.id) || check_supported(state, scene).is_err() {
+                continue;
             }
+            if view.refused.contains(&stage) {
+                let reason = SkipReason::ViewBeyondLimits;
+                plan.skipped.push((scene.id, Some(view.id), reason));
+                continue;
+            }
+            plan.push(EFFECT.name, stage, scene.id, RunReason::InView)
+                .view = Some(view.id);
         }
     }
 }
 
 fn record(ctx: &mut ViewContext<'_>, passes: &[&Pass]) -> Option<()> {
     match ViewShadow::record(ctx, passes) {
-        Ok(radiance) => {
-            draw_over_picture(ctx, Draw::Shadow, &radiance?);
+        Ok(radiance) => draw_over_picture(ctx, Draw::Shadow, &radiance?),
+        Err(error) => {
+            ctx.runtime
+                .refuse(FrameStage::SUBTRACT_SHADOW, "shows no soft shadows", &error);
+            Some(())
         }
-        Err(error) => warn_once!("a view shows no soft shadows: {error}"),
     }
-    Some(())
 }
 
 /// A scene with soft shadows in a view.
@@ -67,6 +77,25 @@ struct ShadowedScene<'a> {
     shadows: &'a SoftShadowBuffers,
     scene: &'a SceneBuffers,
     view: &'a ViewBuffers,
+}
+
+impl<'a> ShadowedScene<'a> {
+    /// Finds the buffers of a scene. `None` if one is missing.
+    fn find(
+        scenes: &'a BTreeMap<SceneId, SceneRuntime>,
+        views: &'a BTreeMap<SceneId, ViewBuffers>,
+        id: SceneId,
+    ) -> Option<Self> {
+        let instance = scenes.get(&id)?;
+        let soft = instance.states.get::<SceneSoft>()?;
+        Some(Self {
+            id,
+            soft,
+            shadows: soft.buffers.as_ref()?,
+            scene: instance.frame.as_ref()?.buffers(),
+            view: views.get(&id)?,
+        })
+    }
 }
 
 /// Textures and buffers of a view: radiance to subtract, in two textures for several scenes.
@@ -89,17 +118,12 @@ impl ViewShadow {
         let Some(picture) = &ctx.input.picture else {
             return Ok(None);
         };
+        let (instances, views) = (&*ctx.scenes, &ctx.runtime.buffers);
         let scenes: Vec<ShadowedScene> = (passes.iter())
             .filter_map(|pass| {
-                let instance = ctx.scenes.get(&pass.scene)?;
-                let soft = instance.states.get::<SceneSoft>()?;
-                Some(ShadowedScene {
-                    id: pass.scene,
-                    soft,
-                    shadows: soft.buffers.as_ref()?,
-                    scene: instance.frame.as_ref()?.buffers(),
-                    view: ctx.runtime.buffers.get(&pass.scene)?,
-                })
+                let found = ShadowedScene::find(instances, views, pass.scene);
+                report_missing(found.as_ref().map(drop), pass);
+                found
             })
             .collect();
         let size = ctx.input.surfaces.size;

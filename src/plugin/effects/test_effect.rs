@@ -69,21 +69,23 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
     let frame = ctx.runtime.frame.as_ref();
-    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::EntryPoint::Apply)) {
-        let zeros = ctx.runtime.states.take().unwrap_or_else(|| {
-            Zeros(ctx.kernels.device().create_buffer(&wgpu::BufferDescriptor {
-                label: Some("zeros"),
-                size: values.size(),
-                usage: wgpu::BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            }))
-        });
-        (ctx.encoder).copy_buffer_to_buffer(&zeros.0, 0, values, 0, values.size());
-        ctx.runtime.states.insert(zeros);
-    }
-    Ok(())
+    let values = frame.and_then(|f| f.buffers().output(gpu::EntryPoint::Apply));
+    let Some(values) = values else {
+        return Ok(None);
+    };
+    let zeros = ctx.runtime.states.take().unwrap_or_else(|| {
+        Zeros(ctx.kernels.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some("zeros"),
+            size: values.size(),
+            usage: wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        }))
+    });
+    (ctx.encoder).copy_buffer_to_buffer(&zeros.0, 0, values, 0, values.size());
+    ctx.runtime.states.insert(zeros);
+    Ok(Some(()))
 }
 
 /// Buffer of zeros, one per scene.

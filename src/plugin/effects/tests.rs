@@ -5,7 +5,7 @@ use crate::gpu::{HeadlessDevice, KernelPipelines};
 use crate::plan::LightKind;
 use crate::plan::{
     BounceState, CostModel, DisplayUse, FmmLimit, LightId, RunReason, SceneId, SceneState,
-    SkipReason, SlotChange, Timing, ViewId, ViewState, Work,
+    SkipReason, SlotChange, SoftShadowState, Timing, ViewId, ViewState, Work,
 };
 use crate::plugin::effect_states::EffectStates;
 use crate::plugin::effects::inspection::coefficients::SharedCoefficients;
@@ -25,14 +25,9 @@ const B: SceneId = SceneId(2);
 
 fn view(id: u64, sees: &[SceneId]) -> ViewState {
     ViewState {
-        id: ViewId(id),
-        specular: false,
-        lit: true,
-        enabled: true,
-        has_gbuffer: true,
         pixels: 1000,
-        display: DisplayUse::Subsplats,
         sees: sees.to_vec(),
+        ..ViewState::new(ViewId(id))
     }
 }
 
@@ -186,6 +181,44 @@ fn disabled_view_or_view_without_gbuffer_runs_no_pass() {
 }
 
 #[test]
+fn view_without_picture_has_layers_and_no_composite() {
+    let mut state = static_state();
+    assert_eq!(plan_frame(&state).count(FrameStage::COMPOSITE), 1);
+    state.views[0].has_picture = false;
+    let plan = plan_frame(&state);
+    assert_eq!(plan.count(FrameStage::SPLAT), 1);
+    assert_eq!(plan.count(FrameStage::COMPOSITE), 0);
+}
+
+#[test]
+fn refused_stages_of_view_are_skipped_with_reason() {
+    let mut state = static_state();
+    state.views[0].specular = true;
+    state.scenes[0].soft = SoftShadowState {
+        lights: 1,
+        has_visibility: true,
+        held: true,
+        ..SoftShadowState::default()
+    };
+    state.bounces = vec![BounceState {
+        id: LightId(1, 0),
+        maps: Ok(1),
+        texels_per_map: 4,
+        views: vec![ViewId(7)],
+    }];
+    let stages = [FrameStage::SUBTRACT_SHADOW, FrameStage::VPL_SPECULAR];
+    let plan = plan_frame(&state);
+    assert_eq!(stages.map(|stage| plan.count(stage)), [1, 1]);
+    state.views[0].refused = stages.into();
+    let plan = plan_frame(&state);
+    assert_eq!(stages.map(|stage| plan.count(stage)), [0, 0]);
+    for scene in [A, SceneId::WORLD] {
+        let skip = (scene, Some(ViewId(7)), SkipReason::ViewBeyondLimits);
+        assert!(plan.skipped.contains(&skip), "{plan}");
+    }
+}
+
+#[test]
 fn new_bake_runs_all_passes_once_and_views_composite_visible_scenes() {
     let mut state = static_state();
     state.scenes[0].resident = false;
@@ -241,7 +274,7 @@ fn dynamic_objects_need_no_bake() {
     assert!(plan.active_scenes().is_empty());
     assert_eq!(
         plan.of_light(LightId(5, 0)).next().unwrap().reason,
-        RunReason::Moving(2)
+        RunReason::ObjectsInRange(2)
     );
     let timed = plan.of_light(LightId(5, 0)).next().unwrap().timing.unwrap();
     assert_eq!(timed.span(), "rsm_5_0");
@@ -419,7 +452,7 @@ fn every_kernel_counts_as_one_stage() {
         let stages = kinds().filter(|kind| kind.record.kernels.contains(&kernel));
         assert_eq!(stages.count(), 1, "{kernel:?}");
     }
-    // Each names the shader and the twin of its kernels.
+    // Each names the shader of its kernels.
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     for kernel in &gpu::KERNELS {
         let shader = root.join("shaders").join(format!("{}.wgsl", kernel.name));

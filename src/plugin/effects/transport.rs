@@ -45,7 +45,7 @@ pub(super) const EFFECT: Effect = Effect {
             timing: Timing::Solve(FrameStage::APPLY),
             work: |state, pass| {
                 state.scene(pass.scene).map_or(Work::Uncounted, |scene| {
-                    let links = scene.tier.as_ref().map_or(0, |picked| picked.work);
+                    let links = scene.tier.as_ref().map_or(0, |selection| selection.work);
                     links_work(scene, links)
                 })
             },
@@ -78,7 +78,7 @@ pub(super) const EFFECT: Effect = Effect {
 
 /// Links of a scene, in the number of channels in which they are applied.
 pub(super) fn links_work(scene: &SceneState, links: u64) -> Work {
-    match scene.channels.map(|picked| picked.channels) {
+    match scene.channels.map(|selection| selection.channels) {
         Some(Channels::One(_)) if !uses_octree(scene) => Work::OneChannel(links),
         _ => Work::Links(links),
     }
@@ -86,7 +86,11 @@ pub(super) fn links_work(scene: &SceneState, links: u64) -> Work {
 
 /// Returns `true` if an octree replaces the links. An octree transports all three channels.
 fn uses_octree(scene: &SceneState) -> bool {
-    scene.tier.as_ref().is_some_and(|picked| picked.octree) && scene.no_octree.is_none()
+    scene
+        .tier
+        .as_ref()
+        .is_some_and(|selection| selection.octree)
+        && scene.no_octree.is_none()
 }
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
@@ -104,14 +108,14 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
 
 /// Adds the selections of tier, channels, reflections and sky to the plan.
 fn add_selections(scene: &SceneState, plan: &mut Plan) {
-    if let Some(picked) = &scene.tier {
-        plan.tiers.push((scene.id, picked.clone()));
+    if let Some(selection) = &scene.tier {
+        plan.tiers.push((scene.id, selection.clone()));
     }
-    if let (Some(picked), false) = (scene.channels, uses_octree(scene)) {
-        plan.channels.push((scene.id, picked));
+    if let (Some(selection), false) = (scene.channels, uses_octree(scene)) {
+        plan.channels.push((scene.id, selection));
     }
-    if let Some(picked) = scene.bounces {
-        plan.reflections.push((scene.id, picked));
+    if let Some(selection) = scene.bounces {
+        plan.reflections.push((scene.id, selection));
     }
     if let Some(limit) = scene.no_octree {
         plan.linked.push((scene.id, limit));
@@ -144,31 +148,34 @@ pub(super) fn solve_reason(scene: &SceneState) -> Option<RunReason> {
     })
 }
 
-fn record_bounces(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+fn record_bounces(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
     project_lights::upload(ctx)?;
-    if let Some(frame) = &mut ctx.runtime.frame {
-        let settings = ctx.scene.frame_settings();
-        frame.pull_push(ctx.kernels, ctx.queue, ctx.encoder, &settings);
-    }
-    Ok(())
-}
-
-fn record_apply(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
     let settings = ctx.scene.frame_settings();
-    if let Some(frame) = &mut ctx.runtime.frame {
-        frame.apply(ctx.kernels, ctx.encoder, &settings);
-        ctx.runtime.solved_tier = Some(settings.tier);
-        ctx.runtime.changes.slots.mark_applied();
-        ctx.runtime.changes.solved = Some((settings, ctx.scene.solver.color_mode));
-        // The volume holds the irradiance of an earlier frame until its pass is recorded.
-        ctx.runtime.changes.volume = None;
-    }
-    Ok(())
+    frame.pull_push(ctx.kernels, ctx.queue, ctx.encoder, &settings);
+    Ok(Some(()))
 }
 
-fn record_flatten(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
-    if let Some(frame) = &mut ctx.runtime.frame {
-        frame.flatten(ctx.kernels, ctx.encoder, &ctx.scene.frame_settings());
-    }
-    Ok(())
+fn record_apply(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
+    let settings = ctx.scene.frame_settings();
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
+    frame.apply(ctx.kernels, ctx.encoder, &settings);
+    ctx.runtime.solved_tier = Some(settings.tier);
+    ctx.runtime.changes.slots.mark_applied();
+    ctx.runtime.changes.solved = Some((settings, ctx.scene.solver.color_mode));
+    // The volume holds the irradiance of an earlier frame until its pass is recorded.
+    ctx.runtime.changes.volume = None;
+    Ok(Some(()))
+}
+
+fn record_flatten(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
+    frame.flatten(ctx.kernels, ctx.encoder, &ctx.scene.frame_settings());
+    Ok(Some(()))
 }

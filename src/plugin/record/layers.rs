@@ -3,13 +3,12 @@
 
 use super::view::{ViewContext, ViewInput};
 use crate::gpu::{SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
-use crate::plan::{DisplayUse, Pass, SceneId};
+use crate::plan::{DisplayUse, FrameStage, Pass, SceneId};
 use crate::plugin::effect_states::EffectStates;
 use crate::plugin::effects::display::splatting::{
     GiSplatting, SubsplatView, ViewLights, ViewSubsplats,
 };
 use crate::plugin::render_state::SceneRuntime;
-use bevy::log::warn_once;
 use meshless_gi::internals::frame::SubsplatParams;
 use std::collections::BTreeMap;
 
@@ -50,6 +49,8 @@ pub(crate) struct SubsplatLayers<'a> {
 
 /// Evaluates the layers of a view: its irradiance.
 pub(super) fn evaluate_layers(ctx: &mut ViewContext<'_>, layers: &[PlannedLayer<'_>]) {
+    let (shown, primary) = (&ctx.shown, ctx.primary_scene());
+    (ctx.runtime.buffers).retain(|id, _| shown.contains(id) || *id == primary);
     let display = layers.first().and_then(|(pass, _)| pass.display);
     let subsplats = match display {
         Some(DisplayUse::Subsplats) => subsplats(ctx),
@@ -144,8 +145,8 @@ fn subsplats(ctx: &mut ViewContext<'_>) -> Option<(ViewSubsplats, SubsplatParams
     match ViewSubsplats::fit(before, ctx.kernels.device(), ctx.queue, params.levels()) {
         Ok(fits) => Some((fits, params)),
         Err(error) => {
-            warn_once!("a view evaluates indirect light at every pixel: {error}");
-            ctx.runtime.too_large = true;
+            let effect = "evaluates indirect light at every pixel";
+            ctx.runtime.refuse(FrameStage::SPLAT, effect, &error);
             None
         }
     }

@@ -90,7 +90,7 @@ fn passes_of_view<'a>(
 }
 
 /// Reports a pass that was planned but lacked an input. `recorded` is `None` for such a pass.
-fn report_missing(recorded: Option<()>, pass: &Pass) {
+pub(crate) fn report_missing(recorded: Option<()>, pass: &Pass) {
     if recorded.is_none() {
         warn_once!("a planned pass was not recorded, an input is missing: {pass}");
     }

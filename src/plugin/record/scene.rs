@@ -1,6 +1,6 @@
 //! Passes of a scene that all views share.
 
-use super::{Recorder, Spans};
+use super::{Recorder, Spans, report_missing};
 use crate::gpu::{GpuError, KernelPipelines};
 use crate::plan::{Plan, kind_of};
 use crate::plugin::effect_states::EffectStates;
@@ -40,9 +40,12 @@ pub(crate) fn record_scene(
     for pass in plan.of_scene(ctx.scene.id) {
         if let Some(Record::Scene(record)) = kind_of(effects, pass).map(|kind| &kind.record.how) {
             spans.enter(ctx.encoder, pass.timing);
-            result = record(ctx, pass);
-            if result.is_err() {
-                break;
+            match record(ctx, pass) {
+                Ok(recorded) => report_missing(recorded, pass),
+                Err(error) => {
+                    result = Err(error);
+                    break;
+                }
             }
         }
     }

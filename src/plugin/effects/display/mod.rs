@@ -77,13 +77,15 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
             plan.skipped.push((scene.id, Some(view.id), skip));
         }
     }
-    // All layers of a view make one picture, which is added once.
-    for (id, _) in plan.displays.clone() {
-        let shows = |scene: SceneId| state.views.iter().any(|v| v.id == id && v.shows(scene));
-        let first = state.active_scenes().find(|s| shows(s.id));
+    // All layers of a view are added to its picture at once.
+    for view in state.views.iter().filter(|view| view.has_picture) {
+        if plan.displays.iter().all(|(id, _)| *id != view.id) {
+            continue;
+        }
+        let first = state.active_scenes().find(|s| view.shows(s.id));
         let scene = first.map_or(SceneId::WORLD, |s| s.id);
         let (stage, reason) = (FrameStage::COMPOSITE, RunReason::InView);
-        plan.push(EFFECT.name, stage, scene, reason).view = Some(id);
+        plan.push(EFFECT.name, stage, scene, reason).view = Some(view.id);
     }
 }
 
@@ -161,32 +163,26 @@ fn record_composite(ctx: &mut ViewContext<'_>, _: &[&Pass]) -> Option<()> {
         };
         write_params(ctx, primary_scene, &params);
     }
-    let shown = &ctx.shown;
-    (ctx.runtime.buffers).retain(|id, _| shown.contains(id) || *id == primary_scene);
     let how = match ctx.input.camera.settings.debug_view {
         GiDebugView::Final => Draw::Add,
         _ => Draw::Replace,
     };
     let irradiance = ctx.irradiance.clone()?;
-    let drawn = draw_over_picture(ctx, how, &irradiance);
-    ctx.counters.composites += u64::from(drawn);
+    draw_over_picture(ctx, how, &irradiance)?;
+    ctx.counters.composites += 1;
     Some(())
 }
 
-/// Draws a texture of the view's size over its picture. Returns `false` if there is no picture, or
+/// Draws a texture of the view's size over its picture. Returns `None` if there is no picture, or
 /// if no layer lights the view.
 pub(super) fn draw_over_picture(
     ctx: &mut ViewContext<'_>,
     how: Draw,
     texture: &wgpu::TextureView,
-) -> bool {
-    let primary_scene = ctx.primary_scene();
+) -> Option<()> {
     let surfaces = ctx.input.surfaces;
-    let (Some(picture), Some(params)) =
-        (&ctx.input.picture, ctx.runtime.buffers.get(&primary_scene))
-    else {
-        return false;
-    };
+    let picture = ctx.input.picture.as_ref()?;
+    let params = ctx.runtime.buffers.get(&ctx.primary_scene())?;
     let mut pass = ctx.encoder.begin_render_pass(&RenderPassDescriptor {
         label: Some("meshless_gi composite"),
         color_attachments: &[Some(picture.target.get_color_attachment())],
@@ -201,5 +197,5 @@ pub(super) fn draw_over_picture(
     let textures = [texture, surfaces.gbuffer, picture.lighting_passes];
     let format = surfaces.view.target_format;
     draw_over(ctx.kernels, &mut pass, format, how, params, textures);
-    true
+    Some(())
 }

@@ -17,7 +17,12 @@ use crate::plugin::effect_states::EffectState;
 use crate::plugin::effects::fog::fog_volumes::{ExtractedFogView, FogScene, LitFog, cubes_overlap};
 use crate::plugin::effects::volume::irradiance_volume::ExtractedVolume;
 use crate::plugin::record::{PostProcessContext, PostProcessView, PostProcessWorld};
+use crate::plugin::{GiRenderSystems, GiSystems, GiVolumetricFog, extract, validation};
+use bevy::app::{App, Last, SubApp};
+use bevy::core_pipeline::schedule::Core3d;
+use bevy::ecs::prelude::*;
 use bevy::math::{Affine3A, Mat4};
+use bevy::render::ExtractSchedule;
 use bevy::render::render_resource::RenderPassDescriptor;
 use bevy::render::texture::GpuImage;
 use meshless_gi::internals::frame::{Fog, FogInscatterParams, FogParams, FogView};
@@ -44,6 +49,27 @@ pub(super) const EFFECT: Effect = Effect {
 };
 
 /// Adds a pass for each view and scene. The effect `volume` reports a bake without probes.
+/// Adds the component and its check to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiVolumetricFog>().add_systems(
+        Last,
+        (fog_volumes::check_fog.after(validation::check)).in_set(GiSystems::Validate),
+    );
+}
+
+/// Adds the extraction to the render world, and the order of fog in a camera's passes.
+pub(super) fn add_to_render_app(render_app: &mut SubApp) {
+    render_app
+        .init_resource::<fog_volumes::ExtractedFogs>()
+        .add_systems(
+            ExtractSchedule,
+            (fog_volumes::extract_fogs.after(extract::extract)).in_set(GiRenderSystems::Extract),
+        )
+        .edit_schedule(Core3d, |schedule| {
+            schedule.add_build_pass(order::FogFirst::default());
+        });
+}
+
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for fog in state.fogs.iter().filter(|f| f.volumes > 0) {
         let scene = state.active_scenes().find(|s| s.id == fog.scene);

@@ -30,21 +30,22 @@ pub(super) const EFFECT: Effect = Effect {
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes().filter(|s| s.read_back) {
-        let (stage, reason) = (FrameStage::READ_BACK, RunReason::Asked);
+        let (stage, reason) = (FrameStage::READ_BACK, RunReason::ReadBackRequested);
         plan.push(EFFECT.name, stage, scene.id, reason);
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
     let frame = ctx.runtime.frame.as_ref();
-    if let Some(values) = frame.and_then(|f| f.buffers().output(gpu::EntryPoint::Apply)) {
-        let (device, size) = (ctx.kernels.device(), values.size());
-        let earlier = ctx.earlier.take::<CoefficientReadback>();
-        let (scene, shared) = (ctx.scene.id, ctx.coefficients);
-        let mut copy =
-            earlier.unwrap_or_else(|| CoefficientReadback::new(device, size, scene, shared));
-        copy.copy(ctx.encoder, values);
-        ctx.runtime.states.insert(copy);
-    }
-    Ok(())
+    let values = frame.and_then(|f| f.buffers().output(gpu::EntryPoint::Apply));
+    let Some(values) = values else {
+        return Ok(None);
+    };
+    let (device, size) = (ctx.kernels.device(), values.size());
+    let earlier = ctx.earlier.take::<CoefficientReadback>();
+    let (scene, shared) = (ctx.scene.id, ctx.coefficients);
+    let mut copy = earlier.unwrap_or_else(|| CoefficientReadback::new(device, size, scene, shared));
+    copy.copy(ctx.encoder, values);
+    ctx.runtime.states.insert(copy);
+    Ok(Some(()))
 }

@@ -9,6 +9,11 @@ use super::{Effect, PassKind, Record, Recording};
 use crate::gpu::GpuError;
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Timing, Work};
 use crate::plugin::record::SceneContext;
+use crate::plugin::{GiDynamicMaterials, GiSystems, validation};
+use bevy::app::{App, Last};
+use bevy::asset::Assets;
+use bevy::ecs::prelude::*;
+use bevy::pbr::StandardMaterial;
 
 pub(super) const EFFECT: Effect = Effect {
     name: "materials",
@@ -27,6 +32,17 @@ pub(super) const EFFECT: Effect = Effect {
     }],
 };
 
+/// Adds the component and its check to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiDynamicMaterials>().add_systems(
+        Last,
+        dynamic_materials::check_textures
+            .run_if(resource_exists::<Assets<StandardMaterial>>)
+            .after(validation::check)
+            .in_set(GiSystems::Validate),
+    );
+}
+
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes().filter(|s| s.materials_changed) {
         let (stage, reason) = (FrameStage::MATERIALS, RunReason::MaterialsChanged);
@@ -34,11 +50,12 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
     let factors = &ctx.scene.materials;
-    if let Some(frame) = &mut ctx.runtime.frame {
-        frame.set_materials(ctx.queue, &ctx.runtime.bake, factors);
-        ctx.runtime.changes.factors.clone_from(factors);
-    }
-    Ok(())
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
+    frame.set_materials(ctx.queue, &ctx.runtime.bake, factors);
+    ctx.runtime.changes.factors.clone_from(factors);
+    Ok(Some(()))
 }

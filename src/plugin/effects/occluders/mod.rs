@@ -9,7 +9,9 @@ use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::GpuError;
 use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, Timing, Work};
+use crate::plugin::GiOccluder;
 use crate::plugin::record::SceneContext;
+use bevy::app::App;
 
 pub(super) const EFFECT: Effect = Effect {
     name: "occluders",
@@ -33,6 +35,11 @@ pub(super) const EFFECT: Effect = Effect {
     }],
 };
 
+/// Adds the component to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiOccluder>();
+}
+
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes().filter(|s| s.occluders_changed > 0) {
         let reason = RunReason::OccludersMoved(scene.occluders_changed);
@@ -40,15 +47,16 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, _: &Pass) -> Result<Option<()>, GpuError> {
     let transmittances = &ctx.scene.transmittances;
-    if let Some(frame) = &mut ctx.runtime.frame {
-        let bake = &ctx.runtime.bake;
-        frame.set_occluders(ctx.kernels, ctx.queue, ctx.encoder, bake, transmittances);
-        ctx.runtime
-            .changes
-            .transmittances
-            .clone_from(transmittances);
-    }
-    Ok(())
+    let Some(frame) = &mut ctx.runtime.frame else {
+        return Ok(None);
+    };
+    let bake = &ctx.runtime.bake;
+    frame.set_occluders(ctx.kernels, ctx.queue, ctx.encoder, bake, transmittances);
+    ctx.runtime
+        .changes
+        .transmittances
+        .clone_from(transmittances);
+    Ok(Some(()))
 }

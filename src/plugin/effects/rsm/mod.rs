@@ -24,9 +24,20 @@ use crate::plugin::gpu_timings::map_spans;
 use crate::plugin::record::{
     LayerInput, LayerRecording, LightMapRecording, MapDrawContext, SubsplatLayers,
 };
+use crate::plugin::{GiReflectiveShadowMap, GiReflector, GiRenderSystems, GiRsmCamera, GiSystems};
+use bevy::app::{App, PostUpdate, SubApp};
+use bevy::asset::{AssetEventSystems, Assets};
+use bevy::camera::CameraUpdateSystems;
+use bevy::camera::visibility::VisibilitySystems;
+use bevy::ecs::prelude::*;
+use bevy::image::Image;
 use bevy::log::error;
+use bevy::mesh::Mesh;
+use bevy::pbr::StandardMaterial;
+use bevy::render::ExtractSchedule;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
+use bevy::transform::TransformSystems;
 
 pub(super) const EFFECT: Effect = Effect {
     name: "rsm",
@@ -78,6 +89,49 @@ pub(super) const EFFECT: Effect = Effect {
     ],
 };
 
+/// Adds the components, the cameras of maps and the change detection to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiReflector>()
+        .register_type::<GiReflectiveShadowMap>()
+        .register_type::<GiRsmCamera>()
+        .init_resource::<map_cameras::RsmRequests>()
+        .add_systems(
+            PostUpdate,
+            (
+                map_cameras::update_rsm_layers,
+                map_cameras::update_rsm_cameras,
+            )
+                .chain()
+                .in_set(GiSystems::UpdateRsmCameras)
+                .after(TransformSystems::Propagate)
+                .after(VisibilitySystems::VisibilityPropagate)
+                .before(CameraUpdateSystems)
+                .before(VisibilitySystems::UpdateFrusta)
+                .before(VisibilitySystems::CheckVisibility),
+        )
+        .add_systems(
+            PostUpdate,
+            object_changes::detect_dynamic_changes
+                .after(map_cameras::update_rsm_cameras)
+                .after(AssetEventSystems)
+                // An app that draws nothing has none of these.
+                .run_if(resource_exists::<Assets<Mesh>>)
+                .run_if(resource_exists::<Assets<Image>>)
+                .run_if(resource_exists::<Assets<StandardMaterial>>),
+        );
+}
+
+/// Adds the extraction and the schedule of map cameras to the render world.
+pub(super) fn add_to_render_app(render_app: &mut SubApp) {
+    render_app
+        .init_resource::<map_schedule::LightMaps>()
+        .add_schedule(map_schedule::schedule())
+        .add_systems(
+            ExtractSchedule,
+            map_schedule::extract_maps.in_set(GiRenderSystems::Extract),
+        );
+}
+
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for light in &state.bounces {
         let maps = match state.maps_of(light) {
@@ -86,7 +140,7 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
         };
         match maps {
             Ok(maps) => {
-                let (stage, reason) = (FrameStage::RSM, RunReason::Moving(maps));
+                let (stage, reason) = (FrameStage::RSM, RunReason::ObjectsInRange(maps));
                 plan.push(EFFECT.name, stage, SceneId::WORLD, reason).light = Some(light.id);
             }
             Err(reason) => plan.without_maps.push((light.id, reason)),

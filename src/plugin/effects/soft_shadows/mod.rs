@@ -21,10 +21,13 @@ use crate::plugin::observe::ExtractedWorld;
 use crate::plugin::record::SceneContext;
 use crate::plugin::render_state::{SceneRuntime, bounds};
 use crate::plugin::transform::SimilarityTransform;
+use crate::plugin::{GiRenderSystems, GiSoftShadow, GiSystems, validation};
+use bevy::app::{App, Last, SubApp};
 use bevy::camera::visibility::RenderLayers;
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::math::Mat4;
+use bevy::render::ExtractSchedule;
 use meshless_gi::internals::frame::SoftLight;
 use meshless_gi::{BakedScene, Bounds};
 
@@ -64,6 +67,22 @@ pub(super) fn check_supported(state: &FrameState, scene: &SceneState) -> Result<
     }
 }
 
+/// Adds the component and its check to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiSoftShadow>().add_systems(
+        Last,
+        (soft_lights::check_soft.after(validation::check)).in_set(GiSystems::Validate),
+    );
+}
+
+/// Adds the extraction to the render world.
+pub(super) fn add_to_render_app(render_app: &mut SubApp) {
+    render_app.init_resource::<ExtractedSoft>().add_systems(
+        ExtractSchedule,
+        soft_lights::extract_soft.in_set(GiRenderSystems::Extract),
+    );
+}
+
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in state.active_scenes().filter(|s| s.soft.lights > 0) {
         let shown = |view: &ViewState| view.lit && view.shows(scene.id);
@@ -81,9 +100,9 @@ fn schedule(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
+fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<Option<()>, GpuError> {
     let Some(frame) = &ctx.runtime.frame else {
-        return Ok(());
+        return Ok(None);
     };
     let (scene, bake) = (frame.buffers(), &ctx.runtime.bake);
     let soft = ctx.runtime.states.get_or_default::<SceneSoft>();
@@ -94,7 +113,7 @@ fn record(ctx: &mut SceneContext<'_>, pass: &Pass) -> Result<(), GpuError> {
             warn!("baked scene {root}: lights cast no soft shadows: {error}");
         }
     }
-    Ok(())
+    Ok(Some(()))
 }
 
 /// Describes the lights with soft shadows of a scene in view. Releases the buffers if there are
@@ -222,21 +241,17 @@ impl EffectState for SceneSoft {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{DisplayUse, SceneId, SoftShadowState, ViewId};
+    use crate::plan::{SceneId, SoftShadowState, ViewId};
     use crate::plugin::effects::{pass_of, plan_frame};
 
     const A: SceneId = SceneId(1);
 
     fn view(id: u64, lit: bool) -> ViewState {
         ViewState {
-            id: ViewId(id),
-            specular: false,
             lit,
-            enabled: true,
-            has_gbuffer: true,
             pixels: 1000,
-            display: DisplayUse::Subsplats,
             sees: vec![A],
+            ..ViewState::new(ViewId(id))
         }
     }
 

@@ -6,6 +6,7 @@
 pub(crate) mod irradiance_volume;
 pub(crate) mod shader;
 
+use super::fog::fog_volumes::extract_fogs;
 use super::transport::solve_reason;
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
@@ -21,8 +22,16 @@ use crate::plugin::observe::ExtractedWorld;
 use crate::plugin::record::SceneContext;
 use crate::plugin::render_state::SceneRuntime;
 use crate::plugin::transform::SimilarityTransform;
+use crate::plugin::{GiIrradianceVolume, GiRenderSystems, GiSystems, extract, validation};
+use bevy::app::{App, Last, PostUpdate, SubApp};
+use bevy::asset::{AssetEventSystems, Assets};
+use bevy::camera::visibility::VisibilitySystems;
+use bevy::ecs::prelude::*;
+use bevy::image::Image;
 use bevy::log::warn;
 use bevy::math::Mat4;
+use bevy::render::ExtractSchedule;
+use bevy::transform::TransformSystems;
 use meshless_gi::BakedScene;
 use meshless_gi::internals::frame::{VolumeParams, VoxelGrid, VoxelWeights};
 
@@ -41,13 +50,46 @@ pub(super) const EFFECT: Effect = Effect {
         record: Recording {
             kernels: &[gpu::EntryPoint::Volume],
             draws: None,
-            how: Record::Scene(|ctx, _| {
-                SceneVolume::record(ctx);
-                Ok(())
-            }),
+            how: Record::Scene(|ctx, _| Ok(SceneVolume::record(ctx))),
         },
     }],
 };
+
+/// Adds the component, its textures and its check to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiIrradianceVolume>()
+        .add_systems(
+            PostUpdate,
+            (
+                irradiance_volume::update_irradiance_volumes
+                    .in_set(GiSystems::UpdateVolumes)
+                    .before(TransformSystems::Propagate)
+                    .before(AssetEventSystems)
+                    .run_if(resource_exists::<Assets<Image>>),
+                shader::replace
+                    .in_set(GiSystems::UpdateVolumes)
+                    .before(AssetEventSystems),
+                irradiance_volume::hide_irradiance_volumes
+                    .in_set(GiSystems::FilterVolumes)
+                    .after(VisibilitySystems::CheckVisibility),
+            ),
+        )
+        .add_systems(
+            Last,
+            (irradiance_volume::check_volumes.after(validation::check)).in_set(GiSystems::Validate),
+        );
+}
+
+/// Adds the extraction to the render world. It reads the fog, which a volume may light.
+pub(super) fn add_to_render_app(render_app: &mut SubApp) {
+    render_app.init_resource::<ExtractedVolumes>().add_systems(
+        ExtractSchedule,
+        irradiance_volume::extract_volumes
+            .after(extract::extract)
+            .after(extract_fogs)
+            .in_set(GiRenderSystems::Extract),
+    );
+}
 
 fn schedule(state: &FrameState, plan: &mut Plan) {
     for scene in (state.active_scenes()).filter(|s| s.volume.requested && s.volume.is_visible) {
@@ -140,7 +182,8 @@ impl SceneVolume {
     }
 
     /// Continues the search for the volume's weights, and records its voxels once all are found.
-    fn record(ctx: &mut SceneContext<'_>) {
+    /// Returns `None` if the scene has no volume, or is not on the device.
+    fn record(ctx: &mut SceneContext<'_>) -> Option<()> {
         let SceneRuntime {
             states,
             frame,
@@ -148,17 +191,11 @@ impl SceneVolume {
             changes,
             ..
         } = &mut *ctx.runtime;
-        let (Some(placement), Some(frame)) = (&ctx.scene.placement, frame) else {
-            return;
-        };
-        let requested = VolumeRequest::new(ctx.volumes, ctx.scene.id, &placement.matrix());
-        let Some(VolumeRequest {
+        let (placement, frame) = (ctx.scene.placement.as_ref()?, frame.as_mut()?);
+        let VolumeRequest {
             volume: extracted,
             target,
-        }) = requested
-        else {
-            return;
-        };
+        } = VolumeRequest::new(ctx.volumes, ctx.scene.id, &placement.matrix())?;
         let volume = states.get_or_default::<Self>();
         volume.prepare(*extracted.shape(), bake, ctx.kernels, ctx.queue);
         if let Some(buffers) = &volume.buffers {
@@ -173,6 +210,7 @@ impl SceneVolume {
             );
             changes.volume = Some(target);
         }
+        Some(())
     }
 
     /// Continues the preparation of a volume. Its buffers exist once the preparation is complete.
@@ -219,7 +257,7 @@ impl EffectState for SceneVolume {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{DisplayUse, SceneId, SlotChange, ViewId, ViewState, VolumeState};
+    use crate::plan::{SceneId, SlotChange, ViewId, ViewState, VolumeState};
     use crate::plugin::effects::{pass_of, plan_frame};
 
     const A: SceneId = SceneId(1);
@@ -239,14 +277,9 @@ mod tests {
 
     fn deferred() -> ViewState {
         ViewState {
-            id: ViewId(3),
-            specular: false,
-            lit: true,
-            enabled: true,
-            has_gbuffer: true,
             pixels: 1000,
-            display: DisplayUse::Subsplats,
             sees: vec![A],
+            ..ViewState::new(ViewId(3))
         }
     }
 

@@ -10,11 +10,14 @@ use super::rsm::{self, Reflections};
 use super::{Effect, PassKind, Record, Recording};
 use crate::gpu;
 use crate::gpu::{Draw, GpuError, NodeLights, SpecularBuffers, SubsplatTargets};
-use crate::plan::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId, Timing, Work};
+use crate::plan::{
+    FrameStage, FrameState, Pass, Plan, RunReason, SceneId, SkipReason, Timing, ViewState, Work,
+};
+use crate::plugin::GiSpecular;
 use crate::plugin::effect_states::EffectState;
 use crate::plugin::record::ViewContext;
 use crate::plugin::view_state::screen_texture;
-use bevy::log::warn_once;
+use bevy::app::App;
 use meshless_gi::internals::frame::{SubsplatParams, VplParams, VplViewParams};
 
 pub(super) const EFFECT: Effect = Effect {
@@ -37,12 +40,22 @@ pub(super) const EFFECT: Effect = Effect {
     }],
 };
 
+/// Adds the component to the main world.
+pub(super) fn add_to_app(app: &mut App) {
+    app.register_type::<GiSpecular>();
+}
+
 fn schedule(state: &FrameState, plan: &mut Plan) {
-    for view in state.views.iter().filter(|view| view.specular) {
-        if rsm::lights_view(state, view) {
-            let (stage, reason) = (FrameStage::VPL_SPECULAR, RunReason::InView);
-            plan.push(EFFECT.name, stage, SceneId::WORLD, reason).view = Some(view.id);
+    let stage = FrameStage::VPL_SPECULAR;
+    let shown = |view: &&ViewState| view.specular && rsm::lights_view(state, view);
+    for view in state.views.iter().filter(shown) {
+        if view.refused.contains(&stage) {
+            let reason = SkipReason::ViewBeyondLimits;
+            (plan.skipped).push((SceneId::WORLD, Some(view.id), reason));
+            continue;
         }
+        plan.push(EFFECT.name, stage, SceneId::WORLD, RunReason::InView)
+            .view = Some(view.id);
     }
 }
 
@@ -60,7 +73,8 @@ fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) -> Option<()> {
     let mut view = match ViewSpecular::fit(before, device, ctx.queue, &screen) {
         Ok(view) => view,
         Err(error) => {
-            warn_once!("a view shows no specular reflections: {error}");
+            let stage = FrameStage::VPL_SPECULAR;
+            (ctx.runtime).refuse(stage, "shows no specular reflections", &error);
             return Some(());
         }
     };
@@ -86,9 +100,9 @@ fn record(ctx: &mut ViewContext<'_>, _: &[&Pass]) -> Option<()> {
     );
     ctx.counters
         .add(&view.buffers.counters().difference_from(&before));
-    draw_over_picture(ctx, Draw::Specular, &view.radiance);
+    let drawn = draw_over_picture(ctx, Draw::Specular, &view.radiance);
     ctx.runtime.states.insert(view);
-    Some(())
+    drawn
 }
 
 /// Buffers and the texture of a view.
