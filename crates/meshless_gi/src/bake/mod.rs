@@ -43,6 +43,7 @@ mod transport_method;
 mod transport_stage;
 mod visibility;
 
+pub use crate::transport::pca::VisibilityRecipe;
 pub use bake_error::BakeError;
 pub use bake_scene::{BakeSceneError, bake_scene, bake_scene_with_origin};
 pub use bake_settings::{BakeSettings, reached_area};
@@ -56,7 +57,6 @@ pub use sky::SkyModel;
 pub use staleness::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
 pub use stats::{BakeStats, StageSeconds};
 pub use transport_method::{FmmRecipe, PcaRecipe, TransportMethod};
-pub use visibility::VisibilityRecipe;
 
 use crate::asset::BakedScene;
 use crate::scene::{Bvh, Geometry, Occluder, OccluderGeometry};
