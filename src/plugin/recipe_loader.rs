@@ -28,10 +28,11 @@ use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathErro
 use bevy::log::{debug, info, warn};
 use bevy::reflect::prelude::*;
 use meshless_gi::internals::asset::{FORMAT_VERSION, fingerprint, is_container};
-use meshless_gi::internals::bake::{BAKE_VERSION, canonical_recipe};
+use meshless_gi::internals::bake::{
+    BAKE_VERSION, BakeOrigin, bake_scene_with_origin, canonical_recipe,
+};
 use meshless_gi::{
     BakeSceneError, Baked, BakedScene, Limits, Preset, Progress, Recipe, RecipeError, SceneError,
-    bake_scene,
 };
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -153,10 +154,14 @@ impl RecipeInputs {
         progress: &Progress,
     ) -> Result<BakedScene, GiRecipeLoadError> {
         let mesh = self.files.mesh(&self.recipe.viewpoints)?;
-        let baked = bake_scene(&mesh, &self.recipe, threads, progress);
+        let origin = BakeOrigin {
+            scene_digest: self.files.digest(),
+            ..BakeOrigin::default()
+        };
+        let baked = bake_scene_with_origin(&mesh, &self.recipe, &origin, threads, progress);
         let Baked { scene, stats, .. } = baked.map_err(|error| self.failed(error))?;
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
-        Ok(scene.with_scene_digest(self.files.digest()))
+        Ok(scene)
     }
 
     /// Bakes on a thread of its own. The threads that load assets and compile shaders stay free: a

@@ -8,8 +8,10 @@ use super::request::GiBakeRequest;
 use super::warning::GiBakeWarning as Warning;
 use bevy::log::{info, warn};
 use meshless_gi::internals::asset::{check_writable, fingerprint, write_file};
-use meshless_gi::internals::bake::{BAKE_VERSION, BakeInputs, Staleness};
-use meshless_gi::{AssetError, BakedScene, Limits, Progress, Recipe, TriangleMesh, bake_scene};
+use meshless_gi::internals::bake::{
+    BAKE_VERSION, BakeInputs, BakeOrigin, Staleness, bake_scene_with_origin,
+};
+use meshless_gi::{AssetError, BakedScene, Limits, Progress, Recipe, TriangleMesh};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -50,10 +52,14 @@ pub(super) fn run(
         request.recipe.preset
     );
     let progress_log = log_progress(root.clone(), progress.clone());
-    let baked = bake_scene(&mesh, &request.recipe, bake_threads(), progress)?;
+    let origin = BakeOrigin {
+        request: key,
+        ..BakeOrigin::default()
+    };
+    let threads = bake_threads();
+    let baked = bake_scene_with_origin(&mesh, &request.recipe, &origin, threads, progress)?;
     drop(progress_log);
     let mut output = BakeOutput::from(baked);
-    output.scene = output.scene.with_request(key);
     let mut saved = String::new();
     if let Some(path) = save_to {
         match save(path, &output.scene) {

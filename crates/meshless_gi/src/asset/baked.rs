@@ -25,22 +25,6 @@ impl BakedScene {
         &self.info
     }
 
-    /// Returns the scene with the digest of its files. See [`BakeInfo::scene_digest`].
-    #[doc(hidden)]
-    #[must_use]
-    pub fn with_scene_digest(mut self, digest: String) -> Self {
-        self.info.scene_digest = digest;
-        self
-    }
-
-    /// Returns the scene with the hash of the request that it answers. See [`BakeInfo::request`].
-    #[doc(hidden)]
-    #[must_use]
-    pub fn with_request(mut self, request: String) -> Self {
-        self.info.request = request;
-        self
-    }
-
     /// Returns the scene with the irradiance of its points. See [`SceneData::illumination`].
     #[doc(hidden)]
     #[must_use]

@@ -9,6 +9,17 @@
 
 use bytemuck::Pod;
 
+/// Creates fields of all 32 bits of these words.
+pub(super) const fn words<const N: usize>(words: [usize; N]) -> [Field; N] {
+    let mut fields = [Field::word(0); N];
+    let mut i = 0;
+    while i < N {
+        fields[i] = Field::word(words[i]);
+        i += 1;
+    }
+    fields
+}
+
 /// Part of a word that a field occupies.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum WordPart {

@@ -2,7 +2,7 @@
 //! are present together or not at all. The sky visibility of the octree's points is stored with
 //! their surfaces, and not twice.
 
-use super::codec::{Field, Layout};
+use super::codec::{Field, Layout, words};
 use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
@@ -38,12 +38,7 @@ const NODE: Layout = Layout::columns(&[
     Field::word(15).delta(),
 ]);
 /// Lengths of a node's four lists.
-const LENGTHS: Layout = Layout::columns(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
+const LENGTHS: Layout = Layout::columns(&words([0, 1, 2, 3]));
 const ENTRY: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
 const OCTREE_POINT: Layout = Layout::rows(&[
     Field::word(0),

@@ -1,6 +1,6 @@
 //! Layouts of the items of sections: the words that a file stores, and their order.
 
-use super::codec::{Field, Layout};
+use super::codec::{Field, Layout, words};
 
 pub(super) const POINT: Layout = Layout::rows(&[
     Field::word(0),
@@ -12,23 +12,8 @@ pub(super) const POINT: Layout = Layout::rows(&[
     Field::word(6),
     Field::word(7).delta(),
 ]);
-pub(super) const LIGHT_SAMPLE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
-pub(super) const SURFACE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(8),
-    Field::word(9),
-    Field::word(10),
-]);
+pub(super) const LIGHT_SAMPLE: Layout = Layout::rows(&words([0, 1, 2, 3]));
+pub(super) const SURFACE: Layout = Layout::rows(&words([0, 1, 2, 4, 5, 6, 8, 9, 10]));
 pub(super) const COUNT: Layout = Layout::columns(&[Field::word(0)]);
 pub(super) const INDEX: Layout = Layout::columns(&[Field::word(0).delta()]);
 pub(super) const WEIGHT: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
@@ -54,19 +39,9 @@ pub(super) const BOUNCE: Layout = Layout::columns(&[
     Field::word(2),
     Field::word(3).delta(),
 ]);
-pub(super) const COLOR: Layout = Layout::columns(&[Field::word(0), Field::word(1), Field::word(2)]);
-pub(super) const PLANE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
-pub(super) const SLOT: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-]);
+pub(super) const COLOR: Layout = Layout::columns(&words([0, 1, 2]));
+pub(super) const PLANE: Layout = Layout::rows(&words([0, 1, 2, 3]));
+pub(super) const SLOT: Layout = Layout::rows(&words([0, 1, 2, 3]));
 pub(super) const NODE: Layout = Layout::columns(&[
     Field::word(0),
     Field::word(1),
@@ -77,14 +52,4 @@ pub(super) const NODE: Layout = Layout::columns(&[
     Field::word(3).delta(),
     Field::word(7),
 ]);
-pub(super) const TRIANGLE: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(8),
-    Field::word(9),
-    Field::word(10),
-]);
+pub(super) const TRIANGLE: Layout = Layout::rows(&words([0, 1, 2, 4, 5, 6, 8, 9, 10]));

@@ -2,7 +2,7 @@
 //! change at run time. Data in memory, sections of the file, and validation. The four sections are
 //! present together or not at all.
 
-use super::codec::{Field, Layout};
+use super::codec::{Layout, words};
 use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
@@ -62,23 +62,8 @@ impl DynamicMaterials {
     }
 }
 
-const FACTORS: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-    Field::word(4),
-    Field::word(5),
-]);
-const SHARE: Layout = Layout::columns(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-]);
+const FACTORS: Layout = Layout::rows(&words([0, 1, 2, 3, 4, 5]));
+const SHARE: Layout = Layout::columns(&words([0, 1, 2, 3, 4, 5, 6]));
 
 /// Kinds of sections, ascending.
 pub(super) const KINDS: [SectionKind; 4] = [

@@ -2,7 +2,7 @@
 //! file, and validation. The five sections are present together or not at all. The section of the
 //! probes is empty without probes. The occluders' triangles are the last of the BVH.
 
-use super::codec::{Field, Layout};
+use super::codec::{Field, Layout, words};
 use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
@@ -43,7 +43,7 @@ impl Occluders {
     }
 }
 
-const SET: Layout = Layout::rows(&[Field::word(0), Field::word(1)]);
+const SET: Layout = Layout::rows(&words([0, 1]));
 const LINK_TERM: Layout = Layout::columns(&[
     Field::word(0).delta(),
     Field::low(1),

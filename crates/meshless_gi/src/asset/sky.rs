@@ -2,7 +2,7 @@
 //! the eight terms ([`SkyRadiance`]) are among the operator's. The senders' direct light from the
 //! terms is here.
 
-use super::codec::{Field, Layout};
+use super::codec::{Layout, words};
 use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::scene_data::SceneData;
@@ -19,16 +19,7 @@ pub struct SkyVisibility {
     pub senders: Vec<[f32; SkyRadiance::TERMS]>,
 }
 
-const TERMS: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-    Field::word(4),
-    Field::word(5),
-    Field::word(6),
-    Field::word(7),
-]);
+const TERMS: Layout = Layout::rows(&words([0, 1, 2, 3, 4, 5, 6, 7]));
 
 /// Kind of section.
 pub(super) const KIND: SectionKind = SectionKind {

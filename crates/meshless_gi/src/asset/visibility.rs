@@ -2,7 +2,7 @@
 //! together or not at all. The starts of a cluster's and a point's arrays follow from the lengths
 //! before, and are not stored.
 
-use super::codec::{Field, Layout};
+use super::codec::{Field, Layout, words};
 use super::container::{Container, Section, SectionKind};
 use super::error::AssetError;
 use super::layouts::COUNT;
@@ -13,13 +13,7 @@ use super::violation::Check;
 use crate::transport::pca::{HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint};
 use glam::Vec3;
 
-const CLUSTER: Layout = Layout::rows(&[
-    Field::word(0),
-    Field::word(1),
-    Field::word(2),
-    Field::word(3),
-    Field::word(6),
-]);
+const CLUSTER: Layout = Layout::rows(&words([0, 1, 2, 3, 6]));
 const POINT: Layout = Layout::columns(&[
     Field::word(0).delta(),
     Field::word(2),

@@ -77,7 +77,7 @@ pub(super) fn describe(
     estimates: &[ErrorEstimate],
     rays: u64,
 ) -> BakeInfo {
-    let (source, recipe) = (context.source, context.recipe);
+    let (source, recipe, origin) = (context.source, context.recipe, context.origin);
     let settings = survey.settings.to_ron();
     let all_links = estimates.last().copied().unwrap_or_default();
     let sizes = scene.tier_sizes().into_iter();
@@ -87,7 +87,7 @@ pub(super) fn describe(
         fingerprint: fingerprint_of(&source.content_hash, &settings, &recipe.viewpoints),
         content_hash: hex(&source.content_hash),
         scene: recipe.scene.clone(),
-        scene_digest: String::new(),
+        scene_digest: origin.scene_digest.clone(),
         given_recipe: canonical_recipe(recipe),
         recipe: settings,
         triangles: source.primitives,
@@ -109,6 +109,6 @@ pub(super) fn describe(
         uncovered: facts.uncovered as f32,
         largest_row_sum: facts.largest_row_sum,
         energy,
-        request: String::new(),
+        request: origin.request.clone(),
     }
 }

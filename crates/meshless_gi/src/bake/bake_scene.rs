@@ -1,7 +1,9 @@
 //! Bake of a scene on its own thread pool, for the tool and the plugin. Panics become errors.
 
 use super::occluders::node_names;
-use super::{BakeError, BakeSource, BakeStage, Baked, Progress, Recipe, bake};
+use super::{
+    BakeError, BakeOrigin, BakeSource, BakeStage, Baked, Progress, Recipe, bake_with_origin,
+};
 use crate::scene::TriangleMesh;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -32,6 +34,20 @@ pub fn bake_scene(
     threads: usize,
     progress: &Progress,
 ) -> Result<Baked, BakeSceneError> {
+    bake_scene_with_origin(mesh, recipe, &BakeOrigin::default(), threads, progress)
+}
+
+/// Bakes as [`bake_scene`]. Stores `origin` in the description of the bake.
+///
+/// # Errors
+/// See [`BakeSceneError`].
+pub fn bake_scene_with_origin(
+    mesh: &TriangleMesh,
+    recipe: &Recipe,
+    origin: &BakeOrigin,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Baked, BakeSceneError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|i| format!("meshless gi bake {i}"))
@@ -57,7 +73,7 @@ pub fn bake_scene(
             occluders,
         };
         let seconds = began.elapsed().as_secs_f64();
-        let mut baked = bake(&source, recipe, progress)?;
+        let mut baked = bake_with_origin(&source, recipe, origin, progress)?;
         baked.stats.seconds.bvh += seconds;
         baked.stats.seconds.total += seconds;
         Ok(baked)

@@ -1,12 +1,12 @@
 //! Settings of a bake: a recipe with every value filled in from the quality level and the scene.
 
+use super::VisibilityRecipe;
 use super::occluders::OccluderDesc;
 use super::probes::ProbeSettings;
 use super::quality_level::QualityParameters;
 use super::recipe::{BounceMode, Recipe, RecipeError, ron_options};
 use super::sky::SkyModel;
 use super::transport_method::TransportMethod;
-use super::visibility::VisibilityRecipe;
 use crate::samples::{DiskSettings, fill_level};
 use crate::scene::{Geometry, SkyRadiance};
 use crate::transport::Link;

@@ -1,12 +1,13 @@
 //! Input that all stages of a bake share, and the cost that each returns.
 
-use super::{BakeError, BakeSource, BakeStage, Progress, Recipe};
+use super::{BakeError, BakeOrigin, BakeSource, BakeStage, Progress, Recipe};
 use std::time::Instant;
 
 /// Input of a bake.
 pub(super) struct BakeContext<'a> {
     pub source: &'a BakeSource<'a>,
     pub recipe: &'a Recipe,
+    pub origin: &'a BakeOrigin,
     pub progress: &'a Progress,
 }
 

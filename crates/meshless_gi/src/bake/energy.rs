@@ -178,6 +178,23 @@ fn bound_links(linked: &LinkedPoints, mut surfaces: Vec<PointSurface>) -> Bounde
     Bounded { surfaces, gain }
 }
 
+/// Computes the reciprocity residual of `groups` groups of senders, relative to the exchanged light.
+/// `light(a, b)` is the light of group b at group a.
+pub(super) fn reciprocity_residual(groups: usize, light: impl Fn(usize, usize) -> f64) -> f64 {
+    let (mut differences, mut means) = (0.0, 0.0);
+    for a in 0..groups {
+        for b in 0..a {
+            let (there, back) = (light(a, b), light(b, a));
+            differences += (there - back).powi(2);
+            means += (0.5 * (there + back)).powi(2);
+        }
+    }
+    match means > 0.0 {
+        true => (differences / means).sqrt(),
+        false => 0.0,
+    }
+}
+
 /// Enforces the energy bound of an operator of components. See
 /// [`energy_components`](super::energy_components).
 fn bound_components(
@@ -368,18 +385,7 @@ impl Senders {
                 }
             }
         }
-        let (mut differences, mut means) = (0.0, 0.0);
-        for (a, row) in between.iter().enumerate() {
-            for (b, &there) in row.iter().enumerate().take(a) {
-                let back = between[b][a];
-                differences += (there - back).powi(2);
-                means += (0.5 * (there + back)).powi(2);
-            }
-        }
-        let residual = match means > 0.0 {
-            true => (differences / means).sqrt(),
-            false => 0.0,
-        };
+        let residual = reciprocity_residual(chosen, |a, b| between[a][b]);
         (rows.into_iter().map(|row| row.0).collect(), residual)
     }
 

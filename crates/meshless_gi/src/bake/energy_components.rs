@@ -13,6 +13,7 @@
 //! **Reciprocity** is measured for pairs of clusters: uniform light of each one on the senders of
 //! the other.
 
+use super::energy::reciprocity_residual;
 use super::packing::LinkedPoints;
 use crate::asset::PointSurface;
 use crate::frame::{VectorIrradiance, apply, compress};
@@ -146,17 +147,5 @@ pub(super) fn reciprocity(linked: &LinkedPoints, compression: &Compression) -> f
             between[s * clusters + cluster_of_column[c]] += f * ones[c];
         }
     }
-    let (mut differences, mut means) = (0.0, 0.0);
-    for a in 0..clusters {
-        for b in 0..a {
-            let (there, back) = (between[a * clusters + b], between[b * clusters + a]);
-            differences += (there - back).powi(2);
-            means += (0.5 * (there + back)).powi(2);
-        }
-    }
-    if means > 0.0 {
-        (differences / means).sqrt()
-    } else {
-        0.0
-    }
+    reciprocity_residual(clusters, |a, b| between[a * clusters + b])
 }

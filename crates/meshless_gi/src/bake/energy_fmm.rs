@@ -8,7 +8,7 @@
 //! **Reciprocity** is measured for groups of neighboring senders: uniform light of one group on
 //! another, times the area.
 
-use super::energy::{Bounded, Gain, MAX_GAIN, MAX_UNCLAMPED_GAIN};
+use super::energy::{Bounded, Gain, MAX_GAIN, MAX_UNCLAMPED_GAIN, reciprocity_residual};
 use super::energy_components::lower;
 use super::fmm::Octree;
 use super::packing::LinkedPoints;
@@ -125,17 +125,5 @@ fn reciprocity(linked: &LinkedPoints, octree: &Octree, passes: &mut Passes<'_, f
             }
         }
     }
-    let (mut differences, mut means) = (0.0, 0.0);
-    for (a, row) in between.iter().enumerate() {
-        for (&there, other) in row.iter().zip(&between[..a]) {
-            let back = other[a];
-            differences += (there - back).powi(2);
-            means += (0.5 * (there + back)).powi(2);
-        }
-    }
-    if means > 0.0 {
-        (differences / means).sqrt()
-    } else {
-        0.0
-    }
+    reciprocity_residual(SENDER_GROUPS, |a, b| between[a][b])
 }

@@ -87,7 +87,7 @@ pub(super) fn build_octree(
     let fmm = Fmm::new(&points, &recipe.solver(settings.seed), Some(geometry))
         .map_err(|error| BakeError::Octree(Box::new(error)))?;
     let mut operator = fmm.operator(|at| of[at as usize]);
-    let visible_sky = sky.as_ref().unwrap_or(&transport.rows.refined.sky);
+    let visible_sky = sky.as_ref().unwrap_or(&transport.rows.sky);
     for point in operator.points.iter_mut().filter(|p| p.share == 0.0) {
         point.sky = visible_sky[point.point as usize].to_array();
     }

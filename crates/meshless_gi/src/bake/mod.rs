@@ -43,8 +43,9 @@ mod transport_method;
 mod transport_stage;
 mod visibility;
 
+pub use crate::transport::pca::VisibilityRecipe;
 pub use bake_error::BakeError;
-pub use bake_scene::{BakeSceneError, bake_scene};
+pub use bake_scene::{BakeSceneError, bake_scene, bake_scene_with_origin};
 pub use bake_settings::{BakeSettings, reached_area};
 pub use estimate::{ErrorEstimate, estimate_errors};
 pub use occluders::{OccluderBox, OccluderDesc};
@@ -56,7 +57,6 @@ pub use sky::SkyModel;
 pub use staleness::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
 pub use stats::{BakeStats, StageSeconds};
 pub use transport_method::{FmmRecipe, PcaRecipe, TransportMethod};
-pub use visibility::VisibilityRecipe;
 
 use crate::asset::BakedScene;
 use crate::scene::{Bvh, Geometry, Occluder, OccluderGeometry};
@@ -73,6 +73,15 @@ pub struct BakeSource<'a> {
     pub content_hash: [u8; 32],
     /// Parts of the scene that are not in the geometry, named by the recipe's occluders.
     pub occluders: Vec<Occluder>,
+}
+
+/// Digests of what a bake was made from, for a later comparison. They do not affect the bake.
+#[derive(Clone, Debug, Default)]
+pub struct BakeOrigin {
+    /// See [`BakeInfo::scene_digest`](crate::BakeInfo::scene_digest).
+    pub scene_digest: String,
+    /// See [`BakeInfo::request`](crate::BakeInfo::request).
+    pub request: String,
 }
 
 /// Result of a bake.
@@ -94,6 +103,16 @@ pub fn bake(
     recipe: &Recipe,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
+    bake_with_origin(source, recipe, &BakeOrigin::default(), progress)
+}
+
+/// Bakes as [`bake`]. Stores `origin` in the description of the bake.
+fn bake_with_origin(
+    source: &BakeSource<'_>,
+    recipe: &Recipe,
+    origin: &BakeOrigin,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
     recipe.check()?;
     let occluders = occluders::find(&recipe.occluders, &source.occluders, source.geometry)?;
     if !occluders.is_empty() {
@@ -104,7 +123,7 @@ pub fn bake(
             occluders,
             ..*source
         };
-        return pipeline::bake_to_target(&open, recipe, progress);
+        return pipeline::bake_to_target(&open, recipe, origin, progress);
     }
-    pipeline::bake_to_target(source, recipe, progress)
+    pipeline::bake_to_target(source, recipe, origin, progress)
 }

@@ -5,7 +5,7 @@ use super::context::{BakeContext, StageCost};
 use super::fmm::Octree;
 use super::point_set::PointSet;
 use super::survey::Survey;
-use super::transport_stage::{BasisCounts, Rows, Transport};
+use super::transport_stage::{BasisCounts, Transport};
 use super::{BakeError, BakeStage, SkyModel, materials, occluders, sky};
 use crate::asset::{
     DynamicMaterials, FlatBasis, LightSamples, Occluders, PointSurface, Probes, SkyVisibility,
@@ -94,15 +94,16 @@ pub(super) fn pack_rows(
     context.report(BakeStage::Packing, 0.0)?;
     let source = context.source;
     let settings = &survey.settings;
-    let Transport { points, rows, flat } = transport;
-    let Rows {
-        mut refined,
-        compression,
-        basis,
-        probes,
-        precision,
-        ..
-    } = rows;
+    let Transport {
+        points,
+        rows: mut refined,
+        method,
+        flat,
+    } = transport;
+    let (training, bases) = method.into_parts();
+    let (probes, precision) = training.map_or_else(Default::default, |t| (t.probes, t.precision));
+    let basis = (bases.as_ref()).map_or_else(BasisCounts::default, |bases| bases.counts);
+    let compression = bases.map(|bases| bases.compression);
     let visible_sky = octree.and_then(|octree| octree.sky.as_ref());
     let visible_sky = visible_sky.unwrap_or(&refined.sky);
     let surfaces = sender_surfaces(&points, visible_sky, settings.sender_levels as usize);

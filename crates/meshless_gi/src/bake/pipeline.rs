@@ -12,7 +12,7 @@ use super::quality_level::QualityParameters;
 use super::survey::survey;
 use super::transport_stage::build_transport;
 use super::visibility::bake_soft_shadows;
-use super::{BakeError, BakeSource, BakeStats, Baked, Progress, Recipe, StageSeconds};
+use super::{BakeError, BakeOrigin, BakeSource, BakeStats, Baked, Progress, Recipe, StageSeconds};
 use crate::asset::BakedScene;
 use std::time::Instant;
 
@@ -20,11 +20,13 @@ use std::time::Instant;
 pub(super) fn bake_to_target(
     source: &BakeSource<'_>,
     recipe: &Recipe,
+    origin: &BakeOrigin,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     let context = BakeContext {
         source,
         recipe,
+        origin,
         progress,
     };
     let Some(target) = recipe.target_nrmse else {

@@ -4,7 +4,7 @@ use super::recipe::{RecipeError, in_range};
 use super::{BakeError, BakeStage, Progress};
 use crate::asset::Probes;
 use crate::basis::{Hierarchy, probe_basis};
-use crate::samples::{ProbePlacementSettings as PlaceSettings, place_probes};
+use crate::samples::{ProbePlacementSettings, place_probes};
 use crate::scene::Bounds;
 use crate::transport::{
     GatherSettings, PackSettings, SenderForm, SenderTree, Training, UnindexedLinkTerm, pack,
@@ -39,7 +39,7 @@ pub const PROBES: f32 = 2048.0;
 
 /// [`ProbeSettings`] with every value filled in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ProbePlacementSettings {
+pub struct ResolvedProbeSettings {
     /// See [`ProbeSettings::spacing`].
     pub spacing: f32,
     /// See [`ProbeSettings::rays_per_probe`].
@@ -55,12 +55,12 @@ impl ProbeSettings {
 
     /// Returns the settings for a scene with these `bounds` and `rays` per surface point.
     #[must_use]
-    pub fn settings(&self, bounds: &Bounds, rays: u32) -> ProbePlacementSettings {
+    pub fn settings(&self, bounds: &Bounds, rays: u32) -> ResolvedProbeSettings {
         // A flat scene has a box without volume. Its height is at least a tenth of its width.
         let size = bounds.size();
         let size = size.max(Vec3::splat(0.1 * size.max_element()));
         let usual = (size.x * size.y * size.z / PROBES).cbrt();
-        ProbePlacementSettings {
+        ResolvedProbeSettings {
             spacing: self.spacing.unwrap_or(usual).max(f32::MIN_POSITIVE),
             rays: self
                 .rays_per_probe
@@ -109,7 +109,7 @@ pub(super) fn bake_probes(
     let placement = place_probes(
         geometry,
         input.viewpoints,
-        &PlaceSettings {
+        &ProbePlacementSettings {
             spacing: settings.spacing,
             max: Probes::MAX,
             seed: input.gathering.seed,

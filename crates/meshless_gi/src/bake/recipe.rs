@@ -1,11 +1,11 @@
 //! Recipe of a bake, as a user writes it in RON or by options of the tool.
 
+use super::VisibilityRecipe;
 use super::occluders::{OccluderDesc, check_occluders};
 use super::probes::ProbeSettings;
 use super::recipe_text::RecipeText;
 use super::sky::SkyModel;
 use super::transport_method::TransportMethod;
-use super::visibility::VisibilityRecipe;
 use crate::asset::LightSamples;
 #[cfg(feature = "bevy_reflect")]
 use bevy_reflect::std_traits::ReflectDefault;

@@ -1,12 +1,12 @@
 //! Text form of a recipe: the fields of [`Recipe`] and their spelling in earlier versions, where
 //! the parameters of each transport method were fields of the recipe.
 
+use super::VisibilityRecipe;
 use super::occluders::OccluderDesc;
 use super::probes::ProbeSettings;
 use super::recipe::{BounceMode, Preset, Recipe};
 use super::sky::SkyModel;
 use super::transport_method::TransportMethod;
-use super::visibility::VisibilityRecipe;
 use serde::Deserialize;
 
 /// Name of a transport method in earlier versions.

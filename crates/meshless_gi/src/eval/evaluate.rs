@@ -11,7 +11,7 @@
 use super::EmissionIntegrator;
 use crate::asset::BakedScene;
 use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, probe, project, splat};
-use crate::scene::{Light, SkyRadiance, TriangleMesh};
+use crate::scene::{Light, SkyRadiance, TriangleMesh, sum_sky_lights};
 use glam::Vec3;
 
 /// Number of patches of a rectangle light for projection onto the points.
@@ -104,13 +104,7 @@ impl<'a> Evaluator<'a> {
                 .flat_map(|light| FrameLight::expand(light, patches))
                 .collect()
         };
-        let sky: SkyRadiance = lights
-            .iter()
-            .filter_map(|light| match light {
-                Light::Sky { radiance } => Some(*radiance),
-                _ => None,
-            })
-            .sum();
+        let sky = sum_sky_lights(lights);
         let (frame, used) = solve(scene, &expand(PATCHES), &settings(sky, 1, tier), bounces);
         let mut solved = Solved::from_frame(&frame);
         let emits = scene.data().surfaces.iter().any(|s| s.emission != [0.0; 3]);

@@ -10,7 +10,7 @@ use crate::frame::volume::volume_texels;
 use crate::frame::{
     FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
 };
-use crate::scene::{Light, SkyRadiance};
+use crate::scene::{Light, sum_sky_lights};
 use glam::Mat4;
 use half::f16;
 use std::io;
@@ -91,12 +91,7 @@ impl ExportedVolume {
     ) -> Result<Self, ExportError> {
         let shape = VoxelGrid::from_scene(scene.data(), export.voxel, export.max_voxels)
             .ok_or(ExportError::NoProbes)?;
-        let sky: SkyRadiance = (lights.iter())
-            .filter_map(|light| match light {
-                Light::Sky { radiance } => Some(*radiance),
-                _ => None,
-            })
-            .sum();
+        let sky = sum_sky_lights(lights);
         if scene.data().sky.is_none() && !sky.is_uniform() {
             return Err(ExportError::UniformSky);
         }

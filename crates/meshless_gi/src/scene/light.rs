@@ -56,3 +56,13 @@ pub enum Light {
         radiance: SkyRadiance,
     },
 }
+
+/// Returns the sum of the sky lights among `lights`.
+#[must_use]
+pub fn sum_sky_lights(lights: &[Light]) -> SkyRadiance {
+    let radiances = lights.iter().filter_map(|light| match light {
+        Light::Sky { radiance } => Some(*radiance),
+        _ => None,
+    });
+    radiances.sum()
+}

@@ -53,7 +53,7 @@ pub use geometry::{Barrier, Bounds, Geometry, Hit, HitPoint, MaterialTerms, Ray,
 #[cfg(feature = "gltf")]
 pub use gltf::{Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within};
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};
-pub use light::Light;
+pub use light::{Light, sum_sky_lights};
 #[cfg(feature = "gltf")]
 pub use load::{load_geometry, load_geometry_within};
 #[cfg(feature = "gltf")]

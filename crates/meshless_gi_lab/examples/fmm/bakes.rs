@@ -233,7 +233,7 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
         TransportMethod::pca(),
         TransportMethod::fmm(),
     ] {
-        for r in (report.rows.iter()).filter(|r| r.settings.baked.transport.is_same_method(&rule)) {
+        for r in (report.rows.iter()).filter(|r| r.has_method(&rule)) {
             let _ = writeln!(
                 out,
                 "| `{}` | {} | {:.1} ± {:.1} | {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",

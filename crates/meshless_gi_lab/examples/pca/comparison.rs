@@ -73,11 +73,7 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
         report.triangles, report.bounces, report.positions, report.light_sources, report.threads
     );
     for rule in [TransportMethod::Bounded, TransportMethod::pca()] {
-        for r in report
-            .rows
-            .iter()
-            .filter(|r| r.settings.baked.transport.is_same_method(&rule))
-        {
+        for r in report.rows.iter().filter(|r| r.has_method(&rule)) {
             let _ = writeln!(
                 out,
                 "| `{}` | `{}` | {:.1} ± {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",

@@ -9,7 +9,7 @@ use meshless_gi::internals::frame::soft_shadow::{
 };
 use meshless_gi::internals::frame::{VectorIrradiance, splat};
 use meshless_gi::internals::transport::pca::{
-    HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+    Visibility, VisibilityRecipe, VisibilitySettings, bake_visibility,
 };
 use meshless_gi::{BakedScene, Geometry, Light, TriangleMesh};
 use meshless_gi_lab::accuracy::{
@@ -226,7 +226,13 @@ pub fn split_results(
     let usual = VisibilitySettings::default();
     for error in SPLIT_ERRORS {
         let began = Instant::now();
-        let settings = VisibilitySettings { error, ..usual };
+        let settings = VisibilitySettings {
+            recipe: VisibilityRecipe {
+                max_cluster_error: error,
+                ..usual.recipe
+            },
+            ..usual
+        };
         let (visibility, _) = bake_visibility(mesh, &points, &settings, &|_| true)?;
         let seconds = began.elapsed().as_secs_f64();
         let run = race(name, mesh, scene, &visibility, light)?;
@@ -240,7 +246,7 @@ pub fn split_results(
             rays,
             positions: shade.len(),
         });
-        if error == usual.error {
+        if error == usual.recipe.max_cluster_error {
             timings = run;
         }
     }
@@ -339,16 +345,21 @@ fn bake_all(
     Ok([
         bake(&usual)?,
         bake(&VisibilitySettings {
-            grid: HemisphereGrid::default(),
-            components: 100,
-            cluster_points: 1000,
-            error: f32::INFINITY,
+            recipe: VisibilityRecipe {
+                directions: 2016,
+                coefficients: 100,
+                cluster_size: 1000,
+                max_cluster_error: f32::INFINITY,
+            },
             tolerance: 0.0,
             ..usual
         })?,
         bake(&VisibilitySettings {
-            grid: HemisphereGrid::with_directions(8064),
-            cluster_points: 150,
+            recipe: VisibilityRecipe {
+                directions: 8064,
+                cluster_size: 150,
+                ..usual.recipe
+            },
             ..usual
         })?,
     ])
@@ -401,7 +412,7 @@ pub fn measure(
     let bakes = bake_all(mesh, &points)?;
     // The first components of a bake are those of a bake with fewer components.
     let by_count = [0, 1, 2].map(|k| {
-        let max = [usual.components, 100, usual.components][k];
+        let max = [usual.recipe.coefficients, 100, usual.recipe.coefficients][k];
         let counts = COUNTS.into_iter().filter(|&count| count <= max);
         let error = |count| {
             let few = bakes[k].0.truncated(count);

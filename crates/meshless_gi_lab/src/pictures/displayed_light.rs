@@ -3,6 +3,7 @@
 use super::BOUNCES;
 use super::view_reference::ReferencePoint;
 use glam::Vec3;
+use meshless_gi::internals::scene::sum_sky_lights;
 use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings, Light, SkyRadiance};
 use rayon::prelude::*;
 
@@ -21,13 +22,7 @@ impl<'a> DisplayedLight<'a> {
     /// Solves `baked` under `lights`.
     #[must_use]
     pub fn new(baked: &'a BakedScene, lights: &[Light]) -> Self {
-        let sky: SkyRadiance = lights
-            .iter()
-            .filter_map(|light| match light {
-                Light::Sky { radiance } => Some(*radiance),
-                _ => None,
-            })
-            .sum();
+        let sky = sum_sky_lights(lights);
         let expanded: Vec<FrameLight> = lights
             .iter()
             .flat_map(|light| FrameLight::expand(light, PATCHES))

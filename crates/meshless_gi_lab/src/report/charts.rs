@@ -186,7 +186,7 @@ fn links(name: &str, rows: &[Row]) -> Chart {
         let points = rows
             .iter()
             .enumerate()
-            .filter(|(_, r)| r.settings.baked.transport.is_same_method(&rule) && is_comparable(r))
+            .filter(|(_, r)| r.has_method(&rule) && is_comparable(r))
             .map(|(i, r)| Mark {
                 x: r.links as f64,
                 y: r.nrmse,

@@ -76,13 +76,7 @@ fn advice(parts: &[SceneSection]) -> String {
             .report
             .rows
             .iter()
-            .filter(|r| {
-                is_comparable(r)
-                    && r.settings
-                        .baked
-                        .transport
-                        .is_same_method(&TransportMethod::Bounded)
-            })
+            .filter(|r| is_comparable(r) && r.has_method(&TransportMethod::Bounded))
             .filter(|r| r.settings.factor != Factor::Density)
             .filter_map(|r| everywhere(parts, r))
             .filter(|rows| rows.iter().all(|r| r.error_or_bound() <= max))

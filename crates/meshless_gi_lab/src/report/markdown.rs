@@ -31,11 +31,7 @@ fn cheapest_of(
     cost: fn(&Row) -> f64,
 ) -> Option<&Row> {
     rows.iter()
-        .filter(|r| {
-            is_comparable(r)
-                && r.settings.baked.transport.is_same_method(&method)
-                && r.error_or_bound() <= max
-        })
+        .filter(|r| is_comparable(r) && r.has_method(&method) && r.error_or_bound() <= max)
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
@@ -112,13 +108,7 @@ pub fn choice(rows: &[Row]) -> String {
     let mut out = String::new();
     let best = rows
         .iter()
-        .filter(|r| {
-            is_comparable(r)
-                && r.settings
-                    .baked
-                    .transport
-                    .is_same_method(&TransportMethod::Bounded)
-        })
+        .filter(|r| is_comparable(r) && r.has_method(&TransportMethod::Bounded))
         .min_by(|a, b| a.error_or_bound().total_cmp(&b.error_or_bound()));
     let Some(best) = best else {
         return "Nothing was measured.\n".into();
@@ -405,7 +395,7 @@ pub fn pca_comparison(rows: &[Row]) -> String {
     let min = |method: TransportMethod| {
         let errors = rows
             .iter()
-            .filter(|r| is_comparable(r) && r.settings.baked.transport.is_same_method(&method));
+            .filter(|r| is_comparable(r) && r.has_method(&method));
         errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
     };
     let (ours, theirs) = (min(TransportMethod::Bounded), min(TransportMethod::pca()));

@@ -8,7 +8,7 @@ use glam::Vec3;
 use meshless_gi::internals::bake::BakeSettings;
 use meshless_gi::{
     BakeStats, BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light,
-    TriangleMesh,
+    TransportMethod, TriangleMesh,
 };
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -196,6 +196,12 @@ impl Row {
     #[must_use]
     pub fn error_or_bound(&self) -> f64 {
         self.nrmse.max(self.nrmse_interval)
+    }
+
+    /// Returns `true` if the bake is by `method`, with any parameters.
+    #[must_use]
+    pub fn has_method(&self, method: &TransportMethod) -> bool {
+        self.settings.baked.transport.is_same_method(method)
     }
 
     /// Returns `true` if all values are finite. Reports require it.

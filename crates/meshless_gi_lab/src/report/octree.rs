@@ -10,10 +10,7 @@ use std::fmt::Write;
 /// Returns the lowest cost among the bakes by `method` with at most this error.
 fn min(rows: &[Row], method: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
-        is_comparable(r)
-            && r.settings.baked.transport.is_same_method(&method)
-            && r.nrmse <= error
-            && r.nrmse.is_finite()
+        is_comparable(r) && r.has_method(&method) && r.nrmse <= error && r.nrmse.is_finite()
     });
     met.map(cost).min_by(f64::total_cmp)
 }
@@ -24,13 +21,7 @@ fn min(rows: &[Row], method: TransportMethod, error: f64, cost: fn(&Row) -> f64)
 pub fn fmm_comparison(rows: &[Row]) -> String {
     let mut ours: Vec<&Row> = rows
         .iter()
-        .filter(|r| {
-            is_comparable(r)
-                && r.settings
-                    .baked
-                    .transport
-                    .is_same_method(&TransportMethod::fmm())
-        })
+        .filter(|r| is_comparable(r) && r.has_method(&TransportMethod::fmm()))
         .collect();
     ours.sort_by(|a, b| b.nrmse.total_cmp(&a.nrmse));
     if ours.is_empty() {

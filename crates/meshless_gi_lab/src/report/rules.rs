@@ -51,9 +51,7 @@ pub struct MethodComparison {
 #[must_use]
 pub fn front(rows: &[Row], method: TransportMethod) -> Vec<(usize, f64, f64)> {
     let of_method: Vec<usize> = (0..rows.len())
-        .filter(|&i| {
-            rows[i].settings.baked.transport.is_same_method(&method) && is_comparable(&rows[i])
-        })
+        .filter(|&i| rows[i].has_method(&method) && is_comparable(&rows[i]))
         .filter(|&i| rows[i].links > 0 && rows[i].nrmse > 0.0)
         .collect();
     let positions: Vec<(f64, f64)> = of_method

@@ -207,9 +207,12 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
 
 fn bake(geometry: &dyn Geometry, points: &[(Vec3, Vec3)]) -> Visibility {
     let settings = VisibilitySettings {
-        grid: HemisphereGrid::with_directions(252),
-        components: 30,
-        cluster_points: 100,
+        recipe: VisibilityRecipe {
+            directions: 252,
+            coefficients: 30,
+            cluster_size: 100,
+            ..VisibilityRecipe::default()
+        },
         ..VisibilitySettings::default()
     };
     bake_visibility(geometry, points, &settings, &|_| true)
@@ -309,8 +312,11 @@ fn cancelled_bake_returns_early() {
         .map(|i| (Vec3::new(i as f32 / 200.0 - 1.0, 0.0, 0.7), Vec3::Y))
         .collect();
     let settings = VisibilitySettings {
-        grid: HemisphereGrid::with_directions(16),
-        cluster_points: 4,
+        recipe: VisibilityRecipe {
+            directions: 16,
+            cluster_size: 4,
+            ..VisibilityRecipe::default()
+        },
         ..VisibilitySettings::default()
     };
     let asked = AtomicU32::new(0);
@@ -414,9 +420,12 @@ fn pca_components_are_prefix_of_larger_bake() {
         .collect();
     let bake = |components| {
         let settings = VisibilitySettings {
-            grid: HemisphereGrid::with_directions(252),
-            components,
-            error: f32::INFINITY,
+            recipe: VisibilityRecipe {
+                directions: 252,
+                coefficients: components,
+                max_cluster_error: f32::INFINITY,
+                ..VisibilityRecipe::default()
+            },
             tolerance: 0.0,
             ..VisibilitySettings::default()
         };
@@ -671,10 +680,13 @@ fn high_error_clusters_are_split_and_errors_stored() {
         .collect();
     let bake = |error| {
         let settings = VisibilitySettings {
-            grid: HemisphereGrid::with_directions(504),
-            components: 20,
-            cluster_points: 250,
-            error,
+            recipe: VisibilityRecipe {
+                directions: 504,
+                coefficients: 20,
+                cluster_size: 250,
+                max_cluster_error: error,
+                ..VisibilityRecipe::default()
+            },
             ..VisibilitySettings::default()
         };
         bake_visibility(&mesh, &points, &settings, &|_| true)

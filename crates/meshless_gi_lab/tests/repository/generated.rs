@@ -157,7 +157,7 @@ fn check(path: &str, text: &str) {
 
 #[test]
 fn generated_recipe_chapter_equals_doc_comments() {
-    let folder = "crates/meshless_gi/src/bake";
+    let folder = "crates/meshless_gi/src";
     let mut text = String::from(
         "# Recipe\n\n\
          Generated from the doc comments of `Recipe`.\n\

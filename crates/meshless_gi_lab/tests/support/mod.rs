@@ -14,7 +14,7 @@ use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
 use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
 use meshless_gi::internals::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
 use meshless_gi::internals::transport::pca::{
-    Column, Compression, HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+    Column, Compression, Visibility, VisibilityRecipe, VisibilitySettings, bake_visibility,
 };
 use meshless_gi::internals::transport::{
     BounceLink, BounceOperator, Link, Operator, PackedLinkTerm, Row, RowQuantizer, SenderForm,
@@ -432,9 +432,12 @@ pub fn build(make: &SceneOptions) -> BakedScene {
 fn compute_visibility(points: &[Point], mesh: &TriangleMesh) -> Visibility {
     let points: Vec<_> = points.iter().map(|p| (p.x(), p.n())).collect();
     let settings = VisibilitySettings {
-        grid: HemisphereGrid::with_directions(16),
-        components: 5,
-        cluster_points: 4,
+        recipe: VisibilityRecipe {
+            directions: 16,
+            coefficients: 5,
+            cluster_size: 4,
+            ..VisibilityRecipe::default()
+        },
         ..VisibilitySettings::default()
     };
     bake_visibility(mesh, &points, &settings, &|_| true)

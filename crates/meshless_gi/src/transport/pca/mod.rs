@@ -9,6 +9,7 @@ mod light_basis;
 mod visibility;
 mod visibility_bake;
 mod visibility_compress;
+mod visibility_settings;
 mod visibility_truncation;
 
 pub use cluster::{Clusters, cluster};
@@ -17,6 +18,5 @@ pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
 pub use light_basis::{CompressScratch, LightBasis, TrainingSet};
 pub use visibility::{MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};
-pub use visibility_bake::{
-    NEAR_PER_MEDIAN, VisibilityError, VisibilitySettings, bake_visibility, depths,
-};
+pub use visibility_bake::{NEAR_PER_MEDIAN, VisibilityError, bake_visibility, depths};
+pub use visibility_settings::{VisibilityRecipe, VisibilitySettings};

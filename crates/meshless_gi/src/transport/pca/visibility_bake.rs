@@ -13,17 +13,18 @@
 //!   have little in common.
 //! - **s depends on the cluster** before any split: [`NEAR_PER_MEDIAN`] times the median of its
 //!   depths. With one s for a scene, depths in a side aisle of a hall would all be close to zero.
-//! - **Clusters with a large error are split** ([`VisibilitySettings::error`]). Points on the two
-//!   sides of a pillar differ, and fifty components cannot represent both. The split is at the mean
-//!   of the coefficients of the first component ([B98]), so that each part has similar points. It
-//!   is at the median if a part would be too small. A part with no more points than components is
-//!   exact except for rounding.
+//! - **Clusters with a large error are split**
+//!   ([`max_cluster_error`](super::VisibilityRecipe::max_cluster_error)). Points on the two sides of
+//!   a pillar differ, and fifty components cannot represent both. The split is at the mean of the
+//!   coefficients of the first component ([B98]), so that each part has similar points. It is at
+//!   the median if a part would be too small. A part with no more points than components is exact
+//!   except for rounding.
 //! - **Coefficients with an effect below** [`VisibilitySettings::tolerance`] are dropped, and
 //!   components without coefficients.
 
 use super::visibility::{encode, pack};
 use super::visibility_compress::{ClusterDepths, CompressedCluster, compress};
-use super::{HemisphereGrid, Visibility, VisiblePoint, cluster, frame};
+use super::{HemisphereGrid, Visibility, VisibilitySettings, VisiblePoint, cluster, frame};
 use crate::samples::tangents;
 use crate::scene::{Geometry, Ray};
 use glam::Vec3;
@@ -35,9 +36,6 @@ pub const NEAR_PER_MEDIAN: f32 = 2.0;
 
 /// Smallest s relative to the scene's size.
 const MIN_NEAR: f32 = 1e-4;
-
-/// Default number of directions, approximate.
-const DIRECTIONS: u32 = 4000;
 
 /// Smallest cosine of the weights. Directions nearer to the horizon have the same weight.
 const MIN_COSINE: f32 = 0.05;
@@ -63,43 +61,6 @@ pub enum VisibilityError {
         /// Size limit in bytes.
         max: u64,
     },
-}
-
-/// Settings of a visibility bake.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VisibilitySettings {
-    /// Directions of each point.
-    pub grid: HemisphereGrid,
-    /// Largest number of components per cluster, at most [`Visibility::MAX_COMPONENTS`].
-    pub components: u32,
-    /// Approximate number of points of a cluster before splits.
-    pub cluster_points: u32,
-    /// Largest root mean square error of e over the points of a cluster, and over directions with
-    /// their weights in irradiance. Clusters with a larger error are split. Infinity disables
-    /// splits.
-    pub error: f32,
-    /// Smallest effect of a stored coefficient: the root mean square change of e over all
-    /// directions.
-    pub tolerance: f32,
-    /// Seed of the random numbers.
-    pub seed: u64,
-}
-
-impl Default for VisibilitySettings {
-    /// Creates the default settings. \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`])
-    /// and 50 coefficients, and §4.1 has 1000 points per cluster. The defaults are twice the
-    /// directions in half the bits, and clusters of 400 points. Clusters have fewer points where
-    /// visibility varies. docs/reports/pca_visibility.md has the measurements.
-    fn default() -> Self {
-        Self {
-            grid: HemisphereGrid::with_directions(DIRECTIONS),
-            components: 50,
-            cluster_points: 400,
-            error: 0.03,
-            tolerance: 5e-4,
-            seed: 0,
-        }
-    }
 }
 
 /// Computes the weights of the directions: the square roots of their cosines.
@@ -145,7 +106,7 @@ pub fn bake_visibility(
         max: 4 * MAX_WORDS as u64,
     };
 
-    let clusters = cluster(points, settings.cluster_points as usize, settings.seed);
+    let clusters = cluster(points, settings.recipe.cluster_size as usize, settings.seed);
     let size = geometry.bounds().size().max_element();
     let size = if size > 0.0 && size.is_finite() {
         size
@@ -167,7 +128,7 @@ pub fn bake_visibility(
             }
             let root = points[clusters.roots[c] as usize].1;
             let members = clusters.members_of(c);
-            let seen = trace_cluster_depths(geometry, points, members, root, size, settings.grid);
+            let seen = trace_cluster_depths(geometry, points, members, root, size, settings.grid());
             let parts = split_cluster(seen, settings, settings.seed ^ c as u64, &words)?;
             done.fetch_add(1, Ordering::Relaxed);
             Some(parts)
@@ -180,7 +141,7 @@ pub fn bake_visibility(
         });
     };
     let mut out = Visibility {
-        grid: settings.grid,
+        grid: settings.grid(),
         points: vec![VisiblePoint::default(); points.len()],
         ..Visibility::default()
     };
@@ -205,7 +166,7 @@ pub fn bake_visibility(
     out.layout().ok_or(LARGE)?;
     out.coefficients = pack(&coefficients).collect();
     on_progress(1.0);
-    Ok((out, (points.len() * settings.grid.len()) as u64))
+    Ok((out, (points.len() * settings.grid().len()) as u64))
 }
 
 /// Casts the rays of a cluster with the normal `root` of its root, in a scene of `size` meters.
@@ -248,12 +209,12 @@ fn split_cluster(
     seed: u64,
     words: &AtomicUsize,
 ) -> Option<Vec<CompressedCluster>> {
-    let length = settings.grid.len();
+    let length = settings.grid().len();
     let (mut todo, mut out) = (vec![seen], Vec::new());
     while let Some(seen) = todo.pop() {
         let (part, error, first) = compress(&seen, settings, seed);
         let count = seen.members.len();
-        if error <= settings.error || count < 2 {
+        if error <= settings.recipe.max_cluster_error || count < 2 {
             let before = words.fetch_add(part.basis.len(), Ordering::Relaxed);
             if before + part.basis.len() > MAX_WORDS {
                 return None;

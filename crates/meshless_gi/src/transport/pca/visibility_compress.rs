@@ -3,8 +3,8 @@
 
 use super::decompose::Components;
 use super::visibility::{from_short, from_snorm, pack, to_short, to_snorm};
-use super::visibility_bake::{VisibilitySettings, weights};
-use super::{Visibility, VisibilityCluster, VisiblePoint, decompose};
+use super::visibility_bake::weights;
+use super::{Visibility, VisibilityCluster, VisibilitySettings, VisiblePoint, decompose};
 use glam::Vec3;
 
 /// Encoded depths of the points of a cluster.
@@ -42,12 +42,12 @@ pub(super) fn compress(
     settings: &VisibilitySettings,
     seed: u64,
 ) -> (CompressedCluster, f32, Vec<f32>) {
-    let grid = settings.grid;
+    let grid = settings.grid();
     let length = grid.len();
     // Directions have the same weights as in irradiance.
     let weights = weights(grid);
     let (mean, mut rows) = center(depths, &weights);
-    let max_components = settings.components.min(Visibility::MAX_COMPONENTS) as usize;
+    let max_components = settings.recipe.coefficients.min(Visibility::MAX_COMPONENTS) as usize;
     let components = decompose(&rows, length, max_components, seed);
     let stride = components.count();
     let coefficients = coefficients(&rows, &components);
