@@ -1,4 +1,4 @@
-// Weight function of the basis, [L08] Eqs. (8)-(10). Twin: crates/meshless_gi/src/basis/kernel.rs.
+// Weight function of the basis, [L08] Eqs. (8)-(10). Twin: crates/meshless_gi/src/basis/weight.rs.
 // Needs lib/grid.
 
 @group(0) @binding(3) var<storage, read> points: array<Point>;

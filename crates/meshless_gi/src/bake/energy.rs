@@ -178,8 +178,8 @@ fn bound_links(linked: &LinkedPoints, mut surfaces: Vec<PointSurface>) -> Bounde
     Bounded { surfaces, gain }
 }
 
-/// Computes the reciprocity residual of `groups` groups of senders, relative to the exchanged light.
-/// `light(a, b)` is the light of group b at group a.
+/// Computes the reciprocity residual of `groups` groups of senders, relative to the exchanged
+/// light. `light(a, b)` is the light of group b at group a.
 pub(super) fn reciprocity_residual(groups: usize, light: impl Fn(usize, usize) -> f64) -> f64 {
     let (mut differences, mut means) = (0.0, 0.0);
     for a in 0..groups {

@@ -26,7 +26,7 @@ pub(super) struct Transport {
     pub flat: LevelBasis,
 }
 
-/// Results of a method beside its rows.
+/// Results of a method, without its rows.
 pub(super) enum MethodResults {
     /// Links to averages of senders.
     Averages(TrainingResults),

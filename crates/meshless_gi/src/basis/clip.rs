@@ -17,9 +17,9 @@
 //! the edge of a cover cuts off the surface below it. A plane half-way in height cuts off the
 //! surface above or below a step.
 
-use super::kernel::{before, is_occluder_plane, kernel, plane_at};
 use super::layer_edge::edge_plane;
 use super::visibility::{ORIGIN_HEIGHT, visibility_origin_height};
+use super::weight::{before, is_occluder_plane, kernel, plane_at};
 use super::{LevelBasis, support_bounds};
 use crate::samples::{
     Candidate, F_SQUASH, HashedGrid, Point, SurfaceLayer, dist, free_height, tangents,

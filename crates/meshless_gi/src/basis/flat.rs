@@ -9,8 +9,8 @@
 //! surface positions around each of them, and hits of importance particles.
 
 use super::clip::with_planes;
-use super::kernel::{before, is_occluder_plane};
 use super::visibility::Viewer;
+use super::weight::{before, is_occluder_plane};
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
 use crate::samples::{
     Candidate, F_SQUASH, Point, SurfaceLayer, dist, free_height, has_similar_height,

@@ -6,8 +6,8 @@
 //! the open surface next to it. The same holds for hits near the receiver, which can lie in gaps.
 //! The back of a single-sided surface is black and has zero senders.
 
-use super::kernel::{kernel, reach};
 use super::visibility::Viewer;
+use super::weight::{kernel, reach};
 use super::{Hierarchy, LevelBasis, WeightEntry};
 use crate::scene::Geometry;
 use glam::Vec3;

@@ -16,8 +16,8 @@
 //! it. On triangles it is tested from the surface itself. From a higher origin, surfaces with other
 //! light behind sills and ledges would be visible.
 
-use super::kernel::weight;
 use super::visibility::support_origin_height;
+use super::weight::weight;
 use super::{LevelBasis, WeightEntry, support_bounds};
 use crate::samples::{LightSample, Random, free_height, lattice, morton, tangents};
 use crate::scene::{Geometry, Ray, Surface};
@@ -250,7 +250,7 @@ mod tests {
             let (mut inside, mut all) = (0.0f64, 0.0f64);
             for k in 0..steps {
                 let r = (f64::from(k) + 0.5) / f64::from(steps);
-                let w = f64::from(super::super::kernel::kernel(r as f32)) * r;
+                let w = f64::from(super::super::weight::kernel(r as f32)) * r;
                 all += w;
                 if r < f64::from(t) {
                     inside += w;
@@ -283,7 +283,7 @@ mod tests {
         let (mut whole, mut right) = (0.0, 0.0);
         for k in 0..1000 {
             let t = (k as f32 + 0.5) / 1000.0;
-            let kernel = super::super::kernel::kernel(t);
+            let kernel = super::super::weight::kernel(t);
             let density = t * kernel / kernel.max(MIN_WEIGHTS);
             whole += density;
             right += density * t * t * 0.64;

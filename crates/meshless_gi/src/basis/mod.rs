@@ -5,7 +5,6 @@ mod emitter_points;
 mod flat;
 mod hierarchy;
 mod hit_senders;
-mod kernel;
 mod layer_edge;
 mod level_points;
 mod light_samples;
@@ -13,16 +12,17 @@ mod probes;
 mod shepard;
 mod visibility;
 mod voronoi_cells;
-mod weights;
+mod weight;
+mod weight_rows;
 
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use hit_senders::GatherHit;
-pub use kernel::{LEAN_FROM, kernel, weight};
 pub use light_samples::{SenderLevel, place_light_samples};
 pub use probes::{PROBE_OVERLAP, probe_basis, probe_weight};
 pub use shepard::{LevelBasis, support_bounds};
 pub use voronoi_cells::{CellPart, find_cells};
-pub use weights::{WeightEntry, Weights};
+pub use weight::{LEAN_FROM, flat_weight, kernel, weight};
+pub use weight_rows::{WeightEntry, Weights};
 
 /// Sum of weights up to which a position counts as not covered. The Shepard quotient of a smaller
 /// sum would be 0/0 or noise.

@@ -8,7 +8,7 @@
 
 use super::LevelBasis;
 use super::clip::{ClipSample, choose_planes};
-use super::kernel::{kernel, plane_at, weight_inside};
+use super::weight::{kernel, plane_at, weight_inside};
 use crate::samples::{HashedGrid, Point, lattice, uniform_sphere};
 use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec2, Vec3, Vec4};

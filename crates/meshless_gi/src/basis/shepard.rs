@@ -4,7 +4,7 @@
 //! Kernels read a level's points, clip planes and hashed grid in this layout. See [`HashedGrid`].
 
 use super::WeightEntry;
-use super::kernel::{reach, weight_inside};
+use super::weight::{reach, weight_inside};
 use crate::samples::{F_SQUASH, HashedGrid, Point};
 use crate::scene::Bounds;
 use glam::Vec3;

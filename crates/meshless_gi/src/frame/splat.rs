@@ -15,7 +15,7 @@ use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::subsplat::{SubsplatNode, state};
 use crate::asset::{FlatBasis, SceneData};
-use crate::basis::{NO_COVER, weight};
+use crate::basis::{NO_COVER, flat_weight, weight};
 use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
@@ -88,7 +88,7 @@ pub fn splat_covered(
         let point = &points[j as usize];
         let w = weight(point, &display.planes, x, n);
         if w > 0.0 {
-            let v = (w / point.radius) * (w / point.radius);
+            let v = flat_weight(point, w);
             sum += w;
             cover += w * cover_of(n.dot(point.n()));
             denominator += v;

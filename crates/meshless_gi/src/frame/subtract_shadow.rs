@@ -19,7 +19,7 @@ use super::project::extent;
 use super::soft_shadow::{SoftLight, corners, lambert, unshadowed, window};
 use super::splat::{MAX_HALF, lit_pixel};
 use crate::asset::SceneData;
-use crate::basis::{NO_COVER, weight};
+use crate::basis::{NO_COVER, flat_weight, weight};
 use crate::frame::brdf::{MIN_NDOTV, MIN_ROUGHNESS};
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
@@ -74,7 +74,7 @@ pub fn occluded_radiance(
         let point = &scene.points[j as usize];
         let w = weight(point, &scene.display.planes, x, n);
         if w > 0.0 {
-            let v = (w / point.radius) * (w / point.radius);
+            let v = flat_weight(point, w);
             let d = &occluded_irradiances[j as usize];
             cover += w;
             hidden += v * d.dot(point.n()).max(Vec3::ZERO);

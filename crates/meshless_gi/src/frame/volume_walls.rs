@@ -15,7 +15,7 @@
 use super::splat::FULL_COVER;
 use super::volume_weights::{MAX_WEIGHTS, VoxelGrid};
 use crate::asset::FlatBasis;
-use crate::basis::weight;
+use crate::basis::{flat_weight, weight};
 use crate::samples::Point;
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec3, Vec3, Vec4};
@@ -136,7 +136,7 @@ impl WallSamples {
             let w = weight(point, &display.planes, x, n);
             if w > 0.0 {
                 cover += w;
-                let part = (w / point.radius) * (w / point.radius);
+                let part = flat_weight(point, w);
                 weights.push(WallWeight { point: j, part });
             }
         }

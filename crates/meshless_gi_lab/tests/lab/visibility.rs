@@ -685,7 +685,6 @@ fn high_error_clusters_are_split_and_errors_stored() {
                 coefficients: 20,
                 cluster_size: 250,
                 max_cluster_error: error,
-                ..VisibilityRecipe::default()
             },
             ..VisibilitySettings::default()
         };

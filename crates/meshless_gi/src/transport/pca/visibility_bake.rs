@@ -14,11 +14,11 @@
 //! - **s depends on the cluster** before any split: [`NEAR_PER_MEDIAN`] times the median of its
 //!   depths. With one s for a scene, depths in a side aisle of a hall would all be close to zero.
 //! - **Clusters with a large error are split**
-//!   ([`max_cluster_error`](super::VisibilityRecipe::max_cluster_error)). Points on the two sides of
-//!   a pillar differ, and fifty components cannot represent both. The split is at the mean of the
-//!   coefficients of the first component ([B98]), so that each part has similar points. It is at
-//!   the median if a part would be too small. A part with no more points than components is exact
-//!   except for rounding.
+//!   ([`max_cluster_error`](super::VisibilityRecipe::max_cluster_error)). Points on the two sides
+//!   of a pillar differ, and fifty components cannot represent both. The split is at the mean of
+//!   the coefficients of the first component ([B98]), so that each part has similar points. It is
+//!   at the median if a part would be too small. A part with no more points than components is
+//!   exact except for rounding.
 //! - **Coefficients with an effect below** [`VisibilitySettings::tolerance`] are dropped, and
 //!   components without coefficients.
 

@@ -67,6 +67,15 @@ pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     }
 }
 
+/// Computes (w / r)² in 1/m², the weight of a function in the flat basis, from its [`weight`].
+/// Deviation from \[L08\] Eq. (3), where all functions have one radius. Here radii differ (module
+/// `frame::splat`).
+#[must_use]
+#[inline]
+pub fn flat_weight(point: &Point, w: f32) -> f32 {
+    (w / point.radius) * (w / point.radius)
+}
+
 /// Returns the cosine of the normals and the squared distance of \[L08\] Eq. (10). The last value
 /// is `true` if the position is within the radius and on the side that the function faces.
 #[inline]
