@@ -10,7 +10,7 @@ fn probe_weight(probe: Point, x: vec3f, n: vec3f) -> f32 {
     if r >= probe.radius {
         return 0.0;
     }
-    if !is_inside(probe, x, n) {
+    if !is_inside(probe, x, n, 0.0) {
         return 0.0;
     }
     return kernel(r / probe.radius);

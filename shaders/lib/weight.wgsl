@@ -20,20 +20,20 @@ fn dist(v: vec3f, n_j: vec3f) -> f32 {
 // Minimum squared length of the normal of a clip plane with a lean.
 const LEAN_FROM: f32 = 1.001;
 
-// `true` if x is on the function's side of clip plane `i`. The plane of an occluder moves with the
-// normal.
-fn is_before(i: u32, x: vec3f, n: vec3f, radius: f32) -> bool {
+// At least zero if x is on the function's side of clip plane `i`. The plane of an occluder moves
+// with the normal.
+fn before(i: u32, x: vec3f, n: vec3f, radius: f32) -> f32 {
     let plane = planes[i];
     let lean = max(dot(plane.xyz, plane.xyz) - LEAN_FROM, 0.0) * radius;
-    return dot(plane, vec4f(x, 1.0)) + lean * dot(plane.xyz, n) >= 0.0;
+    return dot(plane, vec4f(x, 1.0)) + lean * dot(plane.xyz, n);
 }
 
-// `true` if x is on the function's side of all its clip planes.
-fn is_inside(point: Point, x: vec3f, n: vec3f) -> bool {
+// `true` if x is at most `margin` behind each of the function's clip planes.
+fn is_inside(point: Point, x: vec3f, n: vec3f, margin: f32) -> bool {
     let first = point.planes & 0x00ffffffu;
     let end = first + (point.planes >> 24u);
     for (var i = first; i < end; i++) {
-        if !is_before(i, x, n, point.radius) {
+        if before(i, x, n, point.radius) < -margin {
             return false;
         }
     }
@@ -49,10 +49,27 @@ fn weight(point: Point, x: vec3f, n: vec3f) -> f32 {
     if r >= point.radius {
         return 0.0;
     }
-    if !is_inside(point, x, n) {
+    if !is_inside(point, x, n, 0.0) {
         return 0.0;
     }
     return kernel(r / point.radius) * cosine * cosine;
+}
+
+const CREASE_MARGIN: f32 = 0.02;
+
+// Weight for a surface of another orientation that meets the function's surface in a crease.
+fn crease_weight(point: Point, x: vec3f, n: vec3f) -> f32 {
+    let offset = x - point.position;
+    let margin = CREASE_MARGIN * point.radius;
+    let r = dist(offset, point.normal);
+    if r >= point.radius || dot(offset, point.normal) < -margin || dot(offset, n) > margin {
+        return 0.0;
+    }
+    if !is_inside(point, x, n, margin) {
+        return 0.0;
+    }
+    let w = kernel(r / point.radius) / point.radius;
+    return w * w;
 }
 
 // Function of the flat basis at a surface point.

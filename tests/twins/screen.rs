@@ -3,6 +3,7 @@
 use super::synthetic::HashRandom;
 use glam::{Mat4, Vec3};
 use meshless_gi::internals::frame::gbuffer;
+use meshless_gi::internals::frame::splat::MIN_COVERED_FRACTION;
 
 pub const SIZE: [u32; 2] = [67, 41];
 
@@ -44,9 +45,10 @@ impl Screen {
                 flags,
             ));
             out.passes.push(u8::from(i % 11 != 0));
-            let covered = i % 3 == 0;
-            out.earlier.push(if covered {
-                halves([random.unit(), random.unit(), random.unit(), 1.0])
+            // Covered, an estimate, and none.
+            let alpha = [1.0, MIN_COVERED_FRACTION, 0.0][i % 3];
+            out.earlier.push(if alpha > 0.0 {
+                halves([random.unit(), random.unit(), random.unit(), alpha])
             } else {
                 halves([0.0; 4])
             });

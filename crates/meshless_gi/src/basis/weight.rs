@@ -76,6 +76,31 @@ pub fn flat_weight(point: &Point, w: f32) -> f32 {
     (w / point.radius) * (w / point.radius)
 }
 
+/// Tolerance of [`crease_weight`] in radii: positions are interpolated from depth, and a clip plane
+/// may lie on the surface itself.
+const CREASE_MARGIN: f32 = 0.02;
+
+/// Computes the weight of a function for a surface of another orientation that meets its own in a
+/// crease: (K / r)² in 1/m², with K(t) of \[L08\] Eq. (9). It is 0 unless each of the two surfaces
+/// is in front of the other, and `x` is on the function's side of its clip planes. Not in \[L08\],
+/// whose functions reach similar normals only.
+#[must_use]
+pub fn crease_weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
+    let (offset, n_j) = (x - point.x(), point.n());
+    let squared = dist_squared(offset, n_j);
+    let margin = CREASE_MARGIN * point.radius;
+    if squared >= point.radius * point.radius || offset.dot(n_j) < -margin || offset.dot(n) > margin
+    {
+        return 0.0;
+    }
+    for plane in &planes[point.plane_range()] {
+        if before(Vec4::from_array(*plane), x, n, point.radius) < -margin {
+            return 0.0;
+        }
+    }
+    flat_weight(point, kernel(squared.sqrt() / point.radius))
+}
+
 /// Returns the cosine of the normals and the squared distance of \[L08\] Eq. (10). The last value
 /// is `true` if the position is within the radius and on the side that the function faces.
 #[inline]
@@ -130,6 +155,25 @@ mod tests {
         p.planes = 1 << 24;
         assert_eq!(weight(&p, &planes, Vec3::X, Vec3::Y), 0.0);
         assert!(weight(&p, &planes, Vec3::X * 0.89, Vec3::Y) > 0.5);
+    }
+
+    #[test]
+    fn crease_weight_reaches_surface_in_front_only() {
+        let p = Point::new(Vec3::ZERO, Vec3::Y, 1.0);
+        // A wall that stands on the floor at x = 0.3 and faces the function.
+        let (wall, facing) = (Vec3::new(0.3, 0.05, 0.0), Vec3::NEG_X);
+        assert_eq!(weight(&p, &[], wall, facing), 0.0);
+        assert!(crease_weight(&p, &[], wall, facing) > 0.5);
+        // The back of the wall, below the floor, and out of reach.
+        assert_eq!(crease_weight(&p, &[], wall, Vec3::X), 0.0);
+        assert_eq!(crease_weight(&p, &[], wall - 0.1 * Vec3::Y, facing), 0.0);
+        assert_eq!(crease_weight(&p, &[], 4.0 * wall, facing), 0.0);
+        // A clip plane between them, and one on the wall itself.
+        let mut clipped = p;
+        clipped.planes = 1 << 24;
+        let plane = |at: f32| [[-1.0, 0.0, 0.0, at]];
+        assert_eq!(crease_weight(&clipped, &plane(0.2), wall, facing), 0.0);
+        assert!(crease_weight(&clipped, &plane(0.299), wall, facing) > 0.5);
     }
 
     /// Door 20 cm thick with its middle at x = 1, in front of a function at the origin.

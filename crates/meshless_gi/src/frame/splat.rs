@@ -10,12 +10,16 @@
 //! If a scene has probes, surfaces and probes blend without a seam: the share of surface functions
 //! goes to zero with their cover ([`surface_fraction`]), and kernel `probe` adds the rest. \[L08\]
 //! has no such blend: all its receivers are baked.
+//!
+//! In a view, a surface that no function covers, such as the side of a book that stands out from
+//! the next one, takes an estimate from functions on the surfaces that it meets in a crease
+//! (`tilted_irradiance`). It has no cover, so probes and scenes evaluated later replace it.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::subsplat::{SubsplatNode, state};
 use crate::asset::{FlatBasis, SceneData};
-use crate::basis::{NO_COVER, flat_weight, weight};
+use crate::basis::{NO_COVER, crease_weight, flat_weight, weight};
 use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
@@ -44,10 +48,13 @@ fn cover_of(cosine: f32) -> f32 {
     ((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE)).clamp(0.0, 1.0)
 }
 
-/// Returns the fraction of the light that functions on surfaces have at this cover, 0 to 1. It is 1
-/// from `seam` on.
+/// Returns the fraction of the light that functions on surfaces have at this cover, 0 to 1. It is 0
+/// without cover and 1 from `seam` on.
 #[must_use]
 pub fn surface_fraction(cover: f32, seam: f32) -> f32 {
+    if cover <= 0.0 {
+        return 0.0;
+    }
     if cover >= seam {
         return 1.0;
     }
@@ -103,6 +110,62 @@ pub fn splat_covered(
     Some((out, cover))
 }
 
+/// Computes the light of a surface in a view, and the cover. If no function covers the point, it is
+/// an estimate from functions of other orientation that the surface meets in a crease, with a cover
+/// of 0. Returns `None` if there are none.
+#[must_use]
+pub fn splat_displayed(
+    points: &[Point],
+    display: &FlatBasis,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<(VectorIrradiance, f32)> {
+    splat_covered(points, display, values, x, n)
+        .or_else(|| Some((crease_vector(points, display, values, x, n)?, 0.0)))
+}
+
+/// Estimates the light of a surface from functions of other orientation that it meets in a crease.
+fn crease_vector(
+    points: &[Point],
+    display: &FlatBasis,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<VectorIrradiance> {
+    if !x.is_finite() || !n.is_finite() {
+        return None;
+    }
+    let (mut e, mut sum) = (Vec3::ZERO, 0.0);
+    for &j in display.grid.indices_near(x) {
+        let point = &points[j as usize];
+        let w = crease_weight(point, &display.planes, x, n);
+        if w > 0.0 {
+            e += w * tilted_irradiance(&values[j as usize], point.n(), n);
+            sum += w;
+        }
+    }
+    (sum > NO_COVER).then(|| {
+        let [r, g, b] = (e / sum).to_array();
+        let scaled = |part: f32| [part * r, part * g, part * b, 0.0];
+        VectorIrradiance {
+            x: scaled(n.x),
+            y: scaled(n.y),
+            z: scaled(n.z),
+        }
+    })
+}
+
+/// Estimates the irradiance for normal `n` from the vector irradiance of a function with normal
+/// `n_j`, W/m². With c = n·n_j and the function's irradiance E_j = E⃗·n_j it is (1 + c) / 2 times
+/// (1 − c) E_j + E⃗·n. It is exact for uniform radiance in front of both surfaces, where the first
+/// factor is the form factor of a tilted surface, and half of the light along n for c = 0.
+fn tilted_irradiance(e: &VectorIrradiance, n_j: Vec3, n: Vec3) -> Vec3 {
+    let cosine = n.dot(n_j).clamp(-1.0, 1.0);
+    let linear = (1.0 - cosine) * e.dot(n_j).max(Vec3::ZERO) + e.dot(n);
+    (0.5 * (1.0 + cosine) * linear).max(Vec3::ZERO)
+}
+
 /// Returns the irradiance at (x, n), W/m².
 #[must_use]
 pub fn splat(
@@ -117,7 +180,7 @@ pub fn splat(
 
 /// Returns the texel that the shader writes for a pixel with this depth and G-buffer. RGB is
 /// irradiance × `scale`. Alpha is the [`surface_fraction`] of functions on surfaces, 1 for all of
-/// the light. All zero if no function covers the pixel.
+/// the light, [`MIN_COVERED_FRACTION`] for an estimate. All zero without light.
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,
@@ -130,7 +193,7 @@ pub fn splat_pixel(
     let Some((x, n)) = lit_pixel(params, pixel, depth, texel) else {
         return [0.0; 4];
     };
-    match splat_covered(&scene.points, &scene.display, values, x, n) {
+    match splat_displayed(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
             .min(Vec3::splat(MAX_HALF))
             .extend(surface_fraction(cover, params.seam).max(MIN_COVERED_FRACTION))
@@ -140,7 +203,7 @@ pub fn splat_pixel(
 }
 
 /// Entry point `evaluate_list`, for one node of a list. Writes its light in world axes if no
-/// earlier scene covered it.
+/// earlier scene covered it. An estimate of an earlier scene stays if this one has no cover.
 pub fn splat_node(
     params: &SplatParams,
     scene: &SceneData,
@@ -150,7 +213,8 @@ pub fn splat_node(
     texel: [u32; 4],
     node: &mut SubsplatNode,
 ) {
-    if node.has_bits(state::EVALUATED | state::COVERED) {
+    let has_estimate = node.has_bits(state::EVALUATED | state::COVERED);
+    if has_estimate && node.probe_fraction() < 1.0 {
         return;
     }
     let predicted_luminance = node.predicted_luminance();
@@ -162,7 +226,9 @@ pub fn splat_node(
         );
         return;
     };
-    *node = match splat_covered(&scene.points, &scene.display, values, x, n) {
+    *node = match splat_displayed(&scene.points, &scene.display, values, x, n) {
+        None if has_estimate => return,
+        Some((_, cover)) if has_estimate && cover <= 0.0 => return,
         Some((e, cover)) => SubsplatNode::new(
             &to_world(params, &e),
             predicted_luminance,
@@ -226,4 +292,48 @@ pub fn pixel_position(
     let [a, b, c] = params.local_from_world.map(Vec4::from_array);
     let n = (a * world.x + b * world.y + c * world.z).truncate();
     (h.truncate() / h.w, n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Vector irradiance of one channel along `v`.
+    fn vector_of(v: Vec3) -> VectorIrradiance {
+        let [x, y, z] = v.to_array().map(|e| [e, e, e, 0.0]);
+        VectorIrradiance { x, y, z }
+    }
+
+    #[test]
+    fn tilted_irradiance_is_exact_in_uniform_light() {
+        // Uniform radiance above a floor: a wall sees half of it, a ceiling none.
+        let floor = vector_of(3.0 * Vec3::Y);
+        for (n, expected) in [
+            (Vec3::X, 1.5),
+            (Vec3::NEG_Y, 0.0),
+            (Vec3::Y, 3.0),
+            (Vec3::new(0.6, -0.8, 0.0), 0.3),
+        ] {
+            let e = tilted_irradiance(&floor, Vec3::Y, n);
+            assert!(
+                (e - Vec3::splat(expected)).abs().max_element() < 1e-6,
+                "{n}: {e}"
+            );
+        }
+    }
+
+    #[test]
+    fn tilted_irradiance_follows_side_of_light() {
+        let from_left = vector_of(Vec3::new(-2.0, 1.0, 0.0));
+        let lit = tilted_irradiance(&from_left, Vec3::Y, Vec3::NEG_X);
+        assert_eq!(lit, Vec3::splat(1.5));
+        assert_eq!(tilted_irradiance(&from_left, Vec3::Y, Vec3::X), Vec3::ZERO);
+    }
+
+    #[test]
+    fn surface_without_cover_leaves_all_light_to_others() {
+        assert_eq!(surface_fraction(0.0, 0.0), 0.0);
+        assert_eq!(surface_fraction(0.1, 0.0), 1.0);
+        assert_eq!(surface_fraction(0.25, 0.5), 0.5);
+    }
 }

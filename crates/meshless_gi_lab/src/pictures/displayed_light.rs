@@ -59,8 +59,8 @@ impl<'a> DisplayedLight<'a> {
     pub fn at(&self, points: &[ReferencePoint]) -> Vec<Vec3> {
         let at = |point: &ReferencePoint| -> Vec3 {
             let frames = self.frames.iter();
-            let parts =
-                frames.filter_map(|f| f.irradiance(self.scene, point.position, point.normal));
+            let parts = frames
+                .filter_map(|f| f.displayed_irradiance(self.scene, point.position, point.normal));
             parts.sum()
         };
         points.par_iter().map(at).collect()

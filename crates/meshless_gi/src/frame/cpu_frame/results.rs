@@ -61,6 +61,15 @@ impl CpuFrame {
         splat::splat(&scene.points, &scene.display, &self.values, x, n)
     }
 
+    /// Returns the indirect irradiance that a view shows at (x, n), W/m². It includes estimates for
+    /// points that no basis function covers ([`splat::splat_displayed`]). Probes are left out.
+    #[must_use]
+    pub fn displayed_irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
+        let scene = scene.data();
+        splat::splat_displayed(&scene.points, &scene.display, &self.values, x, n)
+            .map(|(e, _)| e.dot(n).max(Vec3::ZERO))
+    }
+
     /// Returns the direct irradiance at (x, n) from the lights, W/m². Includes shadows, but not the
     /// sky and emissive surfaces.
     #[must_use]
