@@ -5,7 +5,7 @@
 
 use bevy_meshless_gi::internals::gpu::{BindingKind, EntryPoint, KERNELS, Kernel};
 use meshless_gi::internals::asset::PointSurface;
-use meshless_gi::internals::basis::{LEAN_FROM, NO_COVER, WeightEntry};
+use meshless_gi::internals::basis::{CREASE_MARGIN, LEAN_FROM, NO_COVER, WeightEntry};
 use meshless_gi::internals::frame::fmm_layout::{
     FmmEntry, FmmNode, FmmOperatorPoint, FmmParams, FmmTerm, MAX_FMM_TERMS, NO_TERM,
 };
@@ -391,6 +391,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
             "COSINE_TOLERANCE",
             Some(f64::from(volume_walls::COSINE_TOLERANCE)),
         ),
+        ("CREASE_MARGIN", Some(f64::from(CREASE_MARGIN))),
         ("LEAN_FROM", Some(f64::from(LEAN_FROM))),
         ("RETRY_OFFSET", Some(f64::from(probe::RETRY_OFFSET))),
         ("MIN_COVER_COSINE", Some(f64::from(splat::MIN_COVER_COSINE))),

@@ -21,7 +21,7 @@ pub use light_samples::{SenderLevel, place_light_samples};
 pub use probes::{PROBE_OVERLAP, probe_basis, probe_weight};
 pub use shepard::{LevelBasis, support_bounds};
 pub use voronoi_cells::{CellPart, find_cells};
-pub use weight::{LEAN_FROM, crease_weight, flat_weight, kernel, weight};
+pub use weight::{CREASE_MARGIN, LEAN_FROM, crease_weight, flat_weight, kernel, weight};
 pub use weight_rows::{WeightEntry, Weights};
 
 /// Sum of weights up to which a position counts as not covered. The Shepard quotient of a smaller

@@ -78,7 +78,7 @@ pub fn flat_weight(point: &Point, w: f32) -> f32 {
 
 /// Tolerance of [`crease_weight`] in radii: positions are interpolated from depth, and a clip plane
 /// may lie on the surface itself.
-const CREASE_MARGIN: f32 = 0.02;
+pub const CREASE_MARGIN: f32 = 0.02;
 
 /// Computes the weight of a function for a surface of another orientation that meets its own in a
 /// crease: (K / r)² in 1/m², with K(t) of \[L08\] Eq. (9). It is 0 unless each of the two surfaces
