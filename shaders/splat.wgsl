@@ -92,9 +92,9 @@ fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
 }
 
 fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
-    let has_estimate = node_is(node, EVALUATED | COVERED);
+    let has_light = node_is(node, EVALUATED | COVERED);
     // An earlier scene covers it.
-    if has_estimate && node_probe_fraction(node) < 1.0 {
+    if has_light && node_probe_fraction(node) < 1.0 {
         return node;
     }
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
@@ -103,7 +103,7 @@ fn evaluate_subsplat(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
         return node_new(nothing, node_predicted_luminance(node), EVALUATED);
     }
     let found = vector_at(at.x, at.n);
-    if has_estimate && found.surface_fraction <= 0.0 {
+    if has_light && found.surface_fraction <= 0.0 {
         return node;
     }
     if !found.covered {

@@ -158,8 +158,8 @@ fn crease_vector(
 
 /// Estimates the irradiance for normal `n` from the vector irradiance of a function with normal
 /// `n_j`, W/m². With c = n·n_j and the function's irradiance E_j = E⃗·n_j it is (1 + c) / 2 times
-/// (1 − c) E_j + E⃗·n. It is exact for uniform radiance in front of both surfaces, where the first
-/// factor is the form factor of a tilted surface, and half of the light along n for c = 0.
+/// (1 − c) E_j + E⃗·n. The first factor is the form factor of a tilted surface for the half space
+/// in front of the function, so the estimate is exact if the radiance there is uniform.
 fn tilted_irradiance(e: &VectorIrradiance, n_j: Vec3, n: Vec3) -> Vec3 {
     let cosine = n.dot(n_j).clamp(-1.0, 1.0);
     let linear = (1.0 - cosine) * e.dot(n_j).max(Vec3::ZERO) + e.dot(n);
@@ -213,8 +213,8 @@ pub fn splat_node(
     texel: [u32; 4],
     node: &mut SubsplatNode,
 ) {
-    let has_estimate = node.has_bits(state::EVALUATED | state::COVERED);
-    if has_estimate && node.probe_fraction() < 1.0 {
+    let has_light = node.has_bits(state::EVALUATED | state::COVERED);
+    if has_light && node.probe_fraction() < 1.0 {
         return;
     }
     let predicted_luminance = node.predicted_luminance();
@@ -227,8 +227,8 @@ pub fn splat_node(
         return;
     };
     *node = match splat_displayed(&scene.points, &scene.display, values, x, n) {
-        None if has_estimate => return,
-        Some((_, cover)) if has_estimate && cover <= 0.0 => return,
+        None if has_light => return,
+        Some((_, cover)) if has_light && cover <= 0.0 => return,
         Some((e, cover)) => SubsplatNode::new(
             &to_world(params, &e),
             predicted_luminance,
